@@ -1,0 +1,68 @@
+# `make` alone lists the targets. Every target sets up what it needs.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+UV_VERSION := 0.13.8
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help demo test slow lint format lock clean clean-venv
+
+help: ## Show this list
+	@echo "make TARGET [PYTHON=python3.12]"
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+demo: $(VENV)/.ready ## Validate the bridge amplifier: report in reports/bridge_amplifier
+	$(BIN)/flexdesign validate bridge_amplifier --out reports/bridge_amplifier
+
+test: $(VENV)/.ready ## Run the tests, with coverage
+	$(BIN)/python -m pytest --cov
+
+slow: $(VENV)/.ready ## Run the long studies that `test` leaves out
+	$(BIN)/python -m pytest -m slow
+
+lint: $(VENV)/.ready ## Check style, types and the floors
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(VENV)/.ready ## Rewrite the code in the house format
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+lock: $(VENV)/.lock-tools ## Bring requirements.lock up to date (FLAGS=--upgrade for newer versions)
+	$(VENV)/lock-tools/bin/uv pip compile pyproject.toml --output-file requirements.lock \
+		--quiet --universal --fork-strategy fewest --generate-hashes \
+		--all-extras --group build --group windows --custom-compile-command "make lock" $(FLAGS)
+
+clean: clean-venv ## Remove everything that can be made again, except reports
+	rm -rf build dist .coverage .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+clean-venv: ## Remove the environment, so that the next target sets it up again
+	rm -rf $(VENV)
+
+# --- The environment ------------------------------------------------------------------------------
+
+# Made anew when another PYTHON is asked for.
+MADE := $(VENV)/.made-with-$(notdir $(PYTHON))
+
+$(MADE):
+	@sh .ci/system-libraries $(PYTHON)
+	$(PYTHON) -m venv --clear $(VENV)
+	@touch $@
+
+# The lock holds the build backend too, so nothing is fetched that has no hash.
+$(VENV)/.ready: $(MADE) requirements.lock pyproject.toml
+	@echo "Installing the packages of requirements.lock; the first time takes a minute or two"
+	@$(PIP) install --quiet --require-hashes --requirement requirements.lock
+	@$(PIP) install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+$(VENV)/.lock-tools: $(MADE)
+	$(PYTHON) -m venv --clear $(VENV)/lock-tools
+	$(VENV)/lock-tools/bin/python -m pip install --quiet uv==$(UV_VERSION)
+	@touch $@

@@ -1,0 +1,1 @@
+"""Closed-form models of mechanisms: what theory says beside what finite elements and the bench say."""

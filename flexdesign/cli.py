@@ -1,0 +1,138 @@
+"""The command line: reads arguments, calls the library, prints; nothing else happens here."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from flexdesign import __version__
+from flexdesign.errors import InputError
+
+app = typer.Typer(
+    name="flexdesign",
+    help="Design piezo-driven flexure stages, simulate them, and confront the model with measurements.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+VALIDATE_HELP = """Solve a design with FEM and set the analytic model beside it.
+
+STUDY is a study or design file, or the bare name of one in studies/ or geometry/. Its part is built, meshed, checked
+(every hinge as thick on the mesh as drawn), solved on several meshes and extrapolated; the report shows stiffness,
+amplification, stroke, coupling, modes and stress, each with the boundary it holds under, beside the formulas.
+
+**Examples**
+
+    flexdesign validate bridge_amplifier
+
+    flexdesign validate bridge_amplifier --set dimensions.hinge_thickness="0.4 mm"
+
+    flexdesign validate my_design.toml --set mesh.levels=2 --json > result.json
+
+Meshes and solutions are cached by content, so that a second run takes seconds and an interrupted one resumes.
+"""
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"flexdesign {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command(help=VALIDATE_HELP)
+def validate(
+    study: Annotated[str, typer.Argument(help="Study or design: a path, or a bare name.")] = "bridge_amplifier",
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help='Change one value, e.g. dimensions.width="15 mm"; may be repeated.'
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the report [default: reports/STUDY].", show_default=False)
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout, and nothing else.")] = False,
+    cache: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for cached meshes and solutions [default: $FLEXDESIGN_CACHE or ~/.cache/flexdesign].",
+            show_default=False,
+        ),
+    ] = None,
+    export: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Also write the solid (.step) or the finest mesh (.vtu, .msh, .inp ...); may be repeated.",
+        ),
+    ] = None,
+) -> None:
+    """Run a validation and write its report."""
+    from flexdesign import study as studies
+    from flexdesign.cache import Cache, default_folder
+    from flexdesign.report import render, terminal, validation_report
+    from flexdesign.validation import validate as run
+
+    with terminal.progress() as progress:
+        asked = studies.read(study, overrides or [])
+        folder = out or Path("reports") / asked.name
+        exports = [(path, _exporter(path)) for path in export or []]
+        render.prepare(folder)
+        found = run(asked, Cache(cache or default_folder()), progress)
+        result = validation_report.result(found)
+        document = validation_report.document(found, progress)
+        others = {"stage_model.toml": found.stage_model.to_toml()} if found.stage_model else {}
+        written = render.write(folder, document, result, others)
+        for path, write in exports:
+            write(found, Path(path))
+    if as_json:
+        json.dump(result, sys.stdout, indent=2, ensure_ascii=False)
+        sys.stdout.write("\n")
+        return
+    terminal.show(
+        document,
+        found,
+        [path for path in written if path.name in ("report.html", "report.md", "result.json", "stage_model.toml")],
+    )
+
+
+def _exporter(name: str) -> Callable[[Any, Path], None]:
+    from flexdesign.report import export
+
+    return export.writer(Path(name))
+
+
+def main() -> None:
+    """Run the command line; every InputError ends here as one message and exit code 2."""
+    try:
+        app(standalone_mode=False)
+    except InputError as error:
+        typer.echo(f"flexdesign: {error}", err=True)
+        sys.exit(2)
+    except typer.Exit as stop:
+        sys.exit(stop.exit_code)
+    except (typer.Abort, KeyboardInterrupt):
+        typer.echo("flexdesign: interrupted; what was finished is cached, the same command resumes", err=True)
+        sys.exit(130)
+    except Exception as error:
+        if hasattr(error, "show") and hasattr(error, "exit_code"):  # the parser's own usage errors
+            error.show()
+            sys.exit(error.exit_code)
+        raise

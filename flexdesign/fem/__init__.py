@@ -1,0 +1,1 @@
+"""From a part to its stiffness: domain, mesh, elasticity, ports, statics, modes, stress, section forces."""

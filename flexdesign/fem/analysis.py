@@ -1,0 +1,211 @@
+"""One part on one mesh, solved for everything a validation asks; a record that can be stored and read back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.fem import modes, ports, resultants, statics, stress
+from flexdesign.fem.domain import Domain
+from flexdesign.fem.elasticity import Elasticity
+from flexdesign.fem.mesh import TaggedMesh
+from flexdesign.fem.statics import Checks, PortCompliance
+from flexdesign.materials import Material
+from flexdesign.part import Part
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+#: Changes whenever this module's answers change, so that stored ones are not mistaken for them.
+VERSION = 1
+
+
+@dataclass(frozen=True)
+class ModeRecord:
+    """A natural frequency [Hz], its class, the mass it moves at the output [kg], and if the actuator is installed."""
+
+    frequency: float
+    symmetry: str
+    output_mass: float
+    installed: bool
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What one mesh says about one part.
+
+    Parameters
+    ----------
+    compliance
+        Between the ports.
+    checks
+        The worst of all solves.
+    modes
+        Lowest modes of each symmetry class, without and with the actuator, by frequency; empty if none were asked.
+    input_sections, output_sections
+        Section forces per unit actuator force and per unit output force.
+    input_field, output_field
+        Displacements of the mesh vertices per unit actuator force and per unit output force, shape (n, 3) [m/N].
+    mode_shapes
+        Displacements of the mesh vertices in the fully symmetric modes with the actuator, shape (k, n, 3).
+    von_mises
+        At the mesh vertices per unit actuator force, shape (n,) [Pa/N].
+    facts
+        Numbers of the mesh and the solve for the report.
+    """
+
+    compliance: PortCompliance
+    checks: Checks
+    modes: tuple[ModeRecord, ...]
+    input_sections: tuple[resultants.Section, ...]
+    output_sections: tuple[resultants.Section, ...]
+    input_field: FloatArray
+    output_field: FloatArray
+    mode_shapes: FloatArray
+    von_mises: FloatArray
+    facts: dict[str, Any]
+
+    def to_store(self) -> tuple[dict[str, FloatArray], dict[str, Any]]:
+        """Return arrays and a JSON-ready table from which `from_store` makes the same record."""
+        arrays = {
+            "compliance": self.compliance.matrix,
+            "extension": self.compliance.extension,
+            "output": self.compliance.output,
+            "input_sections": _rows(self.input_sections),
+            "output_sections": _rows(self.output_sections),
+            "input_field": self.input_field,
+            "output_field": self.output_field,
+            "mode_shapes": self.mode_shapes,
+            "von_mises": self.von_mises,
+        }
+        table = {
+            "checks": asdict(self.checks),
+            "modes": [asdict(mode) for mode in self.modes],
+            "members": [section.member.name for section in self.input_sections],
+            "facts": self.facts,
+        }
+        return arrays, table
+
+    @classmethod
+    def from_store(cls, arrays: dict[str, FloatArray], table: dict[str, Any], part: Part) -> Solution:
+        """Rebuild a record from what `to_store` returned."""
+        members = {member.name: member for member in part.linkage().members}
+
+        def sections(rows: FloatArray) -> tuple[resultants.Section, ...]:
+            return tuple(
+                resultants.Section(members[name], *map(float, row))
+                for name, row in zip(table["members"], rows, strict=True)
+            )
+
+        return cls(
+            compliance=PortCompliance(arrays["compliance"], arrays["extension"], arrays["output"]),
+            checks=Checks(**table["checks"]),
+            modes=tuple(ModeRecord(**mode) for mode in table["modes"]),
+            input_sections=sections(arrays["input_sections"]),
+            output_sections=sections(arrays["output_sections"]),
+            input_field=arrays["input_field"],
+            output_field=arrays["output_field"],
+            mode_shapes=arrays["mode_shapes"],
+            von_mises=arrays["von_mises"],
+            facts=table["facts"],
+        )
+
+
+def solve(
+    part: Part,
+    material: Material,
+    domain: Domain,
+    mesh: TaggedMesh,
+    *,
+    actuator: float = 0.0,
+    mode_count: int = 0,
+    all_classes: bool = True,
+    progress: Progress = lambda _: None,
+) -> Solution:
+    """Solve a part on a mesh of its fundamental domain, symmetry class by symmetry class.
+
+    Parameters
+    ----------
+    part, material, domain, mesh
+        What to solve.
+    actuator
+        Stiffness of the installed actuator [N/m] for the modes; 0 for none.
+    mode_count
+        Modes to find in each symmetry class, 0 for none.
+    all_classes
+        False to solve the fully symmetric class alone, which input and output along their axes belong to; what the
+        compliance then lacks, lateral motions and tilts, stands as zero.
+    progress
+        Is told what is going on.
+    """
+    began = perf_counter()
+    body = Elasticity(mesh, material)
+    stiffness = body.stiffness()
+    mass = body.mass() if mode_count else None
+    assembled = perf_counter() - began
+    space = ports.port_space(body, domain, part.ports())
+    matrix = np.zeros((space.size, space.size))
+    checks = Checks(0.0, 0.0, 0.0, 0.0)
+    found: list[tuple[modes.Mode, bool]] = []
+    fields: dict[str, FloatArray] = {}
+    solver = ""
+    for cls in ports.classes(domain)[: None if all_classes else 1]:
+        progress(f"{body.n_dofs} unknowns, {cls.name}")
+        system = statics.class_system(body, domain, cls, stiffness, [domain.ports["ground"]])
+        solver = system.factor.name
+        share, seen, displacements, projection = statics.class_compliance(body, system, stiffness, space)
+        matrix += share
+        checks = checks.worst(seen)
+        if cls.is_symmetric:
+            halves = np.repeat([0.5 ** space.swaps(name) for name in space.kept], 6)
+            for name, motion in (("input", space.extension), ("output", space.output)):
+                fields[name] = (displacements @ (halves * (projection @ motion))).reshape(-1, 3)
+        if mass is not None:
+            batch = modes.class_modes(system, mass, space, mode_count, 0.0)
+            found += [(mode, False) for mode in batch]
+            if actuator and np.any(projection @ space.extension):
+                batch = modes.class_modes(system, mass, space, mode_count, actuator)
+            found += [(mode, actuator > 0) for mode in batch if actuator]
+        system.factor.free()
+    members = part.linkage().members
+    corners = body.vertex_nodes
+    symmetric = [
+        m.shape[corners] for m, installed in found if installed == (actuator > 0) and m.symmetry == _symmetric(domain)
+    ]
+    return Solution(
+        compliance=PortCompliance(matrix, space.extension, space.output),
+        checks=checks,
+        modes=tuple(
+            sorted(
+                (ModeRecord(m.frequency, m.symmetry, m.output_mass, on) for m, on in found), key=lambda m: m.frequency
+            )
+        ),
+        input_sections=tuple(resultants.sections(body, domain, fields["input"], members)),
+        output_sections=tuple(resultants.sections(body, domain, fields["output"], members)),
+        input_field=fields["input"][corners],
+        output_field=fields["output"][corners],
+        mode_shapes=np.array(symmetric).reshape(-1, len(corners), 3),
+        von_mises=stress.nodal_von_mises(body, fields["input"]),
+        facts={
+            "tetrahedra": len(mesh.tets),
+            "unknowns": body.n_dofs,
+            "worst quality": float(mesh.quality().min()),
+            "symmetric class": _symmetric(domain),
+            "solver": solver,
+            "assembly seconds": round(assembled, 2),
+            "solve seconds": round(perf_counter() - began - assembled, 2),
+        },
+    )
+
+
+def _symmetric(domain: Domain) -> str:
+    return ports.classes(domain)[0].name
+
+
+def _rows(sections: tuple[resultants.Section, ...]) -> FloatArray:
+    return np.array([(s.normal, s.shear, s.moment) for s in sections]).reshape(-1, 3)

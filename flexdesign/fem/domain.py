@@ -1,0 +1,191 @@
+"""The fundamental domain of a part: what is left of its solid when every symmetry plane has cut it.
+
+Lengths leave this module in metres; the CAD kernel's millimetres stay inside.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.errors import InputError
+from flexdesign.part import Part, Port, SymmetryPlane
+
+MM = 1e-3
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Face:
+    """One CAD face of the domain.
+
+    Parameters
+    ----------
+    points, triangles
+        Its tessellation, shapes (n, 3) [m] and (m, 3).
+    normal, offset
+        Of a plane, the outward unit normal and ``normal . x`` [m]; None for curved faces.
+    axis, radius
+        Of a cylinder, a point and direction of its axis, shape (2, 3) [m], and its radius [m]; else None.
+    """
+
+    points: FloatArray
+    triangles: IntArray
+    normal: FloatArray | None
+    offset: float = 0.0
+    axis: FloatArray | None = None
+    radius: float = 0.0
+
+
+@dataclass(frozen=True)
+class Domain:
+    """The part of a solid that is meshed; mirrored in its planes it gives the whole.
+
+    Parameters
+    ----------
+    faces
+        Its CAD faces.
+    planes
+        The symmetry planes that bound it.
+    ports
+        The ports that lie in it, by name, with the indices of their faces.
+    plane_faces
+        For each symmetry plane the indices of the faces that lie in it.
+    volume
+        Exact volume of the CAD solid [m^3].
+    fingerprint
+        Hash of the solid's boundary representation.
+    """
+
+    faces: tuple[Face, ...]
+    planes: tuple[SymmetryPlane, ...]
+    ports: dict[str, int]
+    plane_faces: tuple[tuple[int, ...], ...]
+    volume: float
+    fingerprint: str
+
+    @property
+    def copies(self) -> int:
+        """How many mirror images make the whole part."""
+        return int(2 ** len(self.planes))
+
+    def surface(self) -> tuple[FloatArray, IntArray, IntArray]:
+        """Return the welded closed surface: points (n, 3) [m], triangles (m, 3), face index of each triangle (m,)."""
+        points, triangles, owners, base = [], [], [], 0
+        for index, face in enumerate(self.faces):
+            points.append(face.points)
+            triangles.append(face.triangles + base)
+            owners.append(np.full(len(face.triangles), index))
+            base += len(face.points)
+        stacked = np.vstack(points)
+        _, first, inverse = np.unique(np.round(stacked / 1e-9), axis=0, return_index=True, return_inverse=True)
+        welded = inverse.reshape(-1)[np.vstack(triangles)]
+        proper = (welded[:, 0] != welded[:, 1]) & (welded[:, 1] != welded[:, 2]) & (welded[:, 2] != welded[:, 0])
+        return stacked[first], welded[proper], np.concatenate(owners)[proper]
+
+
+def of_part(part: Part, *, symmetric: bool = True, chord: float) -> Domain:
+    """Cut the part's solid down to its fundamental domain and find the ports on it.
+
+    Parameters
+    ----------
+    part
+        The part.
+    symmetric
+        False to keep the whole solid.
+    chord
+        Largest distance between a curved face and its tessellation [m].
+
+    Raises
+    ------
+    InputError
+        If the part's solid is invalid or a port is not found on it.
+    """
+    whole = _one_solid(part.solid(), "the solid")
+    planes = tuple(part.symmetry()) if symmetric else ()
+    solid = whole
+    for plane in planes:
+        solid = _one_solid(solid.intersect(_half_space(whole, plane)), f"the half x >= 0 across {plane.axis}")
+        if abs(solid.Volume() * 2 ** (planes.index(plane) + 1) / whole.Volume() - 1) > 1e-6:
+            raise InputError("part", "symmetry", plane.axis, "the two halves of the solid differ in volume")
+    faces = tuple(_face(face, chord) for face in solid.Faces())
+    swapped = {name for plane in planes for name in plane.swaps}
+    ports = {port.name: _face_of(port, faces) for port in part.ports() if port.name not in swapped}
+    return Domain(
+        faces=faces,
+        planes=planes,
+        ports=ports,
+        plane_faces=tuple(_faces_in(plane, faces) for plane in planes),
+        volume=solid.Volume() * MM**3,
+        fingerprint=_fingerprint(solid),
+    )
+
+
+def _one_solid(shape: Any, what: str) -> Any:
+    solids = shape.Solids()
+    if len(solids) != 1 or not solids[0].isValid():
+        raise InputError("part", "solid", None, f"{what} must be one valid closed body, found {len(solids)}")
+    return solids[0]
+
+
+def _half_space(solid: Any, plane: SymmetryPlane) -> Any:
+    import cadquery as cq
+
+    box = solid.BoundingBox()
+    low, high = np.array([box.xmin, box.ymin, box.zmin]) - 1.0, np.array([box.xmax, box.ymax, box.zmax]) + 1.0
+    low[plane.index] = 0.0
+    size = high - low
+    return cq.Solid.makeBox(*size, pnt=cq.Vector(*low))
+
+
+def _face(face: Any, chord: float) -> Face:
+    vertices, triangles = face.tessellate(chord / MM, 0.05)
+    points = np.array([(v.x, v.y, v.z) for v in vertices]) * MM
+    corners = np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    kind = face.geomType()
+    if kind == "PLANE":
+        normal = face.normalAt()
+        direction = np.array([normal.x, normal.y, normal.z])
+        return Face(points, corners, direction, float(direction @ points[0]))
+    if kind == "CYLINDER":
+        cylinder = face._geomAdaptor().Cylinder()
+        location, direction = cylinder.Axis().Location(), cylinder.Axis().Direction()
+        axis = np.array(
+            [
+                [location.X() * MM, location.Y() * MM, location.Z() * MM],
+                [direction.X(), direction.Y(), direction.Z()],
+            ]
+        )
+        return Face(points, corners, None, axis=axis, radius=cylinder.Radius() * MM)
+    return Face(points, corners, None)
+
+
+def _face_of(port: Port, faces: Sequence[Face]) -> int:
+    """Find the plane face with the port's normal whose plane and extent contain the port's point."""
+    for index, face in enumerate(faces):
+        if face.normal is None or face.normal @ np.array(port.normal) < 1 - 1e-9:
+            continue
+        low, high = face.points.min(axis=0) - 1e-9, face.points.max(axis=0) + 1e-9
+        if np.all(port.point >= low) and np.all(port.point <= high):
+            return index
+    raise InputError("part", f"ports.{port.name}", port.point, "no plane face with this normal at this point")
+
+
+def _faces_in(plane: SymmetryPlane, faces: Sequence[Face]) -> tuple[int, ...]:
+    inside = [i for i, f in enumerate(faces) if np.all(np.abs(f.points[:, plane.index]) < 1e-9)]
+    if not inside:
+        raise InputError("part", "symmetry", plane.axis, "the plane does not cut the solid")
+    return tuple(inside)
+
+
+def _fingerprint(solid: Any) -> str:
+    stream = io.BytesIO()
+    solid.exportBrep(stream)
+    return hashlib.sha256(stream.getvalue()).hexdigest()

@@ -1,0 +1,222 @@
+"""Quadratic tetrahedra for linear elasticity: stiffness, mass, and the fields that follow from displacements.
+
+The degrees of freedom are scikit-fem's. Its general forms evaluate basis functions in every element; on tetrahedra with
+straight edges the gradients of the barycentric coordinates are constant, so that one reference tensor serves them all:
+
+    K_e[a i, b j] = V (lam d_i N_a d_j N_b + mu d_j N_a d_i N_b + mu delta_ij d_k N_a d_k N_b),   averaged over e
+    M_e[a i, b j] = rho V delta_ij N_a N_b
+
+which is the same integral, exact, six times sooner.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from flexdesign.fem.mesh import TaggedMesh
+from flexdesign.materials import Material
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: Corner pairs whose midpoints are the nodes 4 to 9, in the order of scikit-fem's ElementTetP2.
+EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+
+
+@dataclass(frozen=True)
+class Elasticity:
+    """The discretised body.
+
+    Parameters
+    ----------
+    mesh
+        Its tetrahedra.
+    material
+        What it is made of.
+    """
+
+    mesh: TaggedMesh
+    material: Material
+
+    @cached_property
+    def basis(self) -> Any:
+        """The scikit-fem basis of vector-valued quadratic tetrahedra."""
+        from skfem import Basis, ElementTetP2, ElementVector, MeshTet
+
+        mesh = MeshTet(
+            np.ascontiguousarray(self.mesh.points.T),
+            np.ascontiguousarray(self.mesh.tets.T),
+            sort_t=False,
+            validate=False,
+        )
+        return Basis(mesh, ElementVector(ElementTetP2()), quadrature=(np.full((3, 1), 0.25), np.array([1 / 6])))
+
+    @cached_property
+    def nodes(self) -> IntArray:
+        """Node numbers of each element, corners then edge midpoints, shape (m, 10); node n has dofs 3n, 3n+1, 3n+2."""
+        return (self._scikit_nodes // 3).astype(np.int64)
+
+    @cached_property
+    def _scikit_nodes(self) -> IntArray:
+        return np.asarray(self.basis.element_dofs[0::3].T)
+
+    @cached_property
+    def positions(self) -> FloatArray:
+        """Positions of the nodes, shape (n, 3) [m]."""
+        corners = self.mesh.points[self.mesh.tets]
+        places = np.empty((self.n_dofs // 3, 3))
+        places[self.nodes[:, :4]] = corners
+        places[self.nodes[:, 4:]] = corners[:, EDGES].mean(axis=2)
+        return places
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of degrees of freedom, those held included."""
+        return int(self.basis.N)
+
+    @cached_property
+    def _gradients(self) -> tuple[FloatArray, FloatArray]:
+        """Gradients of the barycentric coordinates (m, 4, 3) [1/m] and volumes (m,) [m^3]."""
+        corners = self.mesh.points[self.mesh.tets]
+        jacobian = corners[:, 1:] - corners[:, :1]
+        inverse = np.linalg.inv(jacobian)  # column k is the gradient of coordinate k + 1
+        rest = inverse.transpose(0, 2, 1)
+        return np.concatenate([-rest.sum(axis=1, keepdims=True), rest], axis=1), np.linalg.det(jacobian) / 6
+
+    def stiffness(self) -> sp.csr_matrix:
+        """Return the stiffness matrix's upper triangle, held dofs included [N/m]."""
+        lam, mu = self.material.lame
+        gradients, volumes = self._gradients
+        products = np.einsum("eki,elj,e->klije", gradients, gradients, volumes, optimize=True)
+        pairs = (_stiffness_tensor() @ products.reshape(16, -1)).reshape(10, 10, 3, 3, -1)
+        local = lam * pairs + mu * pairs.transpose(0, 1, 3, 2, 4)
+        trace = mu * np.einsum("abiie->abe", pairs)
+        for i in range(3):
+            local[:, :, i, i] += trace
+        return self._assembled(local.transpose(4, 0, 2, 1, 3).reshape(-1, 30, 30))
+
+    def mass(self) -> sp.csr_matrix:
+        """Return the consistent mass matrix's upper triangle, held dofs included [kg]."""
+        _, volumes = self._gradients
+        blocks = np.kron(_mass_tensor(), np.eye(3)) * self.material.density
+        return self._assembled(volumes[:, None, None] * blocks)
+
+    def _assembled(self, local: FloatArray) -> sp.csr_matrix:
+        dofs = (3 * self.nodes[:, :, None] + np.arange(3)).reshape(-1, 30).astype(np.int32)
+        rows = np.repeat(dofs, 30, axis=1).reshape(-1, 30, 30)
+        columns = rows.transpose(0, 2, 1)
+        upper = rows <= columns
+        shape = (self.n_dofs, self.n_dofs)
+        matrix = sp.coo_matrix((local[upper], (rows[upper], columns[upper])), shape=shape).tocsr()
+        matrix.sum_duplicates()
+        return matrix
+
+    def strain(self, displacement: FloatArray, barycentric: FloatArray) -> FloatArray:
+        """Return the strain tensor in every element at the given places.
+
+        Parameters
+        ----------
+        displacement
+            Nodal displacements, shape (n, 3) [m].
+        barycentric
+            Barycentric coordinates of the places, shape (q, 4).
+
+        Returns
+        -------
+        ndarray
+            Shape (m, q, 3, 3).
+        """
+        gradients, _ = self._gradients
+        shape = np.einsum("qak,eki->eqai", _shape_derivatives(barycentric), gradients, optimize=True)
+        slope = np.einsum("eqai,eaj->eqij", shape, displacement[self.nodes], optimize=True)
+        return np.asarray((slope + slope.transpose(0, 1, 3, 2)) / 2)
+
+    def stress(self, displacement: FloatArray, barycentric: FloatArray) -> FloatArray:
+        """Return the stress tensor [Pa] where `strain` returns the strain, shape (m, q, 3, 3)."""
+        lam, mu = self.material.lame
+        strain = self.strain(displacement, barycentric)
+        trace = np.trace(strain, axis1=2, axis2=3)
+        return 2 * mu * strain + lam * trace[..., None, None] * np.eye(3)
+
+    def strain_energy(self, displacement: FloatArray) -> float:
+        """Return half the integral of stress times strain [J], from the stresses at the integration points."""
+        points, weights = stress_points()
+        _, volumes = self._gradients
+        density = np.einsum("eqij,eqij->eq", self.stress(displacement, points), self.strain(displacement, points))
+        return float(volumes @ density @ weights / 2)
+
+    def surface_nodes(self, facets: IntArray) -> IntArray:
+        """Return the six nodes, corners then edge midpoints, of each boundary facet, shape (k, 6)."""
+        corners = self.vertex_nodes[facets]
+        lookup = self._edge_nodes
+        n = np.int64(self.n_dofs)
+        sides = [np.sort(corners[:, pair], axis=1) for pair in ((0, 1), (1, 2), (0, 2))]
+        middles = [lookup[1][np.searchsorted(lookup[0], side[:, 0] * n + side[:, 1])] for side in sides]
+        return np.column_stack([corners, *middles])
+
+    @cached_property
+    def vertex_nodes(self) -> IntArray:
+        """Node number of each mesh vertex, shape (v,)."""
+        table = np.full(len(self.mesh.points), -1, dtype=np.int64)
+        table[self.mesh.tets] = self.nodes[:, :4]
+        return table
+
+    @cached_property
+    def _edge_nodes(self) -> tuple[IntArray, IntArray]:
+        ends = np.sort(self.nodes[:, EDGES].reshape(-1, 2), axis=1)
+        keys, first = np.unique(ends[:, 0] * np.int64(self.n_dofs) + ends[:, 1], return_index=True)
+        return keys, self.nodes[:, 4:].reshape(-1)[first]
+
+
+def stress_points() -> tuple[FloatArray, FloatArray]:
+    """Barycentric points (4, 4) and weights (4,) at which products of linear fields integrate exactly."""
+    inner, outer = (5 - np.sqrt(5)) / 20, (5 + 3 * np.sqrt(5)) / 20
+    return np.full((4, 4), inner) + np.eye(4) * (outer - inner), np.full(4, 0.25)
+
+
+def _quadrature() -> tuple[FloatArray, FloatArray]:
+    """Barycentric points (q, 4) and weights (q,) exact to degree 4 and beyond, from scikit-fem."""
+    from skfem.quadrature import get_quadrature
+    from skfem.refdom import RefTet
+
+    points, weights = get_quadrature(RefTet, 4)
+    return np.column_stack([1 - points.sum(axis=0), points.T]), weights * 6
+
+
+def _shape_functions(barycentric: FloatArray) -> FloatArray:
+    """N_a at places (q, 4): shape (q, 10)."""
+    corners = barycentric * (2 * barycentric - 1)
+    middles = 4 * barycentric[:, EDGES[:, 0]] * barycentric[:, EDGES[:, 1]]
+    return np.hstack([corners, middles])
+
+
+def _shape_derivatives(barycentric: FloatArray) -> FloatArray:
+    """dN_a / dL_k at places (q, 4): shape (q, 10, 4)."""
+    count = len(barycentric)
+    result = np.zeros((count, 10, 4))
+    for k in range(4):
+        result[:, k, k] = 4 * barycentric[:, k] - 1
+    for a, (i, j) in enumerate(EDGES, start=4):
+        result[:, a, i] = 4 * barycentric[:, j]
+        result[:, a, j] = 4 * barycentric[:, i]
+    return result
+
+
+def _stiffness_tensor() -> FloatArray:
+    """Mean of dN_a/dL_k dN_b/dL_l over a tetrahedron, shape (100, 16)."""
+    points, weights = _quadrature()
+    slopes = _shape_derivatives(points)
+    return np.einsum("q,qak,qbl->abkl", weights, slopes, slopes).reshape(100, 16)
+
+
+def _mass_tensor() -> FloatArray:
+    """Mean of N_a N_b over a tetrahedron, shape (10, 10)."""
+    points, weights = _quadrature()
+    values = _shape_functions(points)
+    return np.einsum("q,qa,qb->ab", weights, values, values)

@@ -1,0 +1,103 @@
+"""Natural frequencies and mode shapes, class by class, by shift-invert on the factor that statics already made.
+
+An actuator between the inputs is a massless spring k along their extension e = c . u: a rank-one update of the
+stiffness, so that the same factor serves (Sherman and Morrison, 1950)
+
+    (K + k c c^T)^-1 b = K^-1 b - K^-1 c (c . K^-1 b) / (1/k + c . K^-1 c).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from flexdesign.fem.ports import PortSpace
+from flexdesign.fem.statics import ClassSystem
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A natural vibration with the ground held.
+
+    Parameters
+    ----------
+    frequency
+        [Hz].
+    symmetry
+        Name of its symmetry class.
+    output_mass
+        The mass that, moving with the output, has this mode's kinetic energy [kg]; infinite if the output rests.
+    shape
+        Displacements of the domain's nodes for unit modal mass of the whole part, shape (n, 3) [1/sqrt(kg)].
+    """
+
+    frequency: float
+    symmetry: str
+    output_mass: float
+    shape: FloatArray
+
+
+def class_modes(system: ClassSystem, mass: sp.csr_matrix, space: PortSpace, count: int, actuator: float) -> list[Mode]:
+    """Return the lowest `count` modes of one symmetry class.
+
+    Parameters
+    ----------
+    system
+        Its factorized equations.
+    mass
+        Mass matrix of the domain, upper triangle, all dofs.
+    space
+        The ports.
+    count
+        How many modes.
+    actuator
+        Stiffness of the spring between the inputs [N/m], 0 for none.
+    """
+    free, copies = system.free, 2 ** len(space.planes)
+    upper = mass[free][:, free]
+    inner = (upper + sp.triu(upper, k=1).T).tocsr()
+    inverse = _spring_inverse(system, _measure(space, system, space.extension)[free], actuator / copies)
+    size = len(free)
+    unused = LinearOperator((size, size), matvec=lambda v: v, dtype=float)  # shift-invert only asks for its inverse
+    values, vectors = eigsh(
+        unused, count, M=inner, sigma=0.0, OPinv=LinearOperator((size, size), matvec=inverse, dtype=float),
+        v0=np.random.default_rng(0).standard_normal(size), ncv=max(2 * count + 1, 10), tol=1e-7,
+    )  # fmt: skip
+    output = _measure(space, system, space.output)[free]
+    modes = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        nodal = np.zeros(mass.shape[0])
+        nodal[free] = vector / np.sqrt(copies)
+        moved = float(output @ nodal[free])
+        share = 1 / moved**2 if abs(moved) > 1e-6 else np.inf
+        modes.append(Mode(float(np.sqrt(value) / (2 * np.pi)), system.cls.name, share, nodal.reshape(-1, 3)))
+    return sorted(modes, key=lambda mode: mode.frequency)
+
+
+def _spring_inverse(system: ClassSystem, extension: FloatArray, spring: float) -> Callable[[FloatArray], FloatArray]:
+    """Return b -> (K + spring c c^T)^-1 b; `spring` is the domain's share, as it carries its share of the energy."""
+    if spring == 0 or not np.any(extension):
+        return lambda right: system.factor.solve(np.asarray(right).ravel())
+    answer = system.factor.solve(extension)
+    softness = 1 / spring + extension @ answer
+
+    def inverse(right: FloatArray) -> FloatArray:
+        solution = system.factor.solve(np.asarray(right).ravel())
+        return np.asarray(solution - answer * (extension @ solution / softness))
+
+    return inverse
+
+
+def _measure(space: PortSpace, system: ClassSystem, motion: FloatArray) -> FloatArray:
+    """Return the row c over the domain's dofs with c . u = the whole part's port motion `motion`, in this class."""
+    projection = space.projection(system.cls)
+    loads = np.hstack([space.loads[name] for name in space.kept])
+    images = np.repeat([2.0 ** (len(space.planes) - space.swaps(name)) for name in space.kept], 6)
+    return np.asarray(loads @ (images * (projection @ motion)))

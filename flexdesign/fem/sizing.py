@@ -1,0 +1,160 @@
+"""Where elements must be small: the error of a flexure sits in the sharp roots of its hinges, not in the leaf.
+
+The target edge length grows linearly with the distance from the root edges,
+
+    h(x) = min(h_max, min over roots of h_root + g * distance(x, root)),
+
+with h_root in proportion to the thickness of the member that the root belongs to, and is handed to the mesher on a
+background mesh whose points crowd around the roots in the same measure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay
+
+from flexdesign.fem.domain import Domain
+from flexdesign.model import Member
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sizing:
+    """The target edge length as a function of place.
+
+    Parameters
+    ----------
+    roots
+        Root edges, shape (n, 2, 3) [m].
+    at_roots
+        h_root of each, shape (n,) [m].
+    growth, largest
+        g [1] and h_max [m] of the module's formula.
+    """
+
+    roots: FloatArray
+    at_roots: FloatArray
+    growth: float
+    largest: float
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Return the target edge length [m] at points of shape (n, 3)."""
+        size = np.full(len(points), self.largest)
+        for root, at_root in zip(self.roots, self.at_roots, strict=True):
+            np.minimum(size, at_root + self.growth * distance(points, root[None]), out=size)
+        return size
+
+    @property
+    def finest(self) -> float:
+        """The smallest edge length asked for [m]."""
+        return float(self.at_roots.min())
+
+    def background(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, NDArray[np.int32], FloatArray]:
+        """Return points (n, 3), tetrahedra (m, 4) and edge lengths (n,) of a mesh that covers the box low..high."""
+        margin = 0.1 * (high - low).max()
+        axes = [
+            np.linspace(a - margin, b + margin, max(int((b - a) / self.largest), 4))
+            for a, b in zip(low, high, strict=True)
+        ]
+        cloud = [np.vstack([_along(root, h) for root, h in zip(self.roots, self.at_roots, strict=True)])]
+        cloud.append(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3))
+        for root, at_root in zip(self.roots, self.at_roots, strict=True):
+            radius = at_root
+            while radius < self.largest / self.growth:
+                cloud.append(_shell(root, radius))
+                radius *= 2.0
+        points = _thinned(np.vstack(cloud), self)
+        rng = np.random.default_rng(0)
+        points = points + 1e-3 * self.finest * rng.standard_normal(points.shape)  # cospherical points stall Delaunay
+        tets = Delaunay(points).simplices.astype(np.int32)
+        return points, tets, self(points)
+
+
+def distance(points: FloatArray, roots: FloatArray) -> FloatArray:
+    """Return the distance [m] of points of shape (n, 3) from the nearest root edge."""
+    nearest = np.full(len(points), np.inf)
+    for start, end in roots:
+        axis = end - start
+        s = np.clip((points - start) @ axis / (axis @ axis), 0.0, 1.0)
+        np.minimum(nearest, np.linalg.norm(points - start - s[:, None] * axis, axis=1), out=nearest)
+    return nearest
+
+
+def root_edges(members: Sequence[Member], domain: Domain) -> tuple[FloatArray, list[Member]]:
+    """Return the edges at which members meet their neighbours, clipped to the domain, and whose edges they are.
+
+    A hinge has roots at both ends, rounded or not; an arm or rod only where the solid has an edge.
+
+    Parameters
+    ----------
+    members
+        Members of the whole part.
+    domain
+        What is meshed.
+
+    Returns
+    -------
+    edges, owners
+        Shape (n, 2, 3) [m], and the member of each.
+    """
+    corners = np.vstack([face.points for face in domain.faces])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    edges, owners = [], []
+    for member in members:
+        for edge in _roots(member):
+            clipped = np.clip(edge, low, high)
+            if np.abs(edge - clipped)[:, :2].max() > 1e-9 or clipped[1, 2] - clipped[0, 2] < 1e-9:
+                continue
+            if member.kind == "hinge" or np.linalg.norm(corners - clipped[1], axis=1).min() < 1e-9:
+                edges.append(clipped)
+                owners.append(member)
+    return np.array(edges), owners
+
+
+def _roots(member: Member) -> list[FloatArray]:
+    axis = np.array(member.axis)
+    across = np.cross([0.0, 0.0, 1.0], axis) * member.thickness / 2
+    depth = np.array([0.0, 0.0, member.width / 2])
+    ends = (np.array(member.start), np.array(member.end))
+    return [np.array([end + side * across - depth, end + side * across + depth]) for end in ends for side in (1, -1)]
+
+
+def _along(root: FloatArray, spacing: float) -> FloatArray:
+    count = max(int(np.linalg.norm(root[1] - root[0]) / spacing), 1) + 1
+    return root[0] + np.linspace(0.0, 1.0, count)[:, None] * (root[1] - root[0])
+
+
+def _shell(root: FloatArray, radius: float, around: int = 8) -> FloatArray:
+    axis = (root[1] - root[0]) / np.linalg.norm(root[1] - root[0])
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    first /= np.linalg.norm(first)
+    second = np.cross(axis, first)
+    angles = 2 * np.pi * np.arange(around) / around
+    ring = radius * (np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * second)
+    line = _along(root, radius)
+    return (line[:, None, :] + ring[None, :, :]).reshape(-1, 3)
+
+
+def _thinned(points: FloatArray, sizing: Sizing) -> FloatArray:
+    """Keep one point in each cell of a lattice half as wide as the edge length wanted there, in powers of two."""
+    level = np.round(np.log2(sizing(points) / sizing.finest))
+    cell = np.floor(points / (0.5 * sizing.finest * 2.0**level)[:, None])
+    _, first = np.unique(np.column_stack([level, cell]), axis=0, return_index=True)
+    return points[np.sort(first)]
+
+
+def edge_length_at_roots(points: FloatArray, tets: NDArray[np.int64], roots: FloatArray, reach: float) -> float:
+    """Return the mean length [m] of the mesh edges within `reach` [m] of the roots.
+
+    The mesher follows a sizing field loosely; how fine a mesh really is where it counts has to be measured on it.
+    """
+    pairs = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+    edges = np.unique(np.sort(tets[:, pairs].reshape(-1, 2), axis=1), axis=0)
+    near = distance(points[edges].mean(axis=1), roots) <= reach
+    ends = points[edges[near]]
+    return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean())

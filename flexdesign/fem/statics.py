@@ -1,0 +1,201 @@
+"""Static response: all unit loads on one factorization, and the compliance between the ports.
+
+Every stiffness and amplification of a part follows from its compliance between ports, boundary by boundary
+(`PortCompliance`); the solves check themselves (`Checks`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from flexdesign.fem.domain import Domain
+from flexdesign.fem.elasticity import Elasticity
+from flexdesign.fem.ports import PortSpace, SymmetryClass
+from flexdesign.fem.solver import Factor, factorize, times
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class PortCompliance:
+    """Motions of the moving ports under unit loads on them, the ground held.
+
+    Parameters
+    ----------
+    matrix
+        Six rows and columns for each port, SI.
+    extension, output
+        What the actuator feels and what moves the table, as vectors over the rows.
+    """
+
+    matrix: FloatArray
+    extension: FloatArray
+    output: FloatArray
+
+    @property
+    def c11(self) -> float:
+        """Actuator extension per actuator force, output free [m/N]."""
+        return float(self.extension @ self.matrix @ self.extension)
+
+    @property
+    def c12(self) -> float:
+        """Output motion per actuator force, which by reciprocity is extension per output force [m/N]."""
+        return float(self.output @ self.matrix @ self.extension)
+
+    @property
+    def c22(self) -> float:
+        """Output motion per output force, input free [m/N]."""
+        return float(self.output @ self.matrix @ self.output)
+
+    @property
+    def input_stiffness(self) -> float:
+        """Actuator force per extension, output free [N/m]."""
+        return 1 / self.c11
+
+    @property
+    def amplification(self) -> float:
+        """Output motion per extension, output free, signed along the output's outward normal."""
+        return self.c12 / self.c11
+
+    def output_stiffness(self, actuator: float) -> float:
+        """Return output force per output motion with a spring of stiffness `actuator` [N/m] between the inputs.
+
+        0 leaves the input free, infinity holds it.
+        """
+        if actuator == 0:
+            return 1 / self.c22
+        return 1 / (self.c22 - self.c12**2 / (self.c11 + 1 / actuator))
+
+    def stroke(self, free_stroke: float, actuator: float) -> float:
+        """Return the output motion [m] when an actuator of this free stroke [m] and stiffness [N/m] is energised."""
+        return self.c12 * self.actuator_force(free_stroke, actuator)
+
+    def actuator_force(self, free_stroke: float, actuator: float) -> float:
+        """Return the force [N] the energised actuator exerts, output free: F = s / (C11 + 1/k)."""
+        return free_stroke / (self.c11 + 1 / actuator)
+
+    def blocked_force(self, free_stroke: float, actuator: float) -> float:
+        """Return the output force [N] that holds the output at rest against the energised actuator."""
+        return self.stroke(free_stroke, actuator) * self.output_stiffness(actuator)
+
+
+@dataclass(frozen=True)
+class Checks:
+    """How well a set of solves keeps what must hold exactly; relative errors.
+
+    Parameters
+    ----------
+    reciprocity
+        Largest asymmetry of the compliance.
+    balance
+        Applied force plus the reactions at ground and symmetry planes.
+    energy
+        Work of the loads against the strain energy integrated from the stresses.
+    residual
+        Of the linear system.
+    """
+
+    reciprocity: float
+    balance: float
+    energy: float
+    residual: float
+
+    def worst(self, other: Checks) -> Checks:
+        """Return the larger of each."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Checks(*(max(a, b) for a, b in pairs))
+
+
+@dataclass(frozen=True)
+class ClassSystem:
+    """The factorized equations of one symmetry class."""
+
+    cls: SymmetryClass
+    free: IntArray
+    factor: Factor
+    stiffness: sp.csr_matrix
+
+    def solve(self, forces: FloatArray) -> FloatArray:
+        """Return displacements of all dofs under nodal forces (n_dofs, k); held dofs stay at rest."""
+        displacements = np.zeros_like(forces)
+        displacements[self.free] = self.factor.solve(forces[self.free])
+        return displacements
+
+
+def class_system(
+    body: Elasticity, domain: Domain, cls: SymmetryClass, stiffness: sp.csr_matrix, ground: Sequence[int]
+) -> ClassSystem:
+    """Hold the ground faces and what the class holds on its planes, and factorize the rest."""
+    held = [_dofs_on(body, ground, range(3))]
+    for index in range(len(domain.planes)):
+        held.append(_dofs_on(body, domain.plane_faces[index], cls.held_components(index)))
+    free = np.setdiff1d(np.arange(body.n_dofs), np.concatenate(held))
+    reduced = stiffness[free][:, free].tocsr()
+    return ClassSystem(cls, free, factorize(reduced), reduced)
+
+
+def class_compliance(
+    body: Elasticity, system: ClassSystem, stiffness: sp.csr_matrix, space: PortSpace
+) -> tuple[FloatArray, Checks, FloatArray, FloatArray]:
+    """Solve one class for the port loads that fit it.
+
+    Returns
+    -------
+    compliance
+        Its share of the compliance of the whole part, shape (size, size).
+    checks
+        Reciprocity, balance, energy, residual of these solves.
+    displacements
+        Nodal displacements for unit load on each kept port motion that fits, shape (n_dofs, 6 * kept); zero otherwise.
+    projection
+        The class's P of `PortSpace.projection`.
+    """
+    projection = space.projection(system.cls)
+    fitting = np.any(projection != 0, axis=1)
+    loads = np.hstack([space.loads[name] for name in space.kept])
+    displacements = np.zeros_like(loads)
+    if not fitting.any():
+        return np.zeros((space.size, space.size)), Checks(0, 0, 0, 0), displacements, projection
+    displacements[:, fitting] = system.solve(loads[:, fitting])
+    gram = loads.T @ displacements
+    halves = np.repeat([0.5 ** space.swaps(name) for name in space.kept], 6)
+    gram = np.where(np.outer(fitting, fitting), gram, 0.0) * 2 ** len(space.planes)
+    whole = projection.T @ (halves[:, None] * gram * halves[None, :]) @ projection
+    used = np.flatnonzero(fitting)
+    checks = _checks(body, system, stiffness, loads[:, used], displacements[:, used])
+    return whole, checks, displacements, projection
+
+
+def _checks(
+    body: Elasticity, system: ClassSystem, stiffness: sp.csr_matrix, loads: FloatArray, displacements: FloatArray
+) -> Checks:
+    gram = loads.T @ displacements
+    scale = np.sqrt(np.outer(np.diag(gram), np.diag(gram)))
+    internal = times(stiffness, displacements)
+    reactions = internal - loads
+    reactions[system.free] = 0.0
+    total = (loads + reactions).reshape(-1, 3, loads.shape[1])
+    moments = np.cross(body.positions[:, :, None], total, axis=1).sum(axis=0)
+    size = np.abs(reactions).sum(axis=0)
+    reach = np.ptp(body.positions, axis=0).max()
+    balance = max(np.abs(total.sum(axis=0) / size).max(), np.abs(moments / (size * reach)).max())
+    work = np.diag(gram)
+    energy = [2 * body.strain_energy(u.reshape(-1, 3)) for u in displacements.T]
+    residual = (internal - loads)[system.free]
+    return Checks(
+        reciprocity=float(np.abs((gram - gram.T) / scale).max()),
+        balance=float(balance),
+        energy=float(np.abs(np.array(energy) / work - 1).max()),
+        residual=float((np.linalg.norm(residual, axis=0) / np.linalg.norm(loads[system.free], axis=0)).max()),
+    )
+
+
+def _dofs_on(body: Elasticity, faces: Sequence[int], components: Sequence[int]) -> IntArray:
+    nodes = np.unique(body.surface_nodes(body.mesh.on_face(*faces)))
+    return (3 * nodes[:, None] + np.array(list(components))).ravel()

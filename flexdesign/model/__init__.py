@@ -1,0 +1,21 @@
+"""The nouns everything speaks: quantities, parameters, effects, linkages, observations, models."""
+
+from flexdesign.model.effect import Adjust, Block, Effect, Socket, Term
+from flexdesign.model.linkage import Linkage, Member
+from flexdesign.model.observation import Model, Observation
+from flexdesign.model.parameter import Parameter
+from flexdesign.model.quantity import Quantity
+
+__all__ = [
+    "Adjust",
+    "Block",
+    "Effect",
+    "Linkage",
+    "Member",
+    "Model",
+    "Observation",
+    "Parameter",
+    "Quantity",
+    "Socket",
+    "Term",
+]

@@ -1,0 +1,115 @@
+"""A mechanism as members between nodes: what hinge theory needs to know of a part, whosoever it is.
+
+Frame: x along the input, y along the output, z out of the plane; metres and radians.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+Vector = tuple[float, float, float]
+MemberKind = Literal["hinge", "arm", "rod", "block", "guide"]
+
+
+@dataclass(frozen=True)
+class Member:
+    """A slender piece of a mechanism, prismatic along its axis unless its profile says otherwise.
+
+    Parameters
+    ----------
+    name, kind
+        ``hinge_1`` and ``hinge``.
+    nodes
+        Names of the two nodes it joins.
+    start, end
+        Positions of its two ends on the neutral axis [m].
+    thickness
+        Its in-plane thickness [m]; for a curved hinge the thickness of the neck.
+    width
+        Its out-of-plane depth [m].
+    root_radius
+        Fillet radius at its ends [m]; 0 for a sharp root.
+    curvature_radius
+        Radius of a circular notch [m]; infinite for a leaf.
+    """
+
+    name: str
+    kind: MemberKind
+    nodes: tuple[str, str]
+    start: Vector
+    end: Vector
+    thickness: float
+    width: float
+    root_radius: float = 0.0
+    curvature_radius: float = math.inf
+
+    @property
+    def length(self) -> float:
+        """Distance between the ends [m]."""
+        return math.dist(self.start, self.end)
+
+    @property
+    def centre(self) -> Vector:
+        """Middle of the member [m]."""
+        return tuple((a + b) / 2 for a, b in zip(self.start, self.end, strict=True))  # type: ignore[return-value]
+
+    @property
+    def axis(self) -> Vector:
+        """Unit vector from start to end."""
+        return tuple((b - a) / self.length for a, b in zip(self.start, self.end, strict=True))  # type: ignore[return-value]
+
+    @property
+    def area(self) -> float:
+        """Cross-section [m^2]."""
+        return self.thickness * self.width
+
+    @property
+    def second_moment(self) -> float:
+        """Second moment of area for bending in the plane [m^4]."""
+        return self.width * self.thickness**3 / 12
+
+    def thickness_at(self, s: float) -> float:
+        """Return the nominal thickness at the distance `s` from the member's centre [m].
+
+        Root fillets thicken a leaf near its ends; a circular notch thickens away from its neck.
+        """
+        if math.isfinite(self.curvature_radius):
+            rise = self.curvature_radius - math.sqrt(max(self.curvature_radius**2 - s**2, 0.0))
+            return self.thickness + 2 * rise
+        into_fillet = abs(s) - (self.length / 2 - self.root_radius)
+        if self.root_radius > 0 and into_fillet > 0:
+            rise = self.root_radius - math.sqrt(max(self.root_radius**2 - into_fillet**2, 0.0))
+            return self.thickness + 2 * rise
+        return self.thickness
+
+
+@dataclass(frozen=True)
+class Linkage:
+    """Members between nodes, and which nodes are the ports.
+
+    Parameters
+    ----------
+    nodes
+        Node name -> position [m].
+    members
+        The members, each between two named nodes.
+    ports
+        Port name -> node name.
+    """
+
+    nodes: Mapping[str, Vector]
+    members: tuple[Member, ...]
+    ports: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for member in self.members:
+            for node in member.nodes:
+                if node not in self.nodes:
+                    raise ValueError(f"member {member.name} joins {node}, which is not among the nodes")
+
+    def of_kind(self, kind: MemberKind) -> tuple[Member, ...]:
+        """Return the members of one kind."""
+        return tuple(member for member in self.members if member.kind == kind)

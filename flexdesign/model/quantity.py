@@ -1,0 +1,72 @@
+"""A number that says what it is: the common answer of FEM, formula, paper and bench."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from flexdesign import units
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One physical quantity, in SI, with the boundary it holds under and where it comes from.
+
+    Parameters
+    ----------
+    name
+        Standard name, e.g. ``K_in``. Two quantities are comparable when name and boundary agree.
+    value
+        The number, in the SI unit `si`.
+    si
+        Its SI unit, e.g. ``N/m``; ``"1"`` for ratios.
+    unit
+        The unit in which people read it, e.g. ``N/mm``.
+    boundary
+        The conditions at the ports, e.g. ``output free``.
+    source
+        What produced it: an equation, a mesh, a paper, an instrument.
+    sigma
+        Half-width of the stated uncertainty in SI, or None when none is known.
+    """
+
+    name: str
+    value: float
+    si: str
+    unit: str
+    boundary: str = ""
+    source: str = ""
+    sigma: float | None = None
+
+    @property
+    def key(self) -> str:
+        """Name and boundary in one word: ``K_out_input_held``."""
+        return "_".join([self.name, *self.boundary.replace(",", "").split()])
+
+    def shown(self, digits: int = 4) -> str:
+        """Write the value, and its uncertainty where known, in the display unit."""
+        scale = units.factor(self.unit or "1", self.si)
+        text = units.significant(self.value / scale, digits)
+        if self.sigma is not None:
+            text += f" ± {units.significant(self.sigma / scale, 2)}"
+        return f"{text} {self.unit}".rstrip()
+
+    def with_sigma(self, sigma: float) -> Quantity:
+        """Return the same quantity with another uncertainty."""
+        return replace(self, sigma=sigma)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the quantity in its display unit, as result.json holds it."""
+        scale = units.factor(self.unit or "1", self.si)
+        return {
+            "name": self.name,
+            "boundary": self.boundary,
+            "value": self.value / scale,
+            "sigma": None if self.sigma is None else self.sigma / scale,
+            "unit": self.unit or "1",
+            "source": self.source,
+        }
+
+    def __str__(self) -> str:
+        boundary = f" ({self.boundary})" if self.boundary else ""
+        return f"{self.name}{boundary} = {self.shown()}"

@@ -1,0 +1,171 @@
+"""From port compliance, section forces and modes to the quantities a designer asks for, each with its boundary."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from flexdesign.design import Design
+from flexdesign.fem import resultants
+from flexdesign.fem.analysis import Solution
+from flexdesign.fem.domain import Domain
+from flexdesign.fem.statics import PortCompliance
+from flexdesign.materials import Material
+from flexdesign.model import Quantity
+from flexdesign.stage_model import AxisModel, StageModel
+from flexdesign.study import Study
+
+
+def of_solution(study: Study, solution: Solution) -> list[Quantity]:
+    """Return every quantity that one mesh gives and whose limit for vanishing element size is sought."""
+    c, actuator = solution.compliance, study.design.actuator
+    found = [
+        Quantity("K_in", c.input_stiffness, "N/m", "N/mm", "output free"),
+        Quantity("lambda", c.amplification, "1", "", "output free"),
+        Quantity("K_out", c.output_stiffness(0.0), "N/m", "N/mm", "input free"),
+        Quantity("K_out", c.output_stiffness(math.inf), "N/m", "N/mm", "input held"),
+    ]
+    if actuator is not None:
+        k, s = actuator.installed_stiffness, actuator.free_stroke
+        found += [
+            Quantity("K_out", c.output_stiffness(k), "N/m", "N/mm", "actuator installed"),
+            Quantity("stroke", c.stroke(s, k), "m", "um", "output free"),
+            Quantity("blocked_force", c.blocked_force(s, k), "N", "N", "output held"),
+            Quantity("actuator_force", c.actuator_force(s, k), "N", "N", "full stroke, output free"),
+        ]
+        if actuator.preload > 0:
+            found += _preloaded(c, actuator.preload, k)
+    if solution.modes:
+        found += _coupling(c, study.output.actuator_offset)
+        found += _frequencies(solution)
+    return found
+
+
+def _preloaded(c: PortCompliance, preload: float, k: float) -> list[Quantity]:
+    """Return what the preload does: it shifts the output at rest, and an output force uses it up.
+
+    An output force P extends the inputs by C12 P / (1 + k C11); the stack loses k times that.
+    """
+    lost = preload * (1 + k * c.c11) / (k * abs(c.c12))
+    return [
+        Quantity("preload_shift", preload * c.c12, "m", "um", "output free"),
+        Quantity("output_force_that_unloads_the_stack", lost, "N", "N", "actuator at rest"),
+    ]
+
+
+def _coupling(c: PortCompliance, offset: float) -> list[Quantity]:
+    """Parasitic motion of the output per output travel: on axis, and with the actuator off axis by `offset`."""
+    pieces = []
+    travel = c.c12
+    rows = np.flatnonzero(c.output)
+    base = 6 * (int(rows[0]) // 6)
+    lateral = [i for i in range(3) if c.output[base + i] == 0]
+    for label, place in _actuator_places(offset):
+        force = c.extension.copy()
+        for port in range(len(force) // 6):
+            force[6 * port + 3 : 6 * port + 6] = np.cross(place, force[6 * port : 6 * port + 3])
+        motion = (c.matrix @ force)[base : base + 6]
+        boundary = f"actuator {label}"
+        for i in lateral:
+            pieces.append(Quantity(f"coupling_{'xyz'[i]}", motion[i] / travel, "1", "%", boundary))
+        tilt = float(np.linalg.norm(motion[3:])) / abs(travel)
+        pieces.append(Quantity("tilt", tilt, "rad/m", "urad/um", boundary))
+    return pieces
+
+
+def _actuator_places(offset: float) -> list[tuple[str, np.ndarray]]:
+    places = [("on axis", np.zeros(3))]
+    if offset > 0:
+        for axis in (1, 2):
+            places.append((f"{offset * 1e3:g} mm off axis in {'xyz'[axis]}", offset * np.eye(3)[axis]))
+    return places
+
+
+def _frequencies(solution: Solution) -> list[Quantity]:
+    found = []
+    for installed, boundary in ((False, "input free"), (True, "actuator installed")):
+        modes = [mode for mode in solution.modes if mode.installed == installed]
+        if not modes:
+            continue
+        main = min(modes, key=lambda mode: mode.output_mass)
+        found.append(Quantity("first_frequency", modes[0].frequency, "Hz", "Hz", boundary))
+        found.append(Quantity("output_frequency", main.frequency, "Hz", "Hz", boundary))
+    return found
+
+
+def compliance_shares(material: Material, body: Domain, solution: Solution) -> dict[str, dict[str, float]]:
+    """Split the compliances that the stiffnesses are the inverse of over the members, by the stiffness's key.
+
+    With the input held, a unit output force comes with the input force -C12 / C11 that holds it: the load case is
+    the one less that multiple of the other.
+    """
+    images = {section.member.name: _images(section, body) for section in solution.input_sections}
+    c = solution.compliance
+    inputs, outputs = solution.input_sections, solution.output_sections
+    held = [o.minus(c.c12 / c.c11, i) for o, i in zip(outputs, inputs, strict=True)]
+    cases = {
+        "K_in_output_free": (inputs, c.c11),
+        "K_out_input_free": (outputs, c.c22),
+        "K_out_input_held": (held, c.c22 - c.c12**2 / c.c11),
+    }
+    return {
+        key: resultants.shares((sections, sections), total, material, images)
+        for key, (sections, total) in cases.items()
+    }
+
+
+def _images(section: resultants.Section, body: Domain) -> int:
+    """How many members of the whole part a member of the domain stands for: one more for each plane it lies off."""
+    return int(np.prod([1 if abs(section.member.centre[plane.index]) < 1e-12 else 2 for plane in body.planes]))
+
+
+def stage_model(design: Design, found: Mapping[str, Quantity]) -> StageModel | None:
+    """Return the stage model that the quantities, by key, give; None without an actuator."""
+    actuator = design.actuator
+    if actuator is None:
+        return None
+    stiffness, frequency = found["K_out_actuator_installed"], found["output_frequency_actuator_installed"]
+    stroke, k_in = found["stroke_output_free"], found["K_in_output_free"]
+    voltage = actuator.voltage_range
+    relative = {name: (q.sigma or 0.0) / abs(q.value) for name, q in (("stiffness", stiffness), ("gain", stroke))}
+    relative["mass"] = math.hypot(relative["stiffness"], 2 * (frequency.sigma or 0.0) / frequency.value)
+    axis = AxisModel(
+        mass=stiffness.value / (2 * math.pi * frequency.value) ** 2,
+        stiffness=stiffness.value,
+        stroke=stroke.value,
+        free_stroke=actuator.free_stroke,
+        voltage=voltage[1] - voltage[0] if voltage else None,
+        input_stiffness=k_in.value,
+        amplification=found["lambda_output_free"].value,
+        actuator_stiffness=actuator.installed_stiffness,
+        uncertainty=relative,
+    )
+    return StageModel({"y": axis}, f"From FEM of {design.title}; uncertainties are those of the discretisation alone.")
+
+
+def stated_force(study: Study, solution: Solution) -> tuple[float, str]:
+    """Return the actuator force at which stress is stated [N], preload included, and how it comes about."""
+    actuator, stroke, compliance = study.design.actuator, study.output.stroke, solution.compliance
+    preload = actuator.preload if actuator else 0.0
+    if stroke is not None:
+        return stroke / abs(compliance.c12) + preload, f"{stroke * 1e6:g} um at the output"
+    if actuator is not None:
+        return compliance.actuator_force(actuator.free_stroke, actuator.installed_stiffness) + preload, "full stroke"
+    return 1.0, "1 N of actuator force"
+
+
+def stresses(study: Study, solution: Solution) -> list[Quantity]:
+    """Return peak and nominal stress at the stated stroke, preload included."""
+    force, boundary = stated_force(study, solution)
+    sharp = any(hinge.root_radius == 0 for hinge in study.design.part().linkage().of_kind("hinge"))
+    peak = force * float(solution.von_mises.max())
+    nominal = force * max(s.nominal_stress for s in solution.input_sections if s.member.kind == "hinge")
+    kind = "sharp root: grows with refinement" if sharp else "filleted root"
+    safety = study.design.material.yield_strength / nominal
+    return [
+        Quantity("peak_stress", peak, "Pa", "MPa", boundary, f"FEM, finest mesh, {kind}"),
+        Quantity("hinge_stress", nominal, "Pa", "MPa", boundary, "N/A + M t/2I from FEM section forces"),
+        Quantity("safety_against_yield", safety, "1", "", boundary, "yield strength over nominal hinge stress"),
+    ]

@@ -1,0 +1,1 @@
+"""Reports: documents of tables, charts and pictures, as HTML, Markdown and JSON."""

@@ -1,0 +1,71 @@
+"""Line drawings for reports, as SVG that reads on light and on dark paper."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+#: A grey that stands out on white and on black alike.
+NEUTRAL = "#8a949e"
+COLOURS = ("#0b84b5", "#e0702c", "#3f9c4d", "#b0529e", "#c9a227", "#6d7cce", "#8d6e63", "#5f9ea0", "#d0506a", "#9aa5af")
+
+
+def shares(split: Mapping[str, Mapping[str, float]], label: str) -> bytes:
+    """Draw stacked bars: for each named compliance, the percentage that each piece carries."""
+    figure, axes = _figure(7.2, 0.62 * len(split) + 1.9)
+    pieces = list(dict.fromkeys(piece for row in split.values() for piece in row))
+    for position, row in enumerate(split.values()):
+        left, right = 0.0, 0.0
+        for piece in pieces:
+            value = row.get(piece, 0.0)
+            start = right if value >= 0 else left
+            colour = COLOURS[pieces.index(piece) % len(COLOURS)]
+            axes.barh(position, value, left=start, color=colour, height=0.62, label=piece if position == 0 else None)
+            right, left = right + max(value, 0.0), left + min(value, 0.0)
+    axes.set_yticks(range(len(split)), list(split))
+    axes.invert_yaxis()
+    axes.set_xlabel(label)
+    legend = axes.legend(loc="upper center", bbox_to_anchor=(0.45, -0.42), ncols=3, frameon=False, fontsize=9)
+    for text in legend.get_texts():
+        text.set_color(NEUTRAL)
+    return _svg(figure)
+
+
+def lines(curves: Sequence[tuple[str, Sequence[float], Sequence[float]]], xlabel: str, ylabel: str) -> bytes:
+    """Draw labelled curves over common axes."""
+    figure, axes = _figure(6.0, 3.6)
+    for index, (label, x, y) in enumerate(curves):
+        axes.plot(x, y, color=COLOURS[index], marker="o", label=label, linewidth=2)
+    axes.set_xlabel(xlabel)
+    axes.set_ylabel(ylabel)
+    axes.grid(color=NEUTRAL, alpha=0.25)
+    legend = axes.legend(frameon=False)
+    for text in legend.get_texts():
+        text.set_color(NEUTRAL)
+    return _svg(figure)
+
+
+def _figure(width: float, height: float) -> tuple[Any, Any]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.add_subplot()
+    axes.patch.set_alpha(0.0)
+    for spine in axes.spines.values():
+        spine.set_color(NEUTRAL)
+    axes.tick_params(colors=NEUTRAL)
+    axes.xaxis.label.set_color(NEUTRAL)
+    axes.yaxis.label.set_color(NEUTRAL)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    return figure, axes
+
+
+def _svg(figure: Any) -> bytes:
+    import matplotlib
+
+    stream = io.BytesIO()
+    with matplotlib.rc_context({"svg.hashsalt": "flexdesign"}):
+        figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
+    return stream.getvalue()

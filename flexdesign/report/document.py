@@ -1,0 +1,77 @@
+"""What a report is made of, before anyone decides whether it becomes HTML, Markdown or text on a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts; the first column names the rows.
+
+    Parameters
+    ----------
+    columns
+        Column heads.
+    rows
+        Texts, one for each column.
+    caption
+        What it shows.
+    """
+
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture in a file of its own.
+
+    Parameters
+    ----------
+    file
+        Its file name beside the report, ending in .png or .svg.
+    data
+        Its content.
+    caption
+        What it shows.
+    """
+
+    file: str
+    data: bytes
+    caption: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with paragraphs, then tables, then figures; `folded` ones are opened on demand."""
+
+    title: str
+    paragraphs: Sequence[str] = ()
+    tables: Sequence[Table] = ()
+    figures: Sequence[Figure] = ()
+    folded: bool = False
+
+
+@dataclass(frozen=True)
+class Document:
+    """A whole report.
+
+    Parameters
+    ----------
+    title, summary
+        Its heading and the answer in a few sentences.
+    sections
+        In order.
+    """
+
+    title: str
+    summary: Sequence[str]
+    sections: Sequence[Section] = field(default_factory=tuple)
+
+    @property
+    def figures(self) -> list[Figure]:
+        """All figures, in order."""
+        return [figure for section in self.sections for figure in section.figures]

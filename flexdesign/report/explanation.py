@@ -1,0 +1,96 @@
+"""Where formulas and FEM differ, and which compliance the formulas leave out."""
+
+from __future__ import annotations
+
+from flexdesign.report import charts
+from flexdesign.report.document import Figure, Section, Table
+from flexdesign.report.wording import PIECES, name_of
+from flexdesign.validation import Comparison, Validation
+
+#: Deviations below this need no explanation, and pieces below the other are not named.
+AGREEMENT = 0.02
+NAMED = 0.005
+
+METHOD = (
+    "Each compliance is split over the members: N²/2EA, V²/2κGA and M²/2EI from the section forces, which are "
+    "integrated from the FEM stresses along each hinge, arm and rod. The remainder is what beam theory of the members "
+    "does not see: the roots, where a leaf's stress spreads into its neighbours, the blocks, and the stiffening of "
+    "wide leaves, which cannot contract sideways and count negative."
+)
+
+
+def section(validation: Validation) -> Section:
+    """Return the section that splits the compliances and says what the first model misses."""
+    others = [why(validation, key) for key in validation.shares if key != "K_in_output_free"]
+    chart = charts.shares(_percentages(validation), "% of FEM's compliance")
+    figure = Figure("compliance_shares.svg", chart, "Where FEM finds the compliance")
+    return Section(
+        "Where formulas and FEM differ, and why", [METHOD, *filter(None, others)], [_table(validation)], [figure]
+    )
+
+
+def why(validation: Validation, key: str) -> str:
+    """Say which neglected compliances account for the first model's error in one stiffness; empty if it has none."""
+    split, formula = validation.shares[key], validation.formula_shares.get(key)
+    if formula is None:
+        return ""
+    comparison = _comparison(validation, key)
+    what = f"{name_of(comparison.fem)}, {comparison.fem.boundary},"
+    model = next(iter(comparison.analytic))
+    error = comparison.error(model)
+    if error is None or abs(error) < AGREEMENT:
+        return f"{model} agrees with FEM in {what} within {100 * AGREEMENT:g} %."
+    total = sum(split.values())
+    gaps = {piece: (value - formula.get(piece, 0.0)) / total for piece, value in split.items()}
+    missing = _listed({piece: gap for piece, gap in gaps.items() if gap > NAMED})
+    excess = _listed({piece: -gap for piece, gap in gaps.items() if gap < -NAMED})
+    text = f"{model} puts {what} {100 * abs(error):.0f} % {'above' if error > 0 else 'below'} FEM."
+    if missing:
+        text += f" It lacks, in percent of FEM's compliance: {missing}."
+    if excess:
+        text += f" It has too much: {excess}."
+    return text
+
+
+def _listed(pieces: dict[str, float]) -> str:
+    ranked = sorted(pieces.items(), key=lambda item: -item[1])[:5]
+    return ", ".join(f"{PIECES.get(piece, piece)} {100 * value:.1f} %" for piece, value in ranked)
+
+
+def _comparison(validation: Validation, key: str) -> Comparison:
+    return next(c for c in validation.comparisons if c.fem.key == key)
+
+
+def _label(validation: Validation, key: str) -> str:
+    fem = _comparison(validation, key).fem
+    return f"1/{fem.name}, {fem.boundary}"
+
+
+def _percentages(validation: Validation) -> dict[str, dict[str, float]]:
+    return {
+        _label(validation, key): {PIECES[p]: 100 * split.get(p, 0.0) / sum(split.values()) for p in _pieces(validation)}
+        for key, split in validation.shares.items()
+    }
+
+
+def _pieces(validation: Validation) -> list[str]:
+    """Return the pieces that carry a twentieth of a percent anywhere."""
+    splits = validation.shares.values()
+    return [p for p in PIECES if any(abs(split.get(p, 0.0)) > 5e-4 * sum(split.values()) for split in splits)]
+
+
+def _table(validation: Validation) -> Table:
+    columns = ["piece of the compliance, %"]
+    for key in validation.shares:
+        columns += [_label(validation, key)]
+        columns += ["PRB"] if key in validation.formula_shares else []
+    rows = []
+    for piece in _pieces(validation):
+        row = [PIECES[piece]]
+        for key, split in validation.shares.items():
+            total = sum(split.values())
+            row.append(f"{100 * split.get(piece, 0.0) / total:.1f}")
+            if key in validation.formula_shares:
+                row.append(f"{100 * validation.formula_shares[key].get(piece, 0.0) / total:.1f}")
+        rows.append(row)
+    return Table(columns, rows, "In percent of FEM's compliance; the PRB columns on the same scale")

@@ -1,0 +1,83 @@
+"""A document as HTML that opens offline, as Markdown, and as files in a folder, all of them or none."""
+
+from __future__ import annotations
+
+import base64
+import json
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, select_autoescape
+
+from flexdesign.errors import InputError
+from flexdesign.report.document import Document, Figure
+
+
+def to_html(document: Document) -> str:
+    """Return one self-contained page, readable in light and dark."""
+    return _environment().get_template("report.html").render(document=document, embed=_embedded)
+
+
+def to_markdown(document: Document) -> str:
+    """Return Markdown with tables, figures linked by file name."""
+    return _environment().get_template("report.md").render(document=document)
+
+
+def prepare(folder: Path) -> None:
+    """Make the folder, before long work begins.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made or written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(
+            folder, "--out", None, f"cannot be written ({error.strerror}); choose another folder"
+        ) from error
+
+
+def write(folder: Path, document: Document, result: Mapping[str, Any], others: Mapping[str, str]) -> list[Path]:
+    """Write report.html, report.md, result.json, the figures and other text files.
+
+    Everything is written beside its place first and moved there at the end, so that a failure leaves what was there.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written or the disk is full.
+    """
+    contents: dict[str, bytes] = {figure.file: figure.data for figure in document.figures}
+    contents |= {name: text.encode() for name, text in others.items()}
+    contents["report.md"] = to_markdown(document).encode()
+    contents["report.html"] = to_html(document).encode()
+    contents["result.json"] = (json.dumps(result, indent=2, ensure_ascii=False) + "\n").encode()
+    try:
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".writing-") as scratch:
+            for name, data in contents.items():
+                (Path(scratch) / name).write_bytes(data)
+            for name in contents:
+                (Path(scratch) / name).replace(folder / name)
+    except OSError as error:
+        raise InputError(folder, "--out", None, f"cannot be written: {error.strerror}") from error
+    return [folder / name for name in contents]
+
+
+def _embedded(figure: Figure) -> str:
+    kind = "image/svg+xml" if figure.file.endswith(".svg") else "image/png"
+    return f"data:{kind};base64,{base64.b64encode(figure.data).decode()}"
+
+
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("flexdesign.report"),
+        autoescape=select_autoescape(["html"]),
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )

@@ -1,0 +1,68 @@
+"""What a run says on the terminal: progress on stderr, the answer on stdout."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from time import perf_counter
+
+from rich import box
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from flexdesign.report import validation_report
+from flexdesign.report.document import Document, Table
+from flexdesign.validation import Validation
+
+
+@contextmanager
+def progress() -> Iterator[Callable[[str], None]]:
+    """Show what is going on: a spinner on a terminal, a line each where stderr is a file."""
+    console = Console(stderr=True, highlight=False)
+    began = perf_counter()
+    if not console.is_terminal:
+        yield lambda text: console.print(f"{perf_counter() - began:6.1f} s  {text}", soft_wrap=True)
+        return
+    with console.status("reading") as status:
+        yield lambda text: status.update(f"{text} [dim]({perf_counter() - began:.0f} s)[/dim]")
+
+
+def show(document: Document, validation: Validation, written: Sequence[Path]) -> None:
+    """Print Table 1, the summary and where the report is."""
+    console = Console(highlight=False)
+    console.print(f"\n[bold]{document.title}[/bold]")
+    console.print(_drawn(_compact(validation_report.table_1(validation))))
+    for paragraph in document.summary:
+        console.print(f"{paragraph}\n")
+    cached = sum(level.cached for level in validation.levels)
+    origin = f"{cached} of {len(validation.levels)} solutions came from the cache" if cached else "nothing was cached"
+    console.print(f"Solved in {validation.seconds:.0f} s; {origin}.")
+    for path in written:
+        console.print(f"  {path}", soft_wrap=True)
+
+
+def plain(table: Table) -> str:
+    """Return a table as plain text."""
+    console = Console(width=200, no_color=True)
+    with console.capture() as capture:
+        console.print(_drawn(table))
+    return capture.get()
+
+
+def _compact(table: Table) -> Table:
+    """Fit Table 1 into 80 columns: the symbol alone names a quantity, and errors go without decimals."""
+    rows = []
+    for name, boundary, fem, *rest in table.rows:
+        errors = [cell.split(".")[0] + " %" if cell.endswith("%") else cell.split()[0] for cell in rest]
+        rows.append([f"{name.split()[-1]} {boundary}", fem, *errors])
+    return Table(["", *table.columns[2:]], rows, table.caption)
+
+
+def _drawn(table: Table) -> RichTable:
+    drawn = RichTable(caption=table.caption or None, box=box.SIMPLE_HEAD, caption_justify="left", padding=(0, 1))
+    for index, head in enumerate(table.columns):
+        drawn.add_column(head, justify="left" if index < 1 else "right", no_wrap=True)
+    for row in table.rows:
+        drawn.add_row(*row)
+    return drawn

@@ -1,0 +1,56 @@
+"""How quantities and pieces of compliance are called, and how many digits they deserve."""
+
+from __future__ import annotations
+
+import math
+
+from flexdesign.model import Quantity
+
+#: How quantities are called in tables.
+NAMES = {
+    "K_in": "input stiffness K_in",
+    "K_out": "output stiffness K_out",
+    "lambda": "amplification λ",
+    "stroke": "stroke",
+    "blocked_force": "blocked force",
+    "actuator_force": "actuator force",
+    "preload_shift": "shift of the output by the preload",
+    "output_force_that_unloads_the_stack": "output force that uses up the preload",
+    "first_frequency": "first natural frequency",
+    "output_frequency": "natural frequency of the output's motion",
+    "tilt": "tilt of the output per travel",
+    "coupling_x": "sideways motion in x per travel",
+    "coupling_y": "sideways motion in y per travel",
+    "coupling_z": "sideways motion in z per travel",
+    "peak_stress": "peak von Mises stress",
+    "hinge_stress": "largest nominal hinge stress",
+    "safety_against_yield": "safety against yield",
+}
+#: What a compliance's pieces are, in words; the order of tables and charts.
+PIECES = {
+    "hinge bending": "bending of the hinges",
+    "hinge axial": "stretch of the hinges",
+    "hinge shear": "shear of the hinges",
+    "arm bending": "bending of the arms",
+    "arm axial": "stretch of the arms",
+    "arm shear": "shear of the arms",
+    "rod bending": "bending of the input rods",
+    "rod axial": "stretch of the input rods",
+    "rod shear": "shear of the input rods",
+    "roots, blocks and width": "roots, blocks and width (remainder)",
+}
+
+
+def name_of(quantity: Quantity) -> str:
+    """Return what a quantity is called in tables."""
+    return NAMES.get(quantity.name, quantity.name.replace("_", " "))
+
+
+def shown(quantity: Quantity) -> str:
+    """Write a FEM quantity with as many digits as its error leaves meaning; exact zeros as such."""
+    if quantity.value == 0:
+        return "0 (by symmetry)"
+    if not quantity.sigma:
+        return quantity.shown()
+    digits = 2 + math.floor(math.log10(abs(quantity.value))) - math.floor(math.log10(quantity.sigma))
+    return quantity.shown(max(2, min(6, digits)))

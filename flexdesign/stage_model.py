@@ -1,0 +1,102 @@
+"""The stage model: what FEM hands to dynamics, axis by axis, in a file that people can read.
+
+Mass, stiffness and gain are those with the actuators installed: stack and seats in series, in place of a free input.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from flexdesign import units
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class AxisModel:
+    """One axis of a stage, in SI.
+
+    Parameters
+    ----------
+    mass
+        Of the mode that carries the output [kg].
+    stiffness
+        At the output, actuator installed [N/m].
+    stroke
+        Output motion for the actuator's whole free stroke, signed [m].
+    free_stroke
+        That free stroke [m].
+    voltage
+        Voltage span of the free stroke [V]; None if unknown, and then there is no gain per volt.
+    input_stiffness, amplification
+        At the actuator, output free [N/m], and output motion per extension, signed.
+    actuator_stiffness
+        Stack and seats in series [N/m].
+    uncertainty
+        One sigma, relative, by field.
+    """
+
+    mass: float
+    stiffness: float
+    stroke: float
+    free_stroke: float
+    voltage: float | None
+    input_stiffness: float
+    amplification: float
+    actuator_stiffness: float
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def natural_frequency(self) -> float:
+        """Of the output's mode with the actuator installed [Hz]."""
+        return float((self.stiffness / self.mass) ** 0.5 / 6.283185307179586)
+
+
+@dataclass(frozen=True)
+class StageModel:
+    """Axes by name, and where the numbers come from."""
+
+    axes: Mapping[str, AxisModel]
+    source: str
+
+    def to_toml(self) -> str:
+        """Return the model as TOML, every number with its unit."""
+        lines = [f"# Stage model. {self.source}", f"format = {FORMAT}", ""]
+        for name, axis in self.axes.items():
+            lines += [f"[axis.{name}]", *_axis(axis), ""]
+            lines += [f"[axis.{name}.actuator]", *_actuator(axis), ""]
+        return "\n".join(lines)
+
+    def write(self, path: Path) -> None:
+        """Write the model to a TOML file."""
+        path.write_text(self.to_toml(), encoding="utf-8")
+
+
+def _axis(axis: AxisModel) -> list[str]:
+    def text(value: float, unit: str, si: str) -> str:
+        return f'"{units.to_text(value, unit, digits=6, si=si)}"'
+
+    per_volt = axis.voltage is not None
+    gain = axis.stroke / (axis.voltage or axis.free_stroke)
+    uncertainty = ", ".join(
+        f'{key} = "{units.significant(100 * value, 2)} %"' for key, value in axis.uncertainty.items()
+    )
+    return [
+        f"mass = {text(axis.mass, 'g', 'kg')}",
+        f"stiffness = {text(axis.stiffness, 'N/mm', 'N/m')}          # at the output, actuator installed",
+        f"gain = {text(gain, 'um/V' if per_volt else 'um/um', 'm/V' if per_volt else 'm/m')}"
+        + ("" if per_volt else "              # per free stroke of the actuator; its voltage range is unknown"),
+        f"input_stiffness = {text(axis.input_stiffness, 'N/um', 'N/m')}    # output free",
+        f"amplification = {units.significant(axis.amplification, 6)}                # output free, signed",
+        f"uncertainty = {{ {uncertainty} }}",
+        "# damping_ratio: not known from geometry; identify it from a measured step or frequency response",
+    ]
+
+
+def _actuator(axis: AxisModel) -> list[str]:
+    return [
+        f'free_stroke = "{units.to_text(axis.free_stroke, "um", si="m")}"',
+        f'stiffness = "{units.to_text(axis.actuator_stiffness, "N/um", si="N/m")}"   # stack and seats in series',
+    ]

@@ -1,0 +1,141 @@
+"""Units at the border: text with a unit comes in, SI numbers travel inside, text with a unit goes out.
+
+>>> from_text("0.5 mm", "m")
+0.0005
+>>> to_text(1906.2e3, "N/mm")
+'1906 N/mm'
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+#: How each kind of number is shown to people: SI unit -> display unit.
+DISPLAY = {
+    "m": "mm",
+    "N/m": "N/mm",
+    "Pa": "MPa",
+    "kg/m^3": "kg/m^3",
+    "N": "N",
+    "kg": "g",
+    "Hz": "Hz",
+    "N*m/rad": "N*mm/rad",
+    "1": "",
+}
+#: What each SI unit measures, in words.
+MEASURES = {
+    "m": "a length",
+    "N/m": "a stiffness",
+    "Pa": "a stress or modulus",
+    "kg/m^3": "a density",
+    "N": "a force",
+    "kg": "a mass",
+    "Hz": "a frequency",
+    "V": "a voltage",
+    "N*m/rad": "a rotational stiffness",
+    "1": "a plain number",
+}
+
+
+@cache
+def _registry() -> Any:
+    import pint  # costs a third of a second: only where text with units is read or written
+
+    return pint.UnitRegistry(autoconvert_offset_to_baseunit=False)
+
+
+@cache
+def factor(unit: str, si: str) -> float:
+    """Return the factor that turns a number in `unit` into one in the SI unit `si`.
+
+    Raises
+    ------
+    ValueError
+        If `unit` is unknown, measures something else than `si`, or counts from an offset as degC does.
+    """
+    import pint
+
+    try:
+        if "#" in unit:  # the parser takes it for the start of a comment
+            raise ValueError("no unit has a '#'")
+        parsed = _registry().parse_units(unit)
+    except pint.UndefinedUnitError as error:
+        raise ValueError(f"unknown unit {unit!r}") from error
+    except Exception as error:  # pint passes on whatever its tokenizer meets
+        raise ValueError(f"cannot read the unit {unit!r}") from error
+    try:
+        zero, one = (float(_registry().Quantity(number, parsed).to(si).magnitude) for number in (0.0, 1.0))
+    except pint.DimensionalityError as error:
+        raise ValueError(f"{unit!r} is not a unit of {MEASURES.get(si, si)}") from error
+    if zero != 0:
+        raise ValueError(f"{unit!r} does not count from zero; use {si!r}")
+    return one
+
+
+def from_text(text: object, si: str) -> float:
+    """Read ``"0.5 mm"`` as a number in the SI unit `si`.
+
+    A bare number is accepted only where the quantity has no unit (`si` is ``"1"``).
+
+    Raises
+    ------
+    ValueError
+        If the text is no number with a unit, the unit is wrong, or the number is not finite.
+    """
+    hint = f'; write for example "{example(si)}"' if si != "1" else "; expected a plain number"
+    if isinstance(text, bool) or not isinstance(text, (str, int, float)):
+        raise ValueError(f"is not a number{' with a unit' if si != '1' else ''}{hint}")
+    try:
+        number, unit = _split(str(text))
+        if math.isfinite(number) and not unit and si != "1":
+            raise ValueError("the unit is missing")
+        value = number * factor(unit or "1", si) if math.isfinite(number) else number
+        if not math.isfinite(value):
+            raise ValueError("is not a finite number")
+    except ValueError as error:
+        raise ValueError(f"{error}{hint}") from error
+    return value
+
+
+def to_text(value: float, unit: str, digits: int = 4, si: str | None = None) -> str:
+    """Write the SI number `value` in `unit`, with `digits` significant digits."""
+    number = value / factor(unit or "1", si or _si_of(unit))
+    return f"{significant(number, digits)} {unit}".rstrip()
+
+
+def significant(number: float, digits: int = 4) -> str:
+    """Write a number with `digits` significant digits, without an exponent where that stays readable."""
+    if number == 0 or not math.isfinite(number):
+        return f"{number:g}"
+    exponent = math.floor(math.log10(abs(float(f"{number:.{digits - 1}e}"))))
+    if -4 <= exponent < 7:
+        return f"{number:.{max(digits - 1 - exponent, 0)}f}"
+    return f"{number:.{digits - 1}e}"
+
+
+def example(si: str) -> str:
+    """Return an example of how a quantity in `si` is written."""
+    return f"1.5 {DISPLAY.get(si, si)}".rstrip()
+
+
+@cache
+def _si_of(unit: str) -> str:
+    base = _registry().Quantity(1.0, _registry().parse_units(unit or "1")).to_base_units()
+    return f"{base.units:~C}" or "1"
+
+
+def _split(text: str) -> tuple[float, str]:
+    import re
+
+    match = re.match(
+        r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)(?:inity)?)\s*(.*?)\s*$", text, re.I
+    )
+    if not text.strip():
+        raise ValueError("is empty")
+    if not match:
+        raise ValueError("does not begin with a number")
+    if match[2].startswith(","):
+        raise ValueError("decimals are written with a point")
+    return float(match[1]), match[2]

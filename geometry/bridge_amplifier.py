@@ -1,0 +1,294 @@
+"""Rhombic bridge amplifier with eight right-angle leaf hinges and flexible input rods.
+
+Frame: the actuator sits on the x axis between the input blocks and pushes them apart; the output block moves along
+y; z is the width. The upper right quarter, seen from the front (the others are its mirror images)::
+
+    +--------+                                    y
+    | output |                                    ^
+    | block  |==== . _                            |
+    +--------+      ` - . _ arm        +----+     +--> x
+    :   hinge             ` - . _ =====| r  |
+    :     :                    hinge   | o  |  ^
+    :     :<-------- l_x -------->:    | d  |  | l_1
+    :                                  |l_3 |  v
+                                     +-+    +-+  --
+    - - - - - - - actuator - - - - - |  input  | - - -
+                                     |  block  |
+
+The two hinge centres of an arm are l_x apart along x and l_y along y. As the output end lies farther from the axis
+than the input end (a convex bridge), pushing the inputs apart pulls the output in: the amplification is negative.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, ClassVar
+
+from flexdesign.analytic import prb, textbook
+from flexdesign.errors import InputError
+from flexdesign.materials import Material
+from flexdesign.model import Linkage, Member, Parameter, Quantity
+from flexdesign.model.linkage import Vector
+from flexdesign.part import Axis, Port, SymmetryPlane
+
+
+def _length(name: str, meaning: str, smallest: float, largest: float, symbol: str = "") -> Parameter:
+    return Parameter(name, "m", "mm", meaning, plausible=(smallest, largest), symbol=symbol)
+
+
+@dataclass(frozen=True)
+class BridgeAmplifier:
+    """A bridge amplifier by its dimensions [m], named as in `dimensions`."""
+
+    arm_span: float
+    arm_offset: float
+    arm_thickness: float
+    hinge_length: float
+    hinge_thickness: float
+    width: float
+    rod_length: float
+    rod_thickness: float
+    input_block_height: float
+    input_block_depth: float
+    block_width: float
+    output_block_height: float
+    ground_block_height: float
+    fillet_radius: float
+
+    dimensions: ClassVar[tuple[Parameter, ...]] = (
+        _length("arm_span", "distance between an arm's hinge centres along x", 2e-3, 0.2, "l_x"),
+        _length("arm_offset", "distance between an arm's hinge centres along y", 5e-5, 5e-2, "l_y"),
+        _length("arm_thickness", "thickness of an arm, measured along y", 2e-4, 5e-2),
+        _length("hinge_length", "length of a hinge leaf along x", 1e-4, 5e-2),
+        _length("hinge_thickness", "thickness of a hinge leaf", 2e-5, 1e-2, "t"),
+        _length("width", "width of the whole amplifier along z", 5e-4, 0.2, "w"),
+        _length("rod_length", "input rod from the input block to the hinge; 0 for no rod", 0.0, 0.1, "l_1"),
+        _length("rod_thickness", "thickness of the input rod along x", 2e-4, 5e-2, "l_3"),
+        _length("input_block_height", "height of the block the actuator pushes", 1e-3, 0.2),
+        _length("input_block_depth", "depth of the block the actuator pushes, along x", 2e-4, 0.1),
+        _length("block_width", "width of output and ground block along x", 5e-4, 0.2),
+        _length("output_block_height", "height of the output block", 5e-4, 0.1),
+        _length("ground_block_height", "height of the ground block", 5e-4, 0.1),
+        _length("fillet_radius", "fillet at the hinge roots; 0 for sharp roots", 0.0, 5e-3),
+    )
+
+    def __post_init__(self) -> None:
+        for p in self.dimensions:
+            self._require(p.name, *p.plausible)
+        self._require("hinge_thickness", upper=0.9 * self.arm_thickness, why="a hinge is thinner than its arm")
+        self._require("hinge_length", upper=0.9 * self.arm_span, why="the two hinges of an arm must not meet")
+        steepest = self.arm_span - self.hinge_length
+        self._require("arm_offset", upper=steepest, why="arms steeper than 45 degrees are no bridge amplifier")
+        self._require("output_block_height", self.arm_thickness, why="the block covers the arm's end")
+        self._require("ground_block_height", self.arm_thickness, why="the block covers the arm's end")
+        if self.rod_length > 0:
+            clear = 0.55 * self.arm_thickness
+            self._require("rod_length", clear, why="the arm would overlap the input block (0 for no rod)")
+            thicker, thickest = 1.05 * self.rod_thickness, self.rod_thickness + 1.8 * self.rod_face
+            why = "the block stands out from the rod on both sides and leaves room for the actuator"
+            self._require("input_block_depth", thicker, thickest, why)
+        else:
+            clear = 2.1 * self.arm_thickness
+            self._require("input_block_height", clear, why="without rods the block must carry both arms")
+        if self.fillet_radius > 0:
+            self._require("fillet_radius", 1e-2 * self.hinge_thickness, why="smaller fillets cannot be meshed")
+            tightest = 0.45 * min(self.hinge_length, self.arm_thickness - self.hinge_thickness)
+            self._require("fillet_radius", upper=tightest, why="two fillets must fit on a hinge and on an arm's end")
+
+    def _require(self, name: str, lower: float = -math.inf, upper: float = math.inf, why: str = "") -> None:
+        value = getattr(self, name)
+        if lower <= value <= upper:  # false for NaN
+            return
+        allowed = f"{lower * 1e3:g} mm" if math.isfinite(lower) else ""
+        allowed += " to " if allowed and math.isfinite(upper) else ""
+        allowed += f"{upper * 1e3:g} mm" if math.isfinite(upper) else " or more"
+        if not math.isfinite(lower):
+            allowed = f"at most {allowed}"
+        reason = f" ({why})" if why else ""
+        raise InputError("design", f"dimensions.{name}", f"{value * 1e3:g} mm", f"allowed: {allowed}{reason}")
+
+    # --- where things are -------------------------------------------------------------------------------------
+
+    @property
+    def outer_hinge(self) -> tuple[float, float]:
+        """Centre (x, y) of the upper right hinge at the input rod [m]."""
+        x = self.block_width / 2 + self.hinge_length / 2 + self.arm_span
+        if self.rod_length > 0:
+            return x, self.input_block_height / 2 + self.rod_length
+        return x, self.input_block_height / 2 - self.arm_thickness / 2
+
+    @property
+    def inner_hinge(self) -> tuple[float, float]:
+        """Centre (x, y) of the upper right hinge at the output block [m]."""
+        return self.block_width / 2 + self.hinge_length / 2, self.outer_hinge[1] + self.arm_offset
+
+    @property
+    def rod_face(self) -> float:
+        """The x of the rod's inner face, where the outer hinge ends [m]."""
+        return self.outer_hinge[0] + self.hinge_length / 2
+
+    @property
+    def input_block(self) -> tuple[float, float]:
+        """The x of the input block's inner face, which the actuator pushes, and of its outer face [m]."""
+        inner = self.rod_face
+        if self.rod_length > 0:
+            inner -= (self.input_block_depth - self.rod_thickness) / 2
+        return inner, inner + self.input_block_depth
+
+    def _outside(self, block_height: float) -> list[tuple[float, float]]:
+        """Corners of the outer contour of one quarter, from the end block to the input block [m]."""
+        (xi, yi), (xo, yo) = self.inner_hinge, self.outer_hinge
+        l, t, a = self.hinge_length / 2, self.hinge_thickness / 2, self.arm_thickness / 2
+        outer, corner = self.rod_face + self.rod_thickness, (self.input_block[1], self.input_block_height / 2)
+        rod = [(outer, yo + a), (outer, corner[1])] if self.rod_length > 0 else []
+        return [
+            (xi - l, yi - a + block_height), (xi - l, yi + t), (xi + l, yi + t), (xi + l, yi + a),
+            (xo - l, yo + a), (xo - l, yo + t), (xo + l, yo + t), (xo + l, yo + a), *rod, corner,
+        ]  # fmt: skip
+
+    def _inside(self) -> list[tuple[float, float]]:
+        """Corners of the inner contour of one quarter, from the end block to the input block [m]."""
+        (xi, yi), (xo, yo) = self.inner_hinge, self.outer_hinge
+        l, t, a = self.hinge_length / 2, self.hinge_thickness / 2, self.arm_thickness / 2
+        corner = self.input_block_height / 2
+        block = [(self.rod_face, corner), (self.input_block[0], corner)] if self.rod_length > 0 else []
+        return [
+            (xi - l, yi - a), (xi - l, yi - t), (xi + l, yi - t), (xi + l, yi - a),
+            (xo - l, yo - a), (xo - l, yo - t), (xo + l, yo - t), *block,
+        ]  # fmt: skip
+
+    # --- what the engine asks ---------------------------------------------------------------------------------
+
+    def solid(self) -> Any:
+        """Return the amplifier as one closed solid [mm]."""
+        import cadquery as cq
+
+        def ring(upper: list[tuple[float, float]], lower: list[tuple[float, float]]) -> list[tuple[float, float]]:
+            right = upper + [(x, -y) for x, y in reversed(lower)]
+            return [(x * 1e3, y * 1e3) for x, y in right + [(-x, y) for x, y in reversed(right)]]
+
+        outer = ring(self._outside(self.output_block_height), self._outside(self.ground_block_height))
+        inner = ring(self._inside(), self._inside())
+        front = cq.Workplane("XY").polyline(outer).close().polyline(inner).close()
+        body = front.extrude(self.width * 1e3 / 2, both=True)
+        if self.fillet_radius > 0:
+            body = body.newObject(self._root_edges(body)).fillet(self.fillet_radius * 1e3)
+        return body.solids().val()
+
+    def _root_edges(self, body: Any) -> list[Any]:
+        """Return the edges along z at which a leaf meets its arm, rod or block."""
+        leaves = self.linkage().of_kind("hinge")
+        half = self.hinge_thickness / 2
+        roots = [
+            (1e3 * x, 1e3 * (y + side * half))
+            for leaf in leaves
+            for x, y, _ in (leaf.start, leaf.end)
+            for side in (1, -1)
+        ]
+        edges = []
+        for edge in body.edges("|Z").vals():
+            centre = edge.Center()
+            if any(math.dist(root, (centre.x, centre.y)) < 1e-6 for root in roots):
+                edges.append(edge)
+        return edges
+
+    def ports(self) -> tuple[Port, ...]:
+        """Return the two input faces, the output face and the ground face."""
+        y, a, x = self.inner_hinge[1], self.arm_thickness / 2, self.input_block[0]
+        return (
+            Port("input_left", "input", (-x, 0.0, 0.0), (1.0, 0.0, 0.0)),
+            Port("input_right", "input", (x, 0.0, 0.0), (-1.0, 0.0, 0.0)),
+            Port("output", "output", (0.0, y - a + self.output_block_height, 0.0), (0.0, 1.0, 0.0)),
+            Port("ground", "ground", (0.0, -(y - a + self.ground_block_height), 0.0), (0.0, -1.0, 0.0)),
+        )
+
+    def symmetry(self) -> tuple[SymmetryPlane, ...]:
+        """Return the planes x = 0 (left and right input swap) and z = 0."""
+        return SymmetryPlane("x", {"input_left": "input_right"}), SymmetryPlane("z", {})
+
+    def prismatic(self) -> Axis:
+        """Return z: the amplifier is cut from a plate."""
+        return "z"
+
+    def linkage(self) -> Linkage:
+        """Return eight hinges, four arms and, where there are any, four rods, quarter by quarter."""
+        nodes: dict[str, Vector] = {
+            "output": (0.0, self.inner_hinge[1], 0.0),
+            "ground": (0.0, -self.inner_hinge[1], 0.0),
+        }
+        members: list[Member] = []
+        for quarter, sx, sy in (("ur", 1, 1), ("ul", -1, 1), ("lr", 1, -1), ("ll", -1, -1)):
+            members += self._quarter(quarter, sx, sy, nodes)
+        ports = {"input_left": "input_left", "input_right": "input_right", "output": "output", "ground": "ground"}
+        return Linkage(nodes, tuple(members), ports)
+
+    def _quarter(self, quarter: str, sx: int, sy: int, nodes: dict[str, Vector]) -> list[Member]:
+        (xi, yi), (xo, yo) = self.inner_hinge, self.outer_hinge
+        l, rod_axis = self.hinge_length / 2, self.rod_face + self.rod_thickness / 2
+        end, inlet = "output" if sy > 0 else "ground", "input_right" if sx > 0 else "input_left"
+
+        def at(x: float, y: float) -> Vector:
+            return (sx * x, sy * y, 0.0)
+
+        slope = math.atan2(self.arm_offset, self.arm_span - self.hinge_length)
+        inner, outer, tip = f"arm_inner_{quarter}", f"arm_outer_{quarter}", f"rod_tip_{quarter}"
+        nodes |= {inner: at(xi + l, yi), outer: at(xo - l, yo), inlet: at(self.input_block[0], 0.0)}
+        leaf = {"thickness": self.hinge_thickness, "width": self.width, "root_radius": self.fillet_radius}
+        arm_thickness = self.arm_thickness * math.cos(slope)
+        members = [
+            Member(f"hinge_inner_{quarter}", "hinge", (end, inner), at(xi - l, yi), at(xi + l, yi), **leaf),
+            Member(f"arm_{quarter}", "arm", (inner, outer), at(xi + l, yi), at(xo - l, yo), arm_thickness, self.width),
+        ]
+        if self.rod_length > 0:
+            nodes[tip] = at(rod_axis, yo)
+            foot = at(rod_axis, self.input_block_height / 2)
+            members.append(
+                Member(f"rod_{quarter}", "rod", (tip, inlet), nodes[tip], foot, self.rod_thickness, self.width)
+            )
+        far = tip if self.rod_length > 0 else inlet
+        members.append(Member(f"hinge_outer_{quarter}", "hinge", (outer, far), at(xo - l, yo), at(xo + l, yo), **leaf))
+        return members
+
+    def formulas(self, material: Material, actuator_stiffness: float | None) -> Mapping[str, Sequence[Quantity]]:
+        """Return the paper's pseudo-rigid-body model and the textbook bridge, signed along the output axis."""
+        models = {
+            "PRB": prb.quantities(self._pseudo_rigid(material), actuator_stiffness=actuator_stiffness),
+            "textbook": textbook.quantities(self._textbook(material), actuator_stiffness),
+        }
+        return {
+            model: tuple(replace(q, value=-q.value) if q.name == "lambda" else q for q in found.values())
+            for model, found in models.items()
+        }
+
+    def formula_shares(self, material: Material) -> Mapping[str, Mapping[str, float]]:
+        """Return what the pseudo-rigid-body model's compliances consist of [m/N]."""
+        model = self._pseudo_rigid(material)
+        return {
+            "K_in_output_free": {
+                "hinge bending": model.arm_input_displacement(1.0),
+                "rod bending": model.rod_tip_deflection(1.0),
+            },
+            "K_out_input_free": {"hinge bending": 1 / model.output_stiffness},
+            "K_out_input_held": {"rod bending": 1 / model.output_stiffness_with_input()},
+        }
+
+    def intermediates(self, material: Material, force: float) -> Mapping[str, Quantity]:
+        """Return every quantity of the pseudo-rigid-body model under an actuator force [N], output free."""
+        return prb.intermediates(self._pseudo_rigid(material), force)
+
+    def _pseudo_rigid(self, material: Material) -> prb.PseudoRigidBridge:
+        return prb.PseudoRigidBridge(
+            youngs_modulus=material.youngs_modulus,
+            width=self.width,
+            hinge_thickness=self.hinge_thickness,
+            hinge_length=self.hinge_length,
+            arm_span=self.arm_span,
+            arm_offset=self.arm_offset,
+            rod_length=self.rod_length,
+            rod_thickness=self.rod_thickness,
+        )
+
+    def _textbook(self, material: Material) -> textbook.TextbookBridge:
+        return textbook.TextbookBridge.of_leaves(**asdict(self._pseudo_rigid(material)))
