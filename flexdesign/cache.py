@@ -10,7 +10,6 @@ import hashlib
 import json
 import os
 import tempfile
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,22 +24,35 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def default_folder() -> Path:
-    """Return the cache folder: $FLEXDESIGN_CACHE, or flexdesign/ under $XDG_CACHE_HOME or ~/.cache."""
+    """Return the cache folder: $FLEXDESIGN_CACHE, or flexdesign/ under $XDG_CACHE_HOME or ~/.cache.
+
+    Raises
+    ------
+    InputError
+        If nothing is set and there is no home folder.
+    """
     if chosen := os.environ.get("FLEXDESIGN_CACHE"):
         return Path(chosen)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "flexdesign"
+    try:
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "flexdesign"
+    except RuntimeError as error:
+        remedy = "there is no home folder to keep results in; set it to a folder"
+        raise InputError("environment", "FLEXDESIGN_CACHE", None, remedy) from error
 
 
 def content_key(*parts: object) -> str:
-    """Return the hash of numbers, texts, arrays and nested tables thereof."""
-    digest = hashlib.sha256()
-    for piece in parts:
-        if isinstance(piece, np.ndarray):
-            digest.update(f"{piece.dtype}{piece.shape}".encode())
-            digest.update(np.ascontiguousarray(piece).tobytes())
-        else:
-            digest.update(json.dumps(piece, sort_keys=True, default=repr).encode())
-    return digest.hexdigest()[:32]
+    """Return the hash of numbers, texts, arrays and nested tables thereof.
+
+    >>> content_key(1, 23) == content_key(12, 3)
+    False
+    """
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=_as_json).encode()).hexdigest()[:32]
+
+
+def _as_json(piece: object) -> Any:
+    if isinstance(piece, np.ndarray):
+        return [str(piece.dtype), piece.shape, hashlib.sha256(np.ascontiguousarray(piece).tobytes()).hexdigest()]
+    return repr(piece)
 
 
 @dataclass(frozen=True)
@@ -58,11 +70,26 @@ class Cache:
     def load(self, stage: str, key: str) -> tuple[Arrays, dict[str, Any]] | None:
         """Return the arrays and the table stored under `key`, or None; a damaged entry counts as none."""
         try:
-            with np.load(self._path(stage, key), allow_pickle=False) as entry:
+            with self._path(stage, key).open("rb") as file, np.load(file, allow_pickle=False) as entry:
                 arrays = {name: entry[name] for name in entry.files if name != "table"}
                 return arrays, json.loads(str(entry["table"]))
-        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
+        except Exception:  # none, or damaged: zip, zlib, NumPy and JSON each have their own errors
             return None
+
+    def prepare(self) -> None:
+        """Make the folder, before long work begins.
+
+        Raises
+        ------
+        InputError
+            If it cannot be made or written to.
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=self.folder):
+                pass
+        except OSError as error:
+            raise self._refusal(error) from error
 
     def store(self, stage: str, key: str, arrays: Mapping[str, NDArray[Any]], table: Mapping[str, Any]) -> None:
         """Keep arrays and a JSON-ready table under `key`.
@@ -80,13 +107,17 @@ class Cache:
                 temporary = file.name
                 np.savez_compressed(file, **arrays, table=np.array(json.dumps(table)))  # type: ignore[arg-type]
             Path(temporary).replace(path)
-        except OSError as error:
+        except BaseException as error:
             if temporary:
                 Path(temporary).unlink(missing_ok=True)
-            remedy = (
-                f"cannot keep results here ({error.strerror}); free space, or set FLEXDESIGN_CACHE to another folder"
-            )
-            raise InputError(self.folder, "", None, remedy) from error
+            if isinstance(error, OSError):
+                raise self._refusal(error) from error
+            raise
+
+    def _refusal(self, error: OSError) -> InputError:
+        why = "it is a file" if isinstance(error, FileExistsError) else error.strerror or error
+        remedy = f"cannot keep results here ({why}); free space, or choose another folder with --cache"
+        return InputError("cache", "folder", str(self.folder), remedy)
 
     def _path(self, stage: str, key: str) -> Path:
         return self.folder / stage / f"{key}.npz"

@@ -23,6 +23,9 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+#: The exit code after Ctrl-C, by the shell's custom.
+INTERRUPTED = 130
+
 VALIDATE_HELP = """Solve a design with FEM and set the analytic model beside it.
 
 STUDY is a study or design file, or the bare name of one in studies/ or geometry/. Its part is built, meshed, checked
@@ -95,7 +98,9 @@ def validate(
         folder = out or Path("reports") / asked.name
         exports = [(path, _exporter(path)) for path in export or []]
         render.prepare(folder)
-        found = run(asked, Cache(cache or default_folder()), progress)
+        store = Cache(cache or default_folder())
+        store.prepare()
+        found = run(asked, store, progress)
         result = validation_report.result(found)
         document = validation_report.document(found, progress)
         others = {"stage_model.toml": found.stage_model.to_toml()} if found.stage_model else {}
@@ -122,17 +127,21 @@ def _exporter(name: str) -> Callable[[Any, Path], None]:
 def main() -> None:
     """Run the command line; every InputError ends here as one message and exit code 2."""
     try:
-        app(standalone_mode=False)
+        code = app(standalone_mode=False)  # what a command returns, or the code it was ended with
+        if code == INTERRUPTED:
+            raise KeyboardInterrupt
+        sys.exit(code)
     except InputError as error:
-        typer.echo(f"flexdesign: {error}", err=True)
+        typer.echo(f"flexdesign: {' '.join(str(error).split())}", err=True)
         sys.exit(2)
-    except typer.Exit as stop:
-        sys.exit(stop.exit_code)
     except (typer.Abort, KeyboardInterrupt):
         typer.echo("flexdesign: interrupted; what was finished is cached, the same command resumes", err=True)
-        sys.exit(130)
+        sys.exit(INTERRUPTED)
     except Exception as error:
-        if hasattr(error, "show") and hasattr(error, "exit_code"):  # the parser's own usage errors
-            error.show()
-            sys.exit(error.exit_code)
-        raise
+        if not hasattr(error, "format_message"):
+            raise
+        context = getattr(error, "ctx", None)  # the parser's own errors; without arguments it has printed the help
+        if said := error.format_message().rstrip("."):
+            command = context.command_path if context else "flexdesign"
+            typer.echo(f"flexdesign: {said} (see {command} --help)", err=True)
+        sys.exit(2)

@@ -30,7 +30,7 @@ class InputError(Exception):
     def __str__(self) -> str:
         where = self.file + (f": {self.field}" if self.field else "")
         found = "" if self.value is None else f" = {_shown(self.value)}"
-        return f"{where}{found}: {self.remedy}"
+        return " ".join(f"{where}{found}: {self.remedy}".split())
 
 
 def _shown(value: object, longest: int = 80) -> str:

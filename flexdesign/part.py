@@ -5,9 +5,12 @@ The solid is in millimetres, because STEP and the CAD kernel's tolerances are; e
 
 from __future__ import annotations
 
+import difflib
 import functools
 import hashlib
 import importlib.util
+import inspect
+import math
 import sys
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -92,10 +95,13 @@ class Part(Protocol):
     def prismatic(self) -> Axis | None:
         """Return the axis along which the part is an extrusion, if it is one."""
 
-    def formulas(self, material: Material, actuator_stiffness: float | None) -> Mapping[str, Sequence[Quantity]]:
+    def formulas(
+        self, material: Material, actuator_stiffness: float | None, output_load: float | None
+    ) -> Mapping[str, Sequence[Quantity]]:
         """Return the quantities of each analytic model by the model's name; each one's source names its equation.
 
-        The first model is the one whose neglected compliances a validation names.
+        `actuator_stiffness` and `output_load` [N/m] ask for the quantities that hold with an actuator between the
+        inputs and with a spring at the output. A validation names the neglected compliances of the first model.
         """
 
     def formula_shares(self, material: Material) -> Mapping[str, Mapping[str, float]]:
@@ -120,15 +126,35 @@ def find(name: str, folder: Path) -> Path:
     places = [folder, Path("geometry"), shipped.root() / "geometry"]
     candidates = [folder / name] if name.endswith(".py") else [place / f"{name}.py" for place in places]
     for candidate in candidates:
-        if shipped.is_file(candidate):
+        if is_file(candidate):
             return candidate
     looked = ", ".join(dict.fromkeys(str(c.parent) for c in candidates))
     known = sorted({p.stem for place in places if place.is_dir() for p in place.glob("*.py")})
-    raise InputError("part", "part", name, f"no such part in {looked}{shipped.suggest(name, known)}")
+    raise InputError("part", "part", name, f"no such part in {looked}{suggest(name, known)}")
+
+
+def is_file(path: Path) -> bool:
+    """Tell whether `path` is a file; a name that no file system would take is none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def suggest(name: str, known: Sequence[str]) -> str:
+    """Return the end of a remedy: the known names nearest to `name`, or all of them."""
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    if not near:
+        return f"; known: {', '.join(known)}" if known else ""
+    if difflib.SequenceMatcher(None, name, near[0]).ratio() > 0.75:
+        near = near[:1]
+    return f"; did you mean {' or '.join(near)}?"
 
 
 def load(name: str, folder: Path | None = None) -> type[Part]:
     """Load the class of the part `name`.
+
+    Whatever its methods raise later comes out as an InputError that names the file and the line.
 
     Raises
     ------
@@ -143,16 +169,104 @@ def load(name: str, folder: Path | None = None) -> type[Part]:
         if isinstance(value, type) and value.__module__ == module.__name__ and hasattr(value, "dimensions")
     ]
     if len(classes) != 1:
-        raise InputError(path, "", None, f"expected one class with `dimensions`, found {len(classes)}")
-    missing = [m for m in ("solid", "ports", "linkage", "symmetry", "formulas") if not hasattr(classes[0], m)]
+        found = ", ".join(c.__name__ for c in classes) or "none"
+        raise InputError(path, "", None, f"a part file holds one class with `dimensions`, this one: {found}")
+    (cls,) = classes
+    missing = [method for method in METHODS if not callable(getattr(cls, method, None))]
     if missing:
-        raise InputError(path, classes[0].__name__, None, f"the part lacks {', '.join(missing)}()")
-    return classes[0]
+        raise InputError(path, cls.__name__, None, f"the part lacks {', '.join(f'{m}()' for m in missing)}; add it")
+    if not _all_are(cls.dimensions, Parameter):
+        raise InputError(path, f"{cls.__name__}.dimensions", None, "must be a tuple of flexdesign.model.Parameter")
+    for method in METHODS:
+        function = inspect.getattr_static(cls, method)
+        if inspect.isfunction(function):
+            setattr(cls, method, _guarded(function, f"{cls.__name__}.{method}()", path))
+    return cls
+
+
+def examine(part: Part) -> None:
+    """Check what a part says of itself, before anything is built.
+
+    Raises
+    ------
+    InputError
+        If ports, linkage or symmetry cannot be used, or one of them fails.
+    """
+    ports, linkage, planes = part.ports(), part.linkage(), part.symmetry()
+
+    def require(fact: bool, method: str, value: object, remedy: str) -> None:
+        if not fact:
+            raise InputError(file_of(type(part)), f"{type(part).__name__}.{method}()", value, remedy)
+
+    require(_all_are(ports, Port), "ports", None, "must return a tuple of flexdesign.part.Port")
+    names = [port.name for port in ports]
+    for port in ports:
+        require(names.count(port.name) == 1, "ports", port.name, "two ports have this name")
+        unit = math.isclose(math.hypot(*port.normal), 1.0, abs_tol=1e-9)
+        require(unit, "ports", port.normal, f"the normal of {port.name} must be a unit vector")
+    for role in ("input", "output", "ground"):
+        found = ", ".join(sorted({port.role for port in ports})) or None
+        require(any(port.role == role for port in ports), "ports", found, f"there is no port with the role {role}")
+    require("ground" in names, "ports", ", ".join(names), "the port that is held must be called ground")
+    require(isinstance(linkage, Linkage), "linkage", None, "must return a flexdesign.model.Linkage")
+    hinges = linkage.of_kind("hinge")
+    require(bool(hinges), "linkage", None, "there is no member of the kind hinge; the mesh is graded towards hinges")
+    for hinge in hinges:
+        sizes = (hinge.length, hinge.thickness, hinge.width)
+        require(all(0 < size < math.inf for size in sizes), "linkage", sizes, f"{hinge.name} has no size")
+    require(_all_are(planes, SymmetryPlane), "symmetry", None, "must return a tuple of flexdesign.part.SymmetryPlane")
+    axes = [plane.axis for plane in planes]
+    for plane in planes:
+        require(plane.axis in ("x", "y", "z"), "symmetry", plane.axis, "the axis must be x, y or z")
+        require(axes.count(plane.axis) == 1, "symmetry", plane.axis, "two planes have this axis")
+        for name in (*plane.swaps, *plane.swaps.values()):
+            require(name in names, "symmetry", name, f"swaps a port that does not exist{suggest(name, names)}")
+        require("ground" not in plane.swaps, "symmetry", "ground", "the ground must be its own mirror image")
+
+
+def file_of(part: type[Part]) -> Path:
+    """Return the file a part came from."""
+    return Path(sys.modules[part.__module__].__file__ or "")
 
 
 def source_hash(part: type[Part]) -> str:
     """Return the hash of the file a part came from; it travels with results."""
-    return hashlib.sha256(Path(sys.modules[part.__module__].__file__ or "").read_bytes()).hexdigest()[:16]
+    return hashlib.sha256(file_of(part).read_bytes()).hexdigest()[:16]
+
+
+def reason(error: BaseException, path: Path) -> str:
+    """Say in one line what a part file raised, and in which of its lines."""
+    if isinstance(error, SyntaxError):
+        text, lines = error.msg, [error.lineno]
+    else:
+        frames = traceback.extract_tb(error.__traceback__)
+        text, lines = str(error), [frame.lineno for frame in frames if Path(frame.filename).name == path.name]
+    place = f" ({path.name}, line {lines[-1]})" if lines else ""
+    return f"{type(error).__name__}: {' '.join(text.split())}".removesuffix(": ") + place
+
+
+def _guarded(function: Callable[..., Any], field: str, path: Path) -> Callable[..., Any]:
+    """Return a method whose failure is an InputError; of `solid`, whose answer is a shape."""
+
+    @functools.wraps(function)
+    def method(*arguments: Any, **options: Any) -> Any:
+        try:
+            answer = function(*arguments, **options)
+        except InputError:
+            raise
+        except Exception as error:
+            remedy = f"fails with {reason(error, path)}; correct the part, or change the dimensions it fails with"
+            raise InputError(path, field, None, remedy) from error
+        if function.__name__ == "solid" and not hasattr(answer, "Solids"):
+            remedy = "must return a CadQuery shape; the shape of a Workplane is its .val()"
+            raise InputError(path, field, "None" if answer is None else type(answer).__name__, remedy)
+        return answer
+
+    return method
+
+
+def _all_are(values: object, kind: type) -> bool:
+    return isinstance(values, (tuple, list)) and all(isinstance(value, kind) for value in values)
 
 
 def _run(path: Path) -> ModuleType:
@@ -164,9 +278,9 @@ def _run(path: Path) -> ModuleType:
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
-    except InputError:
-        raise
-    except Exception as error:
+    except BaseException as error:
         del sys.modules[name]
-        raise InputError(path, "", None, f"the part file fails with {type(error).__name__}: {error}") from error
+        if isinstance(error, (InputError, KeyboardInterrupt)):
+            raise
+        raise InputError(path, "", None, f"the part file fails with {reason(error, path)}; correct it") from error
     return module

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from flexdesign.analytic.prb import loaded
 from flexdesign.design import Design
 from flexdesign.fem import resultants
 from flexdesign.fem.analysis import Solution
@@ -16,6 +17,9 @@ from flexdesign.materials import Material
 from flexdesign.model import Quantity
 from flexdesign.stage_model import AxisModel, StageModel
 from flexdesign.study import Study
+
+#: Source of a quantity that has no limit for vanishing element size.
+UNBOUNDED = "FEM, finest mesh; at a sharp root it grows without bound as the mesh is refined"
 
 
 def of_solution(study: Study, solution: Solution) -> list[Quantity]:
@@ -27,6 +31,11 @@ def of_solution(study: Study, solution: Solution) -> list[Quantity]:
         Quantity("K_out", c.output_stiffness(0.0), "N/m", "N/mm", "input free"),
         Quantity("K_out", c.output_stiffness(math.inf), "N/m", "N/mm", "input held"),
     ]
+    if study.output.load is not None:
+        stiffness, ratio = c.loaded(study.output.load)
+        boundary = loaded(study.output.load)
+        found.append(Quantity("K_in", stiffness, "N/m", "N/mm", boundary))
+        found.append(Quantity("lambda", ratio, "1", "", boundary))
     if actuator is not None:
         k, s = actuator.installed_stiffness, actuator.free_stroke
         found += [
@@ -37,6 +46,7 @@ def of_solution(study: Study, solution: Solution) -> list[Quantity]:
         ]
         if actuator.preload > 0:
             found += _preloaded(c, actuator.preload, k)
+    found += stresses(study, solution)
     if solution.modes:
         found += _coupling(c, study.output.actuator_offset)
         found += _frequencies(solution)
@@ -157,15 +167,16 @@ def stated_force(study: Study, solution: Solution) -> tuple[float, str]:
 
 
 def stresses(study: Study, solution: Solution) -> list[Quantity]:
-    """Return peak and nominal stress at the stated stroke, preload included."""
+    """Return peak and nominal stress at the stated stroke, preload included, and how far from yield they are."""
     force, boundary = stated_force(study, solution)
-    sharp = any(hinge.root_radius == 0 for hinge in study.design.part().linkage().of_kind("hinge"))
+    leaves = study.design.part().linkage().of_kind("hinge")
+    source = UNBOUNDED if any(leaf.root_radius == 0 for leaf in leaves) else ""
     peak = force * float(solution.von_mises.max())
     nominal = force * max(s.nominal_stress for s in solution.input_sections if s.member.kind == "hinge")
-    kind = "sharp root: grows with refinement" if sharp else "filleted root"
-    safety = study.design.material.yield_strength / nominal
+    strength = study.design.material.yield_strength
     return [
-        Quantity("peak_stress", peak, "Pa", "MPa", boundary, f"FEM, finest mesh, {kind}"),
-        Quantity("hinge_stress", nominal, "Pa", "MPa", boundary, "N/A + M t/2I from FEM section forces"),
-        Quantity("safety_against_yield", safety, "1", "", boundary, "yield strength over nominal hinge stress"),
+        Quantity("hinge_stress", nominal, "Pa", "MPa", boundary),
+        Quantity("safety_against_yield", strength / nominal, "1", "", f"hinge stress, {boundary}"),
+        Quantity("peak_stress", peak, "Pa", "MPa", boundary, source),
+        Quantity("safety_against_yield", strength / peak, "1", "", f"peak stress, {boundary}", source),
     ]

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
-
-from pydantic import Field
+from typing import Any
 
 from flexdesign import design as designs
-from flexdesign.design import Design, Table, in_si
+from flexdesign.design import Design, Table, in_si, whole
 from flexdesign.errors import InputError
+from flexdesign.part import is_file, suggest
 
 #: Tables and keys that belong to a design; everything else that --set names belongs to the study.
 DESIGN_KEYS = ("part", "dimensions", "material", "actuator", "provenance")
@@ -25,30 +24,36 @@ class MeshSettings(Table):
     surface by `envelope` hinge thicknesses, before its vertices are put back on the CAD faces.
     """
 
-    levels: Annotated[int, Field(ge=2, le=5)] = 3
-    at_root: Annotated[float, Field(gt=0.01, le=2.0)] = 0.3
-    growth: Annotated[float, Field(ge=0.05, le=2.0)] = 0.45
-    largest: in_si("m", lower=1e-5, upper=1.0) | None = None  # type: ignore[valid-type]
-    refinement: Annotated[float, Field(ge=1.1, le=2.0)] = 1.35
-    envelope: Annotated[float, Field(gt=1e-3, le=0.05)] = 0.05
+    levels: whole(2, 5) = 3  # type: ignore[valid-type]
+    at_root: in_si("1", 0.01, 2.0) = 0.3  # type: ignore[valid-type]
+    growth: in_si("1", 0.05, 2.0) = 0.45  # type: ignore[valid-type]
+    largest: in_si("m", 1e-5, 0.1) | None = None  # type: ignore[valid-type]
+    refinement: in_si("1", 1.1, 2.0) = 1.35  # type: ignore[valid-type]
+    envelope: in_si("1", 1e-3, 0.05) = 0.05  # type: ignore[valid-type]
 
 
 class ModeSettings(Table):
     """How many modes of each symmetry class are sought."""
 
-    count: Annotated[int, Field(ge=1, le=20)] = 2
+    count: whole(1, 20) = 2  # type: ignore[valid-type]
 
 
 class OutputSettings(Table):
-    """At which output motion stress is stated (default: all the actuator gives), and how far off axis it may push."""
+    """What happens at the output, and how the actuator is set.
 
-    stroke: in_si("m", exclusive=True) | None = None  # type: ignore[valid-type]
-    actuator_offset: in_si("m") = 1e-4  # type: ignore[valid-type]
+    `load` is the stiffness of what the output pushes against, for one more row of K_in and amplification; `stroke` the
+    output motion at which stress is stated (default: all the actuator gives); `actuator_offset` how far off its axis
+    the actuator pushes, for the coupling.
+    """
+
+    load: in_si("N/m", 1.0, 1e10) | None = None  # type: ignore[valid-type]
+    stroke: in_si("m", 0.0, 0.05, exclusive=True) | None = None  # type: ignore[valid-type]
+    actuator_offset: in_si("m", 0.0, 0.05) = 1e-4  # type: ignore[valid-type]
 
 
 class _StudyFile(Table):
     format: int
-    design: str = ""
+    design: str
     title: str = ""
     mesh: MeshSettings = MeshSettings()
     modes: ModeSettings = ModeSettings()
@@ -64,7 +69,7 @@ class Study:
     name
         Name of its file; reports go to a folder of that name.
     design
-        What is validated.
+        What is validated; the study's own title, if it has one, takes the place of the design's.
     mesh, modes, output
         How.
     """
@@ -92,17 +97,58 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> Study:
         If anything in either file or in the overrides cannot be used.
     """
     path = designs.find(name)
-    of_design = [o for o in overrides if o.partition("=")[0].strip().split(".")[0] in DESIGN_KEYS]
-    of_study = [o for o in overrides if o not in of_design]
-    content: dict[str, Any] = designs.read_toml(path)
-    if "part" in content:
-        content = {"format": designs.FORMAT, "design": str(path)}
-    content = designs.overlay(content, of_study)
-    checked = designs.check(_StudyFile, content, path)
-    if checked.format != designs.FORMAT:
-        raise InputError(path, "format", checked.format, f"this version reads format = {designs.FORMAT}")
-    if not checked.design:
-        raise InputError(path, "design", None, "is missing: name a design, such as bridge_amplifier")
-    beside = path.parent / checked.design
-    design_path = beside if beside.is_file() else designs.find(checked.design)
-    return Study(path.stem, designs.read(design_path, of_design), checked.mesh, checked.modes, checked.output)
+    of_design, of_study = _sorted(overrides)
+    content = designs.read_toml(path)
+    is_design = "design" not in content and any(key in content for key in DESIGN_KEYS)
+    with designs.attributed(of_study):
+        if is_design:
+            remedy = f'belongs to a study, which is a file with design = "{path.stem}" and tables such as this one'
+            _refuse(content, ("mesh", "modes", "output"), path, remedy)
+            content = {"format": designs.FORMAT, "design": path.name}
+        else:
+            _refuse(content, DESIGN_KEYS, path, "belongs to the design that the study names; write it there")
+        checked = designs.check(_StudyFile, designs.overlay(content, of_study), path)
+        if is_design and checked.design != path.name:
+            raise InputError(path, "design", checked.design, f"{path.name} is a design itself; name the other instead")
+        design_path = path if is_design else _beside(path, checked.design)
+    design = designs.read(design_path, of_design)
+    if checked.title:
+        design = replace(design, title=checked.title)
+    return Study(path.stem, design, checked.mesh, checked.modes, checked.output)
+
+
+def _sorted(overrides: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Tell overrides of the design from those of the study."""
+    of_design, of_study = [], []
+    known = [*DESIGN_KEYS, *_StudyFile.model_fields]
+    for override in overrides:
+        key, equals, text = override.partition("=")
+        first, *others = key.strip().split(".")
+        if first in DESIGN_KEYS:
+            of_design.append(override)
+        elif first in known or not equals or not first:
+            of_study.append(override)
+        else:
+            bare = "" if others else f"; if it is a dimension, write dimensions.{first}"
+            remedy = f"is no key of a study or a design{suggest(first, known)}{bare}"
+            raise InputError("command line", key.strip(), text.strip(), remedy)
+    return of_design, of_study
+
+
+def _refuse(content: Mapping[str, Any], keys: Iterable[str], path: Path, remedy: str) -> None:
+    for key in keys:
+        if key in content:
+            raise InputError(path, key, designs.as_written(content[key]), remedy)
+
+
+def _beside(path: Path, design: str) -> Path:
+    """Find the design that a study names: beside the study, or as `designs.find` does."""
+    beside = path.parent / design
+    if is_file(beside):
+        if beside.samefile(path):
+            raise InputError(path, "design", design, "a study cannot be its own design; name the design's file")
+        return beside
+    try:
+        return designs.find(design)
+    except InputError as error:
+        raise InputError(path, "design", design, error.remedy) from error

@@ -26,16 +26,15 @@ DISPLAY = {
 }
 #: What each SI unit measures, in words.
 MEASURES = {
-    "m": "a length",
-    "N/m": "a stiffness",
-    "Pa": "a stress or modulus",
-    "kg/m^3": "a density",
-    "N": "a force",
-    "kg": "a mass",
-    "Hz": "a frequency",
-    "V": "a voltage",
-    "N*m/rad": "a rotational stiffness",
-    "1": "a plain number",
+    "m": "length",
+    "N/m": "stiffness",
+    "Pa": "stress or modulus",
+    "kg/m^3": "density",
+    "N": "force",
+    "kg": "mass",
+    "Hz": "frequency",
+    "V": "voltage",
+    "N*m/rad": "rotational stiffness",
 }
 
 
@@ -68,7 +67,8 @@ def factor(unit: str, si: str) -> float:
     try:
         zero, one = (float(_registry().Quantity(number, parsed).to(si).magnitude) for number in (0.0, 1.0))
     except pint.DimensionalityError as error:
-        raise ValueError(f"{unit!r} is not a unit of {MEASURES.get(si, si)}") from error
+        what = "the number has no unit" if si == "1" else f"it is not a unit of {MEASURES.get(si, si)}"
+        raise ValueError(f"{unit!r} is wrong here: {what}") from error
     if zero != 0:
         raise ValueError(f"{unit!r} does not count from zero; use {si!r}")
     return one
@@ -84,7 +84,7 @@ def from_text(text: object, si: str) -> float:
     ValueError
         If the text is no number with a unit, the unit is wrong, or the number is not finite.
     """
-    hint = f'; write for example "{example(si)}"' if si != "1" else "; expected a plain number"
+    hint = f'; write for example "{example(si)}"' if si != "1" else ""
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
         raise ValueError(f"is not a number{' with a unit' if si != '1' else ''}{hint}")
     try:
@@ -117,7 +117,8 @@ def significant(number: float, digits: int = 4) -> str:
 
 def example(si: str) -> str:
     """Return an example of how a quantity in `si` is written."""
-    return f"1.5 {DISPLAY.get(si, si)}".rstrip()
+    number = {"kg/m^3": "2700", "Pa": "500"}.get(si, "1.5")
+    return f"{number} {DISPLAY.get(si, si)}".rstrip()
 
 
 @cache

@@ -127,6 +127,11 @@ class Validation:
         """Whether hinge roots are sharp, so that the stress there grows without bound under refinement."""
         return _sharp(self.study.design.part())
 
+    def limit(self, value: Callable[[Solution], float]) -> convergence.Extrapolated:
+        """Extrapolate a number that every mesh's solution gives."""
+        sizes = [level.size for level in self.levels]
+        return convergence.extrapolate([value(level.solution) for level in self.levels], sizes, _orders(self.sharp))
+
     @property
     def modal(self) -> Level:
         """The finest mesh on which modes were sought."""
@@ -170,13 +175,14 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
     progress("building the solid")
     thinnest = min(hinge.thickness for hinge in part.linkage().of_kind("hinge"))
     try:
-        body = domain.of_part(part, chord=thinnest / 200)
+        body = domain.of_part(part, chord=thinnest / 100)
     except InputError as error:
-        raise InputError(design.file, error.field, error.value, error.remedy) from error
+        file = parts.file_of(type(part)) if error.file == "part" else error.file
+        raise InputError(file, error.field, error.value, error.remedy) from error
     coarseness = [study.mesh.refinement**k for k in reversed(range(study.mesh.levels))]
     levels = [_level(study, part, body, factor, cache, progress) for factor in coarseness]
     gathered = _gather(study, levels, _orders(_sharp(part)))
-    comparisons, further = _compare(design, part, gathered)
+    comparisons, further = _compare(design, part, study.output.load, gathered)
     finest = levels[-1].solution
     return Validation(
         study=study,
@@ -205,7 +211,8 @@ def _level(study: Study, part: parts.Part, body: Domain, coarseness: float, cach
     except MeshError as error:
         raise InputError(design.file, "mesh", None, str(error)) from error
     actuator = design.actuator.installed_stiffness if design.actuator else 0.0
-    all_classes = coarseness > 1.0  # lateral motions and modes converge sooner: the finest mesh goes without them
+    # Lateral motions and modes converge sooner: with three meshes the finest goes without them.
+    all_classes = coarseness > 1.0 or study.mesh.levels == 2
     count = study.modes.count if all_classes else 0
     material = design.material
     key = content_key(
@@ -273,7 +280,7 @@ def _resolved(member: Member) -> float:
     """
     if member.kind != "hinge":
         return member.thickness / 2
-    return min(member.thickness, 3 * member.root_radius) if member.root_radius > 0 else member.thickness
+    return min(member.thickness, 1.5 * member.root_radius) if member.root_radius > 0 else member.thickness
 
 
 def _largest(part: parts.Part) -> float:
@@ -293,10 +300,13 @@ def _sharp(part: parts.Part) -> bool:
 
 
 def _gather(study: Study, levels: Sequence[Level], orders: tuple[float, float]) -> list[Quantity]:
-    """Extrapolate every quantity over the meshes that know it."""
+    """Extrapolate every quantity over the meshes that know it; what grows without bound stays as the finest has it."""
     found = [{q.key: q for q in quantities.of_solution(study, level.solution)} for level in levels]
     gathered = []
     for key, quantity in found[0].items():
+        if quantity.source == quantities.UNBOUNDED:
+            gathered.append(found[-1][key])
+            continue
         known = [(level, there[key].value) for level, there in zip(levels, found, strict=True) if key in there]
         limit = convergence.extrapolate([value for _, value in known], [level.size for level, _ in known], orders)
         finest = known[-1][0].solution.facts["unknowns"]
@@ -305,9 +315,12 @@ def _gather(study: Study, levels: Sequence[Level], orders: tuple[float, float]) 
     return gathered
 
 
-def _compare(design: Design, part: parts.Part, gathered: Sequence[Quantity]) -> tuple[list[Comparison], list[Quantity]]:
+def _compare(
+    design: Design, part: parts.Part, load: float | None, gathered: Sequence[Quantity]
+) -> tuple[list[Comparison], list[Quantity]]:
     stiffness = design.actuator.installed_stiffness if design.actuator else None
-    formulas = {model: {q.key: q for q in found} for model, found in part.formulas(design.material, stiffness).items()}
+    given = part.formulas(design.material, stiffness, load)
+    formulas = {model: {q.key: q for q in found} for model, found in given.items()}
     comparisons, further = [], []
     for quantity in gathered:
         analytic = {model: found[quantity.key] for model, found in formulas.items() if quantity.key in found}

@@ -85,7 +85,7 @@ class BridgeAmplifier:
         self._require("ground_block_height", self.arm_thickness, why="the block covers the arm's end")
         if self.rod_length > 0:
             clear = 0.55 * self.arm_thickness
-            self._require("rod_length", clear, why="the arm would overlap the input block (0 for no rod)")
+            self._require("rod_length", clear, why="0 for no rod; else the arm overlaps the input block")
             thicker, thickest = 1.05 * self.rod_thickness, self.rod_thickness + 1.8 * self.rod_face
             why = "the block stands out from the rod on both sides and leaves room for the actuator"
             self._require("input_block_depth", thicker, thickest, why)
@@ -93,7 +93,9 @@ class BridgeAmplifier:
             clear = 2.1 * self.arm_thickness
             self._require("input_block_height", clear, why="without rods the block must carry both arms")
         if self.fillet_radius > 0:
-            self._require("fillet_radius", 1e-2 * self.hinge_thickness, why="smaller fillets cannot be meshed")
+            self._require(
+                "fillet_radius", 1e-2 * self.hinge_thickness, why="0 for sharp roots; smaller ones cannot be meshed"
+            )
             tightest = 0.45 * min(self.hinge_length, self.arm_thickness - self.hinge_thickness)
             self._require("fillet_radius", upper=tightest, why="two fillets must fit on a hinge and on an arm's end")
 
@@ -251,12 +253,15 @@ class BridgeAmplifier:
         members.append(Member(f"hinge_outer_{quarter}", "hinge", (outer, far), at(xo - l, yo), at(xo + l, yo), **leaf))
         return members
 
-    def formulas(self, material: Material, actuator_stiffness: float | None) -> Mapping[str, Sequence[Quantity]]:
+    def formulas(
+        self, material: Material, actuator_stiffness: float | None, output_load: float | None
+    ) -> Mapping[str, Sequence[Quantity]]:
         """Return the paper's pseudo-rigid-body model and the textbook bridge, signed along the output axis."""
-        models = {
-            "PRB": prb.quantities(self._pseudo_rigid(material), actuator_stiffness=actuator_stiffness),
-            "textbook": textbook.quantities(self._textbook(material), actuator_stiffness),
-        }
+        model = self._pseudo_rigid(material)
+        pseudo_rigid = prb.quantities(model, actuator_stiffness=actuator_stiffness)
+        if output_load is not None:
+            pseudo_rigid |= prb.quantities(model, output_load)
+        models = {"PRB": pseudo_rigid, "textbook": textbook.quantities(self._textbook(material), actuator_stiffness)}
         return {
             model: tuple(replace(q, value=-q.value) if q.name == "lambda" else q for q in found.values())
             for model, found in models.items()

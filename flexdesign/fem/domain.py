@@ -76,6 +76,17 @@ class Domain:
         """How many mirror images make the whole part."""
         return int(2 ** len(self.planes))
 
+    def tangent_faces(self) -> list[tuple[int, int]]:
+        """Return pairs of a cylinder and a plane that it runs out into, by index."""
+        cylinders = [(i, face.axis, face.radius) for i, face in enumerate(self.faces) if face.axis is not None]
+        planes = [(i, face.normal, face.offset) for i, face in enumerate(self.faces) if face.normal is not None]
+        return [
+            (c, p)
+            for c, axis, radius in cylinders
+            for p, normal, offset in planes
+            if abs(axis[1] @ normal) < 1e-9 and abs(abs(axis[0] @ normal - offset) - radius) < 1e-9
+        ]
+
     def surface(self) -> tuple[FloatArray, IntArray, IntArray]:
         """Return the welded closed surface: points (n, 3) [m], triangles (m, 3), face index of each triangle (m,)."""
         points, triangles, owners, base = [], [], [], 0
@@ -101,7 +112,8 @@ def of_part(part: Part, *, symmetric: bool = True, chord: float) -> Domain:
     symmetric
         False to keep the whole solid.
     chord
-        Largest distance between a curved face and its tessellation [m].
+        Largest distance between a curved face and its tessellation [m]; no finer than the mesher's envelope asks for,
+        as needle-shaped triangles cost it minutes, and mesh vertices are put on the true face afterwards.
 
     Raises
     ------
@@ -112,7 +124,7 @@ def of_part(part: Part, *, symmetric: bool = True, chord: float) -> Domain:
     planes = tuple(part.symmetry()) if symmetric else ()
     solid = whole
     for plane in planes:
-        solid = _one_solid(solid.intersect(_half_space(whole, plane)), f"the half x >= 0 across {plane.axis}")
+        solid = _one_solid(solid.intersect(_half_space(whole, plane)), f"the half {plane.axis} >= 0")
         if abs(solid.Volume() * 2 ** (planes.index(plane) + 1) / whole.Volume() - 1) > 1e-6:
             raise InputError("part", "symmetry", plane.axis, "the two halves of the solid differ in volume")
     faces = tuple(_face(face, chord) for face in solid.Faces())
@@ -130,8 +142,10 @@ def of_part(part: Part, *, symmetric: bool = True, chord: float) -> Domain:
 
 def _one_solid(shape: Any, what: str) -> Any:
     solids = shape.Solids()
-    if len(solids) != 1 or not solids[0].isValid():
-        raise InputError("part", "solid", None, f"{what} must be one valid closed body, found {len(solids)}")
+    if len(solids) != 1:
+        raise InputError("part", "solid", None, f"{what} must be one closed body, found {len(solids)}")
+    if not solids[0].isValid():
+        raise InputError("part", "solid", None, f"{what} is not valid: its boundary is open or crosses itself")
     return solids[0]
 
 
@@ -146,7 +160,7 @@ def _half_space(solid: Any, plane: SymmetryPlane) -> Any:
 
 
 def _face(face: Any, chord: float) -> Face:
-    vertices, triangles = face.tessellate(chord / MM, 0.05)
+    vertices, triangles = face.tessellate(chord / MM, 0.35)
     points = np.array([(v.x, v.y, v.z) for v in vertices]) * MM
     corners = np.array(triangles, dtype=np.int64).reshape(-1, 3)
     kind = face.geomType()

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign import isolated
 from flexdesign.fem.domain import Domain, Face
 from flexdesign.fem.sizing import Sizing
 
@@ -90,27 +88,51 @@ def tetrahedralize(domain: Domain, sizing: Sizing, envelope: float) -> TaggedMes
     MeshError
         If the mesher returns nothing usable.
     """
-    import pytetwild
-
     points, triangles, owners = domain.surface()
     low, high = points.min(axis=0), points.max(axis=0)
-    length = float(np.linalg.norm(high - low))  # the mesher's tolerances are relative: give it a unit diagonal
-    bg_points, bg_tets, bg_sizes = sizing.background(low, high)
-    with _scratch_folder():
-        vertices, tets = pytetwild.tetrahedralize(
-            points / length,
-            triangles.astype(np.int32),
-            edge_length_abs=sizing.largest / length,
-            epsilon=envelope / length,
-            simplify=False,
-            bg_vertices=bg_points / length,
-            bg_tets=bg_tets,
-            bg_values=bg_sizes / length,
+    try:
+        vertices, tets = isolated.call(
+            _fill,
+            points,
+            triangles,
+            sizing.largest,
+            envelope,
+            float(np.linalg.norm(high - low)),
+            sizing.background(low, high),
         )
+    except isolated.ProcessDied as error:
+        raise MeshError(
+            "the mesher ended without a mesh; check that the solid is closed, or change mesh.at_root"
+        ) from error
     if len(tets) == 0:
         raise MeshError("the mesher returned no tetrahedra; check that the solid is closed")
-    mesh = tag(np.asarray(vertices) * length, np.asarray(tets, dtype=np.int64), domain, (points, triangles, owners))
+    mesh = tag(vertices, tets, domain, (points, triangles, owners))
     return snap(mesh, domain, envelope)
+
+
+def _fill(
+    points: FloatArray,
+    triangles: IntArray,
+    largest: float,
+    envelope: float,
+    diagonal: float,
+    background: tuple[FloatArray, NDArray[np.int32], FloatArray],
+) -> tuple[FloatArray, IntArray]:
+    """Call the mesher, with lengths in diagonals of the bounding box: its tolerances are relative to it."""
+    import pytetwild
+
+    bg_points, bg_tets, bg_sizes = background
+    vertices, tets = pytetwild.tetrahedralize(
+        points / diagonal,
+        triangles.astype(np.int32),
+        edge_length_abs=largest / diagonal,
+        epsilon=envelope / diagonal,
+        simplify=False,
+        bg_vertices=bg_points / diagonal,
+        bg_tets=bg_tets,
+        bg_values=bg_sizes / diagonal,
+    )
+    return np.asarray(vertices) * diagonal, np.asarray(tets, dtype=np.int64)
 
 
 def tag(
@@ -142,7 +164,7 @@ def snap(mesh: TaggedMesh, domain: Domain, envelope: float) -> TaggedMesh:
         If a vertex has to move farther than twice the envelope, or a tetrahedron turns inside out.
     """
     points = mesh.points.copy()
-    vertex_faces = np.unique(np.column_stack([mesh.facets.ravel(), np.repeat(mesh.faces, 3)]), axis=0)
+    vertex_faces = _memberships(mesh, domain)
     for _ in range(50):  # alternating projections converge to the intersection; planes at right angles in one round
         before = points.copy()
         for index, face in enumerate(domain.faces):
@@ -154,6 +176,33 @@ def snap(mesh: TaggedMesh, domain: Domain, envelope: float) -> TaggedMesh:
     if moved > 3 * envelope:
         raise MeshError(f"a surface vertex lies {moved * 1e6:.2g} um off its CAD face; reduce mesh.envelope")
     return _without_slivers(TaggedMesh(points, mesh.tets, mesh.facets, mesh.faces))
+
+
+def _memberships(mesh: TaggedMesh, domain: Domain) -> IntArray:
+    """Return pairs of boundary vertex and CAD face, shape (k, 2).
+
+    Facets may straddle the line where a fillet runs out into a plane, as no edge is there to be kept. A vertex with
+    facets on both belongs to the nearer one alone; on both it would be drawn to that line.
+    """
+    pairs = np.unique(np.column_stack([mesh.facets.ravel(), np.repeat(mesh.faces, 3)]), axis=0)
+    for curved, plane in domain.tangent_faces():
+        on_curved, on_plane = (pairs[pairs[:, 1] == index, 0] for index in (curved, plane))
+        both = np.intersect1d(on_curved, on_plane)
+        if not len(both):
+            continue
+        to_curved, to_plane = (_distance_to_face(mesh.points[both], domain.faces[index]) for index in (curved, plane))
+        loser = np.where(to_curved <= to_plane, plane, curved)
+        lost = np.isin(pairs[:, 0] * len(domain.faces) + pairs[:, 1], both * len(domain.faces) + loser)
+        pairs = pairs[~lost]
+    return pairs
+
+
+def _distance_to_face(points: FloatArray, face: Face) -> FloatArray:
+    import pyvista as pv
+
+    patch = pv.PolyData.from_regular_faces(face.points, face.triangles)
+    _, nearest = patch.find_closest_cell(points, return_closest_point=True)
+    return np.asarray(np.linalg.norm(points - nearest, axis=1))
 
 
 def _projected(points: FloatArray, face: Face) -> FloatArray:
@@ -194,7 +243,10 @@ def _without_slivers(mesh: TaggedMesh, smallest: float = 1e-9) -> TaggedMesh:
     tets = mesh.tets[~flat]
     skin = boundary(tets)
     owners = np.array([owner[tuple(facet)] for facet in np.sort(skin, axis=1).tolist()])
-    return TaggedMesh(mesh.points, tets, skin, owners)
+    used, renumbered = np.unique(
+        tets, return_inverse=True
+    )  # a vertex of dropped elements alone would carry no stiffness
+    return TaggedMesh(mesh.points[used], renumbered.reshape(-1, 4), np.searchsorted(used, skin), owners)
 
 
 def signed_volumes(points: FloatArray, tets: IntArray) -> FloatArray:
@@ -237,15 +289,3 @@ def write(path: Path, mesh: TaggedMesh, point_data: Mapping[str, FloatArray] | N
     cells = [("tetra", mesh.tets), ("triangle", mesh.facets)]
     tags = [np.full(len(mesh.tets), -1), mesh.faces]
     meshio.Mesh(mesh.points, cells, point_data=dict(point_data or {}), cell_data={"cad_face": tags}).write(path)
-
-
-@contextmanager
-def _scratch_folder() -> Iterator[None]:
-    """Work in a folder of its own: the mesher leaves files in the working directory."""
-    home = Path.cwd()
-    with tempfile.TemporaryDirectory(prefix="flexdesign-") as folder:
-        os.chdir(folder)
-        try:
-            yield
-        finally:
-            os.chdir(home)

@@ -120,7 +120,9 @@ def _roots(member: Member) -> list[FloatArray]:
     axis = np.array(member.axis)
     across = np.cross([0.0, 0.0, 1.0], axis) * member.thickness / 2
     depth = np.array([0.0, 0.0, member.width / 2])
-    ends = (np.array(member.start), np.array(member.end))
+    ends = [np.array(member.start), np.array(member.end)]
+    if member.root_radius > 0:  # where the fillet runs out into the leaf is as delicate as the root itself
+        ends += [ends[0] + member.root_radius * axis, ends[1] - member.root_radius * axis]
     return [np.array([end + side * across - depth, end + side * across + depth]) for end in ends for side in (1, -1)]
 
 

@@ -72,6 +72,12 @@ class PortCompliance:
             return 1 / self.c22
         return 1 / (self.c22 - self.c12**2 / (self.c11 + 1 / actuator))
 
+    def loaded(self, load: float) -> tuple[float, float]:
+        """Return input stiffness [N/m] and amplification with the output pushing against a stiffness `load` [N/m]."""
+        yielding = 1 + load * self.c22
+        extension = self.c11 - load * self.c12**2 / yielding
+        return 1 / extension, self.c12 / yielding / extension
+
     def stroke(self, free_stroke: float, actuator: float) -> float:
         """Return the output motion [m] when an actuator of this free stroke [m] and stiffness [N/m] is energised."""
         return self.c12 * self.actuator_force(free_stroke, actuator)

@@ -13,7 +13,7 @@ COLOURS = ("#0b84b5", "#e0702c", "#3f9c4d", "#b0529e", "#c9a227", "#6d7cce", "#8
 
 def shares(split: Mapping[str, Mapping[str, float]], label: str) -> bytes:
     """Draw stacked bars: for each named compliance, the percentage that each piece carries."""
-    figure, axes = _figure(7.2, 0.62 * len(split) + 1.9)
+    figure, axes = _figure(7.2, 0.55 * len(split) + 1.7)
     pieces = list(dict.fromkeys(piece for row in split.values() for piece in row))
     for position, row in enumerate(split.values()):
         left, right = 0.0, 0.0
@@ -26,7 +26,7 @@ def shares(split: Mapping[str, Mapping[str, float]], label: str) -> bytes:
     axes.set_yticks(range(len(split)), list(split))
     axes.invert_yaxis()
     axes.set_xlabel(label)
-    legend = axes.legend(loc="upper center", bbox_to_anchor=(0.45, -0.42), ncols=3, frameon=False, fontsize=9)
+    legend = figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     for text in legend.get_texts():
         text.set_color(NEUTRAL)
     return _svg(figure)

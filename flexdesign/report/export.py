@@ -2,49 +2,96 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+import io
+import tempfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from flexdesign.errors import InputError
 from flexdesign.fem import mesh
+from flexdesign.fem.mesh import TaggedMesh
 from flexdesign.validation import Validation
 
-#: Suffixes the CAD kernel writes.
-SOLIDS = (".step", ".stp", ".stl", ".brep")
+#: Suffixes the CAD kernel writes, and what it calls the formats.
+SOLIDS = {".step": "STEP", ".stp": "STEP", ".stl": "STL", ".brep": "BREP"}
 
 
 def writer(path: Path) -> Callable[[Validation, Path], None]:
     """Return what writes the kind of file that the suffix names.
 
+    A single tetrahedron is written on trial, so that what cannot be written is known before long work begins.
+
     Raises
     ------
     InputError
-        If there is no such kind, or no such folder.
+        If there is no such kind, or no file can be written there.
     """
     import meshio
 
+    suffix = path.suffix.lower()
+    if suffix not in SOLIDS and suffix not in meshio.extension_to_filetypes:
+        known = " ".join([*SOLIDS, ".vtu", ".vtk", ".msh", ".inp"])
+        raise _refusal(path, f"unknown kind of file; known are {known}")
+    if path.is_dir():
+        raise _refusal(path, "is a folder; name a file in it")
     if not path.parent.is_dir():
-        raise InputError("command line", "--export", str(path), "its folder does not exist")
-    if path.suffix.lower() in SOLIDS:
-        return write_solid
-    if path.suffix.lower() in meshio.extension_to_filetypes:
-        return write_mesh
-    known = " ".join([*SOLIDS, ".vtu", ".msh", ".inp", ".xdmf"])
-    raise InputError("command line", "--export", str(path), f"unknown kind of file; known are {known}")
+        raise _refusal(path, "its folder does not exist; make it first")
+    _written(path, _on_trial, keep=False)
+    return write_solid if suffix in SOLIDS else write_mesh
 
 
 def write_solid(validation: Validation, path: Path) -> None:
     """Write the whole CAD solid [mm]."""
     import cadquery as cq
 
-    cq.exporters.export(cq.Workplane(validation.study.design.part().solid()), str(path))
+    solid = cq.Workplane(validation.study.design.part().solid())
+    _written(path, lambda file: cq.exporters.export(solid, str(file), SOLIDS[path.suffix.lower()]))
 
 
 def write_mesh(validation: Validation, path: Path) -> None:
     """Write the finest mesh of the fundamental domain [m], with displacements per unit actuator and output force."""
-    solution = validation.finest.solution
-    fields = {
-        "displacement per actuator force [m/N]": solution.input_field,
-        "displacement per output force [m/N]": solution.output_field,
-    }
-    mesh.write(path, validation.finest.mesh, fields)
+    finest = validation.finest
+    fields = _fields(finest.solution.input_field, finest.solution.output_field)
+    _written(path, lambda file: mesh.write(file, finest.mesh, fields))
+
+
+def _fields(of_input: NDArray[np.float64], of_output: NDArray[np.float64]) -> Mapping[str, NDArray[np.float64]]:
+    return {"displacement_per_actuator_force_[m/N]": of_input, "displacement_per_output_force_[m/N]": of_output}
+
+
+def _on_trial(file: Path) -> None:
+    if file.suffix.lower() in SOLIDS:
+        file.write_bytes(b"")
+        return
+    corners, tets = np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]])
+    tagged = TaggedMesh(corners, tets, mesh.boundary(tets), np.zeros(4, dtype=np.int64))
+    with contextlib.redirect_stderr(io.StringIO()):  # the library's remarks come with the real mesh
+        mesh.write(file, tagged, _fields(corners, corners))
+
+
+def _written(path: Path, write: Callable[[Path], None], *, keep: bool = True) -> None:
+    """Write one file, and those some formats put beside it, whole or not at all."""
+    try:
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as scratch:
+            write(Path(scratch) / path.name)
+            files = list(Path(scratch).iterdir())
+            if not files:
+                raise _refusal(path, "nothing was written; choose another place")
+            for file in files if keep else []:
+                file.replace(path.parent / file.name)
+    except InputError:
+        raise
+    except OSError as error:
+        remedy = f"cannot be written ({error.strerror or error}); choose another place"
+        raise _refusal(path, remedy) from error
+    except Exception as error:  # each format's writer has errors of its own
+        remedy = f"a mesh cannot be written as {path.suffix} ({error or type(error).__name__}); choose .vtu or .msh"
+        raise _refusal(path, remedy) from error
+
+
+def _refusal(path: Path, remedy: str) -> InputError:
+    return InputError("command line", "--export", str(path), remedy)

@@ -7,15 +7,14 @@ that one dies, the report goes without pictures and says what to install.
 from __future__ import annotations
 
 import logging
-import multiprocessing
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from flexdesign import isolated
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -77,9 +76,8 @@ def draw(pictures: Sequence[Picture]) -> list[bytes]:
         If that process cannot draw.
     """
     try:
-        with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-            return pool.submit(_draw_all, pictures).result()
-    except BrokenProcessPool as error:
+        return isolated.call(_draw_all, pictures)
+    except isolated.ProcessDied as error:
         raise NoPictures(REMEDY) from error
     except RuntimeError as error:
         raise NoPictures(f"{error}") from error
@@ -119,6 +117,8 @@ def _draw(picture: Picture, pv: Any) -> bytes:
             "height": 0.07,
             "fmt": "%.3g",
             "n_labels": 4,
+            "title_font_size": 24,
+            "label_font_size": 22,
         }
         style = {"scalars": picture.label, "cmap": "viridis", "clim": picture.limits, "scalar_bar_args": bar}
     plotter.add_mesh(

@@ -26,21 +26,25 @@ def to_markdown(document: Document) -> str:
 
 
 def prepare(folder: Path) -> None:
-    """Make the folder, before long work begins.
+    """Check that the folder can be made and written to, before long work begins; leaves nothing behind.
 
     Raises
     ------
     InputError
-        If it cannot be made or written to.
+        If it cannot.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
+        made = [place for place in (folder, *folder.parents) if not place.exists()]
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        finally:
+            for place in made:
+                if place.is_dir():
+                    place.rmdir()
     except OSError as error:
-        raise InputError(
-            folder, "--out", None, f"cannot be written ({error.strerror}); choose another folder"
-        ) from error
+        raise _refusal(folder, error) from error
 
 
 def write(folder: Path, document: Document, result: Mapping[str, Any], others: Mapping[str, str]) -> list[Path]:
@@ -59,14 +63,20 @@ def write(folder: Path, document: Document, result: Mapping[str, Any], others: M
     contents["report.html"] = to_html(document).encode()
     contents["result.json"] = (json.dumps(result, indent=2, ensure_ascii=False) + "\n").encode()
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix=".writing-") as scratch:
             for name, data in contents.items():
                 (Path(scratch) / name).write_bytes(data)
             for name in contents:
                 (Path(scratch) / name).replace(folder / name)
     except OSError as error:
-        raise InputError(folder, "--out", None, f"cannot be written: {error.strerror}") from error
+        raise _refusal(folder, error) from error
     return [folder / name for name in contents]
+
+
+def _refusal(folder: Path, error: OSError) -> InputError:
+    why = "it is a file" if isinstance(error, FileExistsError) else error.strerror or error
+    return InputError("command line", "--out", str(folder), f"cannot be written ({why}); choose another folder")
 
 
 def _embedded(figure: Figure) -> str:

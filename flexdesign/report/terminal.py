@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
 
-from rich import box
 from rich.console import Console
 from rich.table import Table as RichTable
 
@@ -51,18 +50,21 @@ def plain(table: Table) -> str:
 
 
 def _compact(table: Table) -> Table:
-    """Fit Table 1 into 80 columns: the symbol alone names a quantity, and errors go without decimals."""
+    """Fit Table 1 into 80 columns: the symbol alone names a quantity, its unit stands beside it, errors are rounded."""
     rows = []
     for name, boundary, fem, *rest in table.rows:
-        errors = [cell.split(".")[0] + " %" if cell.endswith("%") else cell.split()[0] for cell in rest]
-        rows.append([f"{name.split()[-1]} {boundary}", fem, *errors])
-    return Table(["", *table.columns[2:]], rows, table.caption)
+        value, _, tail = fem.partition(" ± ")
+        error, _, unit = tail.partition(" ")
+        cells = [f"{float(cell[:-1]):+.0f}" if cell.endswith("%") else cell.split()[0] for cell in rest]
+        rows.append([f"{name.split()[-1]} {boundary}", f"{value} ± {error}", unit, *cells])
+    heads = ["err %" if head == "error" else head for head in table.columns[3:]]
+    return Table(["", "FEM", "", *heads], rows, table.caption)
 
 
 def _drawn(table: Table) -> RichTable:
-    drawn = RichTable(caption=table.caption or None, box=box.SIMPLE_HEAD, caption_justify="left", padding=(0, 1))
+    drawn = RichTable(title=table.caption or None, title_justify="left", box=None, pad_edge=False, padding=(0, 1))
     for index, head in enumerate(table.columns):
-        drawn.add_column(head, justify="left" if index < 1 else "right", no_wrap=True)
+        drawn.add_column(head, justify="left" if index < 1 else "right", no_wrap=index > 0)
     for row in table.rows:
         drawn.add_row(*row)
     return drawn

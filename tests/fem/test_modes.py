@@ -1,0 +1,206 @@
+"""Vibrating bars and beams against closed forms, classes against the whole, and the actuator against dense algebra."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.linalg as la
+from numpy.linalg import det
+from scipy.optimize import brentq
+
+from flexdesign.fem import modes
+from flexdesign.fem.modes import Mode
+from flexdesign.part import Port, SymmetryPlane
+from tests.fem.solids import CORK, METAL, Array, Solid, Solved, at, beam, full, lattice, solve
+
+#: Tolerance of the eigenvalue iteration is 1e-7, of frequencies half that.
+ITERATION = 1e-7
+
+
+def found(solved: Solved, count: int, actuator: float = 0.0) -> list[Mode]:
+    """Return the lowest modes of every class, in order of frequency."""
+    mass = solved.body.mass()
+    everything = [m for s in solved.systems for m in modes.class_modes(s, mass, solved.space, count, actuator)]
+    return sorted(everything, key=lambda mode: mode.frequency)
+
+
+# --- cantilevers --------------------------------------------------------------------------------------------------
+
+LENGTH, HEIGHT, WIDTH = 80e-3, 4e-3, 5e-3
+AREA, E, G, RHO = HEIGHT * WIDTH, CORK.youngs_modulus, CORK.shear_modulus, CORK.density
+
+
+@pytest.fixture(scope="module")
+def cantilever() -> Solved:
+    return solve(beam(LENGTH, HEIGHT, WIDTH, (24, 2, 2)))
+
+
+@pytest.fixture(scope="module")
+def vibrations(cantilever: Solved) -> list[Mode]:
+    return found(cantilever, 9)
+
+
+def timoshenko(inertia: float, count: int) -> list[float]:
+    """Return the bending frequencies [Hz] of a clamped-free Timoshenko beam, kappa = 5/6.
+
+    With deflection w and rotation p as exp(r x): kappa G A (w'' - p') = -rho A om^2 w,
+    E I p'' + kappa G A (w' - p) = -rho I om^2 p; a 4 x 4 determinant of w = p = 0 at the clamp, no force and no moment
+    at the tip.
+    """
+    shear, bend = 5 / 6 * G * AREA, E * inertia
+
+    def determinant(om: float) -> float:
+        a, b = RHO * AREA * om**2, RHO * inertia * om**2
+        # (shear r^2 + a) (bend r^2 + b - shear) + shear^2 r^2 = 0
+        roots = np.sqrt(np.roots([shear * bend, shear * (b - shear) + a * bend + shear**2, a * (b - shear)]).astype(complex))
+        r = np.concatenate([roots, -roots])
+        p = (shear * r**2 + a) / (shear * r)  # for w = 1
+        tip = np.exp(r * LENGTH)
+        rows = np.array([np.ones(4), p / r[0], (r - p) * tip / r[0], r * p * tip / r[0] ** 2])
+        columns = np.array([[1, 0, 1, 0], [0, 1, 0, 1], [1, 0, -1, 0], [0, 1, 0, -1]]) / 2  # to cosh and sinh
+        value = det(rows @ columns)
+        return float(value.real if abs(value.real) > abs(value.imag) else value.imag)
+
+    return [brentq(determinant, 0.8 * om, 1.01 * om) / (2 * np.pi) for om in 2 * np.pi * euler(inertia, count)]
+
+
+def euler(inertia: float, count: int) -> Array:
+    """Return the bending frequencies [Hz] of an Euler-Bernoulli beam (Blevins, 1979, table 8-1)."""
+    roots = np.array([1.87510407, 4.69409113, 7.85475744])[:count]
+    return roots**2 * np.sqrt(E * inertia / (RHO * AREA)) / LENGTH**2 / (2 * np.pi)
+
+
+@pytest.mark.parametrize(("direction", "inertia"), [(1, WIDTH * HEIGHT**3 / 12), (2, HEIGHT * WIDTH**3 / 12)])
+def test_bending_frequencies_follow_timoshenko(vibrations: list[Mode], direction: int, inertia: float) -> None:
+    """Elements and the clamp's hold on warping only raise frequencies, here by 1e-4 for the first mode.
+
+    That is little against what shear and rotary inertia take away from Euler and Bernoulli's frequencies: at most a
+    tenth of it.
+    """
+    bending = [m.frequency for m in vibrations if np.abs(m.shape).max(axis=0).argmax() == direction][:2]
+    for frequency, exact, slender in zip(bending, timoshenko(inertia, 2), euler(inertia, 2), strict=True):
+        assert exact < frequency < exact + 0.1 * (slender - exact)
+
+
+def test_axial_frequency_is_that_of_a_rod(vibrations: list[Mode]) -> None:
+    """Without lateral contraction (1/4L) sqrt(E/rho); quarter waves on 24 quadratic elements, (pi/48)^4 / 100 = 2e-7."""
+    axial = next(m for m in vibrations if np.abs(m.shape).max(axis=0).argmax() == 0)
+    assert axial.frequency == pytest.approx(np.sqrt(E / RHO) / (4 * LENGTH), rel=2e-7)
+
+
+def test_half_the_mass_of_a_rod_moves_with_its_tip(vibrations: list[Mode]) -> None:
+    """The mean of sin^2 over a quarter wave; the error of the shape is second to that of the frequency's square root."""
+    axial = next(m for m in vibrations if np.abs(m.shape).max(axis=0).argmax() == 0)
+    assert axial.output_mass == pytest.approx(RHO * AREA * LENGTH / 2, rel=1e-6)
+
+
+def test_a_quarter_of_the_mass_of_a_cantilever_moves_with_its_tip() -> None:
+    """Euler and Bernoulli: phi(L)^2 is four times the mean of phi^2. Shear and rotary inertia change that by (h/L)^2."""
+    upright = beam(LENGTH, HEIGHT, WIDTH, (24, 2, 2))
+    sideways = (Port("output", "output", (LENGTH, 0.0, 0.0), (0.0, 1.0, 0.0)), upright.ports[1])
+    first = found(solve(Solid(upright.mesh, upright.domain, sideways, CORK)), 1)[0]
+    assert first.output_mass == pytest.approx(RHO * AREA * LENGTH / 4, rel=(HEIGHT / LENGTH) ** 2)
+
+
+def test_a_mode_that_leaves_the_output_at_rest_has_no_output_mass(vibrations: list[Mode]) -> None:
+    """The tip's average motion along the beam vanishes in bending: its mass there is none that one could push."""
+    assert vibrations[0].output_mass > 1e6 * RHO * AREA * LENGTH
+
+
+# --- classes and actuator -----------------------------------------------------------------------------------------
+
+FORK_PORTS = (
+    Port("input_left", "input", (-4e-3, 0.0, 0.0), (1.0, 0.0, 0.0)),
+    Port("input_right", "input", (4e-3, 0.0, 0.0), (-1.0, 0.0, 0.0)),
+    Port("output", "output", (0.0, 5e-3, 0.0), (0.0, 1.0, 0.0)),
+    Port("ground", "ground", (0.0, -6e-3, 0.0), (0.0, -1.0, 0.0)),
+)
+FORK_PATCHES = {
+    "input_right": at("x", 4e-3, ("y", -3e-3, 3e-3)),
+    "output": at("y", 5e-3, ("x", -4e-3, 4e-3)),
+    "ground": at("y", -6e-3),
+}
+FORK_PLANES = (SymmetryPlane("x", {"input_left": "input_right"}), SymmetryPlane("z", {}))
+
+
+@pytest.fixture(scope="module")
+def forks() -> tuple[Solved, Solved]:
+    """A quarter of a small ring, and the whole: few enough unknowns for dense algebra."""
+    cells = lattice(
+        np.array([0.0, 4e-3, 6e-3]),
+        np.array([-6e-3, -3e-3, 3e-3, 5e-3]),
+        np.array([0.0, 1.5e-3]),
+        lambda c: (c[:, 0] > 4e-3) | (np.abs(c[:, 1]) > 3e-3),
+    )
+    quarter = Solid.of(cells, FORK_PATCHES, FORK_PORTS, FORK_PLANES, METAL)
+    return solve(quarter), solve(quarter.whole({**FORK_PATCHES, "input_left": at("x", -4e-3, ("y", -3e-3, 3e-3))}))
+
+
+def average(solved: Solved, port: str, component: int) -> Array:
+    """Return the row that averages a displacement component over a port: quadratics by their edge middles."""
+    body = solved.body
+    nodes = body.surface_nodes(body.mesh.on_face(solved.solid.domain.ports[port]))
+    a, b, c = (body.positions[nodes[:, i]] for i in range(3))
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    row = np.zeros(body.n_dofs)
+    np.add.at(row, 3 * nodes[:, 3:] + component, np.repeat(areas[:, None], 3, axis=1) / (3 * areas.sum()))
+    return row
+
+
+def dense(whole: Solved, spring: float) -> tuple[Array, Array]:
+    """Return the frequencies [Hz] of the whole with a spring between the inputs, by LAPACK, and the output masses."""
+    free = whole.systems[0].free
+    gap = (average(whole, "input_right", 0) - average(whole, "input_left", 0))[free]
+    stiffness = full(whole.systems[0].stiffness).toarray() + spring * np.outer(gap, gap)
+    mass = full(whole.body.mass())[free][:, free].toarray()
+    values, vectors = la.eigh(stiffness, mass, subset_by_index=[0, 19])
+    return np.sqrt(values) / (2 * np.pi), 1 / (average(whole, "output", 1)[free] @ vectors) ** 2
+
+
+# Between nothing, a spring softer, one about as stiff as, and one stiffer than the ring itself.
+@pytest.mark.parametrize("spring", [0.0, 1e6, 5e7, 1e10])
+def test_classes_with_an_actuator_have_the_modes_of_the_whole(forks: tuple[Solved, Solved], spring: float) -> None:
+    """Four classes and a rank-one update against one dense matrix K + k c c^T: all of the lowest 12 modes."""
+    quarter, whole = forks
+    frequencies, masses = dense(whole, spring)
+    classes = found(quarter, 12, spring)[:12]
+    at_once = found(whole, 12, spring)
+    assert [m.frequency for m in classes] == pytest.approx(frequencies[:12], rel=ITERATION)
+    assert [m.frequency for m in at_once] == pytest.approx(frequencies[:12], rel=ITERATION)
+    assert len({m.symmetry for m in classes}) == 4
+    main = masses[:12] < 1.0  # kg: modes that move the output; the whole weighs a gram
+    assert main.sum() >= 2
+    for many in (classes, at_once):
+        assert [m.output_mass < 1.0 for m in many] == main.tolist()
+        assert np.array([m.output_mass for m in many])[main] == pytest.approx(masses[:12][main], rel=1e-5)
+
+
+def test_an_actuator_stiffens_only_what_it_feels(forks: tuple[Solved, Solved]) -> None:
+    """Rayleigh: no frequency falls; those of the classes in which the inputs do not part stay."""
+    quarter, _ = forks
+    loose, stiff = found(quarter, 4), found(quarter, 4, 1e8)
+    for cls in {mode.symmetry for mode in loose}:
+        before = np.array([m.frequency for m in loose if m.symmetry == cls])
+        after = np.array([m.frequency for m in stiff if m.symmetry == cls])
+        if cls == "even in x, even in z":
+            assert np.all(after >= before * (1 - ITERATION)) and after[0] > 1.05 * before[0]
+        else:
+            np.testing.assert_allclose(after, before, rtol=ITERATION)
+
+
+def test_shapes_of_a_quarter_have_unit_mass_with_their_images(forks: tuple[Solved, Solved]) -> None:
+    quarter, _ = forks
+    mass = full(quarter.body.mass())
+    for mode in found(quarter, 2):
+        assert 4 * mode.shape.ravel() @ mass @ mode.shape.ravel() == pytest.approx(1.0, rel=1e-10)
+
+
+def test_shapes_satisfy_the_equations_of_motion(forks: tuple[Solved, Solved]) -> None:
+    quarter, _ = forks
+    mass = quarter.body.mass()
+    for system in quarter.systems:
+        for mode in modes.class_modes(system, mass, quarter.space, 2, 0.0):
+            v = mode.shape.ravel()[system.free]
+            elastic = full(system.stiffness) @ v
+            inertial = (2 * np.pi * mode.frequency) ** 2 * (full(mass)[system.free][:, system.free] @ v)
+            assert np.abs(elastic - inertial).max() < 1e-5 * np.abs(elastic).max()

@@ -1,0 +1,173 @@
+"""The whole path on a coarse mesh: study to report, twice."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import sys
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+from PIL import Image
+
+from flexdesign import cli, quantities, study
+from flexdesign.cache import Cache
+from flexdesign.report import render, validation_report
+from flexdesign.testing import assert_agrees
+from flexdesign.validation import Validation, validate
+
+#: Coarse enough for seconds, fine enough to be right within a few percent.
+COARSE = ("mesh.levels=2", "mesh.at_root=0.7", "modes.count=1")
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def validation(cache: Path) -> Validation:
+    return validate(study.read("bridge_amplifier", COARSE), Cache(cache))
+
+
+def test_port_limits(validation: Validation) -> None:
+    """lambda^2 K_out / K_in <= 1 (a passive two-port), and an actuator is softer than a held input."""
+    k_in, ratio = validation.fem("K_in_output_free").value, validation.fem("lambda_output_free").value
+    free, held = validation.fem("K_out_input_free").value, validation.fem("K_out_input_held").value
+    installed = validation.fem("K_out_actuator_installed").value
+    assert 0 < ratio**2 * free / k_in < 1
+    assert free < installed < held
+    assert held == pytest.approx(free / (1 - ratio**2 * free / k_in), rel=2e-2)  # each extrapolated on its own
+
+
+def test_convex_bridge_draws_its_output_in(validation: Validation) -> None:
+    assert validation.fem("lambda_output_free").value < 0
+    assert validation.fem("stroke_output_free").value < 0
+
+
+def test_load_line_ends_at_the_blocked_force(validation: Validation) -> None:
+    compliance = validation.finest.solution.compliance
+    actuator = validation.study.design.actuator
+    assert actuator is not None
+    k, s = actuator.installed_stiffness, actuator.free_stroke
+    # Held output: the actuator pushes with F, the holding force P keeps y = C12 F + C22 P = 0, and e = C11 F + C12 P.
+    c11, c12, c22 = compliance.c11, compliance.c12, compliance.c22
+    force = s / (c11 - c12**2 / c22 + 1 / k)
+    assert compliance.blocked_force(s, k) == pytest.approx(c12 / c22 * force, rel=1e-9)
+
+
+def test_shares_add_up_and_hinge_bending_leads(validation: Validation) -> None:
+    compliance = validation.finest.solution.compliance
+    split = validation.shares["K_in_output_free"]
+    assert sum(split.values()) == pytest.approx(compliance.c11, rel=1e-12)
+    assert max(split, key=lambda piece: split[piece]) == "hinge bending"
+
+
+def test_hinges_carry_half_the_actuator_force(validation: Validation) -> None:
+    """Statics alone: each arm carries half the force, whatever the material."""
+    for section in validation.finest.solution.input_sections:
+        if section.member.kind == "hinge":
+            assert abs(section.normal) == pytest.approx(0.5, rel=0.05)
+        if section.member.kind == "rod":
+            assert abs(section.shear) == pytest.approx(0.5, rel=0.02)
+
+
+def test_checks_hold(validation: Validation) -> None:
+    for level in validation.levels:
+        assert level.solution.checks.reciprocity < 1e-6
+        assert level.solution.checks.balance < 1e-8
+        assert level.solution.checks.energy < 1e-6
+
+
+def test_coupling_vanishes_by_symmetry_and_appears_off_axis(validation: Validation) -> None:
+    assert validation.fem("coupling_x_actuator_on_axis").value == 0
+    assert validation.fem("coupling_z_actuator_on_axis").value == 0
+    assert validation.fem("coupling_z_actuator_0.1_mm_off_axis_in_z").value != 0
+
+
+def test_second_run_comes_from_the_cache(validation: Validation, cache: Path) -> None:
+    again = validate(study.read("bridge_amplifier", COARSE), Cache(cache))
+    assert all(level.cached for level in again.levels)
+    for first, second in zip(validation.comparisons, again.comparisons, strict=True):
+        assert second.fem == first.fem
+
+
+def test_a_changed_dimension_changes_solid_and_models_alike(validation: Validation) -> None:
+    thinner = study.read("bridge_amplifier", [*COARSE, 'dimensions.hinge_thickness="0.45 mm"']).design
+    part, before = thinner.part(), validation.study.design.part()
+    assert part.solid().Volume() < before.solid().Volume()
+    k_out = {q.key: q.value for q in part.formulas(thinner.material, None, None)["PRB"]}["K_out_input_free"]
+    ratio = k_out / validation.comparisons[2].analytic["PRB"].value
+    assert ratio == pytest.approx(0.9**3, rel=1e-9)
+
+
+def test_stage_model_is_the_finite_element_model(validation: Validation) -> None:
+    model = validation.stage_model
+    assert model is not None
+    axis = model.axes["y"]
+    assert axis.natural_frequency == pytest.approx(validation.fem("output_frequency_actuator_installed").value)
+    assert axis.stiffness == validation.fem("K_out_actuator_installed").value
+    assert "[axis.y]" in model.to_toml()
+
+
+def test_stress_at_a_stated_stroke_scales_with_it(validation: Validation) -> None:
+    design = ("actuator.preload=0 N",)
+    solution = validation.finest.solution
+    one = quantities.stresses(study.read("bridge_amplifier", [*design, "output.stroke=100 um"]), solution)
+    two = quantities.stresses(study.read("bridge_amplifier", [*design, "output.stroke=200 um"]), solution)
+    assert two[1].value == pytest.approx(2 * one[1].value, rel=1e-12)
+
+
+def test_report_is_complete_and_self_contained(validation: Validation, tmp_path: Path) -> None:
+    document = validation_report.document(validation)
+    written = render.write(tmp_path, document, validation_report.result(validation), {})
+    page = (tmp_path / "report.html").read_text()
+    assert {path.name for path in written} == {path.name for path in tmp_path.iterdir()}
+    assert not re.search(r"(src|href)=\"(?!data:|#)", page), "the page must open offline"
+    assert (tmp_path / "report.html").stat().st_size < 5e6
+    assert "prefers-color-scheme: dark" in page
+    assert page.count("<img") == len(document.figures) >= 8
+    markdown = (tmp_path / "report.md").read_text()
+    assert "input stiffness K_in" in markdown and "eq. (17)" in markdown
+    content = json.loads((tmp_path / "result.json").read_text())
+    for quantity in content["quantities"]:
+        assert quantity["unit"], quantity
+    assert content["made_by"]["versions"]["scikit-fem"]
+
+
+def test_pictures_show_something(validation: Validation) -> None:
+    document = validation_report.document(validation)
+    pictures = [figure for figure in document.figures if figure.file.endswith(".png")]
+    assert len(pictures) == 6
+    for picture in pictures:
+        image = Image.open(io.BytesIO(picture.data)).convert("RGB")
+        assert image.width >= 1000
+        colours = np.unique(np.asarray(image.resize((80, 50))).reshape(-1, 3), axis=0)
+        assert len(colours) > 20, f"{picture.file} is nearly blank"
+
+
+def test_command_line(validation: Validation, cache: Path, tmp_path: Path, monkeypatch, capsys) -> None:
+    sets = [word for override in COARSE for word in ("--set", override)]
+    out, step, mesh = tmp_path / "out", tmp_path / "part.step", tmp_path / "mesh.vtu"
+    arguments = ["validate", "bridge_amplifier", *sets, "--cache", str(cache), "--out", str(out), "--json"]
+    monkeypatch.setattr(sys, "argv", ["flexdesign", *arguments, "--export", str(step), "--export", str(mesh)])
+    cli.main()
+    printed = capsys.readouterr()
+    content = json.loads(printed.out)
+    assert content == json.loads((out / "result.json").read_text())
+    assert all(level["cached"] for level in content["meshes"])
+    assert step.read_text().startswith("ISO-10303-21")
+    assert len(meshio.read(mesh).points) == len(validation.finest.mesh.points)
+
+
+def test_assert_agrees_passes_and_fails_with_the_table(cache: Path, validation: Validation) -> None:
+    assert_agrees("bridge_amplifier", overrides=COARSE, cache=cache, K_in="30 %", amplification="20 %")
+    with pytest.raises(
+        AssertionError, match=r"K_in_output_free: PRB is off by \+1\d\.\d %, allowed (\n|.)*input stiffness"
+    ):
+        assert_agrees("bridge_amplifier", overrides=COARSE, cache=cache, K_in="1 %")
+    with pytest.raises(ValueError, match="no quantity 'stiffness'"):
+        assert_agrees("bridge_amplifier", overrides=COARSE, cache=cache, stiffness="1 %")
