@@ -8,7 +8,7 @@ UV_VERSION := 0.13.8
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test slow lint format lock clean clean-venv
+.PHONY: help demo example test slow lint format lock clean clean-venv
 
 help: ## Show this list
 	@echo "make TARGET [PYTHON=python3.12]"
@@ -16,6 +16,9 @@ help: ## Show this list
 
 demo: $(VENV)/.ready ## Validate the bridge amplifier: report in reports/bridge_amplifier
 	$(BIN)/flexdesign validate bridge_amplifier --out reports/bridge_amplifier
+
+example: $(VENV)/.ready ## Make the kept example report anew; README's table and picture are its
+	$(BIN)/flexdesign validate bridge_amplifier --out reports/examples/bridge_amplifier
 
 test: $(VENV)/.ready ## Run the tests, with coverage
 	$(BIN)/python -m pytest --cov

@@ -464,7 +464,7 @@ PARTS: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
 SOLIDS: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
     "two solids": (
         SOLID, "        return cq.Compound.makeCompound([body, body.moved(cq.Location((50, 0, 0)))])",
-        "solid", None, ("one valid closed body, found 2",),
+        "solid", None, ("one closed body, found 2",),
     ),
     "open shell": (
         SOLID, "        return cq.Shell.makeShell(body.Faces()[:5])", "solid", None, ("closed body, found 0",),
@@ -668,7 +668,7 @@ def test_a_bad_command_ends_in_one_line(
 #: id: (what is replaced in the part, by what, what the last line names)
 BUILT = {
     "solid raises": (SOLID, "        return 1 / 0", ("solid()", "ZeroDivisionError", "leaf.py, line 14")),
-    "two solids": (*SOLIDS["two solids"][:2], ("leaf", "solid", "one valid closed body")),
+    "two solids": (*SOLIDS["two solids"][:2], ("leaf", "solid", "one closed body")),
     "port beside the solid": (*SOLIDS["port beside the solid"][:2], ("leaf", "ports.output", "0.006")),
 }
 

@@ -19,10 +19,11 @@ from flexdesign.materials import Material
 from flexdesign.part import Part
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 Progress = Callable[[str], None]
 
 #: Changes whenever this module's answers change, so that stored ones are not mistaken for them.
-VERSION = 1
+VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -49,12 +50,14 @@ class Solution:
         Lowest modes of each symmetry class, without and with the actuator, by frequency; empty if none were asked.
     input_sections, output_sections
         Section forces per unit actuator force and per unit output force.
+    positions, nodes
+        Where the nodes are, shape (n, 3) [m], and those of each element, corners then edge midpoints, shape (m, 10).
     input_field, output_field
-        Displacements of the mesh vertices per unit actuator force and per unit output force, shape (n, 3) [m/N].
+        Displacements of the nodes per unit actuator force and per unit output force, shape (n, 3) [m/N].
     mode_shapes
-        Displacements of the mesh vertices in the fully symmetric modes with the actuator, shape (k, n, 3).
+        Displacements of the nodes in the fully symmetric modes with the actuator, shape (k, n, 3).
     von_mises
-        At the mesh vertices per unit actuator force, shape (n,) [Pa/N].
+        At the nodes per unit actuator force, shape (n,) [Pa/N].
     facts
         Numbers of the mesh and the solve for the report.
     """
@@ -64,20 +67,24 @@ class Solution:
     modes: tuple[ModeRecord, ...]
     input_sections: tuple[resultants.Section, ...]
     output_sections: tuple[resultants.Section, ...]
+    positions: FloatArray
+    nodes: IntArray
     input_field: FloatArray
     output_field: FloatArray
     mode_shapes: FloatArray
     von_mises: FloatArray
     facts: dict[str, Any]
 
-    def to_store(self) -> tuple[dict[str, FloatArray], dict[str, Any]]:
+    def to_store(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and a JSON-ready table from which `from_store` makes the same record."""
-        arrays = {
+        arrays: dict[str, NDArray[Any]] = {
             "compliance": self.compliance.matrix,
             "extension": self.compliance.extension,
             "output": self.compliance.output,
             "input_sections": _rows(self.input_sections),
             "output_sections": _rows(self.output_sections),
+            "positions": self.positions,
+            "nodes": self.nodes.astype(np.int32),
             "input_field": self.input_field,
             "output_field": self.output_field,
             "mode_shapes": self.mode_shapes,
@@ -92,7 +99,7 @@ class Solution:
         return arrays, table
 
     @classmethod
-    def from_store(cls, arrays: dict[str, FloatArray], table: dict[str, Any], part: Part) -> Solution:
+    def from_store(cls, arrays: dict[str, NDArray[Any]], table: dict[str, Any], part: Part) -> Solution:
         """Rebuild a record from what `to_store` returned."""
         members = {member.name: member for member in part.linkage().members}
 
@@ -108,6 +115,8 @@ class Solution:
             modes=tuple(ModeRecord(**mode) for mode in table["modes"]),
             input_sections=sections(arrays["input_sections"]),
             output_sections=sections(arrays["output_sections"]),
+            positions=arrays["positions"],
+            nodes=arrays["nodes"],
             input_field=arrays["input_field"],
             output_field=arrays["output_field"],
             mode_shapes=arrays["mode_shapes"],
@@ -173,10 +182,7 @@ def solve(
             found += [(mode, actuator > 0) for mode in batch if actuator]
         system.factor.free()
     members = part.linkage().members
-    corners = body.vertex_nodes
-    symmetric = [
-        m.shape[corners] for m, installed in found if installed == (actuator > 0) and m.symmetry == _symmetric(domain)
-    ]
+    symmetric = [m.shape for m, installed in found if installed == (actuator > 0) and m.symmetry == _symmetric(domain)]
     return Solution(
         compliance=PortCompliance(matrix, space.extension, space.output),
         checks=checks,
@@ -187,9 +193,11 @@ def solve(
         ),
         input_sections=tuple(resultants.sections(body, domain, fields["input"], members)),
         output_sections=tuple(resultants.sections(body, domain, fields["output"], members)),
-        input_field=fields["input"][corners],
-        output_field=fields["output"][corners],
-        mode_shapes=np.array(symmetric).reshape(-1, len(corners), 3),
+        positions=body.positions,
+        nodes=body.nodes,
+        input_field=fields["input"],
+        output_field=fields["output"],
+        mode_shapes=np.array(symmetric).reshape(-1, *body.positions.shape),
         von_mises=stress.nodal_von_mises(body, fields["input"]),
         facts={
             "tetrahedra": len(mesh.tets),

@@ -27,8 +27,9 @@ SCATTER = 2e-3
 #: The method in words, for reports.
 DESCRIPTION = (
     "With {roots}, the error is taken to fall with the edge length to a power between {low:.3g} and {high:.3g}; the "
-    "value is the middle of the two extrapolations, and the printed error the largest of half their distance, a "
-    "quarter of what the coarser pair of meshes answers otherwise, and {scatter:g} % for the mesher's scatter."
+    "value is the middle of the two extrapolations. The printed error is the larger of half their distance and a "
+    "quarter of what the coarser pair of meshes answers otherwise, and, in quadrature, what {scatter:g} % of scatter "
+    "between runs of the mesher becomes by extrapolation."
 )
 
 
@@ -72,14 +73,18 @@ def extrapolate(values: Sequence[float], sizes: Sequence[float], orders: tuple[f
     """
     low, high = (_pair(values[-2:], sizes[-2:], order) for order in orders)
     value = (low + high) / 2
-    doubts = [abs(high - low) / 2, SCATTER * abs(value)]
+    doubts = [abs(high - low) / 2]
     observed = math.nan
-    if len(values) > 2:
+    if len(values) == 2:
+        doubts.append(abs(value - values[-1]) / 2)
+    else:
         before = sum(_pair(values[-3:-1], sizes[-3:-1], order) for order in orders) / 2
         doubts.append(abs(value - before) / 4)
         observed = observed_order(values[-3:], sizes[-3:])
+    weight = sum(_weight(sizes[-2:], order) for order in orders) / 2  # of the last step, in the extrapolation
+    scattered = SCATTER / 2 * abs(value) * math.hypot(1 + weight, weight)
     gci = 1.25 * abs(low - values[-1]) / abs(values[-1]) if values[-1] else 0.0
-    return Extrapolated(value, max(doubts), values[-1], observed, gci)
+    return Extrapolated(value, math.hypot(max(doubts), scattered), values[-1], observed, gci)
 
 
 def observed_order(values: Sequence[float], sizes: Sequence[float]) -> float:
@@ -100,5 +105,8 @@ def observed_order(values: Sequence[float], sizes: Sequence[float]) -> float:
 
 def _pair(values: Sequence[float], sizes: Sequence[float], order: float) -> float:
     coarse, fine = values
-    ratio = (sizes[0] / sizes[1]) ** order
-    return fine + (fine - coarse) / (ratio - 1)
+    return fine + (fine - coarse) * _weight(sizes, order)
+
+
+def _weight(sizes: Sequence[float], order: float) -> float:
+    return 1 / ((sizes[0] / sizes[1]) ** order - 1)

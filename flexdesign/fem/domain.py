@@ -125,8 +125,8 @@ def of_part(part: Part, *, symmetric: bool = True, chord: float) -> Domain:
     solid = whole
     for plane in planes:
         solid = _one_solid(solid.intersect(_half_space(whole, plane)), f"the half {plane.axis} >= 0")
-        if abs(solid.Volume() * 2 ** (planes.index(plane) + 1) / whole.Volume() - 1) > 1e-6:
-            raise InputError("part", "symmetry", plane.axis, "the two halves of the solid differ in volume")
+        if not _mirrors(whole, plane):
+            raise InputError("part", "symmetry", plane.axis, "the solid is not its own mirror image in this plane")
     faces = tuple(_face(face, chord) for face in solid.Faces())
     swapped = {name for plane in planes for name in plane.swaps}
     ports = {port.name: _face_of(port, faces) for port in part.ports() if port.name not in swapped}
@@ -147,6 +147,17 @@ def _one_solid(shape: Any, what: str) -> Any:
     if not solids[0].isValid():
         raise InputError("part", "solid", None, f"{what} is not valid: its boundary is open or crosses itself")
     return solids[0]
+
+
+def _mirrors(solid: Any, plane: SymmetryPlane) -> bool:
+    """Tell whether centre of mass and products of inertia are those of a body that mirrors onto itself."""
+    import cadquery as cq
+
+    size = solid.BoundingBox().DiagonalLength
+    centre = np.array(cq.Shape.centerOfMass(solid).toTuple())
+    inertia = np.array(cq.Shape.matrixOfInertia(solid))
+    products = np.delete(inertia[plane.index], plane.index)
+    return bool(abs(centre[plane.index]) < 1e-7 * size and np.abs(products).max() < 1e-7 * np.abs(inertia).max())
 
 
 def _half_space(solid: Any, plane: SymmetryPlane) -> Any:

@@ -91,7 +91,7 @@ def _measure(mesh: TaggedMesh, hinge: Member, along: int = 21, across: int = 7) 
     frame = np.stack([axis, depth, normal])
     facets = (mesh.points[mesh.facets] - np.array(hinge.centre)) @ frame.T  # (k, 3 corners, 3 components)
     near = np.all(np.abs(facets[:, :, 0]).min(axis=1, keepdims=True) <= hinge.length / 2, axis=1)
-    near &= np.abs(facets[:, :, 2]).max(axis=1) <= hinge.thickness + 2 * hinge.root_radius
+    near &= np.abs(facets[:, :, 2]).max(axis=1) <= 2 * hinge.thickness_at(hinge.length / 2)
     facets = facets[near]
     s = np.linspace(-0.49, 0.49, along) * hinge.length
     low = facets[:, :, 1].min(initial=0.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from flexdesign import isolated
 from flexdesign.fem.domain import Domain, Face
 from flexdesign.fem.sizing import Sizing
+from flexdesign.part import SymmetryPlane
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -262,24 +263,27 @@ def boundary(tets: IntArray) -> IntArray:
     return facets[first[count == 1]]
 
 
-def mirrored(
-    mesh: TaggedMesh, domain: Domain, fields: Mapping[str, FloatArray]
-) -> tuple[FloatArray, IntArray, dict[str, FloatArray]]:
-    """Return points, tets and nodal fields of the whole part; vector fields (n, 3) reflect, scalars repeat.
+#: How the nodes of a mirrored tetrahedron are to be listed so that it is not inside out.
+_REFLECTED = {4: [0, 1, 3, 2], 10: [0, 1, 3, 2, 4, 8, 7, 6, 5, 9]}
 
-    Fields are taken as symmetric in every plane.
+
+def mirrored(
+    points: FloatArray, cells: IntArray, planes: Sequence[SymmetryPlane], fields: Mapping[str, FloatArray]
+) -> tuple[FloatArray, IntArray, dict[str, FloatArray]]:
+    """Return points, cells and nodal fields of the whole part; vector fields (n, 3) reflect, scalars repeat.
+
+    Fields are taken as symmetric in every plane. Cells are tetrahedra of 4 nodes, or of 10 in scikit-fem's order.
     """
-    points, tets = mesh.points, mesh.tets
-    full = dict(fields)
-    for plane in domain.planes:
+    whole = dict(fields)
+    for plane in planes:
         sign = np.ones(3)
         sign[plane.index] = -1.0
-        tets = np.vstack([tets, tets[:, [0, 1, 3, 2]] + len(points)])
+        cells = np.vstack([cells, cells[:, _REFLECTED[cells.shape[1]]] + len(points)])
         points = np.vstack([points, points * sign])
-        for name, values in full.items():
+        for name, values in whole.items():
             image = values * sign if values.ndim == 2 else values
-            full[name] = np.concatenate([values, image])
-    return points, tets, full
+            whole[name] = np.concatenate([values, image])
+    return points, cells, whole
 
 
 def write(path: Path, mesh: TaggedMesh, point_data: Mapping[str, FloatArray] | None = None) -> None:

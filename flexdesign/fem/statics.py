@@ -115,7 +115,7 @@ class Checks:
     def worst(self, other: Checks) -> Checks:
         """Return the larger of each."""
         pairs = zip(vars(self).values(), vars(other).values(), strict=True)
-        return Checks(*(max(a, b) for a, b in pairs))
+        return Checks(*(float(np.maximum(a, b)) for a, b in pairs))  # NaN wins
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.fem.elasticity import Elasticity
+from flexdesign.fem.elasticity import EDGES, Elasticity
 
 FloatArray = NDArray[np.float64]
+
+
+#: Barycentric coordinates of a tetrahedron's ten nodes.
+NODES = np.vstack([np.eye(4), np.eye(4)[EDGES].mean(axis=1)])
 
 
 @dataclass(frozen=True)
@@ -35,15 +39,15 @@ def von_mises(stress: FloatArray) -> FloatArray:
 
 
 def nodal_von_mises(body: Elasticity, displacement: FloatArray) -> FloatArray:
-    """Return the von Mises stress of the stress averaged at each mesh vertex over its elements, shape (n,) [Pa]."""
-    stress = body.stress(displacement, np.eye(4))
-    total = np.zeros((len(body.mesh.points), 3, 3))
-    np.add.at(total, body.mesh.tets, stress)
-    count = np.bincount(body.mesh.tets.ravel(), minlength=len(total))
+    """Return the von Mises stress of the stress averaged at each node over its elements, shape (n,) [Pa]."""
+    stress = body.stress(displacement, NODES)
+    total = np.zeros((body.n_dofs // 3, 3, 3))
+    np.add.at(total, body.nodes, stress)
+    count = np.bincount(body.nodes.ravel(), minlength=len(total))
     return von_mises(total / count[:, None, None])
 
 
 def peak(body: Elasticity, displacement: FloatArray) -> PeakStress:
-    """Return the largest vertex-averaged von Mises stress."""
+    """Return the largest node-averaged von Mises stress."""
     values = nodal_von_mises(body, displacement)
-    return PeakStress(float(values.max()), body.mesh.points[int(values.argmax())])
+    return PeakStress(float(values.max()), body.positions[int(values.argmax())])

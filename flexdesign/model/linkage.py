@@ -109,6 +109,9 @@ class Linkage:
             for node in member.nodes:
                 if node not in self.nodes:
                     raise ValueError(f"member {member.name} joins {node}, which is not among the nodes")
+        for port, node in self.ports.items():
+            if node not in self.nodes:
+                raise ValueError(f"port {port} stands on {node}, which is not among the nodes")
 
     def of_kind(self, kind: MemberKind) -> tuple[Member, ...]:
         """Return the members of one kind."""

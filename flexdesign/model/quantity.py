@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -44,12 +45,16 @@ class Quantity:
         return "_".join([self.name, *self.boundary.replace(",", "").split()])
 
     def shown(self, digits: int = 4) -> str:
-        """Write the value, and its uncertainty where known, in the display unit."""
+        """Write the value in the display unit with `digits` digits, or with those its uncertainty leaves meaning."""
         scale = units.factor(self.unit or "1", self.si)
-        text = units.significant(self.value / scale, digits)
-        if self.sigma is not None:
-            text += f" ± {units.significant(self.sigma / scale, 2)}"
-        return f"{text} {self.unit}".rstrip()
+        value = self.value / scale
+        if not self.sigma:
+            return f"{units.significant(value, digits)} {self.unit}".rstrip()
+        sigma = self.sigma / scale
+        decimals = 1 - math.floor(math.log10(float(f"{sigma:.1e}")))  # two digits of the uncertainty
+        if decimals < 0 or decimals > 9:
+            return f"{units.significant(value, 6)} ± {units.significant(sigma, 2)} {self.unit}".rstrip()
+        return f"{value:.{decimals}f} ± {sigma:.{decimals}f} {self.unit}".rstrip()
 
     def with_sigma(self, sigma: float) -> Quantity:
         """Return the same quantity with another uncertainty."""

@@ -55,7 +55,8 @@ def write_solid(validation: Validation, path: Path) -> None:
 def write_mesh(validation: Validation, path: Path) -> None:
     """Write the finest mesh of the fundamental domain [m], with displacements per unit actuator and output force."""
     finest = validation.finest
-    fields = _fields(finest.solution.input_field, finest.solution.output_field)
+    vertices = slice(len(finest.mesh.points))  # nodes are numbered corners first
+    fields = _fields(finest.solution.input_field[vertices], finest.solution.output_field[vertices])
     _written(path, lambda file: mesh.write(file, finest.mesh, fields))
 
 

@@ -35,7 +35,7 @@ class Picture:
     file
         Name of the picture.
     points, tets
-        The whole part, shapes (n, 3) [m] and (m, 4).
+        The whole part, shapes (n, 3) [m] and (m, 4), or (m, 10) for quadratic elements.
     displacement
         Exaggerated as drawn, shape (n, 3) [m]; the undeformed outline is then drawn as well. None for none.
     scalars, label
@@ -95,7 +95,8 @@ def _draw(picture: Picture, pv: Any) -> bytes:
     import vtk
 
     vtk.vtkObject.GlobalWarningDisplayOff()  # without a display VTK warns on every window before it falls back
-    cells = {pv.CellType.TETRA: picture.tets}
+    kind = pv.CellType.TETRA if picture.tets.shape[1] == 4 else pv.CellType.QUADRATIC_TETRA
+    cells = {kind: picture.tets}
     grid = pv.UnstructuredGrid(cells, picture.points * 1e3)
     shown = grid.copy()
     if picture.displacement is not None:
@@ -108,7 +109,7 @@ def _draw(picture: Picture, pv: Any) -> bytes:
     style: dict[str, Any] = {"color": "#b9c6d1"}
     if picture.scalars is not None:
         bar = {
-            "title": picture.label,
+            "title": f"{picture.label}\n",
             "color": _INK,
             "vertical": False,
             "position_x": 0.3,
@@ -141,7 +142,7 @@ def _draw(picture: Picture, pv: Any) -> bytes:
 
 def _skin(grid: Any) -> Any:
     """Outer surface, without the seams that mirrored halves leave in their symmetry planes."""
-    return grid.clean(tolerance=1e-9).extract_surface(algorithm="dataset_surface")
+    return grid.clean(tolerance=1e-9).extract_surface(algorithm="dataset_surface", nonlinear_subdivision=2)
 
 
 def _aim(plotter: Any, picture: Picture, grid: Any) -> None:

@@ -50,19 +50,19 @@ def plain(table: Table) -> str:
 
 
 def _compact(table: Table) -> Table:
-    """Fit Table 1 into 80 columns: the symbol alone names a quantity, its unit stands beside it, errors are rounded."""
+    """Fit Table 1 into 80 columns: the symbol alone names a quantity, its unit stands beside it."""
     rows = []
     for name, boundary, fem, *rest in table.rows:
         value, _, tail = fem.partition(" ± ")
         error, _, unit = tail.partition(" ")
-        cells = [f"{float(cell[:-1]):+.0f}" if cell.endswith("%") else cell.split()[0] for cell in rest]
+        cells = [cell.split()[0] for cell in rest]
         rows.append([f"{name.split()[-1]} {boundary}", f"{value} ± {error}", unit, *cells])
     heads = ["err %" if head == "error" else head for head in table.columns[3:]]
     return Table(["", "FEM", "", *heads], rows, table.caption)
 
 
 def _drawn(table: Table) -> RichTable:
-    drawn = RichTable(title=table.caption or None, title_justify="left", box=None, pad_edge=False, padding=(0, 1))
+    drawn = RichTable(title=table.caption or None, title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for index, head in enumerate(table.columns):
         drawn.add_column(head, justify="left" if index < 1 else "right", no_wrap=index > 0)
     for row in table.rows:

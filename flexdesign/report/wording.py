@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from flexdesign.model import Quantity
 
 #: How quantities are called in tables.
@@ -47,10 +45,7 @@ def name_of(quantity: Quantity) -> str:
 
 
 def shown(quantity: Quantity) -> str:
-    """Write a FEM quantity with as many digits as its error leaves meaning; exact zeros as such."""
+    """Write a FEM quantity; exact zeros as such."""
     if quantity.value == 0:
         return "0 (by symmetry)"
-    if not quantity.sigma:
-        return quantity.shown()
-    digits = 2 + math.floor(math.log10(abs(quantity.value))) - math.floor(math.log10(quantity.sigma))
-    return quantity.shown(max(2, min(6, digits)))
+    return quantity.shown()

@@ -40,7 +40,10 @@ def lattice(
     if inside is not None:
         middle = [(axis[:-1] + axis[1:]) / 2 for axis in (x, y, z)]
         corner = points[tets].mean(axis=1)
-        cell = [m[np.searchsorted(axis, corner[:, i]) - 1] for i, (axis, m) in enumerate(zip((x, y, z), middle, strict=True))]
+        cell = [
+            m[np.searchsorted(axis, corner[:, i]) - 1]
+            for i, (axis, m) in enumerate(zip((x, y, z), middle, strict=True))
+        ]
         tets = tets[inside(np.stack(cell, axis=1))]
         used, tets = np.unique(tets, return_inverse=True)
         points, tets = points[used], tets.reshape(-1, 4)
@@ -108,7 +111,7 @@ class Solid:
 
     def whole(self, patches: Mapping[str, Where]) -> Solid:
         """Return the whole body: mirrored, welded, and tagged anew by where facets are."""
-        points, tets, _ = mirrored(self.mesh, self.domain, {})
+        points, tets, _ = mirrored(self.mesh.points, self.mesh.tets, self.domain.planes, {})
         return Solid.of(welded(points, tets), patches, self.ports, (), self.material)
 
     @property
@@ -168,7 +171,12 @@ def relative(found: Array, expected: Array) -> float:
 
 
 def beam(
-    length: float, height: float, width: float, cells: tuple[int, int, int], material: Material = CORK, wobble: float = 0.0
+    length: float,
+    height: float,
+    width: float,
+    cells: tuple[int, int, int],
+    material: Material = CORK,
+    wobble: float = 0.0,
 ) -> Solid:
     """Return a beam along x from the ground at x = 0 to the output at its tip, centred on the axis."""
     x = np.linspace(0, length, cells[0] + 1)

@@ -76,7 +76,9 @@ def test_rigid_motions_have_the_inertia_of_a_box(irregular: Elasticity) -> None:
     found = motions.T @ times(irregular.mass(), motions)
     m, (a, b, c) = METAL.density * BOX.prod(), BOX
     np.testing.assert_allclose(np.diag(found)[:3], m, rtol=ROUNDING)
-    np.testing.assert_allclose(np.diag(found)[3:], m / 3 * np.array([b**2 + c**2, c**2 + a**2, a**2 + b**2]), rtol=ROUNDING)
+    np.testing.assert_allclose(
+        np.diag(found)[3:], m / 3 * np.array([b**2 + c**2, c**2 + a**2, a**2 + b**2]), rtol=ROUNDING
+    )
     np.testing.assert_allclose(found[3, 4], -m * a * b / 4, rtol=ROUNDING)
     np.testing.assert_allclose(found[0, 4], m * c / 2, rtol=ROUNDING)
     assert found[0, 3] == pytest.approx(0.0, abs=ROUNDING * m * a)
@@ -149,7 +151,9 @@ def test_both_solvers_solve(irregular: Elasticity) -> None:
     for factor in (factorize(upper), SuperLU(upper)):
         solution = factor.solve(right)
         np.testing.assert_allclose(full(upper) @ solution, right, atol=1e-10)
-        np.testing.assert_allclose(factor.solve(right[:, 1]), solution[:, 1], rtol=1e-9, atol=1e-12 * np.abs(solution).max())
+        np.testing.assert_allclose(
+            factor.solve(right[:, 1]), solution[:, 1], rtol=1e-9, atol=1e-12 * np.abs(solution).max()
+        )
         factor.free()
 
 

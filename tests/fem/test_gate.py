@@ -75,7 +75,9 @@ def test_leaf_off_by_a_little(share: float, passes: bool) -> None:
         assert found.deviation == pytest.approx(abs(share), rel=1e-6)
         assert 0.8 * share < found.bending < share  # nothing at the roots
     else:
-        with pytest.raises(MeshError, match=rf"^hinge_1 is off its 0\.5 mm by 0\.{abs(share) * 1e3:.0f}\d* % \(limit 0\.1 %\)"):
+        with pytest.raises(
+            MeshError, match=rf"^hinge_1 is off its 0\.5 mm by 0\.{abs(share) * 1e3:.0f}\d* % \(limit 0\.1 %\)"
+        ):
             gate.check(moved(mesh, points), EVERYWHERE, [LEAF])
 
 
@@ -107,18 +109,36 @@ def test_missing_leaf_is_found(part: str) -> None:
         gone &= z > 0
     elif part == "a corner":
         gone &= (z > WIDTH / 4) & (x > 0)
-    with pytest.raises(MeshError, match="^hinge_1 is missing in the mesh"):
+    with pytest.raises(MeshError, match=r"^hinge_1 is missing in the mesh"):
         gate.check(without(mesh, gone), EVERYWHERE, [LEAF])
 
 
 def test_of_two_hinges_the_bad_one_is_named() -> None:
     good, bad = leaf(), leaf()
-    points = bad.points + [0.0, 10e-3, 0.0]
+    points = bad.points + np.array([0.0, 10e-3, 0.0])
     points[on_top(bad), 1] += 0.01 * THICKNESS
     both = tagged(np.vstack([good.points, points]), np.vstack([good.tets, bad.tets + len(good.points)]), {})[0]
     second = dataclasses.replace(LEAF, name="hinge_2", start=(-LENGTH / 2, 10e-3, 0.0), end=(LENGTH / 2, 10e-3, 0.0))
     with pytest.raises(MeshError, match=r"^hinge_2 is off its 0\.5 mm by 1 %"):
         gate.check(both, EVERYWHERE, [LEAF, second])
+
+
+def test_a_leaf_close_by_is_not_taken_for_the_leaf() -> None:
+    """Two parallel leaves a third of their thickness apart: each is measured between its own surfaces."""
+    y = np.array([-1.5, -0.5, 0.5, 0.5 + 1 / 3, 1.5 + 1 / 3, 3.0]) * THICKNESS
+    x = np.concatenate([[-5e-3], np.linspace(-LENGTH / 2, LENGTH / 2, 9), [5e-3]])
+    z = np.linspace(-WIDTH / 2, WIDTH / 2, 4)
+
+    def inside(c: Array) -> Array:
+        height = np.abs(c[:, 1] - 2 / 3 * THICKNESS)  # from the middle of the gap
+        in_leaf = (height > THICKNESS / 6) & (height < 7 / 6 * THICKNESS)
+        return (np.abs(c[:, 0]) > LENGTH / 2) | in_leaf
+
+    second = dataclasses.replace(
+        LEAF, start=(-LENGTH / 2, 4 / 3 * THICKNESS, 0), end=(LENGTH / 2, 4 / 3 * THICKNESS, 0)
+    )
+    for found in gate.check(tagged(*lattice(x, y, z, inside), {})[0], EVERYWHERE, [LEAF, second]):
+        assert found.deviation < ROUNDING
 
 
 def test_hinges_cut_away_by_a_plane_are_not_sought() -> None:

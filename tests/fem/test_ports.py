@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -191,7 +189,10 @@ def posts() -> tuple[Solid, Solid]:
     def inside(c: Array) -> Array:
         return (c[:, 2] < 2e-3) | ((c[:, 0] > 5.5e-3) & (c[:, 1] > 5e-3))
 
-    common = {"output": at("z", 2e-3, ("x", -3e-3, 3e-3), ("y", -2e-3, 2e-3)), "ground": at("z", 0.0, ("x", -5.5e-3, 5.5e-3))}
+    common = {
+        "output": at("z", 2e-3, ("x", -3e-3, 3e-3), ("y", -2e-3, 2e-3)),
+        "ground": at("z", 0.0, ("x", -5.5e-3, 5.5e-3)),
+    }
     far = (5e-3, 9e-3), (-9e-3, -5e-3)
     tops = {
         f"input_{a}{b}": at("z", POST, ("x", *far[i]), ("y", *far[j]))
@@ -212,7 +213,10 @@ def cross() -> tuple[Solid, Solid]:
         "input_left": at("x", -8e-3),
         "input_front": at("y", -7e-3),
     }
-    common = {"output": at("z", 2e-3, ("x", -2e-3, 2e-3), ("y", -3e-3, 3e-3)), "ground": at("z", 0.0, ("x", -5e-3, 5e-3))}
+    common = {
+        "output": at("z", 2e-3, ("x", -2e-3, 2e-3), ("y", -3e-3, 3e-3)),
+        "ground": at("z", 0.0, ("x", -5e-3, 5e-3)),
+    }
     kept = {name: sides[name] for name in ("input_right", "input_back")}
     quarter = Solid.of(lattice(x, y, z, wobble=2e-4), {**kept, **common}, CROSS_PORTS, CROSS_PLANES)
     return quarter, quarter.whole({**sides, **common})
@@ -222,7 +226,7 @@ def halves(plane: int) -> tuple[Solid, Solid]:
     """A ring of which only one plane is known: half of it, and the whole."""
     quarter = ring()
     both = RING_PLANES[1 - plane], RING_PLANES[plane]
-    points, tets, _ = mirrored(quarter.mesh, dataclasses.replace(quarter.domain, planes=both[:1]), {})
+    points, tets, _ = mirrored(quarter.mesh.points, quarter.mesh.tets, both[:1], {})
     kept = {n: p for n, p in RING_PATCHES.items() if n != "input_left" or plane == 1}
     half = Solid.of(welded(points, tets), kept, RING_PORTS, both[1:])
     return half, half.whole(RING_PATCHES)
@@ -242,7 +246,9 @@ def test_quarter_ring_gives_every_entry_of_the_whole(rings: tuple[Solved, Solved
     assert relative(quarter.matrix, whole.matrix) < SOLVES
 
 
-@pytest.mark.parametrize("bodies", [posts, cross, lambda: halves(0), lambda: halves(1)], ids=["posts", "cross", "x", "z"])
+@pytest.mark.parametrize(
+    "bodies", [posts, cross, lambda: halves(0), lambda: halves(1)], ids=["posts", "cross", "x", "z"]
+)
 def test_other_symmetries_give_every_entry_of_the_whole(bodies: object) -> None:
     part, whole = (solve(solid) for solid in bodies())  # type: ignore[operator]
     assert whole.space.kept == tuple(port.name for port in whole.space.ports)
@@ -288,7 +294,7 @@ def test_pytetwild_quarter_of_a_cad_part_gives_every_entry_of_the_whole() -> Non
     field = sizing.Sizing(roots, np.array([1e-3]), growth=0.5, largest=2e-3)
     quarter = Solid(mesh.tetrahedralize(quarter_domain, field, 5e-5), quarter_domain, part.ports())
     whole_domain = domain.of_part(part, symmetric=False, chord=1e-5)
-    points, tets, _ = mirrored(quarter.mesh, quarter_domain, {})
+    points, tets, _ = mirrored(quarter.mesh.points, quarter.mesh.tets, quarter_domain.planes, {})
     whole = Solid(mesh.tag(*welded(points, tets), whole_domain, whole_domain.surface()), whole_domain, part.ports())
     assert whole.mesh.volume == pytest.approx(whole_domain.volume, rel=ROUNDING)
     assert relative(solve(quarter).matrix, solve(whole).matrix) < SOLVES

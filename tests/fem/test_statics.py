@@ -117,7 +117,9 @@ def spring() -> PortCompliance:
     return PortCompliance((root @ root.T + np.eye(18)) * 1e-7, extension, output)
 
 
-def network(c: PortCompliance, actuator: float, free_stroke: float = 0.0, output_force: float = 0.0) -> tuple[float, float]:
+def network(
+    c: PortCompliance, actuator: float, free_stroke: float = 0.0, output_force: float = 0.0
+) -> tuple[float, float]:
     """Solve stiffness equations with the actuator as a spring element: (extension, output motion)."""
     stiffness = np.linalg.inv(c.matrix) + actuator * np.outer(c.extension, c.extension)
     load = actuator * free_stroke * c.extension + output_force * c.output
@@ -211,9 +213,10 @@ def checked(solved: Solved, stiffness: sp.csr_matrix) -> Checks:
 
 
 def test_checks_see_what_is_wrong(cantilever: Solved) -> None:
-    """A stiffness 1 % off shows in the residual; another Poisson's ratio shows in the energy."""
+    """A stiffness 1 % off shows in residual and balance; another Poisson's ratio shows in the energy."""
     off = checked(cantilever, cantilever.stiffness * 1.01)
     assert off.residual == pytest.approx(0.01, rel=1e-3)
+    assert off.balance == pytest.approx(0.01 / 1.01, rel=1e-3)  # in tension all reactions point one way
     softer = Solid(cantilever.solid.mesh, cantilever.solid.domain, cantilever.solid.ports, METAL).body
     _, checks, _, _ = statics.class_compliance(softer, cantilever.systems[0], cantilever.stiffness, cantilever.space)
     assert checks.energy > 0.01
