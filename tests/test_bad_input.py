@@ -469,7 +469,7 @@ SOLIDS: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
     "open shell": (
         SOLID, "        return cq.Shell.makeShell(body.Faces()[:5])", "solid", None, ("closed body, found 0",),
     ),
-    "wrong symmetry": ("Vector(-10, -5, -2)", "Vector(-9, -5, -2)", "symmetry", "x", ("differ in volume",)),
+    "wrong symmetry": ("Vector(-10, -5, -2)", "Vector(-9, -5, -2)", "symmetry", "x", ("not its own mirror image",)),
     "port beside the solid": (OUTPUT, OUTPUT.replace("0.005", "0.006"), "ports.output", (0.0, 0.006, 0.0), ("face",)),
 }  # fmt: skip
 
