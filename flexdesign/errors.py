@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Sequence
 from pathlib import Path
 
 
@@ -31,6 +33,16 @@ class InputError(Exception):
         where = self.file + (f": {self.field}" if self.field else "")
         found = "" if self.value is None else f" = {_shown(self.value)}"
         return " ".join(f"{where}{found}: {self.remedy}".split())
+
+
+def suggest(name: str, known: Sequence[str]) -> str:
+    """Return the end of a remedy: the known names nearest to `name`, or all of them."""
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    if not near:
+        return f"; known: {', '.join(known)}" if known else ""
+    if difflib.SequenceMatcher(None, name, near[0]).ratio() > 0.75:
+        near = near[:1]
+    return f"; did you mean {' or '.join(near)}?"
 
 
 def _shown(value: object, longest: int = 80) -> str:

@@ -5,7 +5,6 @@ The solid is in millimetres, because STEP and the CAD kernel's tolerances are; e
 
 from __future__ import annotations
 
-import difflib
 import functools
 import hashlib
 import importlib.util
@@ -20,7 +19,7 @@ from types import ModuleType
 from typing import Any, ClassVar, Literal, Protocol
 
 from flexdesign import shipped
-from flexdesign.errors import InputError
+from flexdesign.errors import InputError, suggest
 from flexdesign.materials import Material
 from flexdesign.model import Linkage, Parameter, Quantity
 from flexdesign.model.linkage import Vector
@@ -139,16 +138,6 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError):
         return False
-
-
-def suggest(name: str, known: Sequence[str]) -> str:
-    """Return the end of a remedy: the known names nearest to `name`, or all of them."""
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
-    if not near:
-        return f"; known: {', '.join(known)}" if known else ""
-    if difflib.SequenceMatcher(None, name, near[0]).ratio() > 0.75:
-        near = near[:1]
-    return f"; did you mean {' or '.join(near)}?"
 
 
 def load(name: str, folder: Path | None = None) -> type[Part]:

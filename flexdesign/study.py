@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from flexdesign import design as designs
-from flexdesign.design import Design, Table, in_si, whole
-from flexdesign.errors import InputError
-from flexdesign.part import is_file, suggest
+from flexdesign import files
+from flexdesign.design import Design
+from flexdesign.errors import InputError, suggest
+from flexdesign.files import Table, in_si, whole
+from flexdesign.part import is_file
 
 #: Tables and keys that belong to a design; everything else that --set names belongs to the study.
 DESIGN_KEYS = ("part", "dimensions", "material", "actuator", "provenance")
@@ -98,16 +100,16 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> Study:
     """
     path = designs.find(name)
     of_design, of_study = _sorted(overrides)
-    content = designs.read_toml(path)
+    content = files.read_toml(path)
     is_design = "design" not in content and any(key in content for key in DESIGN_KEYS)
-    with designs.attributed(of_study):
+    with files.attributed(of_study):
         if is_design:
             remedy = f'belongs to a study, which is a file with design = "{path.stem}" and tables such as this one'
             _refuse(content, ("mesh", "modes", "output"), path, remedy)
-            content = {"format": designs.FORMAT, "design": path.name}
+            content = {"format": files.FORMAT, "design": path.name}
         else:
             _refuse(content, DESIGN_KEYS, path, "belongs to the design that the study names; write it there")
-        checked = designs.check(_StudyFile, designs.overlay(content, of_study), path)
+        checked = files.check(_StudyFile, files.overlay(content, of_study), path)
         if is_design and checked.design != path.name:
             raise InputError(path, "design", checked.design, f"{path.name} is a design itself; name the other instead")
         design_path = path if is_design else _beside(path, checked.design)
@@ -138,7 +140,7 @@ def _sorted(overrides: Sequence[str]) -> tuple[list[str], list[str]]:
 def _refuse(content: Mapping[str, Any], keys: Iterable[str], path: Path, remedy: str) -> None:
     for key in keys:
         if key in content:
-            raise InputError(path, key, designs.as_written(content[key]), remedy)
+            raise InputError(path, key, files.as_written(content[key]), remedy)
 
 
 def _beside(path: Path, design: str) -> Path:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from flexdesign import design as designs
-from flexdesign import materials, study
+from flexdesign import files, materials, study
 from flexdesign.errors import InputError
 from flexdesign.study import MeshSettings, ModeSettings, OutputSettings
 
@@ -239,7 +239,7 @@ def test_an_override_may_add_a_table(path: Path) -> None:
 )
 def test_the_value_of_an_override(text: str, value: object) -> None:
     content = {"mesh": {"levels": 3}}
-    assert designs.overlay(content, [f" mesh.other = {text} "]) == {"mesh": {"levels": 3, "other": value}}
+    assert files.overlay(content, [f" mesh.other = {text} "]) == {"mesh": {"levels": 3, "other": value}}
     assert content == {"mesh": {"levels": 3}}
 
 

@@ -157,6 +157,7 @@ def solve(
     stiffness = body.stiffness()
     mass = body.mass() if mode_count else None
     assembled = perf_counter() - began
+    held = [domain.ports[port.name] for port in part.ports() if port.role == "ground" and port.name in domain.ports]
     space = ports.port_space(body, domain, part.ports())
     matrix = np.zeros((space.size, space.size))
     checks = Checks(0.0, 0.0, 0.0, 0.0)
@@ -165,7 +166,7 @@ def solve(
     solver = ""
     for cls in ports.classes(domain)[: None if all_classes else 1]:
         progress(f"{body.n_dofs} unknowns, {cls.name}")
-        system = statics.class_system(body, domain, cls, stiffness, [domain.ports["ground"]])
+        system = statics.class_system(body, domain, cls, stiffness, held)
         solver = system.factor.name
         share, seen, displacements, projection = statics.class_compliance(body, system, stiffness, space)
         matrix += share

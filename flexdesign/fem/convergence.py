@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 #: Lowest and highest order for sharp roots: Williams' exponent of a re-entrant right angle, the root of
-#: sin(3 pi s / 2) = -s, times two; and that of a mixture with the smooth error.
+#: sin(3 pi s / 2) = s, times two; and that of a mixture with the smooth error.
 SHARP_ROOTS = (2 * 0.5444837, 2.0)
 #: The same for fillets.
 ROUNDED_ROOTS = (2.0, 4.0)

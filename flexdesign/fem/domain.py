@@ -128,6 +128,11 @@ def of_part(part: Part, *, symmetric: bool = True, chord: float) -> Domain:
         if not _mirrors(whole, plane):
             raise InputError("part", "symmetry", plane.axis, "the solid is not its own mirror image in this plane")
     faces = tuple(_face(face, chord) for face in solid.Faces())
+    for port in part.ports():
+        for plane in planes:
+            if port.name not in (*plane.swaps, *plane.swaps.values()) and abs(port.point[plane.index]) > 1e-9:
+                remedy = f"its point must lie in the symmetry plane {plane.axis} = 0, or the plane must swap the port"
+                raise InputError("part", f"ports.{port.name}", port.point, remedy)
     swapped = {name for plane in planes for name in plane.swaps}
     ports = {port.name: _face_of(port, faces) for port in part.ports() if port.name not in swapped}
     return Domain(

@@ -162,7 +162,7 @@ def snap(mesh: TaggedMesh, domain: Domain, envelope: float) -> TaggedMesh:
     Raises
     ------
     MeshError
-        If a vertex has to move farther than twice the envelope, or a tetrahedron turns inside out.
+        If a vertex has to move farther than three times the envelope, or a tetrahedron turns inside out.
     """
     points = mesh.points.copy()
     vertex_faces = _memberships(mesh, domain)

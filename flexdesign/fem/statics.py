@@ -84,7 +84,7 @@ class PortCompliance:
 
     def actuator_force(self, free_stroke: float, actuator: float) -> float:
         """Return the force [N] the energised actuator exerts, output free: F = s / (C11 + 1/k)."""
-        return free_stroke / (self.c11 + 1 / actuator)
+        return free_stroke / (self.c11 + 1 / actuator) if actuator else 0.0
 
     def blocked_force(self, free_stroke: float, actuator: float) -> float:
         """Return the output force [N] that holds the output at rest against the energised actuator."""

@@ -95,6 +95,7 @@ def _draw(picture: Picture, pv: Any) -> bytes:
     import vtk
 
     vtk.vtkObject.GlobalWarningDisplayOff()  # without a display VTK warns on every window before it falls back
+    vtk.vtkLogger.SetStderrVerbosity(vtk.vtkLogger.VERBOSITY_OFF)
     kind = pv.CellType.TETRA if picture.tets.shape[1] == 4 else pv.CellType.QUADRATIC_TETRA
     cells = {kind: picture.tets}
     grid = pv.UnstructuredGrid(cells, picture.points * 1e3)

@@ -103,17 +103,18 @@ def test_surface_is_closed_and_holds_the_volume() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "field"),
+    ("changes", "symmetric", "why"),
     [
-        ({"point": (0.0, 12e-3, 0.0)}, "ports.output"),  # inside the body
-        ({"normal": (0.0, -1.0, 0.0)}, "ports.output"),  # points inwards
-        ({"point": (20e-3, 13e-3, 0.0)}, "ports.output"),  # beside the face
+        ({"point": (0.0, 12e-3, 0.0)}, True, "no plane face"),  # inside the body
+        ({"normal": (0.0, -1.0, 0.0)}, True, "no plane face"),  # points inwards
+        ({"point": (20e-3, 13e-3, 0.0)}, False, "no plane face"),  # beside the face
+        ({"point": (1e-3, 13e-3, 0.0)}, True, "must lie in the symmetry plane x = 0"),
     ],
 )
-def test_a_port_that_is_not_on_the_solid_is_refused(changes: dict[str, Any], field: str) -> None:
-    with pytest.raises(InputError, match="no plane face") as caught:
-        domain.of_part(misplaced(Bracket(), "output", **changes), chord=1e-5)
-    assert caught.value.field == field
+def test_a_port_that_is_not_on_the_solid_is_refused(changes: dict[str, Any], symmetric: bool, why: str) -> None:
+    with pytest.raises(InputError, match=why) as caught:
+        domain.of_part(misplaced(Bracket(), "output", **changes), symmetric=symmetric, chord=1e-5)
+    assert caught.value.field == "ports.output"
 
 
 class Lopsided(Bracket):

@@ -1,0 +1,210 @@
+"""Files that users write: TOML whose fields carry units and bounds, overrides from the command line, clear refusals."""
+
+from __future__ import annotations
+
+import copy
+import json
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic.fields import FieldInfo
+
+from flexdesign import units
+from flexdesign.errors import InputError, suggest
+
+#: The format of files that this version reads and writes.
+FORMAT = 1
+
+Schema = TypeVar("Schema", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """The numbers a field accepts, in the SI unit `si`."""
+
+    si: str
+    lower: float
+    upper: float
+    exclusive: bool = False
+
+    def read(self, given: object) -> float:
+        """Return what a file says as a number in SI.
+
+        Raises
+        ------
+        ValueError
+            If it is none, or lies outside; the message says what is allowed.
+        """
+        try:
+            value = units.from_text(given, self.si)
+        except ValueError as error:
+            raise ValueError(f"{error}; {self}" if self.si == "1" else str(error)) from error
+        if not self.lower <= value <= self.upper or (self.exclusive and value == self.lower):
+            raise ValueError(str(self))
+        return value
+
+    def __str__(self) -> str:
+        unit = units.DISPLAY.get(self.si, self.si)
+        low, high = (f"{bound / units.factor(unit or '1', self.si):g}" for bound in (self.lower, self.upper))
+        span = f"more than {low}, at most {high}" if self.exclusive else f"{low} to {high}"
+        return f"allowed: {span} {unit}".rstrip()
+
+
+@dataclass(frozen=True)
+class WholeBounds(Bounds):
+    """The whole numbers a field accepts."""
+
+    def read(self, given: object) -> int:
+        """Return what a file says as a whole number."""
+        if isinstance(given, bool) or not isinstance(given, int) or not self.lower <= given <= self.upper:
+            raise ValueError(f"{self}, a whole number")
+        return given
+
+
+def in_si(si: str, lower: float, upper: float, *, exclusive: bool = False) -> Any:
+    """Annotate a number that files write with a unit and the program holds in the SI unit `si`."""
+    bounds = Bounds(si, lower, upper, exclusive)
+    return Annotated[float, BeforeValidator(bounds.read), bounds]
+
+
+def whole(lower: int, upper: int) -> Any:
+    """Annotate a whole number."""
+    bounds = WholeBounds("1", lower, upper)
+    return Annotated[int, BeforeValidator(bounds.read), bounds]
+
+
+class Table(BaseModel):
+    """A table of a file: immutable, and with no room for misspelt keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def read_toml(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """Read a TOML file and lay ``table.key=value`` overrides over it.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is no TOML, or an override has no equals sign or no such table.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise InputError(path, "", None, f"is not UTF-8 text (line {line}); save it as UTF-8") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(path, "", None, f"is not valid TOML: {error}; correct that line") from error
+    return overlay(content, overrides)
+
+
+def overlay(content: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """Return `content` with ``table.key=value`` overrides; values are text with units, numbers or true/false."""
+    changed = copy.deepcopy(dict(content))
+    for override in overrides:
+        key, equals, text = override.partition("=")
+        *tables, last = pieces = key.strip().split(".")
+        if not equals or not all(pieces):
+            raise InputError("command line", "--set", override, 'write --set table.key="value unit"')
+        table = changed
+        for name in tables:
+            table = table.setdefault(name, {})
+            if not isinstance(table, dict):
+                remedy = f"{name} is a value ({as_written(table)}), not a table; write --set {name}=..."
+                raise InputError("command line", key.strip(), text.strip(), remedy)
+        table[last] = _literal(text.strip())
+    return changed
+
+
+@contextmanager
+def attributed(overrides: Sequence[str]) -> Iterator[None]:
+    """Let an InputError about an overridden field name the command line, not the file it was laid over."""
+    try:
+        yield
+    except InputError as error:
+        for override in overrides:
+            key = override.partition("=")[0].strip()
+            if error.field and (key == error.field or key.startswith(f"{error.field}.")):
+                raise InputError("command line", error.field, error.value, error.remedy) from error
+        raise
+
+
+def as_written(value: object) -> object:
+    """Return a value as a message shows it: text that would pass for another thing in quotes, tables not at all."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        plain = value.strip() and value.isprintable() and isinstance(_literal(value), str)
+        return value if plain else json.dumps(value, ensure_ascii=False)
+    if isinstance(value, Mapping) or (isinstance(value, list) and any(isinstance(v, Mapping) for v in value)):
+        return None
+    return value
+
+
+def check(schema: type[Schema], content: Mapping[str, Any], path: Path, table: str = "") -> Schema:
+    """Validate the content of a file, or of one `table` of it, turning the first failure into an InputError."""
+    if not content:
+        raise InputError(path, table, None, "is empty; it needs " + ", ".join(_required(schema)))
+    if "format" in schema.model_fields:
+        written = content.get("format", FORMAT)
+        if type(written) is not int or written != FORMAT:
+            remedy = f"this version reads format = {FORMAT}; a higher one needs a newer flexdesign"
+            raise InputError(path, "format", as_written(written), remedy)
+    try:
+        return schema.model_validate(content)
+    except ValidationError as error:
+        # A misspelt key comes before the one that is missing because of it.
+        first = min(error.errors(), key=lambda e: {"extra_forbidden": 0, "missing": 2}.get(e["type"], 1))
+        place = [str(piece) for piece in first["loc"]]
+        field, (owner, annotation) = ".".join([*([table] if table else []), *place]), _field(schema, place)
+        remedy = {
+            "missing": f"is missing; {_how(place[-1], annotation)}",
+            "extra_forbidden": f"is not a known key{suggest(place[-1], list(owner.model_fields))}",
+            "string_type": f'expected text: {place[-1]} = "..."',
+            "dict_type": f"expected a table: [{field}]",
+            "model_type": f"expected a table: [{field}]",
+        }.get(first["type"], first["msg"].removeprefix("Value error, "))
+        value = None if first["type"] == "missing" else as_written(first["input"])
+        raise InputError(path, field, value, remedy) from None
+
+
+def _field(schema: type[BaseModel], place: Sequence[str]) -> tuple[type[BaseModel], FieldInfo | None]:
+    """Return the table in which a place lies, and what is known of the field there."""
+    *tables, last = place
+    for name in tables:
+        annotation = schema.model_fields[name].annotation
+        options = [annotation, *getattr(annotation, "__args__", ())]
+        schema = next(o for o in options if isinstance(o, type) and issubclass(o, BaseModel))
+    return schema, schema.model_fields.get(last)
+
+
+def _required(schema: type[BaseModel]) -> list[str]:
+    return [name for name, field in schema.model_fields.items() if field.is_required()]
+
+
+def _how(name: str, field: FieldInfo | None) -> str:
+    """Return how a field is written."""
+    bounds = next((m for m in field.metadata if isinstance(m, Bounds)), None) if field else None
+    if name == "format":
+        return f"write format = {FORMAT}"
+    if bounds and bounds.si != "1":
+        return f'write for example {name} = "{units.example(bounds.si)}"'
+    if bounds:
+        return f"write {name} = ..., {bounds}"
+    if field and field.annotation is not str and name != "material":
+        return f"write a table: [{name}]"
+    example = {"part": "bridge_amplifier", "design": "bridge_amplifier", "material": "AZ31B"}
+    return f'write for example {name} = "{example.get(name, "...")}"'
+
+
+def _literal(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (ValueError, RecursionError):
+        return text
