@@ -7,14 +7,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from flexdesign.analytic.prb import loaded
 from flexdesign.design import Design
 from flexdesign.fem import resultants
 from flexdesign.fem.analysis import Solution
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.statics import PortCompliance
 from flexdesign.materials import Material
-from flexdesign.model import Quantity
+from flexdesign.model import Quantity, output_boundary
 from flexdesign.stage_model import AxisModel, StageModel
 from flexdesign.study import Study
 
@@ -33,7 +32,7 @@ def of_solution(study: Study, solution: Solution) -> list[Quantity]:
     ]
     if study.output.load is not None:
         stiffness, ratio = c.loaded(study.output.load)
-        boundary = loaded(study.output.load)
+        boundary = output_boundary(study.output.load)
         found.append(Quantity("K_in", stiffness, "N/m", "N/mm", boundary))
         found.append(Quantity("lambda", ratio, "1", "", boundary))
     if actuator is not None:

@@ -32,8 +32,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign import units
-from flexdesign.model import Quantity
+from flexdesign.model import Quantity, output_boundary
 
 SOURCE = "Lin et al. (2019)"
 
@@ -293,7 +292,7 @@ def intermediates(model: PseudoRigidBridge, force: float, output_load: float = 0
         Symbol -> quantity, in the order of the equations; each one's source names its equation.
     """
     f, load = force / 2, output_load
-    m, at = model, loaded(output_load)
+    m, at = model, output_boundary(output_load)
     tip = m.rod_length
     rows = (
         ("F_x", f, "N", "N", "half the actuator's force: upper and lower arm"),
@@ -343,7 +342,7 @@ def quantities(
         K_in, lambda, and K_out with its input free, held and, if asked for, actuator. An infinite stiffness
         (input held without a rod) is left out: there is nothing to compare it with.
     """
-    at = loaded(output_load)
+    at = output_boundary(output_load)
     generalised = "" if output_load == model.output_stiffness else ", output load generalised"
     eq17 = f"{SOURCE}, eq. (17){generalised}"
     ports = f"port compliance from {SOURCE}, eqs. (5), (17)"
@@ -360,10 +359,3 @@ def quantities(
         if math.isfinite(value):
             found.append(Quantity("K_out", value, "N/m", "N/mm", boundary, ports))
     return {quantity.key: quantity for quantity in found}
-
-
-def loaded(output_load: float) -> str:
-    """Return the boundary's name for an output that pushes against a stiffness [N/m], 0 being a free output."""
-    if not 0 <= output_load < math.inf:
-        raise ValueError(f"an output load is a stiffness of zero or more, found {output_load!r} N/m")
-    return "output free" if output_load == 0 else f"output loaded by {units.to_text(output_load, 'N/mm', si='N/m')}"

@@ -4,7 +4,7 @@ from flexdesign.model.effect import Adjust, Block, Effect, Socket, Term
 from flexdesign.model.linkage import Linkage, Member
 from flexdesign.model.observation import Model, Observation
 from flexdesign.model.parameter import Parameter
-from flexdesign.model.quantity import Quantity
+from flexdesign.model.quantity import Quantity, output_boundary
 
 __all__ = [
     "Adjust",
@@ -18,4 +18,5 @@ __all__ = [
     "Quantity",
     "Socket",
     "Term",
+    "output_boundary",
 ]

@@ -75,3 +75,16 @@ class Quantity:
     def __str__(self) -> str:
         boundary = f" ({self.boundary})" if self.boundary else ""
         return f"{self.name}{boundary} = {self.shown()}"
+
+
+def output_boundary(load: float) -> str:
+    """Return the boundary's name for an output that pushes against a stiffness [N/m]; 0 is a free output.
+
+    Raises
+    ------
+    ValueError
+        If the stiffness is negative or not finite.
+    """
+    if not 0 <= load < math.inf:
+        raise ValueError(f"an output load is a stiffness of zero or more, found {load!r} N/m")
+    return "output free" if load == 0 else f"output loaded by {units.to_text(load, 'N/mm', si='N/m')}"
