@@ -53,14 +53,14 @@ def of_solution(study: Study, solution: Solution) -> list[Quantity]:
 
 
 def _preloaded(c: PortCompliance, preload: float, k: float) -> list[Quantity]:
-    """Return what the preload does: it shifts the output at rest, and an output force uses it up.
+    """Return what the preload does: it shifts the output at rest, and an output force of one sign uses it up.
 
-    An output force P extends the inputs by C12 P / (1 + k C11); the stack loses k times that.
+    An output force P extends the inputs by C12 P / (1 + k C11), and the stack's compression falls by k times that.
     """
-    lost = preload * (1 + k * c.c11) / (k * abs(c.c12))
+    lost = preload * (1 + k * c.c11) / (k * c.c12)
     return [
         Quantity("preload_shift", preload * c.c12, "m", "um", "output free"),
-        Quantity("output_force_that_unloads_the_stack", lost, "N", "N", "actuator at rest"),
+        Quantity("output_force_that_unloads_the_stack", lost, "N", "N", "no voltage"),
     ]
 
 

@@ -274,13 +274,13 @@ def _mesh(
 
 
 def _resolved(member: Member) -> float:
-    """Return the length that `mesh.at_root` counts in: a hinge's thickness, or its root fillet if that is small.
+    """Return the length that `mesh.at_root` counts in: a hinge's thickness, or less where fillets must be resolved.
 
     Arms and rods, stout and few, are resolved twice as finely for little cost, so that the hinges' error is left.
     """
     if member.kind != "hinge":
         return member.thickness / 2
-    return min(member.thickness, 1.5 * member.root_radius) if member.root_radius > 0 else member.thickness
+    return min(0.6 * member.thickness, 1.5 * member.root_radius) if member.root_radius > 0 else member.thickness
 
 
 def _largest(part: parts.Part) -> float:

@@ -5,8 +5,8 @@ thickness itself is measured: lines across the leaf, on a grid over its length a
 to the facet they leave by.
 
 Flat leaves and notches are judged line by line. Where a leaf runs out into a fillet, facets straddle the line at which
-the fillet begins and thicken the leaf there by some percent over a fraction of an element; beyond one fillet radius
-from it the leaf is judged line by line, and the whole hinge, fillets included, by its thickness in bending,
+the fillet begins and thicken the leaf there by some percent over a fraction of an element; such a leaf is judged line
+by line in its middle half, and the whole hinge, fillets included, by its thickness in bending,
 
     t_b = (mean of t^-3 over the lines)^(-1/3).
 """
@@ -100,7 +100,8 @@ def _measure(mesh: TaggedMesh, hinge: Member, along: int = 21, across: int = 7) 
     grid = np.stack(np.meshgrid(s, z, indexing="ij"), axis=-1).reshape(-1, 2)
     measured = _thickness(facets, grid)
     nominal = np.array([hinge.thickness_at(value) for value in grid[:, 0]])
-    judged = np.abs(grid[:, 0]) <= max(hinge.length / 2 - 2 * hinge.root_radius, hinge.length / 20)
+    middle = min(hinge.length / 4, hinge.length / 2 - 2 * hinge.root_radius) if hinge.root_radius > 0 else math.inf
+    judged = np.abs(grid[:, 0]) <= max(middle, hinge.length / 20)
     return HingeCheck(
         hinge=hinge,
         deviation=float(np.abs(measured / nominal - 1)[judged].max()),

@@ -136,18 +136,21 @@ def _actuator(validation: Validation) -> Section:
     keys = ("stroke", "blocked_force", "actuator_force", "preload_shift", "output_force_that_unloads_the_stack")
     rows = [[name_of(q), q.boundary, shown(q)] for q in validation.further if q.name in keys]
     stroke, blocked = validation.fem("stroke_output_free"), validation.fem("blocked_force_output_held")
-    drawing = charts.lines(
-        [("full voltage", [0.0, -blocked.value], [stroke.value * 1e6, 0.0])],
-        "external force on the output along its normal [N]",
-        "output motion [µm]",
-    )
+    stiffness, holding = validation.fem("K_out_actuator_installed").value, -blocked.value
+    curves = [("full voltage", [0.0, holding], [stroke.value * 1e6, 0.0])]
+    if actuator.preload > 0:
+        lost = validation.fem("output_force_that_unloads_the_stack_no_voltage").value
+        ends = [lost, holding]
+        curves.append(("no voltage, from where the preload is used up", ends, [p / stiffness * 1e6 for p in ends]))
+    drawing = charts.lines(curves, "external force on the output along its normal [N]", "output motion [µm]")
     text = (
         f"{actuator.name}: free stroke {units.to_text(actuator.free_stroke, 'um', si='m')}, stack and seats in series "
         f"{units.to_text(actuator.installed_stiffness, 'N/um', si='N/m')}, "
         f"preload {units.to_text(actuator.preload, 'N')}. Along the load line the energised stage is a spring of "
-        "stiffness K_out with the actuator installed."
+        "stiffness K_out with the actuator installed. An output force beyond the one that uses up the preload parts "
+        "the stack from its seats."
     )
-    figure = Figure("load_line.svg", drawing, "Load line from free stroke to blocked force")
+    figure = Figure("load_line.svg", drawing, "Load lines; the one at full voltage ends at the blocked force")
     return Section("With the actuator", [text], [Table(["quantity", "boundary", "FEM"], rows)], [figure])
 
 
