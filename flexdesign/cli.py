@@ -15,7 +15,7 @@ from flexdesign.errors import InputError
 
 app = typer.Typer(
     name="flexdesign",
-    help="Design piezo-driven flexure stages, simulate them, and confront the model with measurements.",
+    help="Design piezo-driven flexure stages, and see what the formulas leave out.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -39,6 +39,14 @@ amplification, stroke, coupling, modes and stress, each with the boundary it hol
     flexdesign validate bridge_amplifier --set dimensions.hinge_thickness="0.4 mm"
 
     flexdesign validate my_design.toml --set mesh.levels=2 --json > result.json
+
+**What --set can change:** the design (`dimensions.*`, `material`, `actuator.*`, `part`) and the study (`mesh.levels`,
+`mesh.at_root`, `mesh.growth`, `mesh.largest`, `mesh.refinement`, `mesh.envelope`, `modes.count`, `output.load`,
+`output.stroke`, `output.actuator_offset`).
+
+**What it writes:** report.html, report.md, result.json, stage_model.toml and the pictures, into --out.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
 
 Meshes and solutions are cached by content, so that a second run takes seconds and an interrupted one resumes.
 """

@@ -196,7 +196,6 @@ def examine(part: Part) -> None:
     for role in ("input", "output", "ground"):
         found = ", ".join(sorted({port.role for port in ports})) or None
         require(any(port.role == role for port in ports), "ports", found, f"there is no port with the role {role}")
-    require("ground" in names, "ports", ", ".join(names), "the port that is held must be called ground")
     require(isinstance(linkage, Linkage), "linkage", None, "must return a flexdesign.model.Linkage")
     hinges = linkage.of_kind("hinge")
     require(bool(hinges), "linkage", None, "there is no member of the kind hinge; the mesh is graded towards hinges")
@@ -210,7 +209,8 @@ def examine(part: Part) -> None:
         require(axes.count(plane.axis) == 1, "symmetry", plane.axis, "two planes have this axis")
         for name in (*plane.swaps, *plane.swaps.values()):
             require(name in names, "symmetry", name, f"swaps a port that does not exist{suggest(name, names)}")
-        require("ground" not in plane.swaps, "symmetry", "ground", "the ground must be its own mirror image")
+        held = [port.name for port in ports if port.role == "ground" and port.name in plane.swaps]
+        require(not held, "symmetry", ", ".join(held), "a ground port must be its own mirror image")
 
 
 def file_of(part: type[Part]) -> Path:

@@ -9,11 +9,11 @@ import numpy as np
 
 from flexdesign.design import Design
 from flexdesign.fem import resultants
-from flexdesign.fem.analysis import Solution
+from flexdesign.fem.analysis import ModeRecord, Solution
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.statics import PortCompliance
 from flexdesign.materials import Material
-from flexdesign.model import Quantity, output_boundary
+from flexdesign.model import Member, Quantity, output_boundary
 from flexdesign.stage_model import AxisModel, StageModel
 from flexdesign.study import Study
 
@@ -48,7 +48,7 @@ def of_solution(study: Study, solution: Solution) -> list[Quantity]:
     found += stresses(study, solution)
     if solution.modes:
         found += _coupling(c, study.output.actuator_offset)
-        found += _frequencies(solution)
+        found += _frequencies(solution, actuator.installed_stiffness if actuator else 0.0)
     return found
 
 
@@ -92,15 +92,25 @@ def _actuator_places(offset: float) -> list[tuple[str, np.ndarray]]:
     return places
 
 
-def _frequencies(solution: Solution) -> list[Quantity]:
+def output_share(mode: ModeRecord, compliance: PortCompliance, actuator: float) -> float:
+    """Return what part of the output's compliance, 1/K_out, one mode carries: 1 / (m omega^2), m its output mass."""
+    stiffness = compliance.output_stiffness(actuator if mode.installed else 0.0)
+    return stiffness / (mode.output_mass * (2 * math.pi * mode.frequency) ** 2)
+
+
+def _frequencies(solution: Solution, actuator: float) -> list[Quantity]:
     found = []
     for installed, boundary in ((False, "input free"), (True, "actuator installed")):
         modes = [mode for mode in solution.modes if mode.installed == installed]
         if not modes:
             continue
-        main = min(modes, key=lambda mode: mode.output_mass)
-        found.append(Quantity("first_frequency", modes[0].frequency, "Hz", "Hz", boundary))
-        found.append(Quantity("output_frequency", main.frequency, "Hz", "Hz", boundary))
+        shares = [output_share(mode, solution.compliance, actuator) for mode in modes]
+        main = int(np.argmax(shares))
+        found += [
+            Quantity("first_frequency", modes[0].frequency, "Hz", "Hz", boundary),
+            Quantity("output_frequency", modes[main].frequency, "Hz", "Hz", boundary),
+            Quantity("output_share", shares[main], "1", "%", boundary),
+        ]
     return found
 
 
@@ -149,6 +159,7 @@ def stage_model(design: Design, found: Mapping[str, Quantity]) -> StageModel | N
         input_stiffness=k_in.value,
         amplification=found["lambda_output_free"].value,
         actuator_stiffness=actuator.installed_stiffness,
+        modal_share=found["output_share_actuator_installed"].value,
         uncertainty=relative,
     )
     return StageModel({"y": axis}, f"From FEM of {design.title}; uncertainties are those of the discretisation alone.")
@@ -158,20 +169,27 @@ def stated_force(study: Study, solution: Solution) -> tuple[float, str]:
     """Return the actuator force at which stress is stated [N], preload included, and how it comes about."""
     actuator, stroke, compliance = study.design.actuator, study.output.stroke, solution.compliance
     preload = actuator.preload if actuator else 0.0
+    also = " and preload" if preload else ""
     if stroke is not None:
-        return stroke / abs(compliance.c12) + preload, f"{stroke * 1e6:g} um at the output"
+        return stroke / abs(compliance.c12) + preload, f"{stroke * 1e6:g} um at the output{also}"
     if actuator is not None:
-        return compliance.actuator_force(actuator.free_stroke, actuator.installed_stiffness) + preload, "full stroke"
+        force = compliance.actuator_force(actuator.free_stroke, actuator.installed_stiffness)
+        return force + preload, f"full voltage{also}"
     return 1.0, "1 N of actuator force"
 
 
 def stresses(study: Study, solution: Solution) -> list[Quantity]:
-    """Return peak and nominal stress at the stated stroke, preload included, and how far from yield they are."""
+    """Return nominal and peak stress of the hinges at the stated force, and how far from yield they are.
+
+    The peak is sought within one thickness of the hinges: other edges of the solid and the rim of the held face have
+    singularities of their own, which say nothing of the design.
+    """
     force, boundary = stated_force(study, solution)
-    leaves = study.design.part().linkage().of_kind("hinge")
-    source = UNBOUNDED if any(leaf.root_radius == 0 for leaf in leaves) else ""
-    peak = force * float(solution.von_mises.max())
+    hinges = [section.member for section in solution.input_sections if section.member.kind == "hinge"]
+    near = np.any([_distance(solution.positions, hinge) <= hinge.thickness for hinge in hinges], axis=0)
+    peak = force * float(solution.von_mises[near].max())
     nominal = force * max(s.nominal_stress for s in solution.input_sections if s.member.kind == "hinge")
+    source = UNBOUNDED if any(hinge.root_radius == 0 for hinge in hinges) else ""
     strength = study.design.material.yield_strength
     return [
         Quantity("hinge_stress", nominal, "Pa", "MPa", boundary),
@@ -179,3 +197,10 @@ def stresses(study: Study, solution: Solution) -> list[Quantity]:
         Quantity("peak_stress", peak, "Pa", "MPa", boundary, source),
         Quantity("safety_against_yield", strength / peak, "1", "", f"peak stress, {boundary}", source),
     ]
+
+
+def _distance(points: np.ndarray, member: Member) -> np.ndarray:
+    """Return the distance of points (n, 3) from a member's axis, seen along the width."""
+    start, axis = np.array(member.start)[:2], np.array(member.axis)[:2]
+    along = np.clip((points[:, :2] - start) @ axis, 0.0, member.length)
+    return np.asarray(np.linalg.norm(points[:, :2] - start - along[:, None] * axis, axis=1))

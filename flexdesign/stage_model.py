@@ -5,6 +5,7 @@ Mass, stiffness and gain are those with the actuators installed: stack and seats
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +22,7 @@ class AxisModel:
     Parameters
     ----------
     mass
-        Of the mode that carries the output [kg].
+        Lumped: what gives the mode that carries most of the output's compliance its frequency on `stiffness` [kg].
     stiffness
         At the output, actuator installed [N/m].
     stroke
@@ -34,8 +35,10 @@ class AxisModel:
         At the actuator, output free [N/m], and output motion per extension, signed.
     actuator_stiffness
         Stack and seats in series [N/m].
+    modal_share
+        What part of the output's compliance that mode carries; the rest belongs to modes this model does not have.
     uncertainty
-        One sigma, relative, by field.
+        Half-width, relative, by field; of the discretisation alone.
     """
 
     mass: float
@@ -46,12 +49,13 @@ class AxisModel:
     input_stiffness: float
     amplification: float
     actuator_stiffness: float
+    modal_share: float
     uncertainty: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def natural_frequency(self) -> float:
         """Of the output's mode with the actuator installed [Hz]."""
-        return float((self.stiffness / self.mass) ** 0.5 / 6.283185307179586)
+        return float((self.stiffness / self.mass) ** 0.5 / (2 * math.pi))
 
 
 @dataclass(frozen=True)
@@ -85,12 +89,14 @@ def _axis(axis: AxisModel) -> list[str]:
     )
     return [
         f"mass = {text(axis.mass, 'g', 'kg')}",
+        f"# lumped: its mode ({units.to_text(axis.natural_frequency, 'Hz')}) carries "
+        f"{units.significant(100 * axis.modal_share, 3)} % of 1/stiffness; other modes carry the rest",
         f"stiffness = {text(axis.stiffness, 'N/mm', 'N/m')}          # at the output, actuator installed",
         f"gain = {text(gain, 'um/V' if per_volt else 'um/um', 'm/V' if per_volt else 'm/m')}"
         + ("" if per_volt else "              # per free stroke of the actuator; its voltage range is unknown"),
         f"input_stiffness = {text(axis.input_stiffness, 'N/um', 'N/m')}    # output free",
         f"amplification = {units.significant(axis.amplification, 6)}                # output free, signed",
-        f"uncertainty = {{ {uncertainty} }}",
+        f"uncertainty = {{ {uncertainty} }}    # half-widths, discretisation alone",
         "# damping_ratio: not known from geometry; identify it from a measured step or frequency response",
     ]
 

@@ -8,14 +8,16 @@ from __future__ import annotations
 import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
+from flexdesign import __version__, quantities, units
 from flexdesign import part as parts
-from flexdesign import quantities
 from flexdesign.cache import Cache, content_key
 from flexdesign.design import Design
 from flexdesign.errors import InputError
@@ -24,6 +26,7 @@ from flexdesign.fem.analysis import Solution
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.gate import HingeCheck
 from flexdesign.fem.mesh import MeshError, TaggedMesh
+from flexdesign.files import as_text
 from flexdesign.model import Member, Quantity
 from flexdesign.stage_model import StageModel
 from flexdesign.study import MeshSettings, Study
@@ -31,7 +34,7 @@ from flexdesign.study import MeshSettings, Study
 Progress = Callable[[str], None]
 
 #: Distributions whose versions travel with every result.
-LIBRARIES = ("flexdesign", "cadquery", "pytetwild", "scikit-fem", "numpy", "scipy", "pypardiso", "pyvista", "meshio")
+LIBRARIES = ("cadquery", "pytetwild", "scikit-fem", "numpy", "scipy", "pypardiso", "pyvista", "meshio")
 
 
 @dataclass(frozen=True)
@@ -130,7 +133,7 @@ class Validation:
     def limit(self, value: Callable[[Solution], float]) -> convergence.Extrapolated:
         """Extrapolate a number that every mesh's solution gives."""
         sizes = [level.size for level in self.levels]
-        return convergence.extrapolate([value(level.solution) for level in self.levels], sizes, _orders(self.sharp))
+        return convergence.extrapolate([value(level.solution) for level in self.levels], sizes)
 
     @property
     def modal(self) -> Level:
@@ -140,9 +143,8 @@ class Validation:
     @property
     def extrapolation(self) -> str:
         """How the limit for vanishing element size and its error were found, in words."""
-        low, high = _orders(self.sharp)
-        roots = "sharp hinge roots" if self.sharp else "rounded hinge roots"
-        return convergence.DESCRIPTION.format(roots=roots, low=low, high=high, scatter=100 * convergence.SCATTER)
+        low, high = convergence.ORDERS
+        return convergence.DESCRIPTION.format(low=low, high=high, scatter=100 * convergence.SCATTER)
 
     def fem(self, key: str) -> Quantity:
         """Return a FEM quantity by its key, e.g. ``K_in_output_free``."""
@@ -181,16 +183,15 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
         raise InputError(file, error.field, error.value, error.remedy) from error
     coarseness = [study.mesh.refinement**k for k in reversed(range(study.mesh.levels))]
     levels = [_level(study, part, body, factor, cache, progress) for factor in coarseness]
-    gathered = _gather(study, levels, _orders(_sharp(part)))
+    gathered = _gather(study, levels)
     comparisons, further = _compare(design, part, study.output.load, gathered)
-    finest = levels[-1].solution
     return Validation(
         study=study,
         domain=body,
         levels=levels,
         comparisons=comparisons,
         further=further,
-        shares=quantities.compliance_shares(design.material, body, finest),
+        shares=_shares(design, body, levels),
         formula_shares=part.formula_shares(design.material),
         stage_model=quantities.stage_model(
             design, {q.key: q for q in further} | {c.fem.key: c.fem for c in comparisons}
@@ -216,8 +217,9 @@ def _level(study: Study, part: parts.Part, body: Domain, coarseness: float, cach
     count = study.modes.count if all_classes else 0
     material = design.material
     key = content_key(
-        analysis.VERSION, mesh_key, vars(material), actuator, count, all_classes, _versions(),
+        _engine(), mesh_key, vars(material), actuator, count, all_classes, _versions(),
         [vars(port) for port in part.ports()], [vars(member) for member in part.linkage().members],
+        [vars(plane) for plane in body.planes],
     )  # fmt: skip
     leaves = part.linkage().of_kind("hinge")
     reach = min(leaf.thickness for leaf in leaves) / 2
@@ -259,7 +261,7 @@ def _mesh(
     )
     envelope = settings.envelope * min(hinge.thickness for hinge in hinges)
     asked = (field.roots, field.at_roots, field.growth, field.largest, envelope)
-    question = content_key(mesh.VERSION, body.fingerprint, *asked, _versions())
+    question = content_key(_engine(), body.fingerprint, *asked, _versions())
     stored = cache.load("mesh", question)
     if stored is not None:
         tagged = TaggedMesh(**stored[0])
@@ -288,10 +290,6 @@ def _largest(part: parts.Part) -> float:
     return 0.4 * min(m.thickness for m in part.linkage().members if m.kind in ("arm", "rod", "guide"))
 
 
-def _orders(sharp: bool) -> tuple[float, float]:
-    return convergence.SHARP_ROOTS if sharp else convergence.ROUNDED_ROOTS
-
-
 def _sharp(part: parts.Part) -> bool:
     return any(hinge.root_radius == 0 for hinge in part.linkage().of_kind("hinge"))
 
@@ -299,7 +297,7 @@ def _sharp(part: parts.Part) -> bool:
 # --- from meshes to quantities ----------------------------------------------------------------------------------
 
 
-def _gather(study: Study, levels: Sequence[Level], orders: tuple[float, float]) -> list[Quantity]:
+def _gather(study: Study, levels: Sequence[Level]) -> list[Quantity]:
     """Extrapolate every quantity over the meshes that know it; what grows without bound stays as the finest has it."""
     found = [{q.key: q for q in quantities.of_solution(study, level.solution)} for level in levels]
     gathered = []
@@ -308,11 +306,21 @@ def _gather(study: Study, levels: Sequence[Level], orders: tuple[float, float]) 
             gathered.append(found[-1][key])
             continue
         known = [(level, there[key].value) for level, there in zip(levels, found, strict=True) if key in there]
-        limit = convergence.extrapolate([value for _, value in known], [level.size for level, _ in known], orders)
+        limit = convergence.extrapolate([value for _, value in known], [level.size for level, _ in known])
         finest = known[-1][0].solution.facts["unknowns"]
         source = f"FEM, {len(known)} meshes to {finest} unknowns, extrapolated"
         gathered.append(replace(quantity, value=limit.value, source=source, sigma=limit.error))
     return gathered
+
+
+def _shares(design: Design, body: Domain, levels: Sequence[Level]) -> dict[str, dict[str, float]]:
+    """Extrapolate every piece of the compliances; as that is linear, the pieces still add up."""
+    sizes = [level.size for level in levels]
+    found = [quantities.compliance_shares(design.material, body, level.solution) for level in levels]
+    return {
+        key: {p: convergence.extrapolate([f[key][p] for f in found], sizes).value for p in found[-1][key]}
+        for key in found[-1]
+    }
 
 
 def _compare(
@@ -335,13 +343,20 @@ def _compare(
 
 
 def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
+    found = {"flexdesign": __version__, "python": platform.python_version()}
     for name in LIBRARIES:
         try:
             found[name] = version(name)
         except PackageNotFoundError:
             found[name] = "not installed"
     return found
+
+
+@cache
+def _engine() -> str:
+    """Return a hash of the code that makes meshes and solutions, lest results of other code be taken for its."""
+    sources = sorted(Path(analysis.__file__).parent.glob("*.py"))
+    return content_key([source.read_text(encoding="utf-8") for source in sources])
 
 
 def provenance(study: Study) -> dict[str, Any]:
@@ -353,10 +368,17 @@ def provenance(study: Study) -> dict[str, Any]:
         "provenance": design.provenance,
         "part": f"{design.part_class.__name__} ({parts.source_hash(design.part_class)})",
         "dimensions": {name: f"{value * 1e3:g} mm" for name, value in design.dimensions.items()},
-        "material": vars(design.material),
-        "actuator": design.actuator.model_dump() if design.actuator else None,
-        "mesh": study.mesh.model_dump(),
-        "modes": study.modes.model_dump(),
-        "output": study.output.model_dump(),
+        "material": {
+            "name": design.material.name,
+            "youngs_modulus": units.to_text(design.material.youngs_modulus, "GPa", si="Pa"),
+            "poissons_ratio": design.material.poissons_ratio,
+            "density": units.to_text(design.material.density, "kg/m^3"),
+            "yield_strength": units.to_text(design.material.yield_strength, "MPa", si="Pa"),
+            "source": design.material.source,
+        },
+        "actuator": as_text(design.actuator) if design.actuator else None,
+        "mesh": as_text(study.mesh),
+        "modes": as_text(study.modes),
+        "output": as_text(study.output),
         "versions": _versions(),
     }

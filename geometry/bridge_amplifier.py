@@ -101,7 +101,8 @@ class BridgeAmplifier:
 
     def _require(self, name: str, lower: float = -math.inf, upper: float = math.inf, why: str = "") -> None:
         value = getattr(self, name)
-        if lower <= value <= upper:  # false for NaN
+        slack = 1e-9 * abs(value)  # a limit is allowed, however it was rounded
+        if lower - slack <= value <= upper + slack:  # false for NaN
             return
         allowed = f"{lower * 1e3:g} mm" if math.isfinite(lower) else ""
         allowed += " to " if allowed and math.isfinite(upper) else ""

@@ -447,8 +447,6 @@ PARTS: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
         None, ("tuple of flexdesign.part.Port",)),
     "no output": (OUTPUT, OUTPUT.replace('"output", "output"', '"output", "input"'), "Leaf.ports()",
         "ground, input", ("no port with the role output",)),
-    "the ground has another name": ('"ground", "ground"', '"base", "ground"', "Leaf.ports()",
-        "left, right, output, base", ("must be called ground",)),
     "two ports of one name": ('"right", "input"', '"left", "input"', "Leaf.ports()", "left", ("two ports",)),
     "a normal of length 2": (OUTPUT, OUTPUT.replace("(0.0, 1.0, 0.0)", "(0.0, 2.0, 0.0)"), "Leaf.ports()",
         (0.0, 2.0, 0.0), ("normal of output", "unit vector")),

@@ -22,9 +22,6 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Progress = Callable[[str], None]
 
-#: Changes whenever this module's answers change, so that stored ones are not mistaken for them.
-VERSION = 2
-
 
 @dataclass(frozen=True)
 class ModeRecord:
@@ -170,6 +167,7 @@ def solve(
         solver = system.factor.name
         share, seen, displacements, projection = statics.class_compliance(body, system, stiffness, space)
         matrix += share
+        seen.require()
         checks = checks.worst(seen)
         if cls.is_symmetric:
             halves = np.repeat([0.5 ** space.swaps(name) for name in space.kept], 6)

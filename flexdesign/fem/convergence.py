@@ -3,8 +3,7 @@
 On meshes refined alike everywhere a quantity behaves as f(h) = f(0) + C h^p. At a sharp root, where the solid fills
 270 degrees, stresses grow as r^(s - 1) with s = 0.5445 (Williams 1952), and energies, hence stiffnesses, converge in
 the end with p = 2 s = 1.089 however high the order of the elements. Before the end, the smooth part of the error, which
-falls with a higher power, has its share, so that the order seen lies between that and about 2. Where roots are rounded
-and the fillet is resolved, quadratic elements' energy converges with p = 4 in the end, and 2 is slow.
+falls with a higher power, has its share, so that the order seen lies between that and about 2.
 
 Hence a bracket: extrapolations with the lowest and the highest order that theory allows for, their middle as the value
 and half their distance as the error.
@@ -16,17 +15,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-#: Lowest and highest order for sharp roots: Williams' exponent of a re-entrant right angle, the root of
-#: sin(3 pi s / 2) = s, times two; and that of a mixture with the smooth error.
-SHARP_ROOTS = (2 * 0.5444837, 2.0)
-#: The same for fillets.
-ROUNDED_ROOTS = (2.0, 4.0)
+#: Lowest and highest order: Williams' exponent of a re-entrant right angle, the root of sin(3 pi s / 2) = s, times two;
+#: and that of a mixture with the smooth error. Rounding the hinge roots leaves the sharp corners elsewhere and brings
+#: the error of straight edges on round fillets, of order 2, so that the bracket is the same.
+ORDERS = (2 * 0.5444837, 2.0)
 #: Scatter of a mesher that does not repeat itself, relative: the spread of K_in over runs with the same input.
 SCATTER = 2e-3
 
 #: The method in words, for reports.
 DESCRIPTION = (
-    "With {roots}, the error is taken to fall with the edge length to a power between {low:.3g} and {high:.3g}; the "
+    "The error is taken to fall with the edge length to a power between {low:.3g} and {high:.3g}; the "
     "value is the middle of the two extrapolations. The printed error is the larger of half their distance and a "
     "quarter of what the coarser pair of meshes answers otherwise, and, in quadrature, what {scatter:g} % of scatter "
     "between runs of the mesher becomes by extrapolation."
@@ -59,7 +57,7 @@ class Extrapolated:
     gci: float
 
 
-def extrapolate(values: Sequence[float], sizes: Sequence[float], orders: tuple[float, float]) -> Extrapolated:
+def extrapolate(values: Sequence[float], sizes: Sequence[float], orders: tuple[float, float] = ORDERS) -> Extrapolated:
     """Extrapolate the values found on two or more meshes, coarse to fine.
 
     Parameters

@@ -203,6 +203,8 @@ def _face_of(port: Port, faces: Sequence[Face]) -> int:
         if face.normal is None or face.normal @ np.array(port.normal) < 1 - 1e-9:
             continue
         low, high = face.points.min(axis=0) - 1e-9, face.points.max(axis=0) + 1e-9
+        if abs(face.normal @ np.array(port.point) - face.offset) > 1e-9:
+            continue
         if np.all(port.point >= low) and np.all(port.point <= high):
             return index
     raise InputError("part", f"ports.{port.name}", port.point, "no plane face with this normal at this point")

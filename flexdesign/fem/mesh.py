@@ -17,9 +17,6 @@ from flexdesign.part import SymmetryPlane
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-#: Changes whenever this module makes other meshes from the same input.
-VERSION = 1
-
 #: Corners of the four faces of a tetrahedron, each seen from outside counter-clockwise.
 TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 

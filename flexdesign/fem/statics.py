@@ -22,6 +22,10 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
+#: What rounding may leave in the checks of a solve; direct solvers leave 1e-8.
+LARGEST_ERROR = 1e-6
+
+
 @dataclass(frozen=True)
 class PortCompliance:
     """Motions of the moving ports under unit loads on them, the ground held.
@@ -87,7 +91,10 @@ class PortCompliance:
         return free_stroke / (self.c11 + 1 / actuator) if actuator else 0.0
 
     def blocked_force(self, free_stroke: float, actuator: float) -> float:
-        """Return the output force [N] that holds the output at rest against the energised actuator."""
+        """Return the force [N] with which the energised stage pushes a stop that holds its output at rest.
+
+        Along the output's outward normal; the stop pushes back with the opposite of it.
+        """
         return self.stroke(free_stroke, actuator) * self.output_stiffness(actuator)
 
 
@@ -111,6 +118,18 @@ class Checks:
     balance: float
     energy: float
     residual: float
+
+    def require(self) -> None:
+        """Stop if a solve does not keep what must hold.
+
+        Raises
+        ------
+        ArithmeticError
+            If an error is larger than rounding explains; the answers must not be used.
+        """
+        for name, error in vars(self).items():
+            if not error <= LARGEST_ERROR:  # false for NaN
+                raise ArithmeticError(f"the solution fails its {name} check: relative error {error:.1e}")
 
     def worst(self, other: Checks) -> Checks:
         """Return the larger of each."""

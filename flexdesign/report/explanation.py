@@ -12,8 +12,9 @@ AGREEMENT = 0.02
 NAMED = 0.005
 
 METHOD = (
-    "Each compliance is split over the members: N²/2EA, V²/2κGA and M²/2EI from the section forces, which are "
-    "integrated from the FEM stresses along each hinge, arm and rod. The remainder is what beam theory of the members "
+    "Each compliance, twice the strain energy under unit load, is split over the members: N²L/EA, V²L/κGA and the "
+    "integral of M²/EI from the section forces, which are integrated from the FEM stresses along each hinge, arm and "
+    "rod, extrapolated like everything else. The remainder is what beam theory of the members "
     "does not see: the roots, where a leaf's stress spreads into its neighbours, the blocks, and the stiffening of "
     "wide leaves, which cannot contract sideways and count negative."
 )
@@ -44,11 +45,15 @@ def why(validation: Validation, key: str) -> str:
     gaps = {piece: (value - formula.get(piece, 0.0)) / total for piece, value in split.items()}
     missing = _listed({piece: gap for piece, gap in gaps.items() if gap > NAMED})
     excess = _listed({piece: -gap for piece, gap in gaps.items() if gap < -NAMED})
-    text = f"{model} puts {what} {100 * abs(error):.0f} % {'above' if error > 0 else 'below'} FEM."
+    gap = 100 * (1 - 1 / (1 + error))
+    text = (
+        f"{model} puts {what} {100 * abs(error):.0f} % {'above' if error > 0 else 'below'} FEM: its compliance is "
+        f"{abs(gap):.1f} % of FEM's {'smaller' if gap > 0 else 'larger'}."
+    )
     if missing:
-        text += f" It lacks, in percent of FEM's compliance: {missing}."
+        text += f" It lacks {missing}."
     if excess:
-        text += f" It has too much: {excess}."
+        text += f" It has too much {excess}."
     return text
 
 
@@ -68,7 +73,9 @@ def _label(validation: Validation, key: str) -> str:
 
 def _percentages(validation: Validation) -> dict[str, dict[str, float]]:
     return {
-        _label(validation, key): {PIECES[p]: 100 * split.get(p, 0.0) / sum(split.values()) for p in _pieces(validation)}
+        _label(validation, key): {
+            PIECES.get(p, p): 100 * split.get(p, 0.0) / sum(split.values()) for p in _pieces(validation)
+        }
         for key, split in validation.shares.items()
     }
 
@@ -76,21 +83,22 @@ def _percentages(validation: Validation) -> dict[str, dict[str, float]]:
 def _pieces(validation: Validation) -> list[str]:
     """Return the pieces that carry a twentieth of a percent anywhere."""
     splits = validation.shares.values()
-    return [p for p in PIECES if any(abs(split.get(p, 0.0)) > 5e-4 * sum(split.values()) for split in splits)]
+    known = dict.fromkeys([*PIECES, *(piece for split in splits for piece in split)])
+    return [p for p in known if any(abs(split.get(p, 0.0)) > 5e-4 * sum(split.values()) for split in splits)]
 
 
 def _table(validation: Validation) -> Table:
     columns = ["piece of the compliance, %"]
     for key in validation.shares:
         columns += [_label(validation, key)]
-        columns += ["PRB"] if key in validation.formula_shares else []
+        columns += [next(iter(_comparison(validation, key).analytic))] if key in validation.formula_shares else []
     rows = []
     for piece in _pieces(validation):
-        row = [PIECES[piece]]
+        row = [PIECES.get(piece, piece)]
         for key, split in validation.shares.items():
             total = sum(split.values())
             row.append(f"{100 * split.get(piece, 0.0) / total:.1f}")
             if key in validation.formula_shares:
                 row.append(f"{100 * validation.formula_shares[key].get(piece, 0.0) / total:.1f}")
         rows.append(row)
-    return Table(columns, rows, "In percent of FEM's compliance; the PRB columns on the same scale")
+    return Table(columns, rows, "In percent of FEM's compliance, the formula's columns too")

@@ -77,7 +77,9 @@ def _mode(validation: Validation) -> tuple[Picture, str]:
     installed = validation.study.design.actuator is not None
     symmetric = level.solution.facts["symmetric class"]
     modes = [m for m in level.solution.modes if m.installed == installed and m.symmetry == symmetric]
-    index = int(np.argmin([mode.output_mass for mode in modes]))
+    actuator = validation.study.design.actuator
+    spring = actuator.installed_stiffness if actuator else 0.0
+    index = int(np.argmax([quantities.output_share(mode, level.solution.compliance, spring) for mode in modes]))
     points, tets, whole = mirrored(
         level.solution.positions,
         level.solution.nodes,
@@ -86,9 +88,17 @@ def _mode(validation: Validation) -> tuple[Picture, str]:
     )
     relative = whole["shape"] / np.linalg.norm(whole["shape"], axis=1).max()
     state = "with the actuator installed" if installed else "without actuator"
-    caption = f"The mode that moves the output, {units.significant(modes[index].frequency, 3)} Hz {state}"
+    caption = f"The mode that carries the output, {units.significant(modes[index].frequency, 3)} Hz {state}"
     motion = DRAWN * _size(points) * relative
-    return Picture("mode.png", points, tets, motion, np.linalg.norm(relative, axis=1), "relative motion"), caption
+    return Picture(
+        "mode.png",
+        points,
+        tets,
+        motion,
+        np.linalg.norm(relative, axis=1),
+        "relative motion",
+        notes=["amplitude arbitrary"],
+    ), caption
 
 
 def _size(points: np.ndarray) -> float:

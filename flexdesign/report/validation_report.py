@@ -47,7 +47,12 @@ def result(validation: Validation) -> dict[str, Any]:
             for key, split in validation.shares.items()
         },
         "modes": [
-            {"frequency": m.frequency, "unit": "Hz", "symmetry": m.symmetry, "actuator_installed": m.installed}
+            {
+                "frequency": {"value": m.frequency, "unit": "Hz"},
+                "output_mass": {"value": m.output_mass if math.isfinite(m.output_mass) else None, "unit": "kg"},
+                "symmetry": m.symmetry,
+                "actuator_installed": m.installed,
+            }
             for m in validation.modal.solution.modes
         ],
         "meshes": [
@@ -157,30 +162,33 @@ def _actuator(validation: Validation) -> Section:
 def _coupling(validation: Validation) -> Section:
     found = [q for q in validation.further if q.name.startswith("coupling") or q.name == "tilt"]
     text = (
-        "Linear coupling of a symmetric part is zero while the actuator pushes on its axis; off the axis it is not. "
-        "The second-order coupling, which grows with the square of the travel, is not in a linear solve."
+        "Linear coupling of a symmetric part is zero while the actuator pushes on its axis, and stays zero where it is "
+        "off the axis within a symmetry plane. The second-order coupling, which grows with the square of travel, is "
+        "not in a linear solve."
     )
     rows = [[name_of(q), q.boundary, shown(q)] for q in found]
     return Section("Coupling", [text], [Table(["quantity", "boundary", "FEM"], rows)])
 
 
 def _modes(validation: Validation) -> Section:
-    level = validation.modal
+    level, actuator = validation.modal, validation.study.design.actuator
+    spring = actuator.installed_stiffness if actuator else 0.0
     rows = []
     for installed, state in ((False, "no"), (True, "yes")):
         for mode in [m for m in level.solution.modes if m.installed == installed][:6]:
-            grams = units.significant(mode.output_mass * 1e3, 3)
-            moved = f"{grams} g" if math.isfinite(mode.output_mass) else "output at rest"
+            share = quantities.output_share(mode, level.solution.compliance, spring)
+            moved = f"{100 * share:.0f} %" if share > 0 else "output at rest"
             rows.append([f"{units.significant(mode.frequency, 4)} Hz", state, mode.symmetry, moved])
-    limits = [[name_of(q), q.boundary, shown(q)] for q in validation.further if q.name.endswith("frequency")]
+    keys = ("first_frequency", "output_frequency", "output_share")
+    limits = [[name_of(q), q.boundary, shown(q)] for q in validation.further if q.name in keys]
     text = (
-        "Ground held. The actuator is a massless spring between the input blocks and holds nothing sideways. The "
-        "second table lists single modes on one mesh "
-        f"({level.solution.facts['unknowns']} unknowns), before extrapolation."
+        "Ground held. The actuator is a spring between the input blocks that holds nothing sideways, and has no mass "
+        "here: the frequencies are upper bounds for modes that move the input blocks. The second table lists single "
+        f"modes on one mesh ({level.solution.facts['unknowns']} unknowns), before extrapolation."
     )
     tables = [
         Table(["quantity", "boundary", "FEM"], limits),
-        Table(["frequency", "actuator", "symmetry", "mass at the output"], rows),
+        Table(["frequency", "actuator", "symmetry", "carries of 1/K_out"], rows),
     ]
     return Section("Natural frequencies", [text], tables)
 
