@@ -48,10 +48,10 @@ def why(validation: Validation, key: str) -> str:
     gap = 100 * (1 - 1 / (1 + error))
     text = (
         f"{model} puts {what} {100 * abs(error):.0f} % {'above' if error > 0 else 'below'} FEM: its compliance is "
-        f"{abs(gap):.1f} % of FEM's {'smaller' if gap > 0 else 'larger'}."
+        f"{abs(gap):.1f} % {'smaller' if gap > 0 else 'larger'}."
     )
     if missing:
-        text += f" It lacks {missing}."
+        text += f" In percent of FEM's compliance it lacks {missing}."
     if excess:
         text += f" It has too much {excess}."
     return text
