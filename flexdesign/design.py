@@ -39,7 +39,7 @@ class Actuator(Table):
     stiffness: in_si("N/m", 1e3, 2e10)  # type: ignore[valid-type]
     contact_stiffness: in_si("N/m", 1e3, 1e13) = float("inf")  # type: ignore[valid-type]
     preload: in_si("N", 0.0, 1e5) = 0.0  # type: ignore[valid-type]
-    voltage_range: Annotated[tuple[float, float], BeforeValidator(_voltages)] | None = None
+    voltage_range: Annotated[tuple[float, float], BeforeValidator(_voltages), _VOLTAGE] | None = None
     source: str = ""
 
     @property

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -88,15 +87,21 @@ class Table(BaseModel):
 def as_text(table: Table) -> dict[str, Any]:
     """Return a table as a file would hold it: numbers that have a unit as text with that unit."""
 
+    def text(number: float, si: str) -> str:
+        unit = units.DISPLAY.get(si, si)
+        return f"{number / units.factor(unit, si):.6g} {unit}"
+
     def written(name: str, value: Any) -> Any:
         bounds = next((m for m in type(table).model_fields[name].metadata if isinstance(m, Bounds)), None)
         if bounds is None:  # optional numbers carry their bounds one level down
             options = getattr(type(table).model_fields[name].annotation, "__args__", ())
             nested = [m for option in options for m in getattr(option, "__metadata__", ())]
             bounds = next((m for m in nested if isinstance(m, Bounds)), None)
-        if bounds is None or bounds.si == "1" or not isinstance(value, float) or not math.isfinite(value):
+        if bounds is None or bounds.si == "1" or value is None:
             return value
-        return units.to_text(value, units.DISPLAY.get(bounds.si, bounds.si), digits=6, si=bounds.si)
+        if isinstance(value, tuple):
+            return [text(number, bounds.si) for number in value]
+        return text(value, bounds.si)
 
     return {name: written(name, value) for name, value in table.model_dump().items()}
 

@@ -1,0 +1,31 @@
+"""Tables of files: written back as they were read."""
+
+from __future__ import annotations
+
+import pytest
+
+from flexdesign.design import Actuator
+from flexdesign.files import as_text
+from flexdesign.study import OutputSettings
+
+
+def test_as_text_carries_units_and_reads_back() -> None:
+    written = {
+        "free_stroke": "38 um",
+        "stiffness": "100 N/um",
+        "preload": "20 N",
+        "voltage_range": ["0 V", "150 V"],
+        "contact_stiffness": "300 N/um",
+    }
+    actuator = Actuator.model_validate(written)
+    text = as_text(actuator)
+    assert text["stiffness"] == "100000 N/mm"
+    assert text["voltage_range"] == ["0 V", "150 V"]
+    again = Actuator.model_validate(text)
+    for name in ("free_stroke", "stiffness", "contact_stiffness", "preload", "voltage_range"):
+        assert getattr(again, name) == pytest.approx(getattr(actuator, name), rel=1e-6)
+
+
+def test_numbers_left_out_stay_out() -> None:
+    assert as_text(OutputSettings()) == {"load": None, "stroke": None, "actuator_offset": "0.1 mm"}
+    assert as_text(OutputSettings.model_validate({"stroke": "0.2 mm"}))["stroke"] == "0.2 mm"
