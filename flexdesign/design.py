@@ -13,7 +13,6 @@ from flexdesign import materials, part, shipped
 from flexdesign.errors import InputError, suggest
 from flexdesign.files import Bounds, Table, as_written, attributed, check, in_si, read_toml
 from flexdesign.materials import Material
-from flexdesign.model import Parameter
 
 _VOLTAGE = Bounds("V", -1e4, 1e4)
 
@@ -110,10 +109,6 @@ class Design:
             why = part.reason(error, part.file_of(self.part_class))
             remedy = f"fails with {why}; correct the part, or change the dimensions it fails with"
             raise InputError(part.file_of(self.part_class), self.part_class.__name__, None, remedy) from error
-
-    def parameter(self, name: str) -> Parameter:
-        """Return the description of one dimension."""
-        return next(p for p in self.part_class.dimensions if p.name == name)
 
 
 def find(name: str | Path) -> Path:

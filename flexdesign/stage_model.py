@@ -8,11 +8,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from flexdesign import units
-
-FORMAT = 1
+from flexdesign.files import FORMAT
 
 
 @dataclass(frozen=True)
@@ -72,10 +70,6 @@ class StageModel:
             lines += [f"[axis.{name}]", *_axis(axis), ""]
             lines += [f"[axis.{name}.actuator]", *_actuator(axis), ""]
         return "\n".join(lines)
-
-    def write(self, path: Path) -> None:
-        """Write the model to a TOML file."""
-        path.write_text(self.to_toml(), encoding="utf-8")
 
 
 def _axis(axis: AxisModel) -> list[str]:

@@ -59,7 +59,6 @@ def test_numbers_are_read_in_si_in_the_order_of_the_part(path: Path) -> None:
     assert design.dimensions["input_block_height"] == pytest.approx(12e-3)
     assert design.dimensions["rod_length"] == 0.0
     assert design.part().width == pytest.approx(12e-3)  # type: ignore[attr-defined]
-    assert design.parameter("width").unit == "mm"
 
 
 def test_what_the_file_says_of_itself(path: Path) -> None:

@@ -170,9 +170,8 @@ def solve(
         seen.require()
         checks = checks.worst(seen)
         if cls.is_symmetric:
-            halves = np.repeat([0.5 ** space.swaps(name) for name in space.kept], 6)
             for name, motion in (("input", space.extension), ("output", space.output)):
-                fields[name] = (displacements @ (halves * (projection @ motion))).reshape(-1, 3)
+                fields[name] = (displacements @ (space.halves * (projection @ motion))).reshape(-1, 3)
         if mass is not None:
             batch = modes.class_modes(system, mass, space, mode_count, 0.0)
             found += [(mode, False) for mode in batch]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.errors import InputError
+from flexdesign.model import Member
 from flexdesign.part import Part, Port, SymmetryPlane
 
 MM = 1e-3
@@ -75,6 +76,10 @@ class Domain:
     def copies(self) -> int:
         """How many mirror images make the whole part."""
         return int(2 ** len(self.planes))
+
+    def keeps(self, member: Member) -> bool:
+        """Tell whether a member lies in the domain, by its centre, rather than in a mirror image."""
+        return all(member.centre[plane.index] > -1e-12 for plane in self.planes)
 
     def tangent_faces(self) -> list[tuple[int, int]]:
         """Return pairs of a cylinder and a plane that it runs out into, by index."""

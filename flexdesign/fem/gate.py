@@ -66,7 +66,7 @@ def check(mesh: TaggedMesh, domain: Domain, hinges: Sequence[Member]) -> list[Hi
     MeshError
         If one is off by more than its limit, or missing; it names the hinge and what to change.
     """
-    checks = [_measure(mesh, hinge) for hinge in hinges if _inside(hinge, domain)]
+    checks = [_measure(mesh, hinge) for hinge in hinges if domain.keeps(hinge)]
     for found in checks:
         if math.isnan(found.deviation):
             raise MeshError(f"{found.hinge.name} is missing in the mesh; reduce mesh.envelope")
@@ -78,10 +78,6 @@ def check(mesh: TaggedMesh, domain: Domain, hinges: Sequence[Member]) -> list[Hi
                 f"{'' if line else 'in bending '}(limit {limit * 100:g} %); reduce mesh.envelope or mesh.at_root"
             )
     return checks
-
-
-def _inside(hinge: Member, domain: Domain) -> bool:
-    return all(hinge.centre[plane.index] > -1e-12 for plane in domain.planes)
 
 
 def _measure(mesh: TaggedMesh, hinge: Member, along: int = 21, across: int = 7) -> HingeCheck:

@@ -142,6 +142,11 @@ class PortSpace:
             images += [(back[n], s * sign * parity(plane.index)) for n, s in images if n in back]
         return images
 
+    @property
+    def halves(self) -> FloatArray:
+        """What of a load on the whole part each class gets, for each kept motion: halved where a port has an image."""
+        return np.repeat([0.5 ** self.swaps(name) for name in self.kept], 6)
+
     def swaps(self, name: str) -> int:
         """Return in how many planes the kept port has a mirror image of another name."""
         return sum(name in plane.swaps.values() for plane in self.planes)

@@ -96,11 +96,7 @@ def sections(body: Elasticity, domain: Domain, displacement: FloatArray, members
     volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
     stress = body.stress(displacement, barycentric)
     places = np.einsum("qk,eki->eqi", barycentric, corners)
-    return [
-        _section(member, places, stress, volumes[:, None] * weights)
-        for member in members
-        if all(member.centre[plane.index] > -1e-12 for plane in domain.planes)
-    ]
+    return [_section(member, places, stress, volumes[:, None] * weights) for member in members if domain.keeps(member)]
 
 
 def _section(member: Member, places: FloatArray, stress: FloatArray, weights: FloatArray) -> Section:

@@ -189,9 +189,8 @@ def class_compliance(
         return np.zeros((space.size, space.size)), Checks(0, 0, 0, 0), displacements, projection
     displacements[:, fitting] = system.solve(loads[:, fitting])
     gram = loads.T @ displacements
-    halves = np.repeat([0.5 ** space.swaps(name) for name in space.kept], 6)
     gram = np.where(np.outer(fitting, fitting), gram, 0.0) * 2 ** len(space.planes)
-    whole = projection.T @ (halves[:, None] * gram * halves[None, :]) @ projection
+    whole = projection.T @ (space.halves[:, None] * gram * space.halves[None, :]) @ projection
     used = np.flatnonzero(fitting)
     checks = _checks(body, system, stiffness, loads[:, used], displacements[:, used])
     return whole, checks, displacements, projection

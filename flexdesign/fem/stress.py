@@ -1,8 +1,6 @@
-"""Von Mises stress, and what a peak at a sharp root is worth."""
+"""Von Mises stress at the nodes."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,22 +12,6 @@ FloatArray = NDArray[np.float64]
 
 #: Barycentric coordinates of a tetrahedron's ten nodes.
 NODES = np.vstack([np.eye(4), np.eye(4)[EDGES].mean(axis=1)])
-
-
-@dataclass(frozen=True)
-class PeakStress:
-    """The largest von Mises stress and where it is.
-
-    Parameters
-    ----------
-    value
-        [Pa].
-    place
-        Position in the fundamental domain, shape (3,) [m].
-    """
-
-    value: float
-    place: FloatArray
 
 
 def von_mises(stress: FloatArray) -> FloatArray:
@@ -45,9 +27,3 @@ def nodal_von_mises(body: Elasticity, displacement: FloatArray) -> FloatArray:
     np.add.at(total, body.nodes, stress)
     count = np.bincount(body.nodes.ravel(), minlength=len(total))
     return von_mises(total / count[:, None, None])
-
-
-def peak(body: Elasticity, displacement: FloatArray) -> PeakStress:
-    """Return the largest node-averaged von Mises stress."""
-    values = nodal_von_mises(body, displacement)
-    return PeakStress(float(values.max()), body.positions[int(values.argmax())])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from flexdesign import units
@@ -55,10 +55,6 @@ class Quantity:
         if decimals < 0 or decimals > 9:
             return f"{units.significant(value, 6)} ± {units.significant(sigma, 2)} {self.unit}".rstrip()
         return f"{value:.{decimals}f} ± {sigma:.{decimals}f} {self.unit}".rstrip()
-
-    def with_sigma(self, sigma: float) -> Quantity:
-        """Return the same quantity with another uncertainty."""
-        return replace(self, sigma=sigma)
 
     def to_json(self) -> dict[str, Any]:
         """Return the quantity in its display unit, as result.json holds it."""

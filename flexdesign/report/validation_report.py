@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from flexdesign import quantities, units
+from flexdesign.files import FORMAT
 from flexdesign.report import charts, explanation, validation_pictures
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.pictures import NoPictures
@@ -35,7 +36,7 @@ def table_1(validation: Validation) -> Table:
 def result(validation: Validation) -> dict[str, Any]:
     """Return result.json's content: every number with its unit, and what made it."""
     return {
-        "format": 1,
+        "format": FORMAT,
         "kind": "validation",
         "quantities": [
             c.fem.to_json() | {"analytic": {m: q.to_json() | {"error": c.error(m)} for m, q in c.analytic.items()}}

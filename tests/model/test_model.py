@@ -54,11 +54,6 @@ def test_json_is_in_the_display_unit_and_survives() -> None:
     assert ratio["unit"] == "1" and ratio["sigma"] is None and ratio["value"] == 4.0
 
 
-def test_another_sigma_leaves_the_rest() -> None:
-    assert K_OUT.with_sigma(7.0) == dataclasses.replace(K_OUT, sigma=7.0)
-    assert K_OUT.sigma == 1.25e3
-
-
 def test_a_display_unit_of_another_kind_is_refused() -> None:
     with pytest.raises(ValueError, match="'mm'"):
         dataclasses.replace(K_OUT, unit="mm").shown()
