@@ -206,9 +206,10 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
 def _level(study: Study, part: parts.Part, body: Domain, coarseness: float, cache: Cache, progress: Progress) -> Level:
     design = study.design
     began = perf_counter()
-    tagged, mesh_key = _mesh(study.mesh, part, body, coarseness, cache, progress, design)
+    leaves = part.linkage().of_kind("hinge")
     try:
-        hinges = gate.check(tagged, body, part.linkage().of_kind("hinge"))
+        tagged, mesh_key = _mesh(study.mesh, part, body, coarseness, cache, progress)
+        hinges = gate.check(tagged, body, leaves)
     except MeshError as error:
         raise InputError(design.file, "mesh", None, str(error)) from error
     actuator = design.actuator.installed_stiffness if design.actuator else 0.0
@@ -221,7 +222,6 @@ def _level(study: Study, part: parts.Part, body: Domain, coarseness: float, cach
         [vars(port) for port in part.ports()], [vars(member) for member in part.linkage().members],
         [vars(plane) for plane in body.planes],
     )  # fmt: skip
-    leaves = part.linkage().of_kind("hinge")
     reach = min(leaf.thickness for leaf in leaves) / 2
     size = sizing.edge_length_at_roots(tagged.points, tagged.tets, sizing.root_edges(leaves, body)[0], reach)
     stored = cache.load("solution", key)
@@ -242,13 +242,7 @@ def _level(study: Study, part: parts.Part, body: Domain, coarseness: float, cach
 
 
 def _mesh(
-    settings: MeshSettings,
-    part: parts.Part,
-    body: Domain,
-    coarseness: float,
-    cache: Cache,
-    progress: Progress,
-    design: Design,
+    settings: MeshSettings, part: parts.Part, body: Domain, coarseness: float, cache: Cache, progress: Progress
 ) -> tuple[TaggedMesh, str]:
     """Return the mesh and the hash of its content (the mesher is not deterministic: its input does not identify it)."""
     hinges = part.linkage().of_kind("hinge")
@@ -267,10 +261,7 @@ def _mesh(
         tagged = TaggedMesh(**stored[0])
     else:
         progress(f"meshing with {field.finest * 1e3:.3g} mm at the hinge roots")
-        try:
-            tagged = mesh.tetrahedralize(body, field, envelope)
-        except MeshError as error:
-            raise InputError(design.file, "mesh", None, str(error)) from error
+        tagged = mesh.tetrahedralize(body, field, envelope)
         cache.store("mesh", question, tagged.arrays(), {})
     return tagged, content_key(*tagged.arrays().values())
 
