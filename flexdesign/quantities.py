@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -14,11 +14,16 @@ from flexdesign.fem.domain import Domain
 from flexdesign.fem.statics import PortCompliance
 from flexdesign.materials import Material
 from flexdesign.model import Member, Quantity, output_boundary
-from flexdesign.stage_model import AxisModel, StageModel
+from flexdesign.stage_model import ActuatorData, AxisModel, StageModel
+from flexdesign.stage_model import Mode as StageMode
 from flexdesign.study import Study
 
 #: Source of a quantity that has no limit for vanishing element size.
 UNBOUNDED = "FEM, finest mesh; at a sharp root it grows without bound as the mesh is refined"
+#: A damping ratio to begin with, where nothing is known.
+PLACEHOLDER_DAMPING = 0.01
+#: A mode with less of the output's compliance than this stays out of the stage model.
+LEAST_SHARE = 0.02
 
 
 def of_solution(study: Study, solution: Solution) -> list[Quantity]:
@@ -140,29 +145,75 @@ def _images(section: resultants.Section, body: Domain) -> int:
     return int(np.prod([1 if abs(section.member.centre[plane.index]) < 1e-12 else 2 for plane in body.planes]))
 
 
-def stage_model(design: Design, found: Mapping[str, Quantity]) -> StageModel | None:
-    """Return the stage model that the quantities, by key, give; None without an actuator."""
+def stage_model(design: Design, found: Mapping[str, Quantity], solution: Solution) -> StageModel | None:
+    """Return the stage model that the quantities, by key, and a solution with modes give; None without an actuator.
+
+    The mass is lumped: with all of the stiffness it gives the main mode its frequency. A second mode that carries a
+    fair part of the output's compliance goes in beside it; what other modes carry follows with the main one.
+    """
     actuator = design.actuator
     if actuator is None:
         return None
     stiffness, frequency = found["K_out_actuator_installed"], found["output_frequency_actuator_installed"]
-    stroke, k_in = found["stroke_output_free"], found["K_in_output_free"]
+    stroke, k_in, ratio = found["stroke_output_free"], found["K_in_output_free"], found["lambda_output_free"]
     voltage = actuator.voltage_range
-    relative = {name: (q.sigma or 0.0) / abs(q.value) for name, q in (("stiffness", stiffness), ("gain", stroke))}
+    shares = _shares_of_modes(solution, actuator.installed_stiffness)
+    main, *others = sorted(shares, key=lambda f: shares[f], reverse=True)
+    modes = tuple(StageMode(f, PLACEHOLDER_DAMPING, shares[f]) for f in others[:1] if shares[f] > LEAST_SHARE)
+    known = {"stiffness": stiffness, "gain": stroke, "input_stiffness": k_in, "amplification": ratio}
+    relative = {name: (q.sigma or 0.0) / abs(q.value) for name, q in known.items()}
     relative["mass"] = math.hypot(relative["stiffness"], 2 * (frequency.sigma or 0.0) / frequency.value)
     axis = AxisModel(
+        natural_frequency=frequency.value,
+        damping_ratio=PLACEHOLDER_DAMPING,
+        gain=stroke.value / (voltage[1] - voltage[0]) if voltage else math.nan,
         mass=stiffness.value / (2 * math.pi * frequency.value) ** 2,
         stiffness=stiffness.value,
-        stroke=stroke.value,
-        free_stroke=actuator.free_stroke,
-        voltage=voltage[1] - voltage[0] if voltage else None,
+        modes=modes,
+        actuator=ActuatorData(
+            free_stroke=actuator.free_stroke,
+            voltage_range=voltage,
+            stiffness=actuator.stiffness,
+            preload=actuator.preload,
+            contact_stiffness=actuator.contact_stiffness if math.isfinite(actuator.contact_stiffness) else None,
+        ),
         input_stiffness=k_in.value,
-        amplification=found["lambda_output_free"].value,
-        actuator_stiffness=actuator.installed_stiffness,
-        modal_share=found["output_share_actuator_installed"].value,
-        uncertainty=relative,
+        amplification=ratio.value,
+        uncertainty={name: float(f"{value:.2g}") for name, value in relative.items()} | {"damping_ratio": 1.0},
+        assumed=("damping_ratio", *(f"modes.{i}.damping_ratio" for i in range(1, len(modes) + 1))),
+        sources=_sources(stroke, shares[main], modes, voltage),
     )
-    return StageModel({"y": axis}, f"From FEM of {design.title}; uncertainties are those of the discretisation alone.")
+    source = "FEM of the design; uncertainties are those of the discretisation alone, half-widths taken as 1 sigma"
+    return StageModel({"y": axis}, title=design.title, source=source, name="stage_model")
+
+
+def _shares_of_modes(solution: Solution, actuator: float) -> dict[float, float]:
+    """Return what part of the output's compliance each mode with the actuator carries, by its frequency [Hz]."""
+    installed = [mode for mode in solution.modes if mode.installed]
+    return {mode.frequency: output_share(mode, solution.compliance, actuator) for mode in installed}
+
+
+def _sources(
+    stroke: Quantity, share: float, modes: Sequence[StageMode], voltage: tuple[float, float] | None
+) -> dict[str, str]:
+    """Return where the numbers of a stage model come from, and what they leave out."""
+    left = 1 - share - sum(mode.share for mode in modes)
+    sources = {
+        "damping_ratio": "placeholder, typical of monolithic metal flexures: geometry does not tell; identify it",
+        "mass": f"stiffness / (2 pi f)^2; the main mode carries {100 * share:.3g} % of 1/stiffness, and the "
+        f"{100 * left:.2g} % of modes that are not listed here go with it",
+    }
+    if modes:
+        sources["modes.1"] = (
+            "FEM on the finest mesh with modes, not extrapolated; the share is that of the output's own compliance, "
+            "the response to the actuator may divide differently"
+        )
+    if voltage is None:
+        sources["gain"] = (
+            f"unknown: the free stroke moves the output by {stroke.shown()}, but the design does not say at which "
+            "voltage; give actuator.voltage_range there, or the gain here"
+        )
+    return sources
 
 
 def stated_force(study: Study, solution: Solution) -> tuple[float, str]:

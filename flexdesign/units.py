@@ -22,6 +22,11 @@ DISPLAY = {
     "kg": "g",
     "Hz": "Hz",
     "N*m/rad": "N*mm/rad",
+    "s": "ms",
+    "F": "uF",
+    "m/V": "um/V",
+    "rad/V": "urad/V",
+    "1/m": "1/mm",
     "1": "",
 }
 #: What each SI unit measures, in words.
@@ -35,6 +40,14 @@ MEASURES = {
     "Hz": "frequency",
     "V": "voltage",
     "N*m/rad": "rotational stiffness",
+    "rad": "angle",
+    "s": "time",
+    "F": "capacitance",
+    "V/s": "slew rate",
+    "m/V": "gain: length, angle or voltage per voltage",
+    "rad/V": "angle per voltage",
+    "1/V": "one per voltage",
+    "1/m": "one per length",
 }
 
 

@@ -194,7 +194,9 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
         shares=_shares(design, body, levels),
         formula_shares=part.formula_shares(design.material),
         stage_model=quantities.stage_model(
-            design, {q.key: q for q in further} | {c.fem.key: c.fem for c in comparisons}
+            design,
+            {q.key: q for q in further} | {c.fem.key: c.fem for c in comparisons},
+            next(level.solution for level in reversed(levels) if level.solution.modes),
         ),
         seconds=perf_counter() - began,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from flexdesign import quantities, study
+from flexdesign import quantities, stage_model, study
 from flexdesign.cache import Cache
 from flexdesign.report import render, validation_report
 from flexdesign.testing import assert_agrees
@@ -105,13 +106,19 @@ def test_a_changed_dimension_changes_solid_and_models_alike(validation: Validati
     assert ratio == pytest.approx(0.9**3, rel=1e-9)
 
 
-def test_stage_model_is_the_finite_element_model(validation: Validation) -> None:
+def test_stage_model_is_the_finite_element_model(validation: Validation, tmp_path: Path) -> None:
     model = validation.stage_model
     assert model is not None
-    axis = model.axes["y"]
-    assert axis.natural_frequency == pytest.approx(validation.fem("output_frequency_actuator_installed").value)
+    axis, actuator = model.axes["y"], validation.study.design.actuator
+    assert actuator is not None and actuator.voltage_range == (0.0, 150.0)
+    assert axis.natural_frequency == validation.fem("output_frequency_actuator_installed").value
     assert axis.stiffness == validation.fem("K_out_actuator_installed").value
-    assert "[axis.y]" in model.to_toml()
+    assert axis.gain == pytest.approx(validation.fem("stroke_output_free").value / 150.0)
+    assert axis.mass == pytest.approx(axis.stiffness / (2 * math.pi * axis.natural_frequency) ** 2)
+    path = tmp_path / "stage_model.toml"
+    path.write_text(model.to_toml(), encoding="utf-8")
+    again = stage_model.read(path).axes["y"]
+    assert (again.natural_frequency, again.gain) == pytest.approx((axis.natural_frequency, axis.gain), rel=1e-6)
 
 
 def test_stress_at_a_stated_stroke_scales_with_it(validation: Validation) -> None:

@@ -1,6 +1,6 @@
 """The nouns everything speaks: quantities, parameters, effects, linkages, observations, models."""
 
-from flexdesign.model.effect import Adjust, Block, Effect, Socket, Term
+from flexdesign.model.effect import Adjust, Block, Controller, Effect, Socket, Term
 from flexdesign.model.linkage import Linkage, Member
 from flexdesign.model.observation import Model, Observation
 from flexdesign.model.parameter import Parameter
@@ -9,6 +9,7 @@ from flexdesign.model.quantity import Quantity, output_boundary
 __all__ = [
     "Adjust",
     "Block",
+    "Controller",
     "Effect",
     "Linkage",
     "Member",

@@ -6,15 +6,19 @@ parameters leaves the model it is added to unchanged, bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from flexdesign.model.linkage import Member, MemberKind
 from flexdesign.model.parameter import Parameter
 
 Values = Mapping[str, float]
+Floats = NDArray[np.float64]
 
 
 class Socket(Enum):
@@ -43,17 +47,68 @@ class Adjust:
 class Block:
     """A face that takes part in the signal chain in time.
 
-    ``flow`` gives rates, ``move`` advances exactly over a step and across jumps, ``tick`` acts once per sample.
+    A block has the hooks that its physics needs. Hooks are plain functions of arrays of floats, written so that they
+    compile: they call nothing but `math` and functions of their own file. They are compiled one by one when a chain
+    first needs them, so that a chain put together anew costs no compilation.
+
+    Parameters
+    ----------
+    socket
+        Where it sits. Blocks of one socket work side by side on the same input, and their outputs add up.
+    mode
+        ``"replace"`` if it takes the place of what the socket does by itself (pass the signal on); at most one may.
+    states
+        Names of its state variables, all zero at rest.
+    memory
+        Further floats of state, for a history.
+    constants
+        ``constants(values, step)`` gives the numbers its hooks need, from its parameters in SI and the length of the
+        step [s]; for ``tick`` the step is the sampling period.
+    move
+        ``move(path, out, state, constants)``, for sockets before and after the mechanics: `path` holds the input at
+        the start, the middle and the end of a step; adds its output there to `out` and takes its state to the end. The
+        input may have jumped since the last step; between the three points it is a parabola.
+    flow
+        ``flow(drive, position, velocity, state, rates, constants)``, for forces: returns the force on the moving mass
+        over the stiffness, as the displacement it would cause at rest [m], and fills the rates of its states.
+    tick
+        ``tick(value, state, constants)``, once per sample at the command or the sensor: returns the new value.
     """
 
     socket: Socket
     mode: Literal["add", "replace"] = "add"
     states: tuple[str, ...] = ()
-    constants: Callable[[Values, float], Any] | None = None
-    flow: Callable[..., Any] | None = None
-    move: Callable[..., Any] | None = None
-    tick: Callable[..., Any] | None = None
     memory: int = 0
+    constants: Callable[[Values, float], Sequence[float]] = lambda values, step: ()
+    move: Callable[[Floats, Floats, Floats, Floats], None] | None = None
+    flow: Callable[[float, float, float, Floats, Floats, Floats], float] | None = None
+    tick: Callable[[float, Floats, Floats], float] | None = None
+
+
+@dataclass(frozen=True)
+class Controller:
+    """What turns reference and sensor reading into a command, once per sample; several in one loop add up.
+
+    Parameters
+    ----------
+    name
+        Its name in tables.
+    values
+        Its settings, SI.
+    tick
+        ``tick(reference, reading, excess, state, constants)`` returns its share of the command [V]; `excess` is what
+        the limits cut off the whole command one sample ago (requested less applied), zero while they do not act.
+    constants
+        ``constants(values, period)`` gives the numbers `tick` needs.
+    states
+        Names of its state variables, zero at the start.
+    """
+
+    name: str
+    values: Values
+    tick: Callable[[float, float, float, Floats, Floats], float]
+    constants: Callable[[Values, float], Sequence[float]]
+    states: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -88,6 +143,8 @@ class Effect:
         How it acts.
     confused_with
         Names of effects that look alike.
+    cautions
+        ``cautions(values)`` says what is physically doubtful about values in SI; nothing if they are sound.
     """
 
     name: str
@@ -99,6 +156,7 @@ class Effect:
     parameters: tuple[Parameter, ...]
     faces: tuple[Adjust | Block | Term, ...]
     confused_with: tuple[str, ...] = ()
+    cautions: Callable[[Values], tuple[str, ...]] = lambda values: ()
 
     def is_null(self, values: Values) -> bool:
         """Tell whether the effect is switched off: some strength of it stands at its null."""

@@ -1,0 +1,283 @@
+"""A chain: the blocks of each axis in the order of the signal, and the arrays through which the engine runs them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign import linear
+from flexdesign.dynamics import kernels
+from flexdesign.dynamics.layout import Forces, Layout, Modes, Moves, State, Ticks, Timing
+from flexdesign.model import Block, Controller, Effect, Socket
+from flexdesign.model.effect import Values
+
+#: Sockets before the mechanics, in the order of the signal.
+UPSTREAM = (Socket.COMMAND, Socket.DRIVER, Socket.HYSTERESIS, Socket.ACTUATOR)
+
+
+@dataclass(frozen=True)
+class Oscillator:
+    """One mode: its frequency [Hz], damping ratio, and the part of the static response that it carries."""
+
+    frequency: float
+    damping_ratio: float
+    share: float = 1.0
+
+
+@dataclass(frozen=True)
+class AxisChain:
+    """The chain of one axis.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    gain
+        Displacement that drives the modes, per voltage, before hysteresis [m/V].
+    modes
+        At least one; the motion is the sum of all.
+    effects
+        Effects with their values in SI; those at null take no part.
+    amplifier
+        Voltage at the stack per command [V/V].
+    """
+
+    name: str
+    gain: float
+    modes: tuple[Oscillator, ...]
+    effects: tuple[tuple[Effect, Mapping[str, float]], ...] = ()
+    amplifier: float = 1.0
+
+    def blocks(self, *sockets: Socket) -> list[tuple[Block, Values]]:
+        """Return the blocks of some sockets with their values, by name of their effect."""
+        acting = sorted((e for e in self.effects if not e[0].is_null(e[1])), key=lambda e: e[0].name)
+        return [
+            (face, values)
+            for effect, values in acting
+            for face in effect.faces
+            if isinstance(face, Block) and face.socket in sockets
+        ]
+
+
+@dataclass(frozen=True)
+class Program:
+    """A chain laid out for the engine, and the arrays that its addresses point to."""
+
+    timing: Timing
+    layout: Layout
+    command_ticks: Ticks
+    moves: Moves
+    forces: Forces
+    modes: Modes
+    sensor_ticks: Ticks
+    controllers: Ticks
+    state: State
+    kept: list[NDArray[Any]] = field(repr=False)
+
+
+def program(
+    axes: Sequence[AxisChain],
+    controllers: Mapping[str, Sequence[Controller]],
+    period: float,
+    substeps: int,
+    *,
+    delay: float = 0.0,
+    is_linear: bool = False,
+) -> Program:
+    """Lay out the chains of all axes, at rest at zero volts.
+
+    Parameters
+    ----------
+    axes
+        Their chains.
+    controllers
+        For each axis, by name, the controllers of its loop.
+    period
+        Sampling period [s].
+    substeps
+        Number of steps in a sample.
+    delay
+        How late a command acts [s].
+    is_linear
+        Whether commands run straight from sample to sample; otherwise they are held.
+    """
+    keep = Keeper()
+    shares, steps, lengths, late = _division(period, substeps, delay)
+    builder = _Moves(keep, lengths)
+    command, voltage, drive = np.array([builder.upstream(axis) for axis in axes]).T
+    upstream = len(builder.moves)
+    motion = [builder.slot() for _ in axes]
+    reading = [builder.sensor(axis, place) for axis, place in zip(axes, motion, strict=True)]
+    signals = keep.reals(np.zeros(3 * builder.slots))
+    modes = [mode for axis in axes for mode in axis.modes]
+    return Program(
+        Timing(len(shares), keep.reals(shares), keep.reals(lengths), keep.ints(steps), late, is_linear),
+        Layout(keep.ints(command), keep.ints(voltage), keep.ints(drive), keep.ints(motion), keep.ints(reading)),
+        _ticks(keep, [_block_ticks(axis, Socket.COMMAND, period) for axis in axes]),
+        builder.laid_out(signals, upstream),
+        _forces(keep, axes, lengths[0]),
+        Modes(
+            len(modes),
+            keep.ints(np.cumsum([0, *(len(axis.modes) for axis in axes)])),
+            keep.reals([number for step in lengths for mode in modes for number in _passage(mode, step)]),
+        ),
+        _ticks(keep, [_block_ticks(axis, Socket.SENSOR, period) for axis in axes]),
+        _ticks(keep, [_control_ticks(controllers.get(axis.name, ()), period) for axis in axes]),
+        State(signals, *(keep.reals(np.zeros(2 * count)) for count in (len(modes), len(axes), len(axes)))),
+        keep.kept,
+    )
+
+
+def _division(period: float, substeps: int, delay: float) -> tuple[list[float], list[int], list[float], int]:
+    """Divide a sample where the late command changes: shares, numbers and lengths of steps, and whole samples late."""
+    late = math.floor(delay / period + 1e-9)
+    rest = delay / period - late
+    shares = [1.0] if rest < 1e-9 else [rest, 1.0 - rest]
+    steps = [max(1, math.ceil(substeps * share - 1e-9)) for share in shares]
+    return shares, steps, [period * share / count for share, count in zip(shares, steps, strict=True)], late
+
+
+@lru_cache(maxsize=4096)
+def _passage(mode: Oscillator, step: float) -> tuple[float, ...]:
+    """Return the 16 numbers of a mode's passage over a step, see `flexdesign.dynamics.layout.Modes`."""
+    w = 2 * math.pi * mode.frequency
+    a, b = np.array([[0.0, 1.0], [-w * w, -2 * mode.damping_ratio * w]]), np.array([0.0, mode.share * w * w])
+    half, whole = linear.step(a, b, 0.5 * step), linear.step(a, b, step)
+    held = half.weights.sum(axis=1)
+    return tuple(map(float, (*half.transition.flat, *held, *whole.transition.flat, *whole.weights.flat)))
+
+
+class Keeper:
+    """Makes arrays and gives their addresses."""
+
+    def __init__(self) -> None:
+        self.kept: list[NDArray[Any]] = []
+
+    def reals(self, numbers: Sequence[float] | NDArray[np.float64]) -> int:
+        """Keep numbers, at least one; return their address."""
+        self.kept.append(np.array([*numbers, 0.0]))
+        return int(self.kept[-1].ctypes.data)
+
+    def ints(self, numbers: Sequence[int] | NDArray[np.int64]) -> int:
+        """Keep whole numbers; return their address."""
+        self.kept.append(np.array([*numbers, 0], dtype=np.int64))
+        return int(self.kept[-1].ctypes.data)
+
+
+class _Moves:
+    """Collects what happens to the signals in a step."""
+
+    def __init__(self, keep: Keeper, steps: Sequence[float]) -> None:
+        self.keep, self.steps = keep, steps
+        self.slots = 0
+        #: hook, input, output, state, base, constants
+        self.moves: list[tuple[int, int, int, int, float, list[int]]] = []
+
+    def slot(self) -> int:
+        """Return the place of three new values in the signal array."""
+        self.slots += 1
+        return 3 * (self.slots - 1)
+
+    def upstream(self, axis: AxisChain) -> tuple[int, int, int]:
+        """Add the sockets before the mechanics; return the places of command, voltage and drive."""
+        command = place = at_stack = self.slot()
+        for socket in UPSTREAM:
+            if socket is Socket.DRIVER:
+                place = self._socket(place, (), axis.amplifier)
+            if socket is Socket.HYSTERESIS and axis.gain < 0:
+                place = self._socket(place, (), -1.0)  # so that hysteresis holds the motion back here too
+            place = self._socket(place, axis.blocks(socket), abs(axis.gain) if socket is Socket.HYSTERESIS else 1.0)
+            if socket is Socket.DRIVER:
+                at_stack = place
+        return command, at_stack, place
+
+    def sensor(self, axis: AxisChain, place: int) -> int:
+        """Add the sensor; return the place of the reading."""
+        return self._socket(place, axis.blocks(Socket.SENSOR), 1.0)
+
+    def _socket(self, source: int, blocks: Sequence[tuple[Block, Values]], base: float) -> int:
+        moving = [(block, values) for block, values in blocks if block.move is not None]
+        if not moving and base == 1.0:
+            return source
+        place = source
+        for block, values in moving:  # those that replace work in series
+            if block.mode == "replace":
+                path, place = place, self.slot()
+                self._move(block, values, path, place, 0.0)
+        if place == source:
+            place = self.slot()
+            self.moves.append((0, source, place, 0, base, [0] * len(self.steps)))
+        for block, values in moving:
+            if block.mode == "add":
+                self._move(block, values, source, place, math.nan)
+        return place
+
+    def _move(self, block: Block, values: Values, path: int, out: int, base: float) -> None:
+        assert block.move is not None
+        hook = kernels.address(block.move, "move")
+        constants = [self.keep.reals(block.constants(values, step)) for step in self.steps]
+        self.moves.append((hook, path, out, _state(self.keep, block), base, constants))
+
+    def laid_out(self, signals: int, upstream: int) -> Moves:
+        """Return the moves as addresses."""
+        hooks, paths, outs, states, bases, constants = zip(*self.moves, strict=True)
+        path, out = np.array(paths), np.array(outs)
+        ints, reals = self.keep.ints, self.keep.reals
+        rows = np.array(constants).T.ravel()
+        places = (ints(path), ints(out))
+        return Moves(
+            len(path),
+            upstream,
+            ints(hooks),
+            ints(signals + 8 * path),
+            ints(signals + 8 * out),
+            ints(states),
+            ints(rows),
+            *places,
+            reals(bases),
+        )
+
+
+def _state(keep: Keeper, block: Block) -> int:
+    return keep.reals(np.zeros(len(block.states) + block.memory))
+
+
+def _forces(keep: Keeper, axes: Sequence[AxisChain], step: float) -> Forces:
+    first, hooks, place, constants = [0], [], [0], []
+    for axis in axes:
+        for block, values in axis.blocks(Socket.FORCE):
+            if block.flow is not None:
+                hooks.append(kernels.address(block.flow, "flow"))
+                place.append(place[-1] + len(block.states))
+                constants.append(keep.reals(block.constants(values, step)))
+        first.append(len(hooks))
+    rooms = (keep.reals(np.zeros(count * place[-1])) for count in (1, 1, 1, 4))
+    return Forces(*(keep.ints(numbers) for numbers in (first, hooks, place, constants)), *rooms)
+
+
+#: A hook, the number of its states, and its constants.
+Tick = tuple[int, int, Sequence[float]]
+
+
+def _block_ticks(axis: AxisChain, socket: Socket, period: float) -> list[Tick]:
+    return [
+        (kernels.address(block.tick, "tick"), len(block.states) + block.memory, block.constants(values, period))
+        for block, values in axis.blocks(socket)
+        if block.tick is not None
+    ]
+
+
+def _control_ticks(controllers: Sequence[Controller], period: float) -> list[Tick]:
+    return [(kernels.address(c.tick, "control"), len(c.states), c.constants(c.values, period)) for c in controllers]
+
+
+def _ticks(keep: Keeper, by_axis: Sequence[Sequence[Tick]]) -> Ticks:
+    flat = [tick for ticks in by_axis for tick in ticks]
+    entries = [number for hook, states, c in flat for number in (hook, keep.reals(np.zeros(states)), keep.reals(c))]
+    return Ticks(keep.ints(np.cumsum([0, *map(len, by_axis)])), keep.ints(entries))

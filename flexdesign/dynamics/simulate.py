@@ -1,0 +1,267 @@
+"""Simulation of a stage: commands or references in, motions and readings out, with an error estimate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.dynamics.layout import Coupling, Inputs, Record
+from flexdesign.model import Controller
+
+if TYPE_CHECKING:
+    from flexdesign.dynamics.chain import AxisChain
+
+Array = NDArray[np.float64]
+#: The error that a simulation may have, relative to the largest span of motion.
+TOLERANCE = 1e-6
+#: On the error estimate, as in a grid convergence index.
+SAFETY = 1.25
+#: More steps in a sample than this are not tried.
+MOST_STEPS = 1024
+#: A motion so many times larger than full drive is taken for a divergence.
+RUNAWAY = 1e4
+
+
+@dataclass(frozen=True)
+class Loop:
+    """How one axis is commanded.
+
+    Parameters
+    ----------
+    command
+        The command at each sample [V]; in a closed loop the feedforward, to which the controllers add theirs.
+    reference
+        The motion that is asked for [m]; None in an open loop.
+    controllers
+        None in an open loop.
+    """
+
+    command: Array
+    reference: Array | None = None
+    controllers: tuple[Controller, ...] = ()
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the reading acts on the command."""
+        return bool(self.controllers)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Chains of all axes, and what they share.
+
+    Parameters
+    ----------
+    axes
+        Their chains.
+    coupling
+        Motion along an axis (row) per motion of an axis (column); the identity if none is given.
+    quadratic_coupling
+        The same per square of motion [1/m].
+    limits
+        For each axis, by name, the lowest and highest command [V].
+    noise
+        For each axis, by name, the sensor's noise, rms [m].
+    """
+
+    axes: tuple[AxisChain, ...]
+    coupling: Array | None = None
+    quadratic_coupling: Array | None = None
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    noise: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Response:
+    """What a simulation gives, arrays of axes by samples.
+
+    Parameters
+    ----------
+    time
+        [s]
+    command, cut
+        After limits; what they cut off [V].
+    voltage
+        At the stack [V].
+    drive
+        Displacement that drives the modes, referred to the output [m].
+    motion, reading
+        Of the table; as the sensor gives it [m].
+    error
+        Estimated error of the motion relative to its span; NaN if the number of steps was given.
+    substeps
+        Steps in a sample.
+    diverged
+        Time at which the motion ran away, or None; arrays end there.
+    """
+
+    time: Array
+    command: Array
+    cut: Array
+    voltage: Array
+    drive: Array
+    motion: Array
+    reading: Array
+    error: float
+    substeps: int
+    diverged: float | None
+
+
+def simulate(
+    stage: Stage,
+    loops: Mapping[str, Loop],
+    period: float,
+    *,
+    delay: float = 0.0,
+    between_samples: str = "hold",
+    seed: int = 0,
+    tolerance: float = TOLERANCE,
+    substeps: int | None = None,
+) -> Response:
+    """Run a stage from rest at zero volts.
+
+    The number of steps in a sample is doubled until the motion changes by less than the tolerance; what is left is
+    estimated from the last changes.
+
+    Parameters
+    ----------
+    stage
+        Its axes; those without a loop rest.
+    loops
+        Command or loop of each axis, by name; all of one length.
+    period
+        Sampling period [s].
+    delay
+        How late commands act [s].
+    between_samples
+        ``"hold"`` or, in an open loop, ``"linear"``.
+    seed
+        Of the sensor noise.
+    tolerance
+        Error allowed, relative to the largest span of motion.
+    substeps
+        A fixed number of steps, for fits that need a smooth dependence; no error is estimated then.
+
+    Raises
+    ------
+    ValueError
+        If lengths differ, a command or reference is not finite, or a loop is closed with linear commands.
+    """
+    inputs = _Inputs(stage, loops, period, delay, between_samples, seed)
+    if substeps is not None:
+        return inputs.response(substeps, math.nan)
+    steps, changes = 1, list[float]()
+    coarse = inputs.response(steps, math.inf)
+    while True:
+        steps *= 2
+        fine = inputs.response(steps, math.inf)
+        if fine.diverged is not None:
+            return fine
+        if coarse.diverged is None:
+            changes.append(_change(coarse.motion, fine.motion))
+            error = _estimate(changes)
+            # Readings in whole steps decide by less than any tolerance: then changes stop falling.
+            stalled = len(changes) > 2 and min(changes[-2:]) > 0.7 * changes[-3]
+            if error <= tolerance or stalled or steps >= MOST_STEPS:
+                return replace(fine, error=error)
+        coarse = fine
+
+
+def _estimate(changes: Sequence[float]) -> float:
+    """Return the error left, from the changes at each doubling of the number of steps.
+
+    The order is what the last changes show, at most four. Where turning points of the voltage fall within steps it
+    goes up and down, so that the lower of the last two counts, and one alone for no more than two.
+    """
+    orders = [math.log2(a / b) if b > 0 else 4.0 for a, b in pairwise(changes)]
+    order = min([*orders[-2:], 4.0 if len(orders) > 1 else 2.0]) if orders else 1.0
+    return SAFETY * changes[-1] / (2.0 ** max(order, 1.0) - 1.0)
+
+
+def _change(coarse: Array, fine: Array) -> float:
+    span = float(np.max(np.ptp(fine, axis=1)))
+    return float(np.max(np.abs(fine - coarse))) / span if span > 0 else 0.0
+
+
+class _Inputs:
+    """Arrays for the engine that do not depend on the number of steps."""
+
+    def __init__(
+        self, stage: Stage, loops: Mapping[str, Loop], period: float, delay: float, between_samples: str, seed: int
+    ) -> None:
+        names = [axis.name for axis in stage.axes]
+        lengths = {len(loop.command) for loop in loops.values()}
+        if len(lengths) != 1 or not set(loops) <= set(names):
+            raise ValueError(f"commands need one length, and axes among {', '.join(names)}")
+        self.stage, self.loops, self.period, self.delay = stage, loops, period, delay
+        self.count = lengths.pop()
+        self.is_linear = between_samples == "linear"
+        if self.is_linear and any(loop.is_closed for loop in loops.values()):
+            raise ValueError("the command of a closed loop is held between samples")
+        rest = Loop(np.zeros(self.count))
+        self.controllers = {name: loop.controllers for name, loop in loops.items()}
+        self.ordered = [loops.get(name, rest) for name in names]
+        self.given = np.array([loop.command for loop in self.ordered], dtype=np.float64)
+        self.reference = np.array(
+            [np.zeros(self.count) if loop.reference is None else loop.reference for loop in self.ordered]
+        )
+        if not (np.isfinite(self.given).all() and np.isfinite(self.reference).all()):
+            raise ValueError("a command or reference is not finite")
+        generator = np.random.default_rng(seed)
+        self.noise = np.array([stage.noise.get(name, 0.0) * generator.standard_normal(self.count) for name in names])
+        self.limits = np.array([stage.limits.get(name, (-math.inf, math.inf)) for name in names], dtype=np.float64)
+
+    def response(self, substeps: int, error: float) -> Response:
+        """Run once with a number of steps in a sample."""
+        from flexdesign.dynamics import engine  # compiles: only where something is run
+        from flexdesign.dynamics.chain import Keeper, program
+
+        stage, axes, keep = self.stage, len(self.stage.axes), Keeper()
+        laid_out = program(
+            stage.axes, self.controllers, self.period, substeps, delay=self.delay, is_linear=self.is_linear
+        )
+        inputs = Inputs(
+            axes,
+            self.count,
+            self.given.ctypes.data,
+            self.reference.ctypes.data,
+            self.noise.ctypes.data,
+            keep.ints([loop.is_closed for loop in self.ordered]),
+            self.limits.ctypes.data,
+        )
+        linear = np.eye(axes) if stage.coupling is None else stage.coupling
+        quadratic = np.zeros((axes, axes)) if stage.quadratic_coupling is None else stage.quadratic_coupling
+        record = np.zeros((6, axes, self.count))
+        done = engine.run(
+            inputs,
+            laid_out.timing,
+            laid_out.layout,
+            laid_out.command_ticks,
+            laid_out.moves,
+            laid_out.forces,
+            laid_out.modes,
+            Coupling(keep.reals(np.ravel(linear)), keep.reals(np.ravel(quadratic))),
+            laid_out.sensor_ticks,
+            laid_out.controllers,
+            laid_out.state,
+            self._bound(),
+            Record(*(array.ctypes.data for array in record)),
+        )
+        command, cut, voltage, drive, motion, reading = record[:, :, :done]
+        time = self.period * np.arange(done, dtype=np.float64)
+        diverged = None if done == self.count else done * self.period
+        return Response(time, command, cut, voltage, drive, motion, reading, error, substeps, diverged)
+
+    def _bound(self) -> float:
+        """Return how large a motion may grow: far beyond what full drive gives."""
+        finite = self.limits[np.isfinite(self.limits)]
+        volts = max(float(np.abs(self.given).max()), float(np.abs(finite).max()) if finite.size else 0.0)
+        gain = max(abs(axis.gain) for axis in self.stage.axes)
+        scale = gain * volts + float(np.abs(self.reference).max())
+        return RUNAWAY * scale if scale > 0 else math.inf

@@ -1,0 +1,63 @@
+"""From a stage model to a stage that runs: which effects its numbers stand for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign import effects
+from flexdesign.dynamics.chain import AxisChain, Oscillator
+from flexdesign.dynamics.simulate import Stage
+from flexdesign.model import Effect
+from flexdesign.stage_model import AxisModel, StageModel
+
+
+def stage(model: StageModel) -> Stage:
+    """Return a stage model's axes, coupling, limits and noise, ready to run."""
+    names = list(model.axes)
+    return Stage(
+        tuple(chain(name, axis) for name, axis in model.axes.items()),
+        np.eye(len(names)) + _matrix(names, model.coupling.linear),
+        _matrix(names, model.coupling.quadratic),
+        {name: limits(axis) for name, axis in model.axes.items()},
+        {name: axis.sensor.noise for name, axis in model.axes.items()},
+    )
+
+
+def chain(name: str, axis: AxisModel) -> AxisChain:
+    """Return the chain of one axis."""
+    main = Oscillator(axis.natural_frequency, axis.damping_ratio, 1.0 - sum(mode.share for mode in axis.modes))
+    further = (Oscillator(mode.frequency, mode.damping_ratio, mode.share) for mode in axis.modes)
+    return AxisChain(name, axis.gain, (main, *further), tuple(acting(axis)), axis.driver.gain)
+
+
+def acting(axis: AxisModel) -> list[tuple[Effect, Mapping[str, float]]]:
+    """Return the effects of an axis with their values, those of driver and sensor among them."""
+    named = dict(axis.effects)
+    named |= {
+        "driver_bandwidth": {"bandwidth": axis.driver.bandwidth},
+        "driver_slew": {"slew": axis.driver.slew},
+        "sensor_bandwidth": {"bandwidth": axis.sensor.bandwidth},
+        "quantisation": {"step": axis.sensor.resolution},
+    }
+    found = [(effects.find(name), values) for name, values in named.items()]
+    return [(effect, values) for effect, values in found if not effect.is_null(values)]
+
+
+def limits(axis: AxisModel) -> tuple[float, float]:
+    """Return the lowest and highest command: the narrower of what driver and actuator allow at the stack [V]."""
+    ranges = [axis.driver.limits, axis.actuator.voltage_range if axis.actuator else None]
+    known = [span for span in ranges if span is not None]
+    low, high = max((low for low, _ in known), default=-math.inf), min((high for _, high in known), default=math.inf)
+    first, last = sorted((low / axis.driver.gain, high / axis.driver.gain))
+    return first, last
+
+
+def _matrix(names: list[str], entries: Mapping[tuple[str, str], float]) -> NDArray[np.float64]:
+    matrix = np.zeros((len(names), len(names)))
+    for (to, source), value in entries.items():
+        matrix[names.index(to), names.index(source)] = value
+    return matrix

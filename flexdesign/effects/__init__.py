@@ -1,0 +1,53 @@
+"""The catalogue of effects: one piece of physics per file, found by its name or by a path.
+
+>>> find("bouc_wen").where
+'the piezo stack, between its voltage and its extension'
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import pkgutil
+from functools import cache
+from pathlib import Path
+
+from flexdesign.errors import suggest
+from flexdesign.model import Effect
+
+
+@cache
+def names() -> tuple[str, ...]:
+    """Return the names of the effects that come with flexdesign."""
+    return tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_")))
+
+
+@cache
+def find(name: str) -> Effect:
+    """Return an effect by its name, or from a file by its path.
+
+    Raises
+    ------
+    ValueError
+        If there is none; the message says what there is.
+    """
+    if name in names():
+        found = importlib.import_module(f"{__name__}.{name}").EFFECT
+    elif name.endswith(".py"):
+        found = _from_file(Path(name))
+    else:
+        raise ValueError(f"is not a known effect{suggest(name, list(names()))}")
+    if not isinstance(found, Effect):
+        raise ValueError("has an EFFECT that is no flexdesign.model.Effect")
+    return found
+
+
+def _from_file(path: Path) -> object:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise ValueError("is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+        return module.EFFECT
+    except Exception as error:
+        raise ValueError(f"cannot be loaded: {type(error).__name__}: {error}") from error

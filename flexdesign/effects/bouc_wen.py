@@ -1,0 +1,178 @@
+"""Bouc-Wen hysteresis of the piezo actuator, in the voltage: eqs (26), (28) and (29) of Lin et al. (2019).
+
+Over a path of the voltage that rises or falls, with p the voltage travelled and sigma its sign,
+
+    dh/dp = sigma a - (b sign(h) + sigma c) |h|^n
+
+and the displacement that drives the stage is k_v v - h. Advancing in travelled voltage, not in time, keeps the loop
+independent of the rate and right across jumps. For n = 1 each stretch is an exponential.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.model.effect import Floats, Values
+
+#: A Runge-Kutta step in voltage, for n other than 1, covers this much of the loop's own voltage scale.
+FINENESS = 0.04
+#: After so many voltage scales in one direction the hysteresis is saturated to rounding.
+SATURATED = 40.0
+
+
+def advance(h: float, start: float, end: float, a: float, b: float, c: float, n: float) -> float:
+    """Return the hysteresis displacement [m] after the voltage went straight from `start` to `end` [V]."""
+    if end == start:
+        return h
+    sign = 1.0 if end > start else -1.0
+    left = abs(end - start)
+    if h * sign < 0.0:  # h runs towards zero, where the slope changes
+        to_zero = _travel_to_zero(h, sign, a, b, c, n)
+        if to_zero >= left:
+            return _stretch(h, left, sign, sign * (c - b), a, n, to_zero, to_zero - left)
+        h, left = 0.0, left - to_zero
+    from_zero = abs(h / a)
+    return _stretch(h, left, sign, sign * (b + c), a, n, from_zero, from_zero + left)
+
+
+def _stretch(h: float, travel: float, sign: float, decay: float, a: float, n: float, near: float, far: float) -> float:
+    """Advance dh/dp = sign a - decay |h|^n while h keeps its sign; `decay` carries the sign of h.
+
+    `near` and `far` are about how far the voltage is from where h is zero, at the start and at the end.
+    """
+    if n == 1.0:
+        rate = decay if h > 0.0 or (h == 0.0 and sign > 0.0) else -decay  # per signed h
+        x = -rate * travel
+        return h + (sign * a - rate * h) * travel * (math.expm1(x) / x if x != 0.0 else 1.0)
+    largest = abs(h)  # that |h| comes to on this stretch
+    if h * sign >= 0.0:
+        largest += a * travel
+        if decay * sign > 0.0:
+            largest = max(abs(h), min(largest, (a / abs(decay)) ** (1.0 / n)))
+    scale = n * abs(decay) * largest ** (n - 1.0)
+    if decay * sign > 0.0 and travel * scale > SATURATED:
+        travel = SATURATED / scale
+        far = near + travel
+    # |h|^n is no polynomial near zero: steps that grow from there as the square of their number.
+    begin, grow = math.sqrt(near), math.sqrt(far) - math.sqrt(near) if far < math.inf else 0.0
+    steps = 1 + int(min(2.0 * travel * scale / FINENESS, 1e4)) + int(8.0 * abs(grow) / (begin + abs(grow)))
+    for i in range(steps):
+        dp = travel / steps
+        if far < math.inf:
+            dp = abs(grow) / steps * abs(2.0 * begin + grow * (2 * i + 1) / steps)
+        k1 = sign * a - decay * abs(h) ** n
+        k2 = sign * a - decay * abs(h + 0.5 * dp * k1) ** n
+        k3 = sign * a - decay * abs(h + 0.5 * dp * k2) ** n
+        k4 = sign * a - decay * abs(h + dp * k3) ** n
+        h += dp / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    return h
+
+
+def _travel_to_zero(h: float, sign: float, a: float, b: float, c: float, n: float) -> float:
+    """Return how far the voltage travels until h is zero: p as a function of h, by quadrature."""
+    decay = sign * (c - b)
+    if (sign * a - decay * abs(h) ** n) * sign <= 0.0:
+        return math.inf  # only outside b >= |c|: the loop runs away instead
+    if n == 1.0:
+        rate = -decay if h < 0.0 else decay
+        slope = sign * a - rate * h
+        x = rate * h / slope
+        return -h / slope * (math.log1p(x) / x if abs(x) > 1e-12 else 1.0)
+    steps = 4 + int(min(2 * n * abs(decay) * abs(h) ** n / a / FINENESS, 1e4))
+    travel, left = 0.0, h
+    for i in range(steps):  # Simpson's rule, on steps that shrink towards zero
+        right = h * ((steps - i - 1) / steps) ** 2
+        middle = 0.5 * (left + right)
+        at_left, at_right = sign * a - decay * abs(left) ** n, sign * a - decay * abs(right) ** n
+        travel += (right - left) / 6.0 * (1.0 / at_left + 4.0 / (sign * a - decay * abs(middle) ** n) + 1.0 / at_right)
+        left = right
+    return travel
+
+
+def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
+    """Take the hysteresis along the voltage path, turning where the parabola turns."""
+    a, b, c, n = constants[0], constants[1], constants[2], constants[3]
+    v0, v1, v2 = path[0], path[1], path[2]
+    h = advance(state[0], state[1], v0, a, b, c, n)
+    out[0] -= h
+    slope, bend = -3.0 * v0 + 4.0 * v1 - v2, 2.0 * v0 - 4.0 * v1 + 2.0 * v2
+    turn = -0.5 * slope / bend if bend != 0.0 else -1.0
+    v = v0
+    if 0.0 < turn < 0.5:
+        v = v0 + 0.5 * slope * turn
+        h = advance(h, v0, v, a, b, c, n)
+    h = advance(h, v, v1, a, b, c, n)
+    out[1] -= h
+    v = v1
+    if 0.5 < turn < 1.0:
+        v = v0 + 0.5 * slope * turn
+        h = advance(h, v1, v, a, b, c, n)
+    h = advance(h, v, v2, a, b, c, n)
+    out[2] -= h
+    state[0], state[1] = h, v2
+
+
+def constants(values: Values, step: float) -> tuple[float, float, float, float]:
+    """Return a, b, c and n."""
+    return values["a"], values["b"], values["c"], values["n"]
+
+
+def invert(wanted: float, state: Floats, constants: Floats) -> float:
+    """Return the voltage at which k_v v - h is the displacement wanted, and go there.
+
+    A `tick` for feedforward: state as for `move`, constants k_v, a, b, c, n, with k_v larger than any slope of h.
+    """
+    gain, a, b, c, n = constants[0], constants[1], constants[2], constants[3], constants[4]
+    h, v = state[0], state[1]
+    sign = 1.0 if wanted > gain * v - h else -1.0
+    low, high = v, math.inf * sign  # the voltage lies between: k_v v - h rises with v
+    trial, reached = v + (wanted - gain * v + h) / gain, h
+    for _ in range(100):  # Newton's method, halving or doubling where it would leave the bracket
+        reached = advance(h, v, trial, a, b, c, n)
+        off = gain * trial - reached - wanted
+        if off * sign < 0.0:
+            low = trial
+        else:
+            high = trial
+        turned = 1.0 if reached * sign >= 0.0 else -1.0
+        before = trial
+        trial -= off / (gain - a + (b * turned + c * sign) * abs(reached) ** n * sign)
+        if not (trial - low) * sign > 0.0 or not (high - trial) * sign > 0.0:
+            trial = 0.5 * (low + high) if abs(high) < math.inf else 2.0 * low - v
+        if abs(trial - before) <= 1e-12 * abs(trial - v):
+            break
+    state[0], state[1] = advance(h, v, trial, a, b, c, n), trial
+    return trial
+
+
+def cautions(values: Values) -> tuple[str, ...]:
+    """Say where the loop can grow without bound or give energy away: outside b >= |c|."""
+    if values["a"] > 0 and values["b"] < abs(values["c"]):
+        return (
+            f"Bouc-Wen with b = {values['b']:.4g} below |c| = {abs(values['c']):.4g}: the loop is neither bounded nor "
+            "dissipative for every voltage",
+        )
+    return ()
+
+
+EFFECT = Effect(
+    name="bouc_wen",
+    physics=(
+        "Domains in the ceramic switch with delay, so that the extension at a voltage depends on where the voltage "
+        "came from: the loop between rising and falling voltage is about a tenth of the stroke, whatever the frequency."
+    ),
+    where="the piezo stack, between its voltage and its extension",
+    reveal="a slow triangle or sine over the whole voltage range: the loop does not close up as the rate falls",
+    remedy="an inverse hysteresis feedforward, a charge amplifier, or feedback from a position sensor",
+    reference="Bouc-Wen as in eqs (26) to (29) of Lin, Yu, Wu and Shen (2019), Microsystem Technologies",
+    parameters=(
+        Parameter("a", "m/V", "um/V", "slope of the hysteresis where it is zero", 0.0, 0.3e-6, (0.0, 1e-4), "log"),
+        Parameter("b", "1/V", "1/V", "how fast the loop saturates", None, 0.02, (1e-5, 10.0), "log"),
+        Parameter("c", "1/V", "1/V", "how rising and falling branches differ", None, 0.0, (-10.0, 10.0)),
+        Parameter("n", "1", "", "sharpness of the bend into saturation", None, 1.0, (1.0, 5.0)),
+    ),
+    faces=(Block(Socket.HYSTERESIS, states=("h", "v"), constants=constants, move=move),),
+    confused_with=("creep", "driver_bandwidth"),
+    cautions=cautions,
+)

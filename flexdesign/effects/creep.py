@@ -1,0 +1,54 @@
+"""Creep of the piezo stack: slow states, one per decade of time, that go on after a step."""
+
+from __future__ import annotations
+
+from flexdesign.effects import _lag
+from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.model.effect import Floats, Values
+
+#: Time constants at t0, 10 t0, ... : together they rise like the logarithm of time over four decades.
+DECADES = 4
+
+
+def constants(values: Values, step: float) -> tuple[float, ...]:
+    """Return for each state its strength, then transition and weights to the middle and to the end of a step."""
+    numbers: list[float] = []
+    for decade in range(DECADES):
+        rate = 1.0 / (values["t0"] * 10.0**decade)
+        numbers += [values["per_decade"], *_lag.to(rate, step, 0.5), *_lag.to(rate, step, 1.0)]
+    return tuple(numbers)
+
+
+def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
+    """Let each state z follow the drive s with tau z' = s - z, and add its share."""
+    for i in range(DECADES):
+        k, z = 9 * i, state[i]
+        out[0] += constants[k] * z
+        middle = (
+            constants[k + 1] * z + constants[k + 2] * path[0] + constants[k + 3] * path[1] + constants[k + 4] * path[2]
+        )
+        end = (
+            constants[k + 5] * z + constants[k + 6] * path[0] + constants[k + 7] * path[1] + constants[k + 8] * path[2]
+        )
+        out[1] += constants[k] * middle
+        out[2] += constants[k] * end
+        state[i] = end
+
+
+EFFECT = Effect(
+    name="creep",
+    physics=(
+        "After a step the stack goes on extending in the same direction, about as much in each decade of time: domains "
+        "switch late, each at its own pace."
+    ),
+    where="the piezo stack, between its voltage and its extension",
+    reveal="a step held for a hundred seconds or more, drawn over the logarithm of time",
+    remedy="feedback from a position sensor; a charge amplifier; a creep model in the feedforward",
+    reference="H. Jung and D.-G. Gweon, Creep characteristics of piezoelectric actuators, Rev. Sci. Instrum. 71 (2000)",
+    parameters=(
+        Parameter("per_decade", "1", "", "growth per decade of time, per drive", 0.0, 0.01, (0.0, 0.2)),
+        Parameter("t0", "s", "s", "shortest of the time constants", None, 0.1, (1e-3, 1e2), "log"),
+    ),
+    faces=(Block(Socket.ACTUATOR, states=tuple(f"z{i}" for i in range(DECADES)), constants=constants, move=move),),
+    confused_with=("bouc_wen",),
+)

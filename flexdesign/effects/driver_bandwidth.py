@@ -1,0 +1,24 @@
+"""Bandwidth of the voltage amplifier into the stack's capacitance: a first-order lag between command and voltage."""
+
+from __future__ import annotations
+
+import math
+
+from flexdesign.effects import _lag
+from flexdesign.model import Block, Effect, Parameter, Socket
+
+EFFECT = Effect(
+    name="driver_bandwidth",
+    physics="The amplifier charges the stack's capacitance through its output resistance, so the voltage lags behind.",
+    where="the voltage amplifier, between command and stack",
+    reveal="a frequency response, or a step recorded faster than the lag; best the voltage at the stack itself",
+    remedy="a stronger amplifier, a lower capacitance, or a model of the lag in the feedforward",
+    reference="A. J. Fleming and K. K. Leang, Design, Modeling and Control of Nanopositioning Systems (2014)",
+    parameters=(
+        Parameter(
+            "bandwidth", "Hz", "Hz", "-3 dB frequency of the loaded amplifier", math.inf, 1e3, (1.0, 1e6), "inverse"
+        ),
+    ),
+    faces=(Block(Socket.DRIVER, mode="replace", states=("v",), constants=_lag.constants, move=_lag.move),),
+    confused_with=("delay", "sensor_bandwidth"),
+)

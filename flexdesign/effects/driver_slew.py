@@ -1,0 +1,49 @@
+"""Limited current of the voltage amplifier: it charges the stack's capacitance at a limited rate."""
+
+from __future__ import annotations
+
+import math
+
+from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.model.effect import Floats, Values
+
+
+def constants(values: Values, step: float) -> tuple[float]:
+    """Return the largest change of voltage over half a step."""
+    return (0.5 * values["slew"] * step,)
+
+
+def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
+    """Follow the command, no faster than the limit.
+
+    As with a lag, after a jump the first of the three values is set so that their parabola has the ramp's own mean.
+    """
+    v, most = state[0], constants[0]
+    jump = path[0] - v
+    first, mean = v, 0.0
+    for half in range(2):
+        left = path[half + 1] - v
+        change = min(max(left, -most), most)
+        # A ramp of the largest rate to `change`, then rest; twice the part of the mean that belongs to this half.
+        mean += v + change - 0.5 * change * abs(change) / most
+        v += change
+        out[half + 1] += v
+        if half == 0:
+            middle = v
+    if jump != 0.0:
+        first = 3.0 * mean - 4.0 * middle - v
+    out[0] += first
+    state[0] = v
+
+
+EFFECT = Effect(
+    name="driver_slew",
+    physics="The amplifier's current charges the stack's capacitance at a limited rate, so large steps become ramps.",
+    where="the voltage amplifier, between command and stack",
+    reveal="steps of several sizes: the rise of large ones takes a time proportional to their size",
+    remedy="an amplifier with more current, less capacitance, or commands within the limit",
+    reference="A. J. Fleming and K. K. Leang, Design, Modeling and Control of Nanopositioning Systems (2014)",
+    parameters=(Parameter("slew", "V/s", "V/s", "largest rate of the voltage", math.inf, 1e5, (1.0, 1e9), "inverse"),),
+    faces=(Block(Socket.DRIVER, mode="replace", states=("v",), constants=constants, move=move),),
+    confused_with=("driver_bandwidth",),
+)

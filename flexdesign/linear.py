@@ -1,0 +1,57 @@
+"""Exact steps of linear systems: what an input that is a parabola over the step does to the state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+Array = NDArray[np.float64]
+#: Coefficients of 1, s, s^2 (s: 0 at the start, 1 at the end) of the parabola through start, middle and end.
+_PARABOLA = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [2.0, -4.0, 2.0]])
+
+
+@dataclass(frozen=True)
+class Step:
+    """How x' = A x + b u passes from the start of a step to some later moment of it.
+
+    Parameters
+    ----------
+    transition
+        State at that moment per state at the start; n x n.
+    weights
+        State at that moment per input at start, middle and end of the step; n x 3.
+    """
+
+    transition: Array
+    weights: Array
+
+
+def step(a: Array, b: Array, length: float, until: float = 1.0) -> Step:
+    """Return the exact passage over the fraction `until` of a step, for an input that is a parabola over the whole.
+
+    Parameters
+    ----------
+    a, b
+        System matrix, n x n [1/s], and input vector, n.
+    length
+        Length of the whole step [s].
+    until
+        Which part of it is passed over.
+
+    >>> step(np.array([[-2.0]]), np.array([2.0]), 0.5).transition.round(6)
+    array([[0.367879]])
+    """
+    n = len(a)
+    h = until * length
+    # With the input's monomials as further states, 1 -> s -> s^2, one matrix exponential holds every integral.
+    big = np.zeros((n + 3, n + 3))
+    big[:n, :n] = h * a
+    big[:n, n] = h * b
+    big[n, n + 1] = big[n + 1, n + 2] = 1.0
+    exponential = expm(big)
+    # exponential[:n, n + j] is the response to the input sigma^j / j!, with sigma = 1 at the moment looked at.
+    to_monomials = np.diag([1.0, until, 2.0 * until**2])
+    return Step(exponential[:n, :n], exponential[:n, n:] @ to_monomials @ _PARABOLA)

@@ -1,0 +1,223 @@
+"""One axis of a stage: mechanics, actuator, driver, sensor, what else acts on it, and how well all that is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
+
+#: How far a stated natural frequency may be from that of mass and stiffness, relative: each may be off by half a unit
+#: in the third digit, 0.5 %, and half of mass's and stiffness's errors add to the frequency's own.
+AGREEMENT = 0.01
+
+
+class Contradiction(ValueError):
+    """Numbers of one axis that cannot be true together.
+
+    Parameters
+    ----------
+    field
+        The field of the axis that the remedy speaks of.
+    remedy
+        What is wrong, and what to do about it.
+    """
+
+    def __init__(self, field: str, remedy: str) -> None:
+        self.field, self.remedy = field, remedy
+        super().__init__(f"{field} {remedy}")
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A further mode of an axis, beside the main one.
+
+    Parameters
+    ----------
+    frequency, damping_ratio
+        Undamped natural frequency [Hz] and damping ratio [1].
+    share
+        The part of the static response it carries [1]; negative where it moves the output against the drive.
+    """
+
+    frequency: float
+    damping_ratio: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Driver:
+    """The voltage amplifier.
+
+    Parameters
+    ----------
+    gain
+        Voltage at the stack per command [V/V].
+    bandwidth
+        -3 dB frequency with the stack connected [Hz].
+    slew
+        Fastest change of the voltage at the stack [V/s].
+    limits
+        Lowest and highest voltage at the stack [V]; None if nothing limits it.
+    """
+
+    gain: float = 1.0
+    bandwidth: float = math.inf
+    slew: float = math.inf
+    limits: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """The position sensor; its numbers are in the unit of the response.
+
+    Parameters
+    ----------
+    bandwidth
+        -3 dB frequency [Hz].
+    noise
+        Standard deviation of a reading at rest.
+    resolution
+        Step between neighbouring readings.
+    range
+        Lowest and highest reading; None if unknown.
+    linearity
+        Half-width of the calibration's error; not simulated, but used where measurements are compared.
+    source
+        Where these numbers come from.
+    """
+
+    bandwidth: float = math.inf
+    noise: float = 0.0
+    resolution: float = 0.0
+    range: tuple[float, float] | None = None
+    linearity: float = 0.0
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class ActuatorData:
+    """The piezo stacks of an axis, each as its data sheet has it.
+
+    Parameters
+    ----------
+    free_stroke, voltage_range
+        Extension when nothing holds it [m], and the voltages between which it is reached [V].
+    stiffness, contact_stiffness
+        Of the stack alone, and of both its seats together, in series with it [N/m].
+    capacitance
+        [F].
+    preload
+        Compressive force at rest [N].
+    count
+        How many stacks work in parallel on this axis.
+    """
+
+    free_stroke: float
+    voltage_range: tuple[float, float] | None = None
+    stiffness: float | None = None
+    capacitance: float | None = None
+    preload: float | None = None
+    contact_stiffness: float | None = None
+    count: int = 1
+
+
+@dataclass(frozen=True)
+class AxisModel:
+    """One axis, in SI.
+
+    Parameters
+    ----------
+    natural_frequency, damping_ratio
+        Of the main mode, undamped [Hz] and [1]. It carries the part of the static response that `modes` leave.
+    gain
+        k_v of eq (26): the coefficient of the voltage [response/V], not the secant of the loop; signed. NaN if unknown:
+        such a model can be written, for people to complete, but not read.
+    response
+        SI unit of what is measured: ``"m"``, ``"rad"``, or ``"V"`` for an electronic analogue.
+    mass, stiffness
+        Lumped at the output [kg], [N/m]; together they give `natural_frequency`. Both or none.
+    modes
+        Further modes.
+    effects
+        Effects by name, each with the values of all its parameters.
+    driver, sensor, actuator
+        What the axis is driven and seen by.
+    input_stiffness, amplification
+        At the actuator with the output free [N/m], and output motion per extension [1], signed; from FEM.
+    uncertainty
+        Relative standard deviations by the names that `numbers` has.
+    assumed
+        Names of the numbers that nobody measured or computed.
+    sources
+        Where numbers come from, by their names or those of their tables.
+
+    Raises
+    ------
+    Contradiction
+        If mass comes without stiffness, both disagree with the natural frequency, or the modes leave nothing to the
+        main one.
+    """
+
+    natural_frequency: float
+    damping_ratio: float
+    gain: float
+    response: str = "m"
+    mass: float | None = None
+    stiffness: float | None = None
+    modes: tuple[Mode, ...] = ()
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    driver: Driver = Driver()
+    sensor: Sensor = Sensor()
+    actuator: ActuatorData | None = None
+    input_stiffness: float | None = None
+    amplification: float | None = None
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()
+    sources: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.mass is None or self.stiffness is None:
+            for name, other in (("mass", self.stiffness), ("stiffness", self.mass)):
+                if other is not None:
+                    raise Contradiction(name, "is missing; give mass and stiffness, or natural_frequency alone")
+        else:
+            lumped = lumped_frequency(self.mass, self.stiffness)
+            if abs(self.natural_frequency / lumped - 1) > AGREEMENT:
+                remedy = f"disagrees with mass and stiffness, which give {lumped:.5g} Hz; change those, or leave it out"
+                raise Contradiction("natural_frequency", remedy)
+        if self.main_share <= 0:
+            given = f"{100 * (1 - self.main_share):.4g} %"
+            raise Contradiction("modes", f"carry {given} of the response; something must be left to the main mode")
+
+    @property
+    def main_share(self) -> float:
+        """The part of the static response that the main mode carries [1]."""
+        return 1.0 - math.fsum(mode.share for mode in self.modes)
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Every single number by its dotted name: ``gain``, ``modes.1.share``, ``bouc_wen.a``, ``sensor.noise``."""
+        return dict(self._numbers())
+
+    def _numbers(self) -> Iterator[tuple[str, float]]:
+        tables: list[tuple[str, object]] = [("", self)]
+        tables += [(f"modes.{i}.", mode) for i, mode in enumerate(self.modes, start=1)]
+        tables += [("driver.", self.driver), ("sensor.", self.sensor)]
+        tables += [("actuator.", self.actuator)] if self.actuator else []
+        for prefix, table in tables:
+            for each in fields(table):  # type: ignore[arg-type]
+                value = getattr(table, each.name)
+                if isinstance(value, (int, float)):
+                    yield prefix + each.name, float(value)
+        for effect, values in self.effects.items():
+            for name, value in values.items():
+                yield f"{effect}.{name}", value
+
+
+def lumped_frequency(mass: float, stiffness: float) -> float:
+    """Return the natural frequency [Hz] of a mass [kg] on a spring [N/m].
+
+    >>> round(lumped_frequency(0.0342, 18.3e3), 2)
+    116.42
+    """
+    return math.sqrt(stiffness / mass) / (2 * math.pi)

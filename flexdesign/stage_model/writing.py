@@ -1,0 +1,125 @@
+"""Writing a stage model as a file that people can read: its numbers with their units, its caveats as comments."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import fields as members
+from typing import TYPE_CHECKING
+
+from flexdesign import units
+from flexdesign.files import FORMAT
+from flexdesign.stage_model import fields
+from flexdesign.stage_model.axis import AxisModel, lumped_frequency
+
+if TYPE_CHECKING:
+    from flexdesign.stage_model.model import Coupling, StageModel
+
+_TEXT = fields.Text()
+_HEADING = "# Stage model. Any number may be changed, and any unit that measures the same may be written."
+#: Where the comments begin.
+_COLUMN = 40
+#: What people should know of a field, beside where it comes from.
+_COMMENTS = {
+    "stiffness": "at the output, actuators installed",
+    "gain": "coefficient of the voltage, actuators installed",
+    "input_stiffness": "at the actuator, output free",
+    "amplification": "output motion per extension, output free",
+}
+
+
+def stage(model: StageModel) -> str:
+    """Return a stage model as TOML."""
+    lines = [_HEADING, f"format = {FORMAT}"]
+    words = {"title": model.title, "source": model.source}
+    lines += [f"{key} = {_TEXT.write(text)}" for key, text in words.items() if text]
+    for name, axis in model.axes.items():
+        lines += _axis(f"axis.{name}", axis)
+    lines += _table("controller", model.controller, fields.CONTROLLER)
+    responses = {name: axis.response for name, axis in model.axes.items()}
+    lines += _coupling(model.coupling, responses)
+    return "\n".join(lines) + "\n"
+
+
+def _axis(place: str, axis: AxisModel) -> Iterator[str]:
+    gain = fields.axis(axis.response)["gain"]
+    yield from ("", f"[{place}]")
+    for name, text in _numbers(axis):
+        comment = "assumed: neither computed nor measured" if name in axis.assumed else _comment(name, axis)
+        yield f"{f'{name} = {text}':<{_COLUMN}}# {comment}" if comment else f"{name} = {text}"
+    if math.isnan(axis.gain):
+        yield f"{f'# gain = {gain.example()}':<{_COLUMN}}# an example: the gain is not known; see its source below"
+    if "bouc_wen" in axis.effects:
+        values = _effect("bouc_wen", axis.effects["bouc_wen"], axis.response)
+        yield f'hysteresis = {{ model = "bouc-wen", {", ".join(f"{k} = {v}" for k, v in values.items())} }}'
+    if axis.uncertainty:
+        relative = ", ".join(f"{name} = {fields.RELATIVE.write(value)}" for name, value in axis.uncertainty.items())
+        yield f"uncertainty = {{ {relative} }}    # relative, 1 sigma"
+    if axis.assumed:
+        yield f"assumed = [{', '.join(_TEXT.write(name) for name in axis.assumed)}]"
+    for mode in axis.modes:
+        yield from _table(place + ".modes", mode, fields.MODE, "[[{}]]")
+    for key in ("actuator", "driver", "sensor"):
+        known = {"actuator": fields.ACTUATOR, "driver": fields.DRIVER, "sensor": fields.sensor(axis.response)}[key]
+        yield from _table(f"{place}.{key}", getattr(axis, key), known)
+    for name, effect in axis.effects.items():
+        if name != "bouc_wen":
+            yield from ("", f"[{place}.effects.{_key(name)}]")
+            yield from (f"{key} = {text}" for key, text in _effect(name, effect, axis.response).items())
+    if axis.sources:
+        yield from ("", f"[{place}.sources]")
+        yield from (f"{_key(name)} = {_TEXT.write(text)}" for name, text in axis.sources.items())
+
+
+def _numbers(axis: AxisModel) -> Iterator[tuple[str, str]]:
+    """Yield the single numbers that say something, as TOML; the frequency only where mass and stiffness do not."""
+    for name, field in fields.axis(axis.response).items():
+        value = getattr(axis, name)
+        if value is None or math.isnan(value):
+            continue
+        if name == "natural_frequency" and axis.mass is not None and axis.stiffness is not None:
+            lumped = lumped_frequency(axis.mass, axis.stiffness)
+            if math.isclose(value, lumped, rel_tol=1e-9):
+                continue
+        yield name, field.write(value)
+
+
+def _comment(name: str, axis: AxisModel) -> str:
+    if name != "mass":
+        return _COMMENTS.get(name, "")
+    share = "" if not axis.modes else f", carries {100 * axis.main_share:.3g} % of the response"
+    return f"lumped; the main mode, {units.to_text(axis.natural_frequency, 'Hz')}{share}"
+
+
+def _table(place: str, table: object, known: fields.Fields, heading: str = "[{}]") -> Iterator[str]:
+    """Yield a table without what stands at its default; nothing if all does."""
+    if table is None:
+        return
+    defaults = {each.name: each.default for each in members(table)}  # type: ignore[arg-type]
+    values = {name: getattr(table, name) for name in known if getattr(table, name) != defaults[name]}
+    if values:
+        yield from ("", heading.format(place))
+        yield from (f"{name} = {known[name].write(value)}" for name, value in values.items())
+
+
+def _effect(name: str, values: Mapping[str, float], response: str) -> dict[str, str]:
+    """Return the parameters of an effect as TOML; units that hang on an exponent follow it as it is written."""
+    known = fields.effect(name, response)
+    power, _ = fields.POWER_LAWS.get(name, ("", ()))
+    if power:
+        known = fields.effect(name, response, float(known[power].write(values.get(power, 1.0))))
+    return {key: known[key].write(value) for key, value in values.items()}
+
+
+def _coupling(coupling: Coupling, responses: Mapping[str, str]) -> Iterator[str]:
+    for power, place, pairs in ((1, "coupling", coupling.linear), (2, "coupling.quadratic", coupling.quadratic)):
+        if pairs:
+            yield from ("", f"[{place}]")
+        for (to, origin), value in pairs.items():
+            field = fields.coupling(responses[to], responses[origin], power)
+            yield f"{to}_from_{origin} = {field.write(value)}"
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _TEXT.write(name)
