@@ -89,6 +89,7 @@ def program(
     *,
     delay: float = 0.0,
     is_linear: bool = False,
+    every: int = 1,
 ) -> Program:
     """Lay out the chains of all axes, at rest at zero volts.
 
@@ -106,6 +107,8 @@ def program(
         How late a command acts [s].
     is_linear
         Whether commands run straight from sample to sample; otherwise they are held.
+    every
+        Controllers act at every so many samples.
     """
     keep = Keeper()
     shares, steps, lengths, late = _division(period, substeps, delay)
@@ -128,7 +131,7 @@ def program(
             keep.reals([number for step in lengths for mode in modes for number in _passage(mode, step)]),
         ),
         _ticks(keep, [_block_ticks(axis, Socket.SENSOR, period) for axis in axes]),
-        _ticks(keep, [_control_ticks(controllers.get(axis.name, ()), period) for axis in axes]),
+        _ticks(keep, [_control_ticks(controllers.get(axis.name, ()), every * period) for axis in axes]),
         State(signals, *(keep.reals(np.zeros(2 * count)) for count in (len(modes), len(axes), len(axes)))),
         keep.kept,
     )

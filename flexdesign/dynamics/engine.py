@@ -61,7 +61,12 @@ def run(
             if not abs(motion[at]) < bound:
                 return k
             _observe(axis, at, motion[at], inputs, layout, moves, sensor_ticks, state, record)
-            if closed[axis]:
+            if closed[axis] and k % inputs.every:
+                reals(record.command)[at], reals(record.cut)[at] = (
+                    reals(record.command)[at - 1],
+                    reals(record.cut)[at - 1],
+                )
+            elif closed[axis]:
                 _apply(axis, at, _commanded(axis, at, k, inputs, controllers, record), command_ticks, inputs, record)
         if k < inputs.samples - 1:
             for segment in range(timing.segments):

@@ -73,11 +73,12 @@ class Inputs(NamedTuple):
     """What comes from outside, axes by samples.
 
     `given` is the command, or in a closed loop the feedforward. `limits` are the lowest and highest command of each
-    axis; `closed` is 1 where controllers act.
+    axis; `closed` is 1 where controllers act, at every `every`-th sample.
     """
 
     axes: int
     samples: int
+    every: int
     given: Reals
     reference: Reals
     noise: Reals

@@ -120,6 +120,7 @@ def simulate(
     *,
     delay: float = 0.0,
     between_samples: str = "hold",
+    oversampling: int = 1,
     seed: int = 0,
     tolerance: float = TOLERANCE,
     substeps: int | None = None,
@@ -141,6 +142,8 @@ def simulate(
         How late commands act [s].
     between_samples
         ``"hold"`` or, in an open loop, ``"linear"``.
+    oversampling
+        How many samples of the response to give for each sampling period, to show what happens between them.
     seed
         Of the sensor noise.
     tolerance
@@ -153,7 +156,7 @@ def simulate(
     ValueError
         If lengths differ, a command or reference is not finite, or a loop is closed with linear commands.
     """
-    inputs = _Inputs(stage, loops, period, delay, between_samples, seed)
+    inputs = _Inputs(stage, loops, period, delay, between_samples, oversampling, seed)
     if substeps is not None:
         return inputs.response(substeps, math.nan)
     steps, changes = 1, list[float]()
@@ -193,29 +196,50 @@ class _Inputs:
     """Arrays for the engine that do not depend on the number of steps."""
 
     def __init__(
-        self, stage: Stage, loops: Mapping[str, Loop], period: float, delay: float, between_samples: str, seed: int
+        self,
+        stage: Stage,
+        loops: Mapping[str, Loop],
+        period: float,
+        delay: float,
+        between_samples: str,
+        oversampling: int,
+        seed: int,
     ) -> None:
         names = [axis.name for axis in stage.axes]
         lengths = {len(loop.command) for loop in loops.values()}
         if len(lengths) != 1 or not set(loops) <= set(names):
             raise ValueError(f"commands need one length, and axes among {', '.join(names)}")
-        self.stage, self.loops, self.period, self.delay = stage, loops, period, delay
-        self.count = lengths.pop()
         self.is_linear = between_samples == "linear"
         if self.is_linear and any(loop.is_closed for loop in loops.values()):
             raise ValueError("the command of a closed loop is held between samples")
-        rest = Loop(np.zeros(self.count))
+        self.stage, self.delay, self.every = stage, delay, oversampling
+        self.period = period / oversampling
         self.controllers = {name: loop.controllers for name, loop in loops.items()}
+        rest = Loop(np.zeros(lengths.pop()))
         self.ordered = [loops.get(name, rest) for name in names]
-        self.given = np.array([loop.command for loop in self.ordered], dtype=np.float64)
-        self.reference = np.array(
-            [np.zeros(self.count) if loop.reference is None else loop.reference for loop in self.ordered]
-        )
-        if not (np.isfinite(self.given).all() and np.isfinite(self.reference).all()):
-            raise ValueError("a command or reference is not finite")
+        self.given = self._finer([loop.command for loop in self.ordered])
+        self.reference = self._finer([self._reference(loop) for loop in self.ordered])
+        self.count = self.given.shape[1]
         generator = np.random.default_rng(seed)
-        self.noise = np.array([stage.noise.get(name, 0.0) * generator.standard_normal(self.count) for name in names])
-        self.limits = np.array([stage.limits.get(name, (-math.inf, math.inf)) for name in names], dtype=np.float64)
+        sizes = np.array([[stage.noise.get(name, 0.0)] for name in names])
+        self.noise = sizes * generator.standard_normal((len(names), self.count))
+        limits = [stage.limits.get(name, (-math.inf, math.inf)) for name in names]
+        self.limits = np.array(limits, dtype=np.float64)
+
+    @staticmethod
+    def _reference(loop: Loop) -> Array:
+        return np.zeros(len(loop.command)) if loop.reference is None else loop.reference
+
+    def _finer(self, rows: Sequence[Array]) -> Array:
+        """Return rows with further samples in between, held or linear, up to the last one given."""
+        given = np.array(rows, dtype=np.float64)
+        if not np.isfinite(given).all():
+            raise ValueError("a command or reference is not finite")
+        last = given.shape[1] - 1
+        at = np.arange(last * self.every + 1) / self.every
+        if self.is_linear:
+            return np.array([np.interp(at, np.arange(last + 1), row) for row in given])
+        return np.ascontiguousarray(given[:, np.floor(at + 1e-9).astype(np.intp)])
 
     def response(self, substeps: int, error: float) -> Response:
         """Run once with a number of steps in a sample."""
@@ -224,11 +248,18 @@ class _Inputs:
 
         stage, axes, keep = self.stage, len(self.stage.axes), Keeper()
         laid_out = program(
-            stage.axes, self.controllers, self.period, substeps, delay=self.delay, is_linear=self.is_linear
+            stage.axes,
+            self.controllers,
+            self.period,
+            substeps,
+            delay=self.delay,
+            is_linear=self.is_linear,
+            every=self.every,
         )
         inputs = Inputs(
             axes,
             self.count,
+            self.every,
             self.given.ctypes.data,
             self.reference.ctypes.data,
             self.noise.ctypes.data,

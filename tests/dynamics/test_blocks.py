@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -147,7 +148,7 @@ orders = st.sampled_from([1.0, 1.3, 2.0, 3.0])
 def follow(path: list[float], a: float, b: float, c: float, n: float, h: float = 0.0) -> list[float]:
     """Hysteresis along straight stretches from voltage to voltage, in um."""
     found = [h]
-    for v0, v1 in zip(path[:-1], path[1:], strict=True):
+    for v0, v1 in pairwise(path):
         found.append(bouc_wen.advance(found[-1], v0, v1, a, b, c, n))
     return found
 

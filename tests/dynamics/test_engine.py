@@ -148,6 +148,17 @@ def test_error_estimate_covers_the_error(names: tuple[str, ...]) -> None:
         assert error <= max(found.error, 1e-10)
 
 
+@pytest.mark.parametrize("delay", [0.0, 0.4e-3])
+def test_finer_samples_show_the_same_motion(delay: float) -> None:
+    """Closed loop: every eighth of the finer samples is one of the coarse ones."""
+    loop = Loop(np.zeros(100), np.full(100, 1e-5), (Controller("push", {}, push, lambda v, period: (0.02 / GAIN,)),))
+    stage = Stage((axis("bouc_wen", "driver_bandwidth", bandwidth=500.0),))
+    coarse = simulate(stage, {"x": loop}, PERIOD, delay=delay, substeps=16).motion[0]
+    fine = simulate(stage, {"x": loop}, PERIOD, delay=delay, substeps=2, oversampling=8).motion[0]
+    assert len(fine) == 8 * 99 + 1
+    assert fine[::8] == pytest.approx(coarse, rel=1e-5, abs=1e-11)
+
+
 # --- what can go wrong ------------------------------------------------------------------------------------------
 
 
