@@ -5,19 +5,17 @@ Meshes and solutions are cached by content, so that an interrupted run resumes w
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from flexdesign import __version__, quantities, units
 from flexdesign import part as parts
+from flexdesign import quantities, units, versions
 from flexdesign.cache import Cache, content_key
 from flexdesign.design import Design
 from flexdesign.errors import InputError
@@ -220,7 +218,7 @@ def _level(study: Study, part: parts.Part, body: Domain, coarseness: float, cach
     count = study.modes.count if all_classes else 0
     material = design.material
     key = content_key(
-        _engine(), mesh_key, vars(material), actuator, count, all_classes, _versions(),
+        _engine(), mesh_key, vars(material), actuator, count, all_classes, versions.installed(LIBRARIES),
         [vars(port) for port in part.ports()], [vars(member) for member in part.linkage().members],
         [vars(plane) for plane in body.planes],
     )  # fmt: skip
@@ -257,7 +255,7 @@ def _mesh(
     )
     envelope = settings.envelope * min(hinge.thickness for hinge in hinges)
     asked = (field.roots, field.at_roots, field.growth, field.largest, envelope)
-    question = content_key(_engine(), body.fingerprint, *asked, _versions())
+    question = content_key(_engine(), body.fingerprint, *asked, versions.installed(LIBRARIES))
     stored = cache.load("mesh", question)
     if stored is not None:
         tagged = TaggedMesh(**stored[0])
@@ -335,16 +333,6 @@ def _compare(
 # --- provenance -------------------------------------------------------------------------------------------------
 
 
-def _versions() -> dict[str, str]:
-    found = {"flexdesign": __version__, "python": platform.python_version()}
-    for name in LIBRARIES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "not installed"
-    return found
-
-
 @cache
 def _engine() -> str:
     """Return a hash of the code that makes meshes and solutions, lest results of other code be taken for its."""
@@ -373,5 +361,5 @@ def provenance(study: Study) -> dict[str, Any]:
         "mesh": as_text(study.mesh),
         "modes": as_text(study.modes),
         "output": as_text(study.output),
-        "versions": _versions(),
+        "versions": versions.installed(LIBRARIES),
     }

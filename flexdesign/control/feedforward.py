@@ -40,7 +40,7 @@ def inverse(wanted: Array, gain: float, hysteresis: Mapping[str, float] | None) 
         return wanted / gain
     if not abs(gain) > hysteresis["a"]:
         raise ValueError("the hysteresis is steeper than the gain (a >= k_v): there is no inverse")
-    constants = [abs(gain), *(hysteresis[name] for name in ("a", "b", "c", "n"))]
+    constants = [abs(gain), *bouc_wen.constants(hysteresis, 0.0)]
     return kernels.ticked(bouc_wen.invert, wanted if gain > 0 else -wanted, 2, constants)
 
 

@@ -164,13 +164,15 @@ class Keeper:
 
     def reals(self, numbers: Sequence[float] | NDArray[np.float64]) -> int:
         """Keep numbers, at least one; return their address."""
-        self.kept.append(np.array([*numbers, 0.0]))
-        return int(self.kept[-1].ctypes.data)
+        return self._keep(np.array([*numbers, 0.0]))
 
     def ints(self, numbers: Sequence[int] | NDArray[np.int64]) -> int:
         """Keep whole numbers; return their address."""
-        self.kept.append(np.array([*numbers, 0], dtype=np.int64))
-        return int(self.kept[-1].ctypes.data)
+        return self._keep(np.array([*numbers, 0], dtype=np.int64))
+
+    def _keep(self, array: NDArray[Any]) -> int:
+        self.kept.append(array)
+        return int(array.ctypes.data)
 
 
 class _Moves:

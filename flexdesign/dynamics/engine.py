@@ -28,10 +28,11 @@ from flexdesign.dynamics.layout import (
     Timing,
 )
 
-compiled = njit(cache=True, nogil=True, error_model="numpy")
+#: What `run` calls is compiled with it, and kept in it; nothing else calls it, so that it needs no way in of its own.
+inside = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
-@compiled
+@njit(cache=True, nogil=True, error_model="numpy")
 def run(
     inputs: Inputs,
     timing: Timing,
@@ -78,7 +79,7 @@ def run(
 # --- once per sample --------------------------------------------------------------------------------------------
 
 
-@compiled
+@inside
 def _observe(
     axis: int,
     at: int,
@@ -98,7 +99,7 @@ def _observe(
     reals(record.drive)[at] = signals[ints(layout.drive)[axis] + 2]
 
 
-@compiled
+@inside
 def _commanded(axis: int, at: int, k: int, inputs: Inputs, controllers: Ticks, record: Record) -> float:
     """Return feedforward and controllers together."""
     first, entries = ints(controllers.first), ints(controllers.entries)
@@ -110,7 +111,7 @@ def _commanded(axis: int, at: int, k: int, inputs: Inputs, controllers: Ticks, r
     return u
 
 
-@compiled
+@inside
 def _apply(axis: int, at: int, wanted: float, ticks: Ticks, inputs: Inputs, record: Record) -> None:
     """Pass a command through its ticks and limits."""
     limits, command = reals(inputs.limits), reals(record.command)
@@ -119,7 +120,7 @@ def _apply(axis: int, at: int, wanted: float, ticks: Ticks, inputs: Inputs, reco
     reals(record.cut)[at] = u - command[at]
 
 
-@compiled
+@inside
 def _ticked(axis: int, value: float, ticks: Ticks) -> float:
     first, entries = ints(ticks.first), ints(ticks.entries)
     for i in range(first[axis], first[axis + 1]):
@@ -130,7 +131,7 @@ def _ticked(axis: int, value: float, ticks: Ticks) -> float:
 # --- once per step ----------------------------------------------------------------------------------------------
 
 
-@compiled
+@inside
 def _advance(
     k: int,
     segment: int,
@@ -163,7 +164,7 @@ def _advance(
         _move(moves.upstream, moves.number, segment, moves, state)
 
 
-@compiled
+@inside
 def _command(
     axis: int,
     k: int,
@@ -192,7 +193,7 @@ def _command(
         path[place + i] = held + (following - held) * (begins + share[segment] * (step + 0.5 * i) / steps)
 
 
-@compiled
+@inside
 def _move(first: int, last: int, segment: int, moves: Moves, state: State) -> None:
     """Let blocks take their three values of input to three values of output."""
     signals, base, hook = reals(state.signals), reals(moves.base), ints(moves.hook)
@@ -206,7 +207,7 @@ def _move(first: int, last: int, segment: int, moves: Moves, state: State) -> No
             call_move(hook[i], path[i], out[i], states[i], constants[segment * moves.number + i])
 
 
-@compiled
+@inside
 def _free(axis: int, segment: int, drive: int, modes: Modes, state: State) -> None:
     """Advance the modes of an axis over a step, exactly for a drive that is a parabola."""
     d, q, p = reals(state.signals), reals(state.modes), reals(modes.passages)
@@ -222,7 +223,7 @@ def _free(axis: int, segment: int, drive: int, modes: Modes, state: State) -> No
     reals(state.moved)[2 * axis], reals(state.moved)[2 * axis + 1] = x, v
 
 
-@compiled
+@inside
 def _forced(axis: int, segment: int, drive: int, step: float, modes: Modes, forces: Forces, state: State) -> None:
     """Advance the modes of an axis over a step with forces that depend on the motion (Cox and Matthews, eqs 26-29)."""
     d, q, p = reals(state.signals), reals(state.modes), reals(modes.passages)
@@ -252,7 +253,7 @@ def _forced(axis: int, segment: int, drive: int, step: float, modes: Modes, forc
         states[i] += step / 6.0 * (r[4 * i] + 2.0 * r[4 * i + 1] + 2.0 * r[4 * i + 2] + r[4 * i + 3])
 
 
-@compiled
+@inside
 def _halfway(axis: int, segment: int, force: float, modes: Modes, state: State) -> tuple[float, float]:
     """Return position and velocity of an axis after half a step under a constant input."""
     q, p, first = reals(state.modes), reals(modes.passages), ints(modes.first)
@@ -264,7 +265,7 @@ def _halfway(axis: int, segment: int, force: float, modes: Modes, state: State) 
     return x, v
 
 
-@compiled
+@inside
 def _force(axis: int, drive: float, x: float, v: float, stage: int, after: float, forces: Forces) -> float:
     """Return all forces over the stiffness at a stage of the step, `after` its start, and keep the states' rates."""
     first, place, hook, constants = ints(forces.first), ints(forces.place), ints(forces.hook), ints(forces.constants)
@@ -281,7 +282,7 @@ def _force(axis: int, drive: float, x: float, v: float, stage: int, after: float
     return total
 
 
-@compiled
+@inside
 def _mixed(axis: int, axes: int, motions: Reals, coupling: Coupling) -> float:
     """Return the table's position along an axis, to which every axis contributes."""
     moved, linear, quadratic = reals(motions), reals(coupling.linear), reals(coupling.quadratic)
@@ -292,7 +293,7 @@ def _mixed(axis: int, axes: int, motions: Reals, coupling: Coupling) -> float:
     return total
 
 
-@compiled
+@inside
 def _mixed_velocity(axis: int, axes: int, motions: Reals, coupling: Coupling) -> float:
     moved, linear, quadratic = reals(motions), reals(coupling.linear), reals(coupling.quadratic)
     total = 0.0
@@ -302,7 +303,7 @@ def _mixed_velocity(axis: int, axes: int, motions: Reals, coupling: Coupling) ->
     return total
 
 
-@compiled
+@inside
 def _motion(step: float, axes: int, layout: Layout, coupling: Coupling, state: State) -> None:
     """Fill in the table's motion at the start, the middle (by the cubic through both ends) and the end of a step."""
     signals = reals(state.signals)

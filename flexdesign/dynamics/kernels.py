@@ -73,7 +73,7 @@ def _compilable(function: Callable[..., Any]) -> types.FunctionType:
             if value.__code__.co_filename != function.__code__.co_filename:
                 raise TypeError(f"{function.__name__} calls {name} of another file; copy it, or pass its result")
             if value is not function:
-                around[name] = njit(**_OPTIONS)(_compilable(value))
+                around[name] = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)(_compilable(value))
         elif name in around and value is not math and not isinstance(value, _PLAIN):
             raise TypeError(f"{function.__name__} uses {name}, which is neither a number nor math nor a function")
     made = types.FunctionType(function.__code__, around, function.__name__, function.__defaults__)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from flexdesign import effects
 from flexdesign.dynamics.chain import AxisChain, Oscillator
 from flexdesign.dynamics.simulate import Stage
+from flexdesign.effects import bouc_wen
 from flexdesign.model import Effect
 from flexdesign.stage_model import AxisModel, StageModel
 
@@ -61,3 +63,43 @@ def _matrix(names: list[str], entries: Mapping[tuple[str, str], float]) -> NDArr
     for (to, source), value in entries.items():
         matrix[names.index(to), names.index(source)] = value
     return matrix
+
+
+def secant_gain(axis: AxisModel) -> float:
+    """Return the chord of the steady loop over the whole range of voltage, or k_v where there is no range [m/V].
+
+    It is what a user sees who divides stroke by voltage: less than k_v by what hysteresis holds back.
+    """
+    low, high = (limit * axis.driver.gain for limit in limits(axis))
+    hysteresis = axis.effects.get("bouc_wen")
+    if hysteresis is None or not math.isfinite(high - low):
+        return axis.gain
+    bottom, top = _steady(hysteresis, low, high)
+    return math.copysign(abs(axis.gain) - (top - bottom) / (high - low), axis.gain)
+
+
+def cycled(axis: AxisModel) -> AxisModel:
+    """Return an axis that was cycled over its whole range of voltage and rests at zero volts, where motion counts zero.
+
+    One whose hysteresis says where it rests, or whose range does not end, is returned as it is.
+    """
+    hysteresis = axis.effects.get("bouc_wen")
+    low, high = (limit * axis.driver.gain for limit in limits(axis))
+    if hysteresis is None or hysteresis.get("rest") or not math.isfinite(high - low) or not low <= 0 <= high:
+        return axis
+    bottom, _ = _steady(hysteresis, low, high)
+    rest = bouc_wen.advance(bottom, low, 0.0, *_numbers(hysteresis))
+    return replace(axis, effects={**axis.effects, "bouc_wen": {**hysteresis, "rest": rest}})
+
+
+def _steady(hysteresis: Mapping[str, float], low: float, high: float) -> tuple[float, float]:
+    """Return the hysteresis at both ends of a steady loop."""
+    bottom = top = 0.0
+    for _ in range(5):
+        bottom = bouc_wen.advance(top, high, low, *_numbers(hysteresis))
+        top = bouc_wen.advance(bottom, low, high, *_numbers(hysteresis))
+    return bottom, top
+
+
+def _numbers(hysteresis: Mapping[str, float]) -> tuple[float, float, float, float]:
+    return hysteresis["a"], hysteresis["b"], hysteresis["c"], hysteresis["n"]

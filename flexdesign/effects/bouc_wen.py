@@ -4,8 +4,9 @@ Over a path of the voltage that rises or falls, with p the voltage travelled and
 
     dh/dp = sigma a - (b sign(h) + sigma c) |h|^n
 
-and the displacement that drives the stage is k_v v - h. Advancing in travelled voltage, not in time, keeps the loop
-independent of the rate and right across jumps. For n = 1 each stretch is an exponential.
+and the displacement that drives the stage is k_v v - h, counted from where it rests at the start: h is then zero in a
+stage that was never driven, and negative in one that was cycled. Advancing in travelled voltage, not in time, keeps
+the loop independent of the rate and right across jumps. For n = 1 each stretch is an exponential.
 """
 
 from __future__ import annotations
@@ -26,14 +27,15 @@ def advance(h: float, start: float, end: float, a: float, b: float, c: float, n:
     if end == start:
         return h
     sign = 1.0 if end > start else -1.0
-    left = abs(end - start)
+    left, to_zero = abs(end - start), 0.0
     if h * sign < 0.0:  # h runs towards zero, where the slope changes
         to_zero = _travel_to_zero(h, sign, a, b, c, n)
-        if to_zero >= left:
-            return _stretch(h, left, sign, sign * (c - b), a, n, to_zero, to_zero - left)
-        h, left = 0.0, left - to_zero
-    from_zero = abs(h / a)
-    return _stretch(h, left, sign, sign * (b + c), a, n, from_zero, from_zero + left)
+        if to_zero < left:
+            h, left = 0.0, left - to_zero
+    towards = h * sign < 0.0
+    decay = sign * (c - b) if towards else sign * (b + c)
+    near = to_zero if towards else abs(h / a)
+    return _stretch(h, left, sign, decay, a, n, near, near - left if towards else near + left)
 
 
 def _stretch(h: float, travel: float, sign: float, decay: float, a: float, n: float, near: float, far: float) -> float:
@@ -92,39 +94,36 @@ def _travel_to_zero(h: float, sign: float, a: float, b: float, c: float, n: floa
 
 def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
     """Take the hysteresis along the voltage path, turning where the parabola turns."""
-    a, b, c, n = constants[0], constants[1], constants[2], constants[3]
-    v0, v1, v2 = path[0], path[1], path[2]
-    h = advance(state[0], state[1], v0, a, b, c, n)
-    out[0] -= h
-    slope, bend = -3.0 * v0 + 4.0 * v1 - v2, 2.0 * v0 - 4.0 * v1 + 2.0 * v2
+    a, b, c, n, rest = constants[0], constants[1], constants[2], constants[3], constants[4]
+    slope, bend = -3.0 * path[0] + 4.0 * path[1] - path[2], 2.0 * path[0] - 4.0 * path[1] + 2.0 * path[2]
     turn = -0.5 * slope / bend if bend != 0.0 else -1.0
-    v = v0
-    if 0.0 < turn < 0.5:
-        v = v0 + 0.5 * slope * turn
-        h = advance(h, v0, v, a, b, c, n)
-    h = advance(h, v, v1, a, b, c, n)
-    out[1] -= h
-    v = v1
-    if 0.5 < turn < 1.0:
-        v = v0 + 0.5 * slope * turn
-        h = advance(h, v1, v, a, b, c, n)
-    h = advance(h, v, v2, a, b, c, n)
-    out[2] -= h
-    state[0], state[1] = h, v2
+    h, v = rest + state[0], state[1]
+    node, passed = 0, turn <= 0.0
+    while node < 3:  # to the three points, and the turn between; a loop, so that `advance` is compiled into it once
+        turning = not passed and 2.0 * turn < node
+        to = path[0] + 0.5 * slope * turn if turning else path[node]
+        h, v = advance(h, v, to, a, b, c, n), to
+        if turning:
+            passed = True
+        else:
+            out[node] -= h - rest
+            node += 1
+    state[0], state[1] = h - rest, v
 
 
-def constants(values: Values, step: float) -> tuple[float, float, float, float]:
-    """Return a, b, c and n."""
-    return values["a"], values["b"], values["c"], values["n"]
+def constants(values: Values, step: float) -> tuple[float, float, float, float, float]:
+    """Return a, b, c, n, and the hysteresis at rest."""
+    return values["a"], values["b"], values["c"], values["n"], values.get("rest", 0.0)
 
 
 def invert(wanted: float, state: Floats, constants: Floats) -> float:
     """Return the voltage at which k_v v - h is the displacement wanted, and go there.
 
-    A `tick` for feedforward: state as for `move`, constants k_v, a, b, c, n, with k_v larger than any slope of h.
+    A `tick` for feedforward: state as for `move`, constants k_v and then those of `move`; k_v is larger than any slope
+    of h, so that there is one such voltage.
     """
-    gain, a, b, c, n = constants[0], constants[1], constants[2], constants[3], constants[4]
-    h, v = state[0], state[1]
+    gain, a, b, c, n, rest = constants[0], constants[1], constants[2], constants[3], constants[4], constants[5]
+    h, v, wanted = rest + state[0], state[1], wanted - rest
     sign = 1.0 if wanted > gain * v - h else -1.0
     low, high = v, math.inf * sign  # the voltage lies between: k_v v - h rises with v
     trial, reached = v + (wanted - gain * v + h) / gain, h
@@ -142,7 +141,7 @@ def invert(wanted: float, state: Floats, constants: Floats) -> float:
             trial = 0.5 * (low + high) if abs(high) < math.inf else 2.0 * low - v
         if abs(trial - before) <= 1e-12 * abs(trial - v):
             break
-    state[0], state[1] = advance(h, v, trial, a, b, c, n), trial
+    state[0], state[1] = advance(h, v, trial, a, b, c, n) - rest, trial
     return trial
 
 
@@ -171,6 +170,7 @@ EFFECT = Effect(
         Parameter("b", "1/V", "1/V", "how fast the loop saturates", None, 0.02, (1e-5, 10.0), "log"),
         Parameter("c", "1/V", "1/V", "how rising and falling branches differ", None, 0.0, (-10.0, 10.0)),
         Parameter("n", "1", "", "sharpness of the bend into saturation", None, 1.0, (1.0, 5.0)),
+        Parameter("rest", "m", "um", "hysteresis at rest, where motion counts as zero", None, 0.0, (-1e-3, 1e-3)),
     ),
     faces=(Block(Socket.HYSTERESIS, states=("h", "v"), constants=constants, move=move),),
     confused_with=("creep", "driver_bandwidth"),

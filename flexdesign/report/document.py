@@ -24,6 +24,17 @@ class Table:
     rows: Sequence[Sequence[str]]
     caption: str = ""
 
+    @property
+    def wordy(self) -> list[bool]:
+        """For each column whether it holds words, which stand on the left, and not numbers: half its cells or more."""
+        columns = zip(*self.rows, strict=True) if self.rows else [()] * len(self.columns)
+        return [_words(cells) or index == 0 for index, cells in enumerate(columns)]
+
+
+def _words(cells: Sequence[str]) -> bool:
+    filled = [cell for cell in cells if cell not in ("", "–")]
+    return sum(not cell.lstrip("+-−±").startswith(tuple("0123456789")) for cell in filled) * 2 > len(filled)
+
 
 @dataclass(frozen=True)
 class Figure:

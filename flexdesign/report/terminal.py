@@ -41,6 +41,17 @@ def show(document: Document, validation: Validation, written: Sequence[Path]) ->
         console.print(f"  {path}", soft_wrap=True)
 
 
+def brief(document: Document, table: Table, written: Sequence[Path]) -> None:
+    """Print the summary, one table, and where the report is."""
+    console = Console(highlight=False)
+    console.print(f"\n[bold]{document.title}[/bold]")
+    for paragraph in document.summary:
+        console.print(f"{paragraph}\n")
+    console.print(_drawn(table, wraps=True))
+    for path in written:
+        console.print(f"  {path}", soft_wrap=True)
+
+
 def plain(table: Table) -> str:
     """Return a table as plain text."""
     console = Console(width=200, no_color=True)
@@ -61,10 +72,10 @@ def _compact(table: Table) -> Table:
     return Table(["", "FEM", "", *heads], rows, table.caption)
 
 
-def _drawn(table: Table) -> RichTable:
+def _drawn(table: Table, *, wraps: bool = False) -> RichTable:
     drawn = RichTable(title=table.caption or None, title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for index, head in enumerate(table.columns):
-        drawn.add_column(head, justify="left" if index < 1 else "right", no_wrap=index > 0)
+        drawn.add_column(head, justify="left" if index < 1 else "right", no_wrap=index > 0 and not wraps)
     for row in table.rows:
         drawn.add_row(*row)
     return drawn

@@ -178,18 +178,22 @@ def _modes(validation: Validation) -> Section:
     for installed, state in ((False, "no"), (True, "yes")):
         for mode in [m for m in level.solution.modes if m.installed == installed][:6]:
             share = quantities.output_share(mode, level.solution.compliance, spring)
+            driven = quantities.drive_share(mode, level.solution.compliance, spring)
             moved = f"{100 * share:.0f} %" if share > 0 else "output at rest"
-            rows.append([f"{units.significant(mode.frequency, 4)} Hz", state, mode.symmetry, moved])
+            answer = f"{round(100 * driven)} %" if installed and share > 0 else "–"
+            rows.append([f"{units.significant(mode.frequency, 4)} Hz", state, mode.symmetry, moved, answer])
     keys = ("first_frequency", "output_frequency", "output_share")
     limits = [[name_of(q), q.boundary, shown(q)] for q in validation.further if q.name in keys]
     text = (
         "Ground held. The actuator is a spring between the input blocks that holds nothing sideways, and has no mass "
         "here: the frequencies are upper bounds for modes that move the input blocks. The second table lists single "
-        f"modes on one mesh ({level.solution.facts['unknowns']} unknowns), before extrapolation."
+        f"modes on one mesh ({level.solution.facts['unknowns']} unknowns), before extrapolation. What a mode answers "
+        "the actuator with is its part of the output's static motion under voltage, negative where it moves the output "
+        "the other way; all modes together make 100 %."
     )
     tables = [
         Table(["quantity", "boundary", "FEM"], limits),
-        Table(["frequency", "actuator", "symmetry", "carries of 1/K_out"], rows),
+        Table(["frequency", "actuator", "symmetry", "carries of 1/K_out", "answers the actuator with"], rows),
     ]
     return Section("Natural frequencies", [text], tables)
 

@@ -203,6 +203,19 @@ def test_loop_is_independent_of_the_rate(slowdown: int) -> None:
     assert drive(400 * slowdown)[::slowdown] == pytest.approx(drive(400), rel=1e-9, abs=1e-18)
 
 
+def test_a_cycled_stage_rests_at_zero_and_repeats_its_loop() -> None:
+    """With the remanence of a steady loop as its rest, every cycle is the last one, from zero back to zero."""
+    bw = effects.find("bouc_wen")
+    values = start(bw)
+    rest = follow([0.0, *[120.0, 0.0] * 6], values["a"], values["b"], values["c"], values["n"])[-1]
+    chain = AxisChain("x", 2e-6, (Oscillator(118.3, 0.0242),), ((bw, values | {"rest": rest}),))
+    command = 60 - 60 * np.cos(2 * np.pi * np.arange(801) / 400)
+    drive = simulate(Stage((chain,)), {"x": Loop(command)}, PERIOD, between_samples="linear", substeps=1).drive[0]
+    assert abs(drive[0]) < 1e-18
+    assert drive[400] == pytest.approx(0.0, abs=1e-12) and drive[800] == pytest.approx(0.0, abs=1e-12)
+    assert drive[200] == pytest.approx(drive[600], rel=1e-6)
+
+
 def test_n_1_is_the_printed_equation_29() -> None:
     """Slopes of the four cases of eq (29), by small increments."""
     a, b, c, dv = 0.4, 0.02, 0.007, 1e-6
@@ -230,7 +243,7 @@ def test_inverse_gives_the_voltage_back(path: list[float], n: float) -> None:
     voltages, state = np.array([0.0, *(100 * v for v in path)]), np.zeros(2)
     h = follow(list(voltages), a, b, c, n)
     wanted = gain * voltages[1:] - np.array(h[1:])
-    constants = np.array([gain, a, b, c, n])
+    constants = np.array([gain, a, b, c, n, 0.0])
     found = [bouc_wen.invert(w, state, constants) for w in wanted]
     assert found == pytest.approx(list(voltages[1:]), abs=1e-5)
     assert math.isfinite(state[0])

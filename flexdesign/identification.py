@@ -1,0 +1,400 @@
+"""Identification: the free numbers of one axis of a stage model, fitted to recorded runs, and what the runs leave open.
+
+A number with a stated uncertainty is prior knowledge; one that was assumed is free without it. What the runs do not
+determine keeps its old value: parameters are held one by one, the one asked for last first, and the others are fitted
+again, so that the model that is written matches the runs with the values that stand in it. Where an old value
+contradicts the runs, the value of the best fit is held instead, one of many, and marked as assumed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign import effects, evidence
+from flexdesign.dynamics.axis_model import AxisDynamics, Steps, of_axis
+from flexdesign.errors import InputError, suggest
+from flexdesign.evidence import Estimate, Fit, Starts
+from flexdesign.runs import Role, Run
+from flexdesign.stage_model import AxisModel, StageModel
+
+Array = NDArray[np.float64]
+#: What is fitted if nothing is asked for: the linear axis, and hysteresis where the model has it.
+LINEAR = ("gain", "damping_ratio", "natural_frequency")
+HYSTERESIS = ("bouc_wen.a", "bouc_wen.b", "bouc_wen.c")
+#: An integration error above this share of what a fit leaves of a run calls for smaller steps.
+DISTURBING = 0.1
+#: An old value that makes the residual larger than this, against the best fit, contradicts the runs.
+CONTRADICTED = 1.02
+#: Not more names of runs than these are written into a source.
+NAMED = 4
+
+
+@dataclass(frozen=True, eq=False)
+class RunMatch:
+    """How well the fitted axis predicts one run.
+
+    Parameters
+    ----------
+    name, role
+        Of the run.
+    time, command, measured, predicted
+        n values each [s], [V], [response]; the offset of the sensor is added to the prediction. `measured` is NaN
+        where it was not compared.
+    rms
+        Root mean square of measured less predicted [response].
+    span
+        Of what was measured [response].
+    remarks
+        What to keep in mind about this run.
+    """
+
+    name: str
+    role: Role
+    time: Array
+    command: Array
+    measured: Array
+    predicted: Array
+    rms: float
+    span: float
+    remarks: tuple[str, ...]
+
+    @property
+    def error(self) -> float:
+        """The root mean square over the span, a ratio; NaN if nothing moved."""
+        return self.rms / self.span if self.span else math.nan
+
+
+@dataclass(frozen=True)
+class Held:
+    """A parameter that the runs do not determine, and the value at which it was held [SI].
+
+    Parameters
+    ----------
+    value
+        The value it had; or that of the best fit, if the runs contradict the old one.
+    is_old
+        Whether it is the value it had.
+    """
+
+    value: float
+    is_old: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """A fitted stage model, and what stands behind it.
+
+    Parameters
+    ----------
+    before, model
+        The stage model as it was, and fitted.
+    axis
+        The axis that was identified.
+    estimates
+        The verdict on each parameter, in the order asked for. Where some are held, intervals hold for their values.
+    held
+        Parameters that the runs do not determine.
+    known
+        Prior knowledge that took part: value and standard deviation, SI.
+    fit
+        The last fit, of the determined parameters; None if there are none.
+    starts
+        How the starts of the first fit ended, of all that were asked for.
+    runs
+        All runs, those for validation among them.
+    before_errors
+        Root mean square error of the model as it was, by run [response].
+    seconds
+        How long it took.
+    """
+
+    before: StageModel
+    model: StageModel
+    axis: str
+    estimates: tuple[Estimate, ...]
+    held: Mapping[str, Held]
+    known: Mapping[str, tuple[float, float]]
+    fit: Fit | None
+    starts: Starts
+    runs: tuple[RunMatch, ...]
+    before_errors: Mapping[str, float]
+    evaluations: int
+    seconds: float
+
+    @property
+    def response(self) -> str:
+        """SI unit of the response."""
+        return self.before.axes[self.axis].response
+
+
+def identify(
+    model: StageModel,
+    runs: Sequence[Run],
+    *,
+    axis: str | None = None,
+    free: Sequence[str] | None = None,
+    starts: int = 8,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Identification:
+    """Fit free numbers of one axis to the runs that may be seen, and judge it by all.
+
+    Parameters
+    ----------
+    model
+        Its values are where the fit begins.
+    runs
+        Those of role ``identify`` are fitted; those of role ``validate`` are only predicted.
+    axis
+        Which one; may be left out where model and runs leave no choice.
+    free
+        Names of numbers, as in `AxisModel.numbers`; by default gain, damping ratio and natural frequency, with a, b
+        and c of a Bouc-Wen hysteresis where the model has one.
+    starts
+        How many starts the fit may follow.
+    progress
+        Told what is being done.
+
+    Raises
+    ------
+    InputError
+        If the axis is ambiguous or unknown, a run lacks its command or response or has it in another unit, a free
+        number is unknown, or no run may be fitted.
+    """
+    began = perf_counter()
+    name = choose_axis(model, runs, axis)
+    seen = tuple(of_axis(run, name, model.axes[name]) for run in runs)
+    if not any(run.role == "identify" for run in seen):
+        raise InputError("command line", "RUNS", None, "all are kept for validation; name a run with role identify")
+    start = AxisDynamics(name, model.axes[name], max(_largest_command(run) for run in seen) or 1.0)
+    asked = _free(start, free)
+    observed = [_compared(run, start) for run in seen]
+    search = _Search(start, [run for run in observed if run.role == "identify"], asked, starts, progress)
+    search.settle()
+    progress("predicting all runs")
+    fitted = search.dynamics
+    matches = tuple(_match(fitted, run, _remarks(full, run, fitted)) for full, run in zip(runs, observed, strict=True))
+    axes = {**model.axes, name: _updated(model.axes[name], search, [m.name for m in matches if m.role == "identify"])}
+    return Identification(
+        before=model,
+        model=replace(model, axes=axes),
+        axis=name,
+        estimates=search.estimates(),
+        held=search.held,
+        known=search.known,
+        fit=search.last,
+        starts=search.starts_of_first,
+        runs=matches,
+        before_errors={run.name: _match(start, run, ()).rms for run in observed},
+        evaluations=search.evaluations,
+        seconds=perf_counter() - began,
+    )
+
+
+def choose_axis(model: StageModel, runs: Sequence[Run], asked: str | None) -> str:
+    """Return the axis that is meant.
+
+    Raises
+    ------
+    InputError
+        If it is unknown, or several could be meant.
+    """
+    known = list(model.axes)
+    if asked is not None:
+        if asked not in known:
+            raise InputError("command line", "--axis", asked, f"the model has no such axis{suggest(asked, known)}")
+        return asked
+    common = [name for name in known if all(name in run.responses for run in runs)]
+    if len(common) == 1:
+        return common[0]
+    if len(known) == 1:
+        return known[0]
+    choice = " or ".join(f"--axis {name}" for name in common or known)
+    why = "the runs hold several axes of the model" if common else "no axis of the model is in every run"
+    raise InputError("command line", "--axis", None, f"{why}; write {choice}")
+
+
+def prior(axis: AxisModel, names: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Return what is known of some numbers of an axis: value and standard deviation, SI.
+
+    The natural frequency may be known through mass and stiffness: relative errors of both, halved and added in squares.
+
+    >>> axis = AxisModel(100.0, 0.02, 2e-6, uncertainty={"gain": 0.1, "damping_ratio": 1.0}, assumed=("damping_ratio",))
+    >>> prior(axis, ["gain", "damping_ratio"])
+    {'gain': (2e-06, 2e-07)}
+    """
+    relative = dict(axis.uncertainty)
+    lumped = [relative[part] for part in ("mass", "stiffness") if part in relative]
+    if lumped:
+        relative.setdefault("natural_frequency", 0.5 * math.hypot(*lumped))
+    known = {name: (axis.numbers[name], relative[name]) for name in names if name in relative}
+    return {
+        name: (value, abs(value) * sigma)
+        for name, (value, sigma) in known.items()
+        if value and sigma and name not in axis.assumed
+    }
+
+
+class _Search:
+    """Fits, and holds what turns out to be undetermined, until all that is free is determined."""
+
+    def __init__(
+        self,
+        start: AxisDynamics,
+        runs: Sequence[Run],
+        asked: Sequence[str],
+        starts: int,
+        progress: Callable[[str], None],
+    ) -> None:
+        self.start, self.runs, self.asked, self.starts, self.progress = start, runs, tuple(asked), starts, progress
+        self.known = prior(start.axis, asked)
+        self.dynamics = start
+        self.held: dict[str, Held] = {}
+        self.verdicts: dict[str, Estimate] = {}
+        self.last: Fit | None = None
+        self.evaluations = 0
+
+    def settle(self) -> None:
+        """Fit until every free parameter is determined; at best that is once."""
+        self.last = self._fit(self.asked, self.starts)
+        self.starts_of_first = self.last.starts
+        while self.last is not None and self.last.undetermined:
+            for estimate in self.last.estimates:
+                if not estimate.determined:
+                    self.verdicts.setdefault(estimate.name, estimate)
+            self.last = self._without(self.last.undetermined[-1], self.last)
+
+    def _without(self, name: str, best: Fit) -> Fit | None:
+        """Hold a parameter, at its old value if the runs allow it, and fit those that are left; None if none is."""
+        left = [other for other in self.asked if other not in self.held and other != name]
+        values = {"old": self.start.axis.numbers[name], "best": self.dynamics.axis.numbers[name]}
+        fitted = self.dynamics
+        for which, value in values.items():
+            self.dynamics = fitted.replace({name: value})
+            self.held[name] = Held(value, which == "old")
+            self.progress(f"{name} is held at its {which} value; fitting the others again")
+            found = self._fit(left, 1) if left else None
+            rms = [m.rms for m in found.matches] if found else [_match(self.dynamics, run, ()).rms for run in self.runs]
+            if all(r <= CONTRADICTED * m.rms for r, m in zip(rms, best.matches, strict=True)):
+                break
+        return found
+
+    def _fit(self, free: Sequence[str], starts: int) -> Fit:
+        found = self._fitted(free, starts)
+        disturbed = [m.name for m, run in zip(found.matches, self.runs, strict=True) if self._disturbs(run, m.rms)]
+        if disturbed:
+            self.progress(f"{disturbed[0]} needs smaller steps at these values; fitting again")
+            self.dynamics = replace(self.dynamics, steps=Steps())
+            found = self._fitted(free, 1)
+        return found
+
+    def _fitted(self, free: Sequence[str], starts: int) -> Fit:
+        reveal = {p: effects.find(p.partition(".")[0]).reveal for p in free if p.partition(".")[0] in effects.names()}
+        found = evidence.fit(
+            self.dynamics, self.runs, free, known=self.known, starts=starts, reveal=reveal, progress=self.progress
+        )
+        assert isinstance(found.model, AxisDynamics)
+        self.dynamics = found.model
+        self.evaluations += found.evaluations
+        return found
+
+    def _disturbs(self, run: Run, rms: float) -> bool:
+        return self.dynamics.integration_error(run) > DISTURBING * rms
+
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Return the verdict on every parameter asked for; on one that is held, that of the fit that gave it up."""
+        final = {estimate.name: estimate for estimate in self.last.estimates} if self.last else {}
+        return tuple(final.get(name) or self.verdicts[name] for name in self.asked)
+
+
+def _free(dynamics: AxisDynamics, asked: Sequence[str] | None) -> tuple[str, ...]:
+    known = [parameter.name for parameter in dynamics.parameters()]
+    if asked is None:
+        return LINEAR + (HYSTERESIS if "bouc_wen" in dynamics.axis.effects else ())
+    if not asked:
+        raise InputError("command line", "--free", None, f"name what is to be fitted; there are {', '.join(known)}")
+    for name in asked:
+        owner = name.partition(".")[0]
+        if name in known:
+            continue
+        if name in ("mass", "stiffness"):
+            remedy = "a run shows only the natural frequency; write --free natural_frequency (the mass follows from it)"
+        elif owner in effects.names() and owner not in dynamics.axis.effects:
+            remedy = f"the model has no {owner}; add it first: --set axis.{dynamics.name}.effects.{name}=..."
+        elif name in dynamics.axis.numbers:
+            remedy = f"does not act on the prediction of a run; there are {', '.join(known)}"
+        else:
+            remedy = f"is not a number of this axis{suggest(name, known)}"
+        raise InputError("command line", "--free", name, remedy)
+    if len(set(asked)) < len(asked):
+        raise InputError("command line", "--free", ",".join(asked), "names a number twice")
+    return tuple(asked)
+
+
+def _largest_command(run: Run) -> float:
+    return float(np.abs(run.command()).max())
+
+
+def _compared(run: Run, dynamics: AxisDynamics) -> Run:
+    """Return a run without its response where that depends on what happened before the record."""
+    unknown = dynamics.unknown_start(run)
+    if not unknown:
+        return run
+    response = run.measured().copy()
+    response[:unknown] = np.nan
+    return replace(run, columns={**run.columns, dynamics.name: response})
+
+
+def _remarks(full: Run, run: Run, dynamics: AxisDynamics) -> tuple[str, ...]:
+    """Return what to keep in mind about a run; `full` is the run with all its columns."""
+    said = []
+    skipped = int(np.isnan(run.measured()).sum())
+    if skipped:
+        said.append(
+            f"the command was moving as the record began: the first {skipped * run.period:.3g} s are not compared"
+        )
+    if any(name in full.columns for name in ("r", f"r{dynamics.name}")):
+        said.append(
+            "recorded with a reference, perhaps in closed loop: the command then carries the sensor's noise, "
+            "which biases a fit"
+        )
+    others = [name for name in full.commands if name not in ("u", f"u{dynamics.name}") and np.ptp(full.columns[name])]
+    if others:
+        said.append(f"{' and '.join(others)} moved too; what that does to this axis is left in the residual")
+    cut = dynamics.cut(run)
+    if cut > 0:
+        said.append(f"the command goes up to {cut:.3g} V beyond the limits of the model, which cut it off")
+    return tuple(said)
+
+
+def _match(dynamics: AxisDynamics, run: Run, remarks: tuple[str, ...]) -> RunMatch:
+    measured, predicted = run.measured(), dynamics.predict(run)
+    predicted = predicted + np.nanmean(measured - predicted)  # every run has an unknown offset of its own
+    rms = float(np.sqrt(np.nanmean((measured - predicted) ** 2)))
+    span = float(np.nanmax(measured) - np.nanmin(measured))
+    return RunMatch(run.name, run.role, run.time, dynamics.command(run), measured, predicted, rms, span, remarks)
+
+
+def _updated(axis: AxisModel, search: _Search, runs: Sequence[str]) -> AxisModel:
+    """Return the fitted axis with what the fit says of how well its numbers are known, and from where."""
+    listed = ", ".join(runs[:NAMED]) + (f" and {len(runs) - NAMED} more" if len(runs) > NAMED else "")
+    values, sigmas = (search.last.values, search.last.sigmas) if search.last else ({}, {})
+    guessed = [name for name, held in search.held.items() if not held.is_old]
+    relative = {name: sigmas[name] / abs(value) for name, value in values.items() if value}
+    uncertainty = {k: v for k, v in axis.uncertainty.items() if k not in values and k not in guessed}
+    uncertainty |= {name: float(f"{sigma:.2g}") for name, sigma in relative.items() if 0 < sigma < 100}
+    sources = dict(axis.sources) | dict.fromkeys(values, f"identified from {listed}")
+    sources |= dict.fromkeys(guessed, f"suits {listed}, as other values do")
+    if axis.stiffness is not None and "natural_frequency" in relative:
+        sources["mass"] = "from the identified natural frequency and the stiffness"
+        uncertainty.pop("mass", None)
+        if "stiffness" in axis.uncertainty:
+            of_both = math.hypot(axis.uncertainty["stiffness"], 2 * relative["natural_frequency"])
+            uncertainty["mass"] = float(f"{of_both:.2g}")
+    assumed = dict.fromkeys([*(name for name in axis.assumed if name not in values), *guessed])
+    return replace(search.dynamics.axis, uncertainty=uncertainty, assumed=tuple(assumed), sources=sources)

@@ -1,0 +1,144 @@
+"""Drawings for dynamics: frequency responses, step responses, curves in panels; SVG for light and dark paper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from flexdesign.report.charts import COLOURS, NEUTRAL, _svg
+
+#: Width of a chart, and height of one of its panels [in].
+WIDTH, HEIGHT = 7.2, 2.3
+
+
+class Curve(NamedTuple):
+    """A labelled curve: `x` and `y` of one length, in the units of the axes."""
+
+    label: str
+    x: Sequence[float]
+    y: Sequence[float]
+
+
+class Panel(NamedTuple):
+    """Curves over a common abscissa: axis label, curves, whether the ordinate is logarithmic."""
+
+    label: str
+    curves: Sequence[Curve]
+    logarithmic: bool = False
+
+
+class Mark(NamedTuple):
+    """A vertical line at `x` with a label."""
+
+    label: str
+    x: float
+
+
+def bode(
+    names: Sequence[str],
+    frequencies: Sequence[float],
+    magnitude: Sequence[Sequence[float]],
+    phase: Sequence[Sequence[float]],
+    marks: Sequence[Mark] = (),
+    unit: str = "",
+) -> bytes:
+    """Draw magnitude over phase against frequency.
+
+    Parameters
+    ----------
+    names
+        Of the plants.
+    frequencies
+        In Hz, common to all.
+    magnitude, phase
+        A row for each plant [`unit`, deg].
+    marks
+        Frequencies to point out [Hz].
+    unit
+        Of the magnitude; empty for a ratio.
+    """
+    above = [Curve(name, frequencies, row) for name, row in zip(names, magnitude, strict=True)]
+    below = [Curve(name, frequencies, row) for name, row in zip(names, phase, strict=True)]
+    label = f"magnitude [{unit}]" if unit else "magnitude"
+    return stacked([Panel(label, above, logarithmic=True), Panel("phase [deg]", below)], "frequency [Hz]", marks)
+
+
+def steps(curves: Sequence[Curve], band: float, ylabel: str = "motion over step") -> bytes:
+    """Draw step responses, each as a share of its step over time [ms], with the settling band around 1.
+
+    Parameters
+    ----------
+    curves
+        Time [ms], motion as a share of the step.
+    band
+        Half width of the band, as a share of the step.
+    ylabel
+        What the ordinate shows.
+    """
+    figure, (axes,) = _panels(1, 1.5 * HEIGHT)
+    axes.axhspan(1 - band, 1 + band, color=NEUTRAL, alpha=0.3, linewidth=0)
+    for index, curve in enumerate(curves):
+        axes.plot(curve.x, curve.y, color=COLOURS[index], label=curve.label, linewidth=1.6)
+    axes.set_ylabel(ylabel)
+    axes.set_xlabel("time [ms]")
+    axes.set_xlim(0, max(max(curve.x) for curve in curves))
+    _legend(figure, axes)
+    return _svg(figure)
+
+
+def stacked(panels: Sequence[Panel], xlabel: str, marks: Sequence[Mark] = ()) -> bytes:
+    """Draw panels one above the other; the n-th curve has the same colour in each, the first panel names them.
+
+    Parameters
+    ----------
+    panels
+        From the top.
+    xlabel
+        The common abscissa.
+    marks
+        Vertical lines through all panels, labelled in the topmost.
+    """
+    figure, all_axes = _panels(len(panels), HEIGHT)
+    for axes, panel in zip(all_axes, panels, strict=True):
+        for index, curve in enumerate(panel.curves):
+            axes.plot(curve.x, curve.y, color=COLOURS[index], label=curve.label, linewidth=1.8)
+        axes.set_ylabel(panel.label)
+        if panel.logarithmic:
+            axes.set_yscale("log")
+        for mark in marks:
+            axes.axvline(mark.x, color=NEUTRAL, linestyle=(0, (4, 3)), linewidth=1.2)
+    curves = [curve for panel in panels for curve in panel.curves]
+    all_axes[-1].set_xlim(min(min(c.x) for c in curves), max(max(c.x) for c in curves))
+    all_axes[-1].set_xlabel(xlabel)
+    for mark in marks:
+        where = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+        all_axes[0].annotate(mark.label, (mark.x, 1.0), (4, 1), color=NEUTRAL, fontsize=9, **where)
+    if len(panels[0].curves) > 1:
+        _legend(figure, all_axes[0])
+    return _svg(figure)
+
+
+def _panels(count: int, height: float) -> tuple[Any, list[Any]]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, height * count + 0.7), layout="constrained")
+    found = list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
+    for axes in found:
+        axes.patch.set_alpha(0.0)
+        axes.grid(color=NEUTRAL, alpha=0.25)
+        axes.tick_params(which="both", colors=NEUTRAL)
+        axes.xaxis.label.set_color(NEUTRAL)
+        axes.yaxis.label.set_color(NEUTRAL)
+        for side, spine in axes.spines.items():
+            spine.set_color(NEUTRAL)
+            spine.set_visible(side in ("left", "bottom"))
+    figure.align_ylabels(found)
+    return figure, found
+
+
+def _legend(figure: Any, axes: Any) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    columns = min(3, len(labels))
+    legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
+    for text in legend.get_texts():
+        text.set_color(NEUTRAL)

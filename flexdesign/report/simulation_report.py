@@ -1,0 +1,397 @@
+"""The report of a simulation: published numbers beside ours, then what every controller does in every experiment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from flexdesign import units, versions
+from flexdesign.experiments import AS_MODELLED, KNOWN, Experiment
+from flexdesign.files import FORMAT
+from flexdesign.model import Quantity
+from flexdesign.report import render
+from flexdesign.report.document import Document, Figure, Section, Table
+from flexdesign.report.simulation_charts import Curve, panels
+from flexdesign.simulation import Case, Compared, Simulation, validity
+from flexdesign.trajectory import Sine, Square, Step, Triangle
+
+#: Measures in words, in the order of tables.
+WORDS = {
+    "amplitude": "travel",
+    "loop_span": "loop span",
+    "loop_width": "loop width",
+    "loop_width_relative": "of span",
+    "secant_gain": "secant gain",
+    "rise_time": "rise 10 to 90 %",
+    "overshoot": "overshoot",
+    "settling_time": "settling to 2 %",
+    "steady_error": "steady error",
+    "max_error": "largest error",
+    "max_error_relative": "largest error of range",
+    "rms_error": "rms error",
+    "max_contour_error": "largest distance from the path",
+    "rms_contour_error": "rms distance",
+    "coupled_motion": "motion",
+    "coupling": "coupling",
+}
+
+
+#: Those that a terminal shows.
+BRIEF = ("loop_width_relative", "overshoot", "settling_time", "max_error", "max_contour_error")
+
+
+def result(simulation: Simulation) -> dict[str, Any]:
+    """Return result.json's content: every measure with its unit, and what made it."""
+    return {
+        "format": FORMAT,
+        "kind": "simulation",
+        "cases": [
+            {
+                "experiment": case.experiment.name,
+                "variant": case.variant,
+                "controller": case.controller,
+                "measures": {axis: [_json(q) for q in found] for axis, found in case.measures.items()},
+                "gains": {
+                    axis: {
+                        "kp": {"value": pid.kp * 1e-6, "unit": "V/um"},
+                        "ti": {"value": _finite(pid.ti), "unit": "s"},
+                        "td": {"value": pid.td, "unit": "s"},
+                    }
+                    for axis, pid in case.pid.items()
+                },
+                "margins": {
+                    axis: {
+                        "stable": m.stable,
+                        "gain_margin": _finite(m.gain_margin),
+                        "phase_margin": {"value": _finite(m.phase_margin), "unit": "deg"},
+                        "delay_margin": {"value": _finite(m.delay_margin), "unit": "s"},
+                        "largest_sensitivity": _finite(m.ms),
+                    }
+                    for axis, m in case.margins.items()
+                },
+                "cautions": list(case.cautions),
+                "integration": {"error": case.response.error, "steps_per_sample": case.response.substeps},
+                "diverged": {"value": case.response.diverged, "unit": "s"} if case.response.diverged else None,
+            }
+            for case in simulation.cases
+        ],
+        "published": [
+            {
+                "experiment": case.experiment.name,
+                "variant": case.variant,
+                "controller": case.controller,
+                "axis": c.axis,
+                "measure": c.published.measure,
+                "published": c.published.value,
+                "uncertainty": c.published.uncertainty or None,
+                "place": c.published.place,
+                "note": c.published.note,
+                "ours": _json(c.ours) if c.ours else None,
+            }
+            for experiment in simulation.plan.experiments
+            for case, c in simulation.compared(experiment)
+        ],
+        "made_by": {
+            "model": simulation.model.name,
+            "source": simulation.model.source,
+            "stage_model": simulation.model.to_toml(),
+            "study": simulation.plan.name,
+            "variants": {name: list(v.set) for name, v in simulation.plan.variants.items()},
+            "versions": versions.installed(),
+        },
+    }
+
+
+def _finite(number: float) -> float | None:
+    return number if math.isfinite(number) else None
+
+
+def _json(quantity: Quantity) -> dict[str, Any]:
+    found = quantity.to_json()
+    return found | {"value": _finite(found["value"])}
+
+
+def document(simulation: Simulation) -> Document:
+    """Write the report of a simulation."""
+    plan = simulation.plan
+    sections = [_published(simulation), *(_experiment(simulation, e) for e in plan.experiments), _stage(simulation)]
+    return Document(
+        f"{simulation.model.title or simulation.model.name}: {plan.title}",
+        _summary(simulation),
+        [section for section in sections if section.tables or section.figures or section.paragraphs],
+    )
+
+
+def _summary(simulation: Simulation) -> list[str]:
+    cases = simulation.cases
+    unstable = [case for case in cases if case.response.diverged is not None]
+    text = f"{len(simulation.plan.experiments)} experiments, {len(cases)} runs"
+    worst = max((case.response.error for case in cases if case.response.diverged is None), default=math.nan)
+    text += f"; the largest estimated integration error is {worst:.0e} of a run's span."
+    paragraphs = [text, simulation.plan.note, *_grouped(validity(simulation.model))]
+    if unstable:
+        names = ", ".join(f"{case.experiment.name} ({case.controller}, {case.variant})" for case in unstable)
+        paragraphs.append(f"Unstable: {names}.")
+    return [paragraph for paragraph in paragraphs if paragraph]
+
+
+def _grouped(sentences: Sequence[str]) -> list[str]:
+    """Say once what is said of several axes."""
+    axes: dict[str, list[str]] = {}
+    for sentence in sentences:
+        axis, _, text = sentence.partition(": ")
+        axes.setdefault(text, []).append(axis)
+    return [f"{', '.join(names)}: {text}" for text, names in axes.items()]
+
+
+# --- published numbers ------------------------------------------------------------------------------------------
+
+
+def published_table(simulation: Simulation) -> Table:
+    """Return published numbers beside ours."""
+    rows = []
+    for experiment in simulation.plan.experiments:
+        for case, c in simulation.compared(experiment):
+            ours = c.ours.shown(3) if c.ours else "–"
+            what = f"{WORDS[c.published.measure]}, {c.axis}"
+            note = "; ".join(text for text in (c.published.place, c.published.note) if text)
+            rows.append([experiment.name, what, _who(case), _printed(c), ours, _verdict(c), note])
+    head = ["experiment", "what", "run", "published", "ours", "difference", "place and note"]
+    return Table(head, rows, "Published numbers, with the uncertainty of their sensor where one is known")
+
+
+def digest(simulation: Simulation) -> Table:
+    """Return what a terminal has room for: published numbers beside ours, or what was measured."""
+    table = published_table(simulation)
+    if table.rows:
+        return Table(table.columns[:6], [row[:6] for row in table.rows])
+    rows = []
+    for case in simulation.cases:
+        for axis in case.experiment.axes:
+            found = [q for q in case.measures.get(axis, ()) if q.name in BRIEF]
+            said = ", ".join(f"{WORDS[q.name]} {_text(q)}" for q in found) or "unstable"
+            rows.append([case.experiment.name, _who(case), axis, said])
+    return Table(["experiment", "run", "axis", "measured"], rows)
+
+
+def _published(simulation: Simulation) -> Section:
+    table = published_table(simulation)
+    if not table.rows:
+        return Section("Published numbers")
+    text = "A difference within the uncertainty of the published number proves nothing, either way."
+    return Section("Published numbers beside ours", [text], [table])
+
+
+def _printed(compared: Compared) -> str:
+    sigma = compared.published.uncertainty
+    return f"{compared.published.value} ± {sigma}" if sigma else compared.published.value
+
+
+def _verdict(compared: Compared) -> str:
+    if compared.ours is None:
+        return "not measured"
+    if not math.isfinite(compared.ours.value):
+        return "never settles"
+    if not compared.published.comparable:
+        return "not the same quantity"
+    off = compared.ours.value - compared.published.si
+    width = compared.published.half_width
+    relative = f"{100 * off / compared.published.si:+.3g} %"
+    return f"{relative}, within ±" if width is not None and abs(off) <= width else relative
+
+
+def _who(case: Case) -> str:
+    return case.controller if case.variant == AS_MODELLED else f"{case.controller}, {case.variant}"
+
+
+# --- experiments ------------------------------------------------------------------------------------------------
+
+
+def _experiment(simulation: Simulation, experiment: Experiment) -> Section:
+    cases = simulation.of(experiment)
+    cautions = [f"{_who(case)}: {text}" for case in cases for text in case.cautions]
+    paragraphs = [text for text in (experiment.note, *_gathered(cautions)) if text]
+    tables = [_measured(cases), _others(cases), _loops(cases)]
+    title = f"{experiment.name}: {experiment.title}" if experiment.title else experiment.name
+    return Section(title, paragraphs, [t for t in tables if t.rows], _figures(experiment, cases))
+
+
+def _gathered(cautions: Sequence[str]) -> list[str]:
+    return ["Beware. " + " ".join(dict.fromkeys(c[0].upper() + c[1:] for c in cautions))] if cautions else []
+
+
+def _measured(cases: Sequence[Case]) -> Table:
+    """Return what was measured on the driven axes, a row for each run and axis."""
+    driven = list(cases[0].experiment.axes)
+    names = [n for n in WORDS if any(case.measure(axis, n) for case in cases for axis in [*driven, "all axes"])]
+    rows = []
+    for case in cases:
+        for axis in [*driven, "all axes"]:
+            if axis in case.measures:
+                rows.append([_who(case), axis, *(_text(case.measure(axis, name)) for name in names)])
+        if not case.measures:
+            rows.append([_who(case), "", *("unstable" for _ in names)])
+    return Table(["run", "axis", *(WORDS[name] for name in names)], rows)
+
+
+def _others(cases: Sequence[Case]) -> Table:
+    """Return how much the axes moved that were not driven."""
+    rows = []
+    for case in {case.variant: case for case in reversed(cases)}.values():
+        for axis, found in case.measures.items():
+            if any(q.name == "coupling" for q in found):
+                moved, ratio = case.measure(axis, "coupled_motion"), case.measure(axis, "coupling")
+                rows.append([_who(case), axis, _text(moved), _text(ratio)])
+    return Table(["run", "axis", "motion", "per driven motion"], rows, "Axes that should stand still")
+
+
+def _loops(cases: Sequence[Case]) -> Table:
+    """Return gains and margins of the closed loops."""
+    rows = []
+    for case in cases:
+        for axis, pid in case.pid.items():
+            m = case.margins[axis]
+            rows.append(
+                [
+                    _who(case),
+                    axis,
+                    f"{units.significant(pid.kp * 1e-6, 4)} V/um",
+                    units.to_text(pid.ti, "ms", 4, si="s") if math.isfinite(pid.ti) else "none",
+                    units.to_text(pid.td, "ms", 4, si="s"),
+                    units.significant(m.gain_margin, 3) if m.stable else "unstable",
+                    f"{units.significant(m.phase_margin, 3)} deg" if m.stable else "",
+                    units.significant(m.ms, 3) if m.stable else "",
+                ]
+            )
+    head = ["run", "axis", "Kp", "Ti", "Td", "gain margin", "phase margin", "Ms"]
+    return Table(head, rows, "Closed loops: gains, and margins of the sampled loop at the stage's secant gain")
+
+
+def _text(quantity: Quantity | None) -> str:
+    if quantity is None:
+        return ""
+    if not math.isfinite(quantity.value):
+        return "never"
+    # What is below a picometre, or a millionth of a percent, is rounding.
+    return "0" if abs(quantity.value) < (1e-12 if quantity.si == "m" else 1e-9) else quantity.shown(3)
+
+
+def _figures(experiment: Experiment, cases: Sequence[Case]) -> list[Figure]:
+    """Draw the loop where there is one, and the motion over time, each variant in a drawing of its own."""
+    drawn = []
+    for variant in dict.fromkeys(case.variant for case in cases):
+        of_variant = [case for case in cases if case.variant == variant]
+        words = experiment.name if variant == AS_MODELLED else f"{experiment.name} {variant}"
+        stem = "".join(c if c.isalnum() else "_" for c in words)
+        said = "" if variant == AS_MODELLED else f", {variant}"
+        if isinstance(experiment.trajectory, (Sine, Triangle)):
+            drawn.append(_loop(experiment, of_variant, stem, said))
+        if experiment.reference is not None or not isinstance(experiment.trajectory, (Sine, Triangle)):
+            drawn.append(_over_time(experiment, of_variant, stem, said))
+    return drawn
+
+
+def _loop(experiment: Experiment, cases: Sequence[Case], stem: str, said: str) -> Figure:
+    """Draw the motion over a command, or over a reference what is missing to it."""
+    axis = experiment.axes[0]
+    volts = experiment.command is not None
+    curves = []
+    for case in cases:
+        asked, motion = case.reference[case.row(axis)], case.response.motion[case.row(axis)] * 1e6
+        asked = asked[: len(motion)]
+        shown = motion if volts else motion - asked * 1e6
+        curves.append(Curve(case.controller, asked if volts else asked * 1e6, shown))
+    below, beside = ("command [V]", f"{axis} [µm]") if volts else (f"{axis} asked for [µm]", "motion − reference [µm]")
+    what = f"Motion of {axis} over its command" if volts else f"Error of {axis} over its reference"
+    return Figure(f"{stem}_loop.svg", panels([curves], below, [beside], height=3.4), f"{what}{said}")
+
+
+def _over_time(experiment: Experiment, cases: Sequence[Case], stem: str, said: str) -> Figure:
+    """Draw motion, and error or the other axes, over time; steps close up."""
+    axis, limits = experiment.axes[0], _limits(experiment)
+    first = cases[0]
+    motions = [Curve(c.controller, c.response.time, c.response.motion[c.row(axis)] * 1e6) for c in cases]
+    rows, labels = [motions], [f"{axis} [µm]"]
+    if experiment.reference is not None:
+        reference = first.reference[first.row(axis)][: len(first.response.time)] * 1e6
+        rows[0].append(Curve("reference", first.response.time, reference, dashed=True))
+    others = [name for name in first.axes if name not in experiment.axes]
+    if len(cases) == 1 and len(experiment.axes) == 1 and others:
+        rows.append([Curve(n, first.response.time, first.response.motion[first.row(n)] * 1e6) for n in others])
+        labels.append("other axes [µm]")
+    elif experiment.reference is not None:
+        rows.append([_error(case, axis) for case in cases])
+        labels.append("motion − reference [µm]")
+    drawn = panels(rows, "time [s]", labels, limits=limits)
+    return Figure(f"{stem}_time.svg", drawn, f"Motion of {axis}{said}")
+
+
+def _error(case: Case, axis: str) -> Curve:
+    row, time = case.row(axis), case.response.time
+    return Curve(case.controller, time, (case.response.motion[row] - case.reference[row][: len(time)]) * 1e6)
+
+
+def _limits(experiment: Experiment) -> tuple[float, float] | None:
+    """Return what part of a step's record is worth looking at."""
+    shape = experiment.trajectory
+    if isinstance(shape, Step):
+        return max(0.0, shape.wait - 0.02), shape.wait + min(shape.hold, 0.3)
+    if isinstance(shape, Square):
+        at = shape.rest + 0.5 / shape.frequency
+        return at - 0.02, at + min(0.5 / shape.frequency, 0.3)
+    return None
+
+
+# --- what stands behind the numbers -------------------------------------------------------------------------------
+
+
+def _stage(simulation: Simulation) -> Section:
+    rows = [
+        [
+            name,
+            *(
+                f"{axis.numbers[key]:.6g}" if key in axis.numbers else ""
+                for key in ("natural_frequency", "damping_ratio")
+            ),
+        ]
+        for name, axis in simulation.model.axes.items()
+    ]
+    changes = [[name, "; ".join(v.set), v.note] for name, v in simulation.plan.variants.items()]
+    made = [[name, text] for name, text in KNOWN.items()]
+    made += [[name, f"PID with given gains; {c.source}"] for name, c in simulation.plan.controllers.items()]
+    sources = [
+        [f"{name}.{field}", text]
+        for name, axis in simulation.model.axes.items()
+        for field, text in axis.sources.items()
+    ]
+    tables = [
+        Table(["axis", "natural frequency [Hz]", "damping ratio"], rows, "The stage as modelled"),
+        Table(["number", "source"], sources),
+        Table(["variant", "numbers changed", "note"], changes),
+        Table(["controller", "what it is"], made),
+        Table(["input", "value"], [[k, v] for k, v in versions.installed().items()]),
+    ]
+    return Section("The stage, its variants and controllers", (), [t for t in tables if t.rows], folded=True)
+
+
+def write_runs(simulation: Simulation, folder: Path) -> None:
+    """Write every response as a recording, command and readings of all axes, sampled as the controller samples.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written.
+    """
+    from flexdesign.runs import write_run
+
+    render.prepare(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    for case in simulation.cases:
+        words = f"{case.experiment.name} {case.controller} {case.variant}"
+        name = "".join(c if c.isalnum() else "_" for c in words)
+        response = case.response
+        columns = {f"u{axis} [V]": response.command[row] for row, axis in enumerate(case.axes)}
+        columns |= {f"{axis} [um]": response.reading[row] for row, axis in enumerate(case.axes)}
+        write_run(folder / f"{name}.csv", response.time, columns, comment=words)

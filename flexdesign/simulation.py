@@ -1,0 +1,367 @@
+"""Experiments on a stage: every controller on every variant, what came out of it, and what to beware of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign import metrics, units
+from flexdesign.control import feedforward, ziegler_nichols
+from flexdesign.control import pid as pids
+from flexdesign.control.margins import Margins, margins
+from flexdesign.control.plant import Plant
+from flexdesign.control.sampled_loop import open_loop
+from flexdesign.control.tuning import Tuning, tune
+from flexdesign.dynamics import stage as stages
+from flexdesign.dynamics.simulate import Loop, Response, simulate
+from flexdesign.errors import InputError
+from flexdesign.experiments import AS_MODELLED, Experiment, Plan, Published, pieces
+from flexdesign.model import Quantity
+from flexdesign.stage_model import AxisModel, StageModel
+from flexdesign.trajectory import Line, Sine, Square, Step, Triangle
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+#: Samples of the response for one period of the fastest mode, so that no peak falls between them.
+SAMPLES_PER_PERIOD = 25
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A published number beside ours: None where ours could not be measured."""
+
+    published: Published
+    ours: Quantity | None
+    axis: str
+
+
+@dataclass(frozen=True)
+class Case:
+    """One controller on one variant of the stage.
+
+    Parameters
+    ----------
+    experiment, variant, controller
+        What was tried.
+    axes
+        Names of all axes of the stage, in the order of the arrays.
+    reference
+        What was asked for on the response's time, axes by samples: command [V] or motion [m].
+    response
+        What came of it.
+    measures
+        For each axis that moved, by name.
+    pid, margins
+        For each axis in a closed loop.
+    cautions
+        What to beware of, in sentences.
+    """
+
+    experiment: Experiment
+    variant: str
+    controller: str
+    axes: tuple[str, ...]
+    reference: Array
+    response: Response
+    measures: Mapping[str, tuple[Quantity, ...]]
+    pid: Mapping[str, pids.PID]
+    margins: Mapping[str, Margins]
+    cautions: tuple[str, ...]
+
+    def row(self, axis: str) -> int:
+        """Return the row of an axis in the arrays."""
+        return self.axes.index(axis)
+
+    def measure(self, axis: str, name: str) -> Quantity | None:
+        """Return a measure of an axis, or None."""
+        return next((q for q in self.measures.get(axis, ()) if q.name == name), None)
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """All cases of a plan.
+
+    Parameters
+    ----------
+    model, plan
+        What was run.
+    variants
+        The stage models, by name of the variant.
+    cases
+        In the order of the plan.
+    """
+
+    model: StageModel
+    plan: Plan
+    variants: Mapping[str, StageModel]
+    cases: tuple[Case, ...]
+    tunings: Mapping[tuple[str, str], Tuning] = field(default_factory=dict)
+
+    def of(self, experiment: Experiment) -> list[Case]:
+        """Return the cases of an experiment."""
+        return [case for case in self.cases if case.experiment.name == experiment.name]
+
+    def compared(self, experiment: Experiment) -> list[tuple[Case, Compared]]:
+        """Return published numbers beside ours, for every case they belong to."""
+        found = []
+        for case in self.of(experiment):
+            for published in experiment.published:
+                axes = [published.axis] if published.axis else list(case.measures)
+                if published.controller in ("", case.controller):
+                    found += [(case, Compared(published, case.measure(axis, published.measure), axis)) for axis in axes]
+        return found
+
+
+def run(model: StageModel, variants: Mapping[str, StageModel], plan: Plan, progress: Progress) -> Simulation:
+    """Run every experiment of a plan.
+
+    Parameters
+    ----------
+    model
+        The stage as modelled.
+    variants
+        The changed stages, by name.
+    plan
+        What to run.
+    progress
+        Told what is being done.
+
+    Raises
+    ------
+    InputError
+        If a trajectory cannot be sampled at the controller's rate, a variant has other axes, or no tuning is found.
+    """
+    known = {AS_MODELLED: model, **variants}
+    if plan.cycled:
+        known = {name: replace(v, axes={n: stages.cycled(a) for n, a in v.axes.items()}) for name, v in known.items()}
+        model = known[AS_MODELLED]
+    designer = _Designer(plan, 1.0 / model.controller.rate)
+    cases = []
+    for experiment in plan.experiments:
+        for variant in experiment.variants:
+            for controller in experiment.controllers:
+                progress(f"{experiment.name}: {controller}, {variant}")
+                believed = model if _believes_otherwise(plan, variant) else known[variant]
+                cases.append(_case(experiment, variant, controller, known[variant], believed, designer))
+    return Simulation(model, plan, known, tuple(cases), designer.tunings)
+
+
+def _believes_otherwise(plan: Plan, variant: str) -> bool:
+    return variant in plan.variants and not plan.variants[variant].controllers_know
+
+
+def plant(axis: AxisModel, delay: float) -> Plant:
+    """Return what a linear controller sees of an axis: its modes behind the secant gain, and lags as delays."""
+    lags = sum(1 / (2 * math.pi * b) for b in (axis.driver.bandwidth, axis.sensor.bandwidth))
+    share = axis.main_share
+    further = tuple((mode.frequency, mode.damping_ratio, mode.share / share) for mode in axis.modes)
+    gain = stages.secant_gain(axis) * axis.driver.gain * share
+    return Plant(gain, axis.natural_frequency, axis.damping_ratio, delay + lags, further)
+
+
+class _Designer:
+    """Makes controllers for a stage, each once."""
+
+    def __init__(self, plan: Plan, period: float) -> None:
+        self.plan, self.period = plan, period
+        self.tunings: dict[tuple[str, str], Tuning] = {}
+        self._robust = cache(self._tune)
+
+    def pid(self, piece: str, name: str, axis: AxisModel, delay: float) -> pids.PID:
+        """Return the PID that a controller's name stands for."""
+        seen = plant(axis, delay)
+        if piece in self.plan.controllers:
+            gains = self.plan.controllers[piece].axis[name]
+            return pids.PID(gains.in_volts(seen.static_gain), gains.ti, gains.td)
+        if piece == "ziegler-nichols":
+            return ziegler_nichols.rule(ziegler_nichols.ultimate(seen.discretise(self.period)))
+        tuning = self._robust(seen)
+        self.tunings[name, f"{seen.natural_frequency:.6g} Hz"] = tuning
+        return tuning.pid
+
+    def _tune(self, seen: Plant) -> Tuning:
+        return tune(seen, self.period, self.plan.robust_ms)
+
+
+def _case(
+    experiment: Experiment,
+    variant: str,
+    controller: str,
+    truth: StageModel,
+    believed: StageModel,
+    designer: _Designer,
+) -> Case:
+    period, delay = designer.period, truth.controller.delay
+    wanted = _sampled(experiment, period)
+    loops, found, seen, cautions = {}, {}, {}, list[str]()
+    for name, asked in zip(experiment.axes, wanted, strict=True):
+        axis = believed.axes[name]
+        command, controllers = np.zeros_like(asked), []
+        for piece in pieces(controller):
+            if piece == "open loop":
+                command = (
+                    asked if experiment.command is not None else feedforward.secant(asked, stages.secant_gain(axis))
+                )
+            elif piece == "feedforward":
+                command = _inverse(axis, asked, period, believed.controller.delay)
+            else:
+                found[name] = designer.pid(piece, name, axis, believed.controller.delay)
+                controllers.append(pids.controller(found[name], piece))
+                actual = plant(truth.axes[name], delay)
+                seen[name] = margins(open_loop(actual, found[name], period))
+                cautions += actual.concerns(period)
+                if not seen[name].stable:
+                    cautions.append(f"{name}: {seen[name].says()}")
+        cautions += _beyond(name, command, truth.axes[name])
+        cautions += [c for effect, values in stages.acting(truth.axes[name]) for c in effect.cautions(values)]
+        loops[name] = Loop(command, asked if controllers else None, tuple(controllers))
+    fastest = max(mode.frequency for axis in stages.stage(truth).axes for mode in axis.modes)
+    finer = max(1, math.ceil(SAMPLES_PER_PERIOD * fastest * period))
+    response = simulate(stages.stage(truth), loops, period, delay=delay, oversampling=finer)
+    reference = _on_response(experiment, list(truth.axes), response, period / finer)
+    cautions += _ran(response, list(truth.axes), experiment)
+    measured = _measures(experiment, reference, response, list(truth.axes), period / finer, bool(found))
+    return Case(
+        experiment,
+        variant,
+        controller,
+        tuple(truth.axes),
+        reference,
+        response,
+        measured,
+        found,
+        seen,
+        tuple(dict.fromkeys(cautions)),
+    )
+
+
+def _sampled(experiment: Experiment, period: float) -> Array:
+    """Return the trajectory, one row for each axis of the experiment."""
+    try:
+        rows = experiment.trajectory.sampled(period)
+    except ValueError as error:
+        raise InputError("study", f"experiment {experiment.name}", None, str(error)) from error
+    return np.broadcast_to(rows, (len(experiment.axes), rows.shape[-1]))
+
+
+def _inverse(axis: AxisModel, asked: Array, period: float, delay: float) -> Array:
+    """Return the feedforward command that an axis model says gives the motion, its clock and lags made up for."""
+    lags = sum(1 / (2 * math.pi * b) for b in (axis.driver.bandwidth,))
+    early = feedforward.ahead(asked, period, 0.5 * period + delay + lags)
+    try:
+        return feedforward.inverse(early, axis.gain, axis.effects.get("bouc_wen")) / axis.driver.gain
+    except ValueError as error:
+        raise InputError("stage model", "hysteresis", None, str(error)) from error
+
+
+def _on_response(experiment: Experiment, axes: Sequence[str], response: Response, period: float) -> Array:
+    """Return what was asked on the response's finer samples; axes that were not asked for rest."""
+    count = response.motion.shape[1]
+    rows = np.zeros((len(axes), count))
+    finer = np.atleast_2d(experiment.trajectory.sampled(period))[:, :count]
+    for name, asked in zip(
+        experiment.axes, np.broadcast_to(finer, (len(experiment.axes), finer.shape[1])), strict=True
+    ):
+        rows[axes.index(name)] = np.pad(asked, (0, count - len(asked)), mode="edge")
+    return rows
+
+
+# --- what to beware of ------------------------------------------------------------------------------------------
+
+
+def _beyond(name: str, command: Array, axis: AxisModel) -> list[str]:
+    low, high = stages.limits(axis)
+    worst = command[np.argmax(np.maximum(command - high, low - command))]
+    if low <= worst <= high:
+        return []
+    allowed = f"{units.to_text(low, 'V', 4)} to {units.to_text(high, 'V', 4)}"
+    return [f"{name}: the command asks for {units.to_text(worst, 'V', 4)}, and {allowed} are allowed: it is cut off."]
+
+
+def _ran(response: Response, axes: Sequence[str], experiment: Experiment) -> list[str]:
+    said = []
+    if response.diverged is not None:
+        said.append(f"the motion runs away: the simulation stopped at {units.to_text(response.diverged, 's', 3)}.")
+    for name in experiment.axes:
+        cut = np.abs(response.cut[axes.index(name)]) > 0
+        if cut.any():
+            first = response.time[np.argmax(cut)]
+            share = 100 * cut.mean()
+            said.append(f"{name}: limits cut the command {share:.2g} % of the time, first at {first:.3g} s.")
+    if response.error > 1e-5:
+        said.append(f"the integration error is estimated at {response.error:.1e} of the span, more than usual.")
+    return said
+
+
+# --- measures ---------------------------------------------------------------------------------------------------
+
+
+def _measures(
+    experiment: Experiment, reference: Array, response: Response, axes: list[str], period: float, closed: bool
+) -> dict[str, tuple[Quantity, ...]]:
+    """Measure each axis that was driven, and how much the others moved with it."""
+    if response.diverged is not None:
+        return {}
+    found: dict[str, tuple[Quantity, ...]] = {}
+    for name in experiment.axes:
+        row = axes.index(name)
+        asked, motion = reference[row], response.motion[row]
+        found[name] = (
+            Quantity("amplitude", float(np.ptp(motion)), "m", "um"),
+            *_of_shape(experiment, asked, motion, response.time, period, closed),
+        )
+    if len(experiment.axes) == 1 and len(axes) > 1:
+        driven = response.motion[axes.index(experiment.axes[0])]
+        for name in axes:
+            if name not in experiment.axes:
+                moved = metrics.coupling(driven, response.motion[axes.index(name)])
+                found[name] = (
+                    Quantity("coupled_motion", moved.other, "m", "um"),
+                    *moved.quantities(),
+                )
+    if isinstance(experiment.trajectory, Line) and experiment.reference is not None:
+        rows = [axes.index(name) for name in experiment.axes]
+        strayed = metrics.contour(reference[rows], response.motion[rows], period, within=0.05)
+        found["all axes"] = strayed.quantities()
+    return found
+
+
+def _of_shape(
+    experiment: Experiment, asked: Array, motion: Array, time: Array, period: float, closed: bool
+) -> tuple[Quantity, ...]:
+    """Return the measures that fit the shape of what was asked."""
+    shape = experiment.trajectory
+    measured: list[Quantity] = []
+    if isinstance(shape, (Sine, Triangle)) and shape.cycles >= 1:
+        looped = metrics.loop(asked, motion, period, shape.frequency).quantities()
+        of_motion = ("loop_span", "loop_width", "loop_width_relative")  # over a reference the rest means nothing
+        measured += [q for q in looped if experiment.command is not None or q.name in of_motion]
+    if isinstance(shape, (Step, Square)):
+        at = shape.rest + (shape.wait if isinstance(shape, Step) else 0.5 / shape.frequency)
+        until = time[-1] if isinstance(shape, Step) else at + 0.5 / shape.frequency - 0.5 * period
+        part = (time >= at - 0.25 / shape.frequency if isinstance(shape, Square) else time >= 0) & (time <= until)
+        rest = motion[part][-max(1, int(0.1 * (until - at) / period)) :].mean()
+        goal = float(asked[part][-1])
+        target = goal if closed else float(rest)
+        stepped = metrics.step_response(time[part], motion[part], target, at=at)
+        measured += [q for q in stepped.quantities() if q.name != "steady_error" or closed]
+        if not closed and experiment.reference is not None:
+            measured.append(Quantity("steady_error", goal - float(rest), "m", "um"))
+    elif experiment.reference is not None:
+        measured += metrics.tracking(asked, motion, period).quantities()
+    return tuple(measured)
+
+
+def validity(model: StageModel) -> list[str]:
+    """Return what makes a model doubtful before anything is run: assumed numbers, and a clock too slow for it."""
+    said = []
+    for name, axis in model.axes.items():
+        if axis.assumed:
+            said.append(f"{name}: assumed, neither measured nor computed: {', '.join(axis.assumed)}.")
+        said += [f"{name}: {text}" for text in plant(axis, 0.0).concerns(1 / model.controller.rate)]
+    return said

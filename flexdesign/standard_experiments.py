@@ -1,0 +1,73 @@
+"""Experiments for a stage of which no study exists: each axis within its range, by controllers that need no numbers.
+
+Hysteresis over the whole range, a step of a tenth of the stroke, a sine and a staircase over most of it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flexdesign.dynamics import stage as stages
+from flexdesign.errors import InputError
+from flexdesign.experiments import Experiment, Plan
+from flexdesign.stage_model import AxisModel, StageModel
+
+#: Of a stroke, that references stay within.
+SHARE = 0.8
+#: Time constants of the slowest mode for which a step is watched.
+WATCHED = 8.0
+
+
+def plan(model: StageModel) -> Plan:
+    """Return experiments for every axis of a stage.
+
+    Raises
+    ------
+    InputError
+        If an axis has no range of voltage.
+    """
+    found = [experiment for name, axis in model.axes.items() for experiment in _of(name, axis)]
+    return Plan("standard", "standard experiments", "", tuple(found), {}, {}, 1.6, True)
+
+
+def _of(name: str, axis: AxisModel) -> list[Experiment]:
+    low, high = stages.limits(axis)
+    if not math.isfinite(high - low):
+        remedy = 'is missing, so no range to try; write voltage_range = ["0 V", "150 V"], or name a study'
+        raise InputError("stage model", f"axis.{name}.actuator.voltage_range", None, remedy)
+    if axis.response != "m":
+        raise InputError("stage model", f"axis.{name}.gain", axis.response, "is no length; name a study for this axis")
+    stroke = abs(stages.secant_gain(axis)) * axis.driver.gain * (high - low)
+    top = f"{1e6 * SHARE * stroke:.4g} um"
+    modes = [(axis.natural_frequency, axis.damping_ratio), *((m.frequency, m.damping_ratio) for m in axis.modes)]
+    slowest = max(1 / (2 * math.pi * frequency * max(min(damping, 1.0), 1e-3)) for frequency, damping in modes)
+    closed = ("feedforward", "ziegler-nichols", "robust", "feedforward + robust")
+    waves = {"frequency": "1 Hz", "cycles": 3}
+    volts = {"low": f"{low:.6g} V", "high": f"{high:.6g} V"}
+    tables = (
+        ("hysteresis", "whole range of voltage", {"command": {"shape": "triangle", **volts, **waves}}, ("open loop",)),
+        ("step", "a tenth of the stroke", {"reference": _step(0.1 * stroke, slowest)}, ("open loop", *closed)),
+        ("sine", "1 Hz", {"reference": {"shape": "sine", "low": "0 um", "high": top, **waves}}, ("open loop", *closed)),
+        ("staircase", "ten stairs", {"reference": _stairs(top, slowest)}, ("open loop", *closed)),
+    )
+    return [
+        Experiment.model_validate(
+            {"name": f"{what} {name}", "title": title, "axes": (name,), "controllers": controllers, **asked}
+        )
+        for what, title, asked, controllers in tables
+    ]
+
+
+def _step(size: float, slowest: float) -> dict[str, str]:
+    held = f"{max(WATCHED * slowest, 0.05):.4g} s"
+    return {"shape": "step", "start": "0 um", "target": f"{1e6 * size:.4g} um", "wait": "20 ms", "hold": held}
+
+
+def _stairs(top: str, slowest: float) -> dict[str, object]:
+    return {
+        "shape": "staircase",
+        "low": "0 um",
+        "high": top,
+        "steps": 10,
+        "dwell": f"{max(WATCHED * slowest, 0.05):.4g} s",
+    }
