@@ -55,8 +55,8 @@ Meshes and solutions are cached by content, so that a second run takes seconds a
 SIMULATE_HELP = """Simulate a stage: hysteresis, feedforward, PID, steps, tracking, lines.
 
 MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. STUDY says what
-is tried (without one: hysteresis, step, sine and staircase of each axis within its range); the report shows every controller on every variant of the stage, with published numbers beside ours where the
-study has some.
+is tried (without one: hysteresis, step, sine and staircase of each axis within its range); the report shows every
+controller on every variant of the stage, with published numbers beside ours where the study has some.
 
 **Examples**
 
@@ -71,6 +71,30 @@ study has some.
 
 **What it writes:** report.html, report.md, result.json, stage_model.toml and the figures, into --out; with --runs also
 runs/*.csv, recordings that `identify` reads.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+"""
+
+
+IDENTIFY_HELP = """Fit the free numbers of a stage model to recorded runs, and say what the runs leave open.
+
+MODEL is a stage model: a file that `validate` wrote, or the bare name of one in studies/. RUNS are CSV files with the
+columns `t [s]`, `u [V]` and `x [um]`, or folders of them; a `measurements.toml` beside them may say which runs are for
+validation (`role = "validate"`): those are predicted, never fitted.
+
+**Examples**
+
+    flexdesign identify my_stage.toml recordings/ -o my_stage_identified.toml
+
+    flexdesign identify my_stage.toml sine.csv step.csv --axis x --free gain,damping_ratio
+
+    flexdesign identify my_stage.toml sweep.csv --set axis.x.effects.creep.per_decade=0.01 --free gain,creep.per_decade
+
+**What is fitted:** gain, damping_ratio and natural_frequency, and bouc_wen.a, bouc_wen.b and bouc_wen.c where the model
+has hysteresis; --free names others. A stated uncertainty counts as prior knowledge, unless the number is assumed. What
+the runs do not determine is held and reported as such.
+
+**What it writes:** report.html, report.md, result.json, stage_model.toml and the figures, into --out.
 
 **Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
 """
@@ -191,6 +215,55 @@ def simulate(
         sys.stdout.write("\n")
         return
     terminal.brief(document, simulation_report.digest(found), [path for path in written if path.suffix != ".svg"])
+
+
+@app.command(help=IDENTIFY_HELP)
+def identify(
+    model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
+    recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],
+    model_file: Annotated[
+        Path | None,
+        typer.Option("-o", metavar="FILE", help="Where the model goes [default: stage_model.toml in --out]."),
+    ] = None,
+    axis: Annotated[str | None, typer.Option(help="Which axis, where several could be meant.")] = None,
+    free: Annotated[
+        str | None, typer.Option(metavar="NAMES", help="What is fitted, e.g. gain,damping_ratio,bouc_wen.a.")
+    ] = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change one value, e.g. axis.x.damping_ratio=0.02."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the report [default: reports/MODEL_identified].", show_default=False),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout, and nothing else.")] = False,
+) -> None:
+    """Fit a stage model to runs and write the report."""
+    from flexdesign import identification, runs, stage_model
+    from flexdesign.report import identification_report, render, terminal
+
+    names = None if free is None else [name.strip() for name in free.split(",") if name.strip()]
+    with terminal.progress() as progress:
+        stage = stage_model.read(model, overrides or [])
+        seen = runs.read_runs(recordings)
+        folder = out or Path("reports") / f"{stage.name}_identified"
+        render.prepare(folder)
+        if model_file:
+            identification_report.write_model(model_file, None)
+        found = identification.identify(stage, seen, axis=axis, free=names, progress=progress)
+        progress("writing")
+        document, result = identification_report.document(found), identification_report.result(found)
+        others = {} if model_file else {"stage_model.toml": found.model.to_toml()}
+        written = [path for path in render.write(folder, document, result, others) if path.suffix != ".svg"]
+        if model_file:
+            identification_report.write_model(model_file, found)
+            written.append(model_file)
+    if as_json:
+        json.dump(result, sys.stdout, indent=2, ensure_ascii=False)
+        sys.stdout.write("\n")
+        return
+    terminal.brief(document, identification_report.estimates(found), written)
 
 
 def _exporter(name: str) -> Callable[[Any, Path], None]:

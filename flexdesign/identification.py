@@ -16,7 +16,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign import effects, evidence
+from flexdesign import effects, evidence, units
 from flexdesign.dynamics.axis_model import AxisDynamics, Steps, of_axis
 from flexdesign.errors import InputError, suggest
 from flexdesign.evidence import Estimate, Fit, Starts
@@ -29,6 +29,8 @@ LINEAR = ("gain", "damping_ratio", "natural_frequency")
 HYSTERESIS = ("bouc_wen.a", "bouc_wen.b", "bouc_wen.c")
 #: An integration error above this share of what a fit leaves of a run calls for smaller steps.
 DISTURBING = 0.1
+#: Error of the simulations among which the best minimum is sought; the last fit is made at the model's own tolerance.
+COARSE = 1e-5
 #: An old value that makes the residual larger than this, against the best fit, contradicts the runs.
 CONTRADICTED = 1.02
 #: Not more names of runs than these are written into a source.
@@ -171,7 +173,7 @@ def identify(
     seen = tuple(of_axis(run, name, model.axes[name]) for run in runs)
     if not any(run.role == "identify" for run in seen):
         raise InputError("command line", "RUNS", None, "all are kept for validation; name a run with role identify")
-    start = AxisDynamics(name, model.axes[name], max(_largest_command(run) for run in seen) or 1.0)
+    start = AxisDynamics(name, model.axes[name], max(float(np.abs(run.command()).max()) for run in seen) or 1.0)
     asked = _free(start, free)
     observed = [_compared(run, start) for run in seen]
     search = _Search(start, [run for run in observed if run.role == "identify"], asked, starts, progress)
@@ -261,8 +263,11 @@ class _Search:
 
     def settle(self) -> None:
         """Fit until every free parameter is determined; at best that is once."""
-        self.last = self._fit(self.asked, self.starts)
-        self.starts_of_first = self.last.starts
+        self.dynamics = replace(self.start, tolerance=COARSE, steps=Steps())
+        self.starts_of_first = self._fitted(self.asked, self.starts, profiles=False).starts
+        self.progress("fitting with fine steps from the best minimum")
+        self.dynamics = replace(self.dynamics, tolerance=self.start.tolerance, steps=Steps())
+        self.last = self._fit(self.asked)
         while self.last is not None and self.last.undetermined:
             for estimate in self.last.estimates:
                 if not estimate.determined:
@@ -271,40 +276,45 @@ class _Search:
 
     def _without(self, name: str, best: Fit) -> Fit | None:
         """Hold a parameter, at its old value if the runs allow it, and fit those that are left; None if none is."""
-        left = [other for other in self.asked if other not in self.held and other != name]
+        left = [estimate.name for estimate in best.estimates if estimate.name != name]
         values = {"old": self.start.axis.numbers[name], "best": self.dynamics.axis.numbers[name]}
         fitted = self.dynamics
         for which, value in values.items():
             self.dynamics = fitted.replace({name: value})
             self.held[name] = Held(value, which == "old")
             self.progress(f"{name} is held at its {which} value; fitting the others again")
-            found = self._fit(left, 1) if left else None
+            found = self._fit(left) if left else None
             rms = [m.rms for m in found.matches] if found else [_match(self.dynamics, run, ()).rms for run in self.runs]
             if all(r <= CONTRADICTED * m.rms for r, m in zip(rms, best.matches, strict=True)):
                 break
         return found
 
-    def _fit(self, free: Sequence[str], starts: int) -> Fit:
-        found = self._fitted(free, starts)
-        disturbed = [m.name for m, run in zip(found.matches, self.runs, strict=True) if self._disturbs(run, m.rms)]
+    def _fit(self, free: Sequence[str]) -> Fit:
+        found = self._fitted(free)
+        errors = [self.dynamics.integration_error(run) for run in self.runs]
+        disturbed = [m.name for m, error in zip(found.matches, errors, strict=True) if error > DISTURBING * m.rms]
         if disturbed:
             self.progress(f"{disturbed[0]} needs smaller steps at these values; fitting again")
             self.dynamics = replace(self.dynamics, steps=Steps())
-            found = self._fitted(free, 1)
+            found = self._fitted(free)
         return found
 
-    def _fitted(self, free: Sequence[str], starts: int) -> Fit:
+    def _fitted(self, free: Sequence[str], starts: int = 1, profiles: bool = True) -> Fit:
         reveal = {p: effects.find(p.partition(".")[0]).reveal for p in free if p.partition(".")[0] in effects.names()}
         found = evidence.fit(
-            self.dynamics, self.runs, free, known=self.known, starts=starts, reveal=reveal, progress=self.progress
+            self.dynamics,
+            self.runs,
+            free,
+            known=self.known,
+            starts=starts,
+            profiles=profiles,
+            reveal=reveal,
+            progress=self.progress if starts > 1 else lambda _: None,
         )
         assert isinstance(found.model, AxisDynamics)
         self.dynamics = found.model
         self.evaluations += found.evaluations
         return found
-
-    def _disturbs(self, run: Run, rms: float) -> bool:
-        return self.dynamics.integration_error(run) > DISTURBING * rms
 
     def estimates(self) -> tuple[Estimate, ...]:
         """Return the verdict on every parameter asked for; on one that is held, that of the fit that gave it up."""
@@ -334,10 +344,6 @@ def _free(dynamics: AxisDynamics, asked: Sequence[str] | None) -> tuple[str, ...
     if len(set(asked)) < len(asked):
         raise InputError("command line", "--free", ",".join(asked), "names a number twice")
     return tuple(asked)
-
-
-def _largest_command(run: Run) -> float:
-    return float(np.abs(run.command()).max())
 
 
 def _compared(run: Run, dynamics: AxisDynamics) -> Run:
@@ -387,14 +393,18 @@ def _updated(axis: AxisModel, search: _Search, runs: Sequence[str]) -> AxisModel
     guessed = [name for name, held in search.held.items() if not held.is_old]
     relative = {name: sigmas[name] / abs(value) for name, value in values.items() if value}
     uncertainty = {k: v for k, v in axis.uncertainty.items() if k not in values and k not in guessed}
-    uncertainty |= {name: float(f"{sigma:.2g}") for name, sigma in relative.items() if 0 < sigma < 100}
+    uncertainty |= {name: _rounded(sigma) for name, sigma in relative.items() if 0 < sigma < 100}
     sources = dict(axis.sources) | dict.fromkeys(values, f"identified from {listed}")
     sources |= dict.fromkeys(guessed, f"suits {listed}, as other values do")
     if axis.stiffness is not None and "natural_frequency" in relative:
         sources["mass"] = "from the identified natural frequency and the stiffness"
         uncertainty.pop("mass", None)
         if "stiffness" in axis.uncertainty:
-            of_both = math.hypot(axis.uncertainty["stiffness"], 2 * relative["natural_frequency"])
-            uncertainty["mass"] = float(f"{of_both:.2g}")
+            uncertainty["mass"] = _rounded(math.hypot(axis.uncertainty["stiffness"], 2 * relative["natural_frequency"]))
     assumed = dict.fromkeys([*(name for name in axis.assumed if name not in values), *guessed])
     return replace(search.dynamics.axis, uncertainty=uncertainty, assumed=tuple(assumed), sources=sources)
+
+
+def _rounded(relative: float) -> float:
+    """Return two digits, as they come back from a file that has them in percent."""
+    return float(f"{100 * relative:.2g}") * units.factor("%", "1")

@@ -22,7 +22,7 @@ from flexdesign.study import Study
 UNBOUNDED = "FEM, finest mesh; at a sharp root it grows without bound as the mesh is refined"
 #: A damping ratio to begin with, where nothing is known.
 PLACEHOLDER_DAMPING = 0.01
-#: A mode with less of the output's compliance than this stays out of the stage model.
+#: A mode with less of the response to the actuator than this stays out of the stage model.
 LEAST_SHARE = 0.02
 
 
@@ -103,6 +103,18 @@ def output_share(mode: ModeRecord, compliance: PortCompliance, actuator: float) 
     return stiffness / (mode.output_mass * (2 * math.pi * mode.frequency) ** 2)
 
 
+def drive_share(mode: ModeRecord, compliance: PortCompliance, actuator: float) -> float:
+    """Return what part of the static response to a voltage one mode carries: e y / (omega^2 Y).
+
+    By mode superposition, e and y are extension of the inputs and motion of the output for unit modal mass. Y is the
+    static output motion per blocked force of the actuator, its spring k (`actuator` [N/m], where the mode has it) in
+    place: C12 / (1 + k C11). Over all modes the shares add up to 1; a mode that moves the output against Y has a
+    negative one, and others then carry more than 1 together.
+    """
+    static = compliance.c12 / (1 + (actuator if mode.installed else 0.0) * compliance.c11)
+    return mode.extension / (math.sqrt(mode.output_mass) * (2 * math.pi * mode.frequency) ** 2 * static)
+
+
 def _frequencies(solution: Solution, actuator: float) -> list[Quantity]:
     found = []
     for installed, boundary in ((False, "input free"), (True, "actuator installed")):
@@ -116,6 +128,13 @@ def _frequencies(solution: Solution, actuator: float) -> list[Quantity]:
             Quantity("output_frequency", modes[main].frequency, "Hz", "Hz", boundary),
             Quantity("output_share", shares[main], "1", "%", boundary),
         ]
+        if installed:
+            shares = [drive_share(mode, solution.compliance, actuator) for mode in modes]
+            main = int(np.argmax(shares))
+            found += [
+                Quantity("drive_frequency", modes[main].frequency, "Hz", "Hz", boundary),
+                Quantity("drive_share", shares[main], "1", "%", boundary),
+            ]
     return found
 
 
@@ -148,18 +167,17 @@ def _images(section: resultants.Section, body: Domain) -> int:
 def stage_model(design: Design, found: Mapping[str, Quantity], solution: Solution) -> StageModel | None:
     """Return the stage model that the quantities, by key, and a solution with modes give; None without an actuator.
 
-    The mass is lumped: with all of the stiffness it gives the main mode its frequency. A second mode that carries a
-    fair part of the output's compliance goes in beside it; what other modes carry follows with the main one.
+    The main mode is the one that carries most of the response to the actuator. The mass is lumped: with all of the
+    stiffness it gives that mode its frequency. A second mode that carries a fair part of the response goes in beside
+    it; what other modes carry follows with the main one, whose share is what is left.
     """
     actuator = design.actuator
     if actuator is None:
         return None
-    stiffness, frequency = found["K_out_actuator_installed"], found["output_frequency_actuator_installed"]
+    stiffness, frequency = found["K_out_actuator_installed"], found["drive_frequency_actuator_installed"]
     stroke, k_in, ratio = found["stroke_output_free"], found["K_in_output_free"], found["lambda_output_free"]
     voltage = actuator.voltage_range
-    shares = _shares_of_modes(solution, actuator.installed_stiffness)
-    main, *others = sorted(shares, key=lambda f: shares[f], reverse=True)
-    modes = tuple(StageMode(f, PLACEHOLDER_DAMPING, shares[f]) for f in others[:1] if shares[f] > LEAST_SHARE)
+    share, modes = _main_and_further(solution, actuator.installed_stiffness)
     known = {"stiffness": stiffness, "gain": stroke, "input_stiffness": k_in, "amplification": ratio}
     relative = {name: (q.sigma or 0.0) / abs(q.value) for name, q in known.items()}
     relative["mass"] = math.hypot(relative["stiffness"], 2 * (frequency.sigma or 0.0) / frequency.value)
@@ -181,16 +199,20 @@ def stage_model(design: Design, found: Mapping[str, Quantity], solution: Solutio
         amplification=ratio.value,
         uncertainty={name: float(f"{value:.2g}") for name, value in relative.items()} | {"damping_ratio": 1.0},
         assumed=("damping_ratio", *(f"modes.{i}.damping_ratio" for i in range(1, len(modes) + 1))),
-        sources=_sources(stroke, shares[main], modes, voltage),
+        sources=_sources(stroke, share, modes, voltage),
     )
     source = "FEM of the design; uncertainties are those of the discretisation alone, half-widths taken as 1 sigma"
     return StageModel({"y": axis}, title=design.title, source=source, name="stage_model")
 
 
-def _shares_of_modes(solution: Solution, actuator: float) -> dict[float, float]:
-    """Return what part of the output's compliance each mode with the actuator carries, by its frequency [Hz]."""
+def _main_and_further(solution: Solution, actuator: float) -> tuple[float, tuple[StageMode, ...]]:
+    """Return the share of the main mode, and the next one if it counts: of the others the largest of either sign."""
     installed = [mode for mode in solution.modes if mode.installed]
-    return {mode.frequency: output_share(mode, solution.compliance, actuator) for mode in installed}
+    shares = [(drive_share(mode, solution.compliance, actuator), mode.frequency) for mode in installed]
+    main = max(shares)
+    others = sorted((each for each in shares if each != main), key=lambda each: abs(each[0]), reverse=True)
+    further = (StageMode(f, PLACEHOLDER_DAMPING, share) for share, f in others[:1] if abs(share) > LEAST_SHARE)
+    return main[0], tuple(further)
 
 
 def _sources(
@@ -200,13 +222,13 @@ def _sources(
     left = 1 - share - sum(mode.share for mode in modes)
     sources = {
         "damping_ratio": "placeholder, typical of monolithic metal flexures: geometry does not tell; identify it",
-        "mass": f"stiffness / (2 pi f)^2; the main mode carries {100 * share:.3g} % of 1/stiffness, and the "
-        f"{100 * left:.2g} % of modes that are not listed here go with it",
+        "mass": f"stiffness / (2 pi f)^2; the main mode itself carries {100 * share:.3g} % of the static response to "
+        f"the actuator, and the {100 * left:.2g} % of modes that are not listed here go with it",
     }
     if modes:
         sources["modes.1"] = (
-            "FEM on the finest mesh with modes, not extrapolated; the share is that of the output's own compliance, "
-            "the response to the actuator may divide differently"
+            "FEM on the finest mesh with modes, not extrapolated; the share is that of the static response to the "
+            "actuator, its stiffness in place"
         )
     if voltage is None:
         sources["gain"] = (

@@ -8,6 +8,7 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,6 +16,7 @@ from hypothesis import strategies as st
 from flexdesign import effects, quantities, stage_model, study
 from flexdesign.errors import InputError
 from flexdesign.fem.analysis import ModeRecord, Solution
+from flexdesign.fem.statics import PortCompliance
 from flexdesign.model import Quantity
 from flexdesign.stage_model import (
     ActuatorData,
@@ -116,7 +118,7 @@ def test_a_file_gives_its_numbers_in_si(tmp_path: Path) -> None:
     assert (x.mass, x.stiffness, x.damping_ratio) == pytest.approx((0.0342, 18.3e3, 0.03))
     assert x.natural_frequency == pytest.approx((18.3e3 / 0.0342) ** 0.5 / (2 * math.pi), rel=1e-12)
     assert (x.gain, x.response) == (pytest.approx(1.98e-6), "m")
-    assert x.effects["bouc_wen"] == pytest.approx({"a": 0.46e-6, "b": 0.0165, "c": 0.004, "n": 1.0})
+    assert x.effects["bouc_wen"] == pytest.approx({"a": 0.46e-6, "b": 0.0165, "c": 0.004, "n": 1.0, "rest": 0.0})
     assert x.effects["creep"] == pytest.approx({"per_decade": 0.018, "t0": 0.1})
     assert x.modes == (Mode(508.0, 0.01, 0.125),)
     assert x.main_share == pytest.approx(0.875)
@@ -304,7 +306,13 @@ EFFECTS = st.fixed_dictionaries(
     {},
     optional={
         "bouc_wen": st.fixed_dictionaries(
-            {"a": sizes(1e-9, 1e-4), "b": sizes(1e-4, 1e4), "c": signed(1e-4, 1e4), "n": EXPONENTS}
+            {
+                "a": sizes(1e-9, 1e-4),
+                "b": sizes(1e-4, 1e4),
+                "c": signed(1e-4, 1e4),
+                "n": EXPONENTS,
+                "rest": signed(1e-12, 1e-4),
+            }
         ),
         "creep": st.fixed_dictionaries({"per_decade": sizes(0, 0.2), "t0": sizes(1e-3, 1e2)}),
         "driver_bandwidth": st.fixed_dictionaries({"bandwidth": st.just(math.inf) | sizes(1, 1e6)}),
@@ -419,28 +427,29 @@ def test_agreement_is_that_of_three_digits() -> None:
 # --- what FEM hands over ------------------------------------------------------------------------------------------
 
 
+#: Input stiffness 2 N/um, amplification -11; the stack of 100 N/um and its seats of 300 N/um in series.
+PORTS = PortCompliance(np.array([[5e-7, -5.5e-6], [-5.5e-6, 7e-5]]), np.array([1.0, 0.0]), np.array([0.0, 1.0]))
+INSTALLED = 75e6
+
+
 def handed_over(modes: tuple[ModeRecord, ...], **actuator: object) -> StageModel:
     """Return the stage model of an amplifier with K_out 100 N/mm at 500 Hz, installed, and these modes.
 
     `actuator` changes fields of the design's actuator.
     """
 
-    class Ports:
-        def output_stiffness(self, actuator: float) -> float:
-            return 1e5 if actuator > 0 else 2e4
-
     def quantity(name: str, value: float, si: str, boundary: str, sigma: float = 0.0) -> Quantity:
         return Quantity(name, value, si, si, boundary, sigma=sigma)
 
     found = [
         quantity("K_out", 1e5, "N/m", "actuator installed", 500.0),
-        quantity("output_frequency", 500.0, "Hz", "actuator installed", 5.0),
+        quantity("drive_frequency", 500.0, "Hz", "actuator installed", 5.0),
         quantity("stroke", -3e-4, "m", "output free", 3e-7),
         quantity("K_in", 2e6, "N/m", "output free", 2e4),
         quantity("lambda", -11.0, "1", "output free"),
     ]
     solution = object.__new__(Solution)
-    vars(solution).update(compliance=Ports(), modes=modes)
+    vars(solution).update(compliance=PORTS, modes=modes)
     design = study.read("bridge_amplifier").design
     assert design.actuator is not None
     design = replace(design, actuator=design.actuator.model_copy(update=actuator))
@@ -450,9 +459,10 @@ def handed_over(modes: tuple[ModeRecord, ...], **actuator: object) -> StageModel
 
 
 def mode(frequency: float, share: float, *, installed: bool = True) -> ModeRecord:
-    """Return a mode that carries `share` of a compliance of 1/(100 N/mm)."""
-    stiffness = 1e5 if installed else 2e4
-    return ModeRecord(frequency, "even", stiffness / (share * (2 * math.pi * frequency) ** 2), installed)
+    """Return a mode of 1 g at the output that carries `share` of the static response to the design's actuator."""
+    static = PORTS.c12 / (1 + (INSTALLED if installed else 0.0) * PORTS.c11)
+    extension = share * static * (2 * math.pi * frequency) ** 2 * math.sqrt(1e-3)
+    return ModeRecord(frequency, "even", 1e-3, extension, installed)
 
 
 MODES_FOUND = (mode(120.0, 0.9, installed=False), mode(300.0, 0.2), mode(502.0, 0.7), mode(2e3, 0.06), mode(5e3, 0.01))
@@ -472,6 +482,14 @@ def test_fem_hands_over_its_main_mode_and_the_next() -> None:
     assert axis.uncertainty["mass"] == pytest.approx(math.hypot(0.005, 0.02), rel=0.05)  # two digits
 
 
+def test_a_mode_against_the_drive_goes_in_with_its_sign() -> None:
+    """The second mode is the next in size; what it takes away, the main one must carry."""
+    axis = handed_over((mode(300.0, -0.3), mode(502.0, 1.25), mode(2e3, 0.05))).axes["y"]
+    (second,) = axis.modes
+    assert (second.frequency, second.share) == (300.0, pytest.approx(-0.3))
+    assert axis.main_share == pytest.approx(1.3)
+
+
 def test_fem_hands_over_that_damping_is_not_known(tmp_path: Path) -> None:
     model = handed_over(MODES_FOUND)
     axis = model.axes["y"]
@@ -482,7 +500,7 @@ def test_fem_hands_over_that_damping_is_not_known(tmp_path: Path) -> None:
     assert close(again, model)
 
 
-def test_a_mode_that_hardly_moves_the_output_stays_out() -> None:
+def test_a_mode_that_hardly_answers_the_actuator_stays_out() -> None:
     axis = handed_over((mode(502.0, 0.97), mode(900.0, 0.019))).axes["y"]
     assert axis.modes == () and axis.main_share == 1.0
     assert axis.assumed == ("damping_ratio",)

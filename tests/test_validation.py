@@ -111,7 +111,7 @@ def test_stage_model_is_the_finite_element_model(validation: Validation, tmp_pat
     assert model is not None
     axis, actuator = model.axes["y"], validation.study.design.actuator
     assert actuator is not None and actuator.voltage_range == (0.0, 150.0)
-    assert axis.natural_frequency == validation.fem("output_frequency_actuator_installed").value
+    assert axis.natural_frequency == validation.fem("drive_frequency_actuator_installed").value
     assert axis.stiffness == validation.fem("K_out_actuator_installed").value
     assert axis.gain == pytest.approx(validation.fem("stroke_output_free").value / 150.0)
     assert axis.mass == pytest.approx(axis.stiffness / (2 * math.pi * axis.natural_frequency) ** 2)

@@ -102,7 +102,7 @@ class AxisDynamics:
         made = [*self._mechanics(), *self._electronics()]
         for name, values in self.axis.effects.items():
             made += self._effect(effects.find(name), name, values)
-        return tuple(replace(each, start=numbers[each.name]) for each in made)
+        return tuple(replace(each, start=numbers.get(each.name, each.start)) for each in made)
 
     def replace(self, values: Mapping[str, float]) -> AxisDynamics:
         """Return the model with some values changed, SI; a new natural frequency keeps the stiffness."""
@@ -270,9 +270,9 @@ class AxisDynamics:
             "bouc_wen": {
                 "a": (1e-4 * gain, 2.0 * gain, 0.1 * gain),
                 "b": (1e-3 * rate, 1e3 * rate, rate),
-                "c": (-30.0 * rate, 30.0 * rate, 0.0),
+                "c": (-10.0 * rate, 10.0 * rate, 0.0),
             },
-            "hysteretic_spring": {"gamma": (0.0, 100.0 * stiff, stiff), "delta": (-100.0 * stiff, 100.0 * stiff, 0.0)},
+            "hysteretic_spring": {"gamma": (0.0, 10.0 * stiff, stiff), "delta": (-10.0 * stiff, 10.0 * stiff, 0.0)},
         }
 
 
@@ -289,9 +289,9 @@ def changed(axis: AxisModel, values: Mapping[str, float]) -> AxisModel:
     own: dict[str, Any] = {}
     tables: dict[str, dict[str, float]] = {}
     for name, value in values.items():
-        if name not in axis.numbers:
-            raise KeyError(name)
         table, _, key = name.rpartition(".")
+        if name not in axis.numbers and table not in axis.effects:
+            raise KeyError(name)
         if table:
             tables.setdefault(table, {})[key] = value
         else:

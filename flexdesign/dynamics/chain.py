@@ -262,8 +262,8 @@ def _forces(keep: Keeper, axes: Sequence[AxisChain], step: float) -> Forces:
                 place.append(place[-1] + len(block.states))
                 constants.append(keep.reals(block.constants(values, step)))
         first.append(len(hooks))
-    rooms = (keep.reals(np.zeros(count * place[-1])) for count in (1, 1, 1, 4))
-    return Forces(*(keep.ints(numbers) for numbers in (first, hooks, place, constants)), *rooms)
+    rooms = (keep.reals(np.zeros(count * place[-1])) for count in (1, 1, 4))
+    return Forces(place[-1], *(keep.ints(numbers) for numbers in (first, hooks, place, constants)), *rooms)
 
 
 #: A hook, the number of its states, and its constants.

@@ -229,12 +229,14 @@ def _forced(axis: int, segment: int, drive: int, step: float, modes: Modes, forc
     d, q, p = reals(state.signals), reals(state.modes), reals(modes.passages)
     moved, first = reals(state.moved), ints(modes.first)
     d0, d1, d2 = d[drive], d[drive + 1], d[drive + 2]
-    begin = d0 + _force(axis, d0, moved[2 * axis], moved[2 * axis + 1], 0, 0.0, forces)
+    r1 = forces.rates  # addresses of the states' rates at the four stages
+    r2, r3, r4 = r1 + 8 * forces.number, r1 + 16 * forces.number, r1 + 24 * forces.number
+    begin = d0 + _force(axis, d0, moved[2 * axis], moved[2 * axis + 1], 0.0, r1, r1, forces)
     # Two guesses of the middle, from the force at the start and from that at the first guess.
     x, v = _halfway(axis, segment, begin, modes, state)
-    guess_a = d1 + _force(axis, d1, x, v, 1, 0.5 * step, forces)
+    guess_a = d1 + _force(axis, d1, x, v, 0.5 * step, r1, r2, forces)
     x, v = _halfway(axis, segment, guess_a, modes, state)
-    guess_b = d1 + _force(axis, d1, x, v, 2, 0.5 * step, forces)
+    guess_b = d1 + _force(axis, d1, x, v, 0.5 * step, r2, r3, forces)
     # A guess of the end, by a second half from the first guess of the middle.
     x = v = 0.0
     for m in range(first[axis], first[axis + 1]):
@@ -243,14 +245,13 @@ def _forced(axis: int, segment: int, drive: int, step: float, modes: Modes, forc
         qa1 = p[i + 2] * q[2 * m] + p[i + 3] * q[2 * m + 1] + p[i + 5] * begin
         x += p[i] * qa0 + p[i + 1] * qa1 + p[i + 4] * (2.0 * guess_b - begin)
         v += p[i + 2] * qa0 + p[i + 3] * qa1 + p[i + 5] * (2.0 * guess_b - begin)
-    end = d2 + _force(axis, d2, x, v, 3, step, forces)
+    end = d2 + _force(axis, d2, x, v, step, r3, r4, forces)
     d[drive], d[drive + 1], d[drive + 2] = begin, 0.5 * (guess_a + guess_b), end
     _free(axis, segment, drive, modes, state)
     d[drive], d[drive + 1], d[drive + 2] = d0, d1, d2
-    place, states, r = ints(forces.place), reals(forces.states), reals(forces.stages)
-    force = ints(forces.first)
+    place, states, force = ints(forces.place), reals(forces.states), ints(forces.first)
     for i in range(place[force[axis]], place[force[axis + 1]]):
-        states[i] += step / 6.0 * (r[4 * i] + 2.0 * r[4 * i + 1] + 2.0 * r[4 * i + 2] + r[4 * i + 3])
+        states[i] += step / 6.0 * (reals(r1)[i] + 2.0 * reals(r2)[i] + 2.0 * reals(r3)[i] + reals(r4)[i])
 
 
 @inside
@@ -266,19 +267,21 @@ def _halfway(axis: int, segment: int, force: float, modes: Modes, state: State) 
 
 
 @inside
-def _force(axis: int, drive: float, x: float, v: float, stage: int, after: float, forces: Forces) -> float:
-    """Return all forces over the stiffness at a stage of the step, `after` its start, and keep the states' rates."""
+def _force(
+    axis: int, drive: float, x: float, v: float, after: float, earlier: Reals, rates: Reals, forces: Forces
+) -> float:
+    """Return all forces over the stiffness, `after` the start of the step, and fill in the rates of their states.
+
+    The states have gone there at the `earlier` rates.
+    """
     first, place, hook, constants = ints(forces.first), ints(forces.place), ints(forces.hook), ints(forces.constants)
-    states, trial, rates, stages = reals(forces.states), reals(forces.trial), reals(forces.rates), reals(forces.stages)
-    begin, end = place[first[axis]], place[first[axis + 1]]
-    for i in range(begin, end):
-        trial[i] = states[i] + (after * stages[4 * i + stage - 1] if stage > 0 else 0.0)
+    states, trial = reals(forces.states), reals(forces.trial)
+    for i in range(place[first[axis]], place[first[axis + 1]]):
+        trial[i] = states[i] + after * reals(earlier)[i]
     total = 0.0
     for f in range(first[axis], first[axis + 1]):
         offset = 8 * place[f]
-        total += call_flow(hook[f], drive, x, v, forces.trial + offset, forces.rates + offset, constants[f])
-    for i in range(begin, end):
-        stages[4 * i + stage] = rates[i]
+        total += call_flow(hook[f], drive, x, v, forces.trial + offset, rates + offset, constants[f])
     return total
 
 

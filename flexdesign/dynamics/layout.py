@@ -48,10 +48,11 @@ class Modes(NamedTuple):
 class Forces(NamedTuple):
     """Forces that depend on the motion: for each axis its first; their hooks, places of states, and constants.
 
-    Beside the states there is room for their trial values, their rates, and the rates kept from the four stages of a
-    step.
+    Beside the states, of which there are `number`, there is room for their trial values, and for their rates at the
+    four stages of a step, one stage after the other.
     """
 
+    number: int
     first: Ints
     hook: Ints
     place: Ints
@@ -59,7 +60,6 @@ class Forces(NamedTuple):
     states: Reals
     trial: Reals
     rates: Reals
-    stages: Reals
 
 
 class Ticks(NamedTuple):

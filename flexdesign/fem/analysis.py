@@ -25,12 +25,18 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class ModeRecord:
-    """A natural frequency [Hz], its class, the mass it moves at the output [kg], and if the actuator is installed."""
+    """What is kept of a `modes.Mode`, and whether the actuator is installed."""
 
     frequency: float
     symmetry: str
     output_mass: float
+    extension: float
     installed: bool
+
+    @classmethod
+    def of(cls, mode: modes.Mode, *, installed: bool) -> ModeRecord:
+        """Return the record of a mode."""
+        return cls(mode.frequency, mode.symmetry, mode.output_mass, mode.extension, installed)
 
 
 @dataclass(frozen=True)
@@ -184,11 +190,7 @@ def solve(
     return Solution(
         compliance=PortCompliance(matrix, space.extension, space.output),
         checks=checks,
-        modes=tuple(
-            sorted(
-                (ModeRecord(m.frequency, m.symmetry, m.output_mass, on) for m, on in found), key=lambda m: m.frequency
-            )
-        ),
+        modes=tuple(sorted((ModeRecord.of(m, installed=on) for m, on in found), key=lambda m: m.frequency)),
         input_sections=tuple(resultants.sections(body, domain, fields["input"], members)),
         output_sections=tuple(resultants.sections(body, domain, fields["output"], members)),
         positions=body.positions,

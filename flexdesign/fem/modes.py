@@ -34,13 +34,18 @@ class Mode:
         Name of its symmetry class.
     output_mass
         The mass that, moving with the output, has this mode's kinetic energy [kg]; infinite if the output rests.
+    extension
+        How far the shape parts the inputs [1/sqrt(kg)]; negative where they approach as the output moves along its
+        normal, of either sign where the output rests.
     shape
-        Displacements of the domain's nodes for unit modal mass of the whole part, shape (n, 3) [1/sqrt(kg)].
+        Displacements of the domain's nodes for unit modal mass of the whole part, the output moving along its normal,
+        shape (n, 3) [1/sqrt(kg)].
     """
 
     frequency: float
     symmetry: str
     output_mass: float
+    extension: float
     shape: FloatArray
 
 
@@ -63,21 +68,30 @@ def class_modes(system: ClassSystem, mass: sp.csr_matrix, space: PortSpace, coun
     free, copies = system.free, 2 ** len(space.planes)
     upper = mass[free][:, free]
     inner = (upper + sp.triu(upper, k=1).T).tocsr()
-    inverse = _spring_inverse(system, _measure(space, system, space.extension)[free], actuator / copies)
+    extension, output = (_measure(space, system, motion)[free] for motion in (space.extension, space.output))
+    inverse = _spring_inverse(system, extension, actuator / copies)
     size = len(free)
     unused = LinearOperator((size, size), matvec=lambda v: v, dtype=float)  # shift-invert only asks for its inverse
     values, vectors = eigsh(
         unused, count, M=inner, sigma=0.0, OPinv=LinearOperator((size, size), matvec=inverse, dtype=float),
         v0=np.random.default_rng(0).standard_normal(size), ncv=max(2 * count + 1, 10), tol=1e-7,
     )  # fmt: skip
-    output = _measure(space, system, space.output)[free]
     modes = []
     for value, vector in zip(values, vectors.T, strict=True):
+        shape = vector / np.sqrt(copies)
+        shape *= -1.0 if output @ shape < 0 else 1.0
+        moved = float(output @ shape)
         nodal = np.zeros(mass.shape[0])
-        nodal[free] = vector / np.sqrt(copies)
-        moved = float(output @ nodal[free])
-        share = 1 / moved**2 if abs(moved) > 1e-6 else np.inf
-        modes.append(Mode(float(np.sqrt(value) / (2 * np.pi)), system.cls.name, share, nodal.reshape(-1, 3)))
+        nodal[free] = shape
+        modes.append(
+            Mode(
+                frequency=float(np.sqrt(value) / (2 * np.pi)),
+                symmetry=system.cls.name,
+                output_mass=1 / moved**2 if moved > 1e-6 else np.inf,
+                extension=float(extension @ shape),
+                shape=nodal.reshape(-1, 3),
+            )
+        )
     return sorted(modes, key=lambda mode: mode.frequency)
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import tempfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from flexdesign import units, versions
+from flexdesign.errors import InputError
 from flexdesign.evidence import Estimate
 from flexdesign.files import FORMAT
 from flexdesign.identification import Identification, RunMatch
@@ -102,14 +105,32 @@ def summary(found: Identification) -> list[str]:
     if "bouc_wen" not in found.before.axes[found.axis].effects:
         said.append("The model has no hysteresis, and none was fitted.")
     if found.held:
-        names = _listed(list(found.held))
-        verb, pronoun = ("is", "it") if len(found.held) == 1 else ("are", "they")
-        said.append(
-            f"{names} {verb} not determined by these runs; intervals hold for the values at which {pronoun} {verb} held."
-        )
+        names, verb = _listed(list(found.held)), "is" if len(found.held) == 1 else "are"
+        said.append(f"{names} {verb} not determined by these runs but held; the intervals hold for the values held.")
     if found.starts.is_stuck:
         said.append(f"Take care: {found.starts}.")
     return said
+
+
+def write_model(path: Path, found: Identification | None) -> None:
+    """Write the fitted stage model, whole or not at all; without one, check that it can be written.
+
+    Raises
+    ------
+    InputError
+        If it cannot.
+    """
+    try:
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as scratch:
+            if path.is_dir():
+                raise IsADirectoryError(0, "it is a folder")
+            if found:
+                made = Path(scratch) / path.name
+                made.write_text(found.model.to_toml(), encoding="utf-8")
+                made.replace(path)
+    except OSError as error:
+        remedy = f"cannot be written ({error.strerror or error}); choose another file"
+        raise InputError("command line", "-o", str(path), remedy) from error
 
 
 def _estimates_text(found: Identification) -> list[str]:

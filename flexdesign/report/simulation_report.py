@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ WORDS = {
     "settling_time": "settling to 2 %",
     "steady_error": "steady error",
     "max_error": "largest error",
-    "max_error_relative": "largest error of range",
+    "max_error_relative": "of range",
     "rms_error": "rms error",
     "max_contour_error": "largest distance from the path",
     "rms_contour_error": "rms distance",
@@ -38,6 +39,8 @@ WORDS = {
 }
 
 
+#: How those are called that in a table of measures stand beside what they are a part of.
+ALONE = {"loop_width_relative": "loop width per span", "max_error_relative": "largest error per range"}
 #: Those that a terminal shows.
 BRIEF = ("loop_width_relative", "overshoot", "settling_time", "max_error", "max_contour_error")
 
@@ -155,7 +158,7 @@ def published_table(simulation: Simulation) -> Table:
     for experiment in simulation.plan.experiments:
         for case, c in simulation.compared(experiment):
             ours = c.ours.shown(3) if c.ours else "–"
-            what = f"{WORDS[c.published.measure]}, {c.axis}"
+            what = f"{ALONE.get(c.published.measure) or WORDS[c.published.measure]}, {c.axis}"
             note = "; ".join(text for text in (c.published.place, c.published.note) if text)
             rows.append([experiment.name, what, _who(case), _printed(c), ours, _verdict(c), note])
     head = ["experiment", "what", "run", "published", "ours", "difference", "place and note"]
@@ -239,7 +242,10 @@ def _measured(cases: Sequence[Case]) -> Table:
 def _others(cases: Sequence[Case]) -> Table:
     """Return how much the axes moved that were not driven."""
     rows = []
-    for case in {case.variant: case for case in reversed(cases)}.values():
+    firsts = {
+        variant: next(c for c in cases if c.variant == variant) for variant in dict.fromkeys(c.variant for c in cases)
+    }
+    for case in firsts.values():
         for axis, found in case.measures.items():
             if any(q.name == "coupling" for q in found):
                 moved, ratio = case.measure(axis, "coupled_motion"), case.measure(axis, "coupling")
@@ -266,7 +272,10 @@ def _loops(cases: Sequence[Case]) -> Table:
                 ]
             )
     head = ["run", "axis", "Kp", "Ti", "Td", "gain margin", "phase margin", "Ms"]
-    return Table(head, rows, "Closed loops: gains, and margins of the sampled loop at the stage's secant gain")
+    caption = "Closed loops: gains, and margins of the sampled loop at the stage's secant gain"
+    if any(pid.kp < 0 < pid.kp / pid.ti for case in cases for pid in case.pid.values()):
+        caption += ". A negative Kp beside a positive Kp/Ti: the PID's zeros lie near a resonance"
+    return Table(head, rows, caption)
 
 
 def _text(quantity: Quantity | None) -> str:
@@ -317,11 +326,18 @@ def _over_time(experiment: Experiment, cases: Sequence[Case], stem: str, said: s
     if experiment.reference is not None:
         reference = first.reference[first.row(axis)][: len(first.response.time)] * 1e6
         rows[0].append(Curve("reference", first.response.time, reference, dashed=True))
+    if len(experiment.axes) > 1:
+        motions[:] = [
+            Curve(name, first.response.time, first.response.motion[first.row(name)] * 1e6) for name in experiment.axes
+        ]
+        errors = [replace(_error(c, name), label=f"{name}, {c.controller}") for c in cases for name in experiment.axes]
+        drawn = panels([motions, errors], "time [s]", ["motion [µm]", "motion − reference [µm]"])
+        return Figure(f"{stem}_time.svg", drawn, f"Motion ({first.controller}) and errors{said}")
     others = [name for name in first.axes if name not in experiment.axes]
     if len(cases) == 1 and len(experiment.axes) == 1 and others:
         rows.append([Curve(n, first.response.time, first.response.motion[first.row(n)] * 1e6) for n in others])
         labels.append("other axes [µm]")
-    elif experiment.reference is not None:
+    elif experiment.reference is not None and limits is None:
         rows.append([_error(case, axis) for case in cases])
         labels.append("motion − reference [µm]")
     drawn = panels(rows, "time [s]", labels, limits=limits)

@@ -15,6 +15,8 @@ NAMES = {
     "preload_shift": "shift of the output by the preload",
     "output_force_that_unloads_the_stack": "output force that uses up the preload",
     "first_frequency": "first natural frequency",
+    "drive_frequency": "frequency of the mode that answers the actuator most",
+    "drive_share": "what that mode answers the actuator with",
     "output_frequency": "frequency of the mode that carries the output",
     "output_share": "what that mode carries of 1/K_out",
     "tilt": "tilt of the output per travel",

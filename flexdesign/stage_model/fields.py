@@ -44,7 +44,7 @@ class Number(Bounds):
         number = value / units.factor(self.unit or "1", self.si)
         for digits in range(1, DIGITS + 1):
             text = f"{units.significant(number, digits)} {self.unit}".rstrip()
-            if units.from_text(text, self.si) == value:
+            if math.isclose(units.from_text(text, self.si), value, rel_tol=1e-12):
                 break
         return f'"{text}"' if self.unit else text
 

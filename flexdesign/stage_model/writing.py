@@ -52,6 +52,8 @@ def _axis(place: str, axis: AxisModel) -> Iterator[str]:
         yield f"{f'# gain = {gain.example()}':<{_COLUMN}}# an example: the gain is not known; see its source below"
     if "bouc_wen" in axis.effects:
         values = _effect("bouc_wen", axis.effects["bouc_wen"], axis.response)
+        if not axis.effects["bouc_wen"].get("rest"):  # a stage that was never driven, as is understood
+            values.pop("rest", None)
         yield f'hysteresis = {{ model = "bouc-wen", {", ".join(f"{k} = {v}" for k, v in values.items())} }}'
     if axis.uncertainty:
         relative = ", ".join(f"{name} = {fields.RELATIVE.write(value)}" for name, value in axis.uncertainty.items())

@@ -115,8 +115,8 @@ def test_open_chain(kind: str, between: Any, delay: float) -> None:
 def test_closed_loop_with_limits(kind: str, delay: float) -> None:
     """The incremental PID of eq (33), driven into both limits by a reference out of reach."""
     given, modes = KINDS[kind]
-    wanted = np.concatenate((np.zeros(3), np.full(25, 150e-6), np.full(25, -20e-6), np.full(20, 60e-6)))
-    gains, limits = (1.2e4, 2.5e-3, 0.2e-3), (-5.0, 80.0)
+    wanted = np.concatenate((np.zeros(3), np.full(25, 150e-6), np.full(25, -150e-6), np.full(20, 60e-6)))
+    gains, limits = (1.2e4, 2.5e-3, 0.2e-3), (-2.0, 12.0)
     right = chains.solve_loop(chain(given, modes), wanted, PERIOD, chains.Pid(*gains, limits), delay=delay)
     loop = Loop(np.zeros(len(wanted)), wanted, (controller(PID(*gains)),))
     found = simulate(Stage((axis(given, modes),), limits={"x": limits}), {"x": loop}, PERIOD, delay=delay)

@@ -1,6 +1,11 @@
-"""Vibrating bars and beams against closed forms, classes against the whole, and the actuator against dense algebra."""
+"""Vibrating bars and beams against closed forms, classes against the whole, and the actuator against dense algebra.
+
+What modes answer the actuator with, against a rod's closed form and the static compliance of the same mesh.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -9,8 +14,11 @@ from numpy.linalg import det
 from scipy.optimize import brentq
 
 from flexdesign.fem import modes
+from flexdesign.fem.analysis import ModeRecord
 from flexdesign.fem.modes import Mode
+from flexdesign.fem.statics import PortCompliance
 from flexdesign.part import Port, SymmetryPlane
+from flexdesign.quantities import drive_share
 from tests.fem.solids import CORK, METAL, Array, Solid, Solved, at, beam, full, lattice, solve
 
 #: Tolerance of the eigenvalue iteration is 1e-7, of frequencies half that.
@@ -109,6 +117,76 @@ def test_a_mode_that_leaves_the_output_at_rest_has_no_output_mass(vibrations: li
     assert vibrations[0].output_mass > 1e6 * RHO * AREA * LENGTH
 
 
+# --- what a mode answers the actuator with ------------------------------------------------------------------------
+
+
+def compliance(solved: Solved) -> PortCompliance:
+    return PortCompliance(solved.matrix, solved.space.extension, solved.space.output)
+
+
+def drive_shares(solved: Solved, many: Sequence[Mode], spring: float = 0.0) -> Array:
+    """Return the share of each mode in the static response to an actuator of this stiffness."""
+    records = [ModeRecord.of(mode, installed=spring > 0) for mode in many]
+    return np.array([drive_share(record, compliance(solved), spring) for record in records])
+
+
+def driven_rod(length: float, half: float, cells: int, along: float, against: float) -> Solved:
+    """A rod whose output is its tip, and whose input a strip of half-width `half` at its middle; either way round."""
+    x, y, z = (np.linspace(*each) for each in ((0, length, cells + 1), (0, HEIGHT, 2), (0, WIDTH, 2)))
+    patches = {
+        "output": at("x", length),
+        "input": at("y", HEIGHT, ("x", length / 2 - half, length / 2 + half)),
+        "ground": at("x", 0.0),
+    }
+    rod_ports = (
+        Port("output", "output", (length, HEIGHT / 2, WIDTH / 2), (along, 0.0, 0.0)),
+        Port("input", "input", (length / 2, HEIGHT, WIDTH / 2), (-against, 0.0, 0.0)),
+        Port("ground", "ground", (0.0, HEIGHT / 2, WIDTH / 2), (-1.0, 0.0, 0.0)),
+    )
+    return solve(Solid.of(lattice(x, y, z), patches, rod_ports, material=CORK))
+
+
+@pytest.mark.parametrize(("along", "against"), [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)])
+def test_shares_of_a_rod_driven_at_its_middle_have_both_signs(along: float, against: float) -> None:
+    """Force at x = L/2, motion at the tip: phi = sin k x, k = (2n - 1) pi / 2L, over the static compliance L / 2EA.
+
+    2 phi(L/2) phi(L) / (rho A L w^2) is then 4 / (k L)^2 sin(k L/2) sin(k L) of it: 115, -13 and -5 %. On a strip of
+    half-width d, phi averages to sin(k d) / (k d) of its value in the middle. Which way the normals of output and input
+    point changes signs of motions, not shares. The compliance is exact; quadratics of length h miss a wave by up to
+    (k h)^3 / (72 sqrt 3), and 1/sqrt 2 is what the wave is at the strip.
+    """
+    length, half, cells = 20e-3, 20e-3 / 12, 24
+    rod = driven_rod(length, half, cells, along, against)
+    axial = [mode for mode in found(rod, 25) if mode.output_mass < RHO * AREA * length][:3]
+    assert compliance(rod).c12 == pytest.approx(along * against * length / (2 * E * AREA), rel=1e-9)
+    assert np.sign([m.extension for m in axial]).tolist() == [along * against * sign for sign in (1, -1, -1)]
+    k = np.array([1, 3, 5]) * np.pi / (2 * length)
+    exact = 4 / (k * length) ** 2 * np.sin(k * length / 2) * np.sin(k * length) * np.sinc(k * half / np.pi)
+    error = np.sqrt(2) * (k * length / cells) ** 3 / (72 * np.sqrt(3))
+    assert np.all(np.abs(drive_shares(rod, axial) / exact - 1) < error)
+
+
+@pytest.mark.parametrize("spring", [0.0, 5e7])
+def test_modes_together_answer_the_actuator_as_statics_does(forks: tuple[Solved, Solved], spring: float) -> None:
+    """What the modes left out add to the compliances at the two ports, R11 and R22, are sums of squares.
+
+    So they are positive, and by Cauchy and Schwarz what they add between the ports is at most sqrt(R11 R22): the bound
+    on the shares that are missing, which more modes bring down: half of all modes to a few percent.
+    """
+    quarter, _ = forks
+    c, bounds = compliance(quarter), []
+    stiffened = 1 + spring * c.c11
+    for count in (3, len(quarter.systems[0].free) // 2):
+        many = modes.class_modes(quarter.systems[0], quarter.body.mass(), quarter.space, count, spring)
+        w2 = np.array([(2 * np.pi * m.frequency) ** 2 for m in many])
+        left_in = c.c11 / stiffened - sum(np.array([m.extension for m in many]) ** 2 / w2)
+        left_out = 1 / c.output_stiffness(spring) - sum(1 / np.array([m.output_mass for m in many]) / w2)
+        assert left_in > 0 and left_out > 0
+        bounds.append(np.sqrt(left_in * left_out) / abs(c.c12 / stiffened))
+        assert abs(1 - drive_shares(quarter, many, spring).sum()) < bounds[-1]
+    assert bounds[1] < min(bounds[0], 0.03)
+
+
 # --- classes and actuator -----------------------------------------------------------------------------------------
 
 FORK_PORTS = (
@@ -149,14 +227,17 @@ def average(solved: Solved, port: str, component: int) -> Array:
     return row
 
 
-def dense(whole: Solved, spring: float) -> tuple[Array, Array]:
-    """Return the frequencies [Hz] of the whole with a spring between the inputs, by LAPACK, and the output masses."""
+def dense(whole: Solved, spring: float) -> tuple[Array, Array, Array]:
+    """Return frequencies [Hz], output motions and extensions of the whole with a spring between the inputs, by LAPACK.
+
+    A motion of the right input along x and of the left one against it extends the gap; y is the output's normal.
+    """
     free = whole.systems[0].free
     gap = (average(whole, "input_right", 0) - average(whole, "input_left", 0))[free]
     stiffness = full(whole.systems[0].stiffness).toarray() + spring * np.outer(gap, gap)
     mass = full(whole.body.mass())[free][:, free].toarray()
     values, vectors = la.eigh(stiffness, mass, subset_by_index=[0, 19])
-    return np.sqrt(values) / (2 * np.pi), 1 / (average(whole, "output", 1)[free] @ vectors) ** 2
+    return np.sqrt(values) / (2 * np.pi), average(whole, "output", 1)[free] @ vectors, gap @ vectors
 
 
 # Between nothing, a spring softer, one about as stiff as, and one stiffer than the ring itself.
@@ -164,7 +245,8 @@ def dense(whole: Solved, spring: float) -> tuple[Array, Array]:
 def test_classes_with_an_actuator_have_the_modes_of_the_whole(forks: tuple[Solved, Solved], spring: float) -> None:
     """Four classes and a rank-one update against one dense matrix K + k c c^T: all of the lowest 12 modes."""
     quarter, whole = forks
-    frequencies, masses = dense(whole, spring)
+    frequencies, outputs, extensions = dense(whole, spring)
+    masses = 1 / outputs**2
     classes = found(quarter, 12, spring)[:12]
     at_once = found(whole, 12, spring)
     assert [m.frequency for m in classes] == pytest.approx(frequencies[:12], rel=ITERATION)
@@ -175,6 +257,8 @@ def test_classes_with_an_actuator_have_the_modes_of_the_whole(forks: tuple[Solve
     for many in (classes, at_once):
         assert [m.output_mass < 1.0 for m in many] == main.tolist()
         assert np.array([m.output_mass for m in many])[main] == pytest.approx(masses[:12][main], rel=1e-5)
+        signed = (extensions * np.sign(outputs))[:12][main]
+        assert np.array([m.extension for m in many])[main] == pytest.approx(signed, abs=1e-5 * np.abs(signed).max())
 
 
 def test_an_actuator_stiffens_only_what_it_feels(forks: tuple[Solved, Solved]) -> None:
