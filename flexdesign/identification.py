@@ -27,9 +27,10 @@ Array = NDArray[np.float64]
 #: What is fitted if nothing is asked for: the linear axis, and hysteresis where the model has it.
 LINEAR = ("gain", "damping_ratio", "natural_frequency")
 HYSTERESIS = ("bouc_wen.a", "bouc_wen.b", "bouc_wen.c")
-#: An integration error above this share of what a fit leaves of a run calls for smaller steps.
+#: An integration error calls for smaller steps where it could move an estimate by this many standard deviations: its
+#: share of what the fit leaves of a run, times the root of the number of samples.
 DISTURBING = 0.1
-#: Error of the simulations among which the best minimum is sought; the last fit is made at the model's own tolerance.
+#: Error of the simulations among which the best minimum is sought, relative to the span.
 COARSE = 1e-5
 #: An old value that makes the residual larger than this, against the best fit, contradicts the runs.
 CONTRADICTED = 1.02
@@ -175,7 +176,7 @@ def identify(
         raise InputError("command line", "RUNS", None, "all are kept for validation; name a run with role identify")
     start = AxisDynamics(name, model.axes[name], max(float(np.abs(run.command()).max()) for run in seen) or 1.0)
     asked = _free(start, free)
-    observed = [_compared(run, start) for run in seen]
+    observed = [start.comparable(run) for run in seen]
     search = _Search(start, [run for run in observed if run.role == "identify"], asked, starts, progress)
     search.settle()
     progress("predicting all runs")
@@ -264,9 +265,11 @@ class _Search:
     def settle(self) -> None:
         """Fit until every free parameter is determined; at best that is once."""
         self.dynamics = replace(self.start, tolerance=COARSE, steps=Steps())
-        self.starts_of_first = self._fitted(self.asked, self.starts, profiles=False).starts
-        self.progress("fitting with fine steps from the best minimum")
-        self.dynamics = replace(self.dynamics, tolerance=self.start.tolerance, steps=Steps())
+        found = self._fitted(self.asked, self.starts, profiles=False)
+        self.starts_of_first = found.starts
+        if self._is_disturbed(found):
+            self.dynamics = replace(self.dynamics, tolerance=self.start.tolerance, steps=Steps())
+        self.progress("fitting from the best minimum, and checking the intervals")
         self.last = self._fit(self.asked)
         while self.last is not None and self.last.undetermined:
             for estimate in self.last.estimates:
@@ -291,13 +294,14 @@ class _Search:
 
     def _fit(self, free: Sequence[str]) -> Fit:
         found = self._fitted(free)
-        errors = [self.dynamics.integration_error(run) for run in self.runs]
-        disturbed = [m.name for m, error in zip(found.matches, errors, strict=True) if error > DISTURBING * m.rms]
-        if disturbed:
-            self.progress(f"{disturbed[0]} needs smaller steps at these values; fitting again")
-            self.dynamics = replace(self.dynamics, steps=Steps())
+        if self._is_disturbed(found):  # the steps were found at values from which the fit has moved away
+            self.dynamics = replace(self.dynamics, tolerance=self.start.tolerance, steps=Steps())
             found = self._fitted(free)
         return found
+
+    def _is_disturbed(self, found: Fit) -> bool:
+        errors = [self.dynamics.integration_error(run) * math.sqrt(len(run.time)) for run in self.runs]
+        return any(error > DISTURBING * match.rms for error, match in zip(errors, found.matches, strict=True))
 
     def _fitted(self, free: Sequence[str], starts: int = 1, profiles: bool = True) -> Fit:
         reveal = {p: effects.find(p.partition(".")[0]).reveal for p in free if p.partition(".")[0] in effects.names()}
@@ -346,16 +350,6 @@ def _free(dynamics: AxisDynamics, asked: Sequence[str] | None) -> tuple[str, ...
     return tuple(asked)
 
 
-def _compared(run: Run, dynamics: AxisDynamics) -> Run:
-    """Return a run without its response where that depends on what happened before the record."""
-    unknown = dynamics.unknown_start(run)
-    if not unknown:
-        return run
-    response = run.measured().copy()
-    response[:unknown] = np.nan
-    return replace(run, columns={**run.columns, dynamics.name: response})
-
-
 def _remarks(full: Run, run: Run, dynamics: AxisDynamics) -> tuple[str, ...]:
     """Return what to keep in mind about a run; `full` is the run with all its columns."""
     said = []
@@ -366,8 +360,7 @@ def _remarks(full: Run, run: Run, dynamics: AxisDynamics) -> tuple[str, ...]:
         )
     if any(name in full.columns for name in ("r", f"r{dynamics.name}")):
         said.append(
-            "recorded with a reference, perhaps in closed loop: the command then carries the sensor's noise, "
-            "which biases a fit"
+            "recorded with a reference: in closed loop the command carries the sensor's noise, which biases a fit"
         )
     others = [name for name in full.commands if name not in ("u", f"u{dynamics.name}") and np.ptp(full.columns[name])]
     if others:

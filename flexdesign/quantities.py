@@ -14,12 +14,14 @@ from flexdesign.fem.domain import Domain
 from flexdesign.fem.statics import PortCompliance
 from flexdesign.materials import Material
 from flexdesign.model import Member, Quantity, output_boundary
-from flexdesign.stage_model import ActuatorData, AxisModel, StageModel
+from flexdesign.stage_model import ActuatorData, AxisModel, ControllerTiming, StageModel
 from flexdesign.stage_model import Mode as StageMode
 from flexdesign.study import Study
 
 #: Source of a quantity that has no limit for vanishing element size.
 UNBOUNDED = "FEM, finest mesh; at a sharp root it grows without bound as the mesh is refined"
+#: Samples of the proposed controller for a period of the fastest mode.
+SAMPLES_PER_PERIOD = 20
 #: A damping ratio to begin with, where nothing is known.
 PLACEHOLDER_DAMPING = 0.01
 #: A mode with less of the response to the actuator than this stays out of the stage model.
@@ -201,8 +203,13 @@ def stage_model(design: Design, found: Mapping[str, Quantity], solution: Solutio
         assumed=("damping_ratio", *(f"modes.{i}.damping_ratio" for i in range(1, len(modes) + 1))),
         sources=_sources(stroke, share, modes, voltage),
     )
-    source = "FEM of the design; uncertainties are those of the discretisation alone, half-widths taken as 1 sigma"
-    return StageModel({"y": axis}, title=design.title, source=source, name="stage_model")
+    source = (
+        "FEM of the design; uncertainties are those of the discretisation alone, half-widths taken as 1 sigma. The "
+        f"controller's rate is a proposal, at least {SAMPLES_PER_PERIOD} samples for a period of the fastest mode"
+    )
+    fastest = max(frequency.value, *(mode.frequency for mode in modes), 0.0)
+    timing = ControllerTiming(rate=1000.0 * math.ceil(SAMPLES_PER_PERIOD * fastest / 1000.0))
+    return StageModel({"y": axis}, timing, title=design.title, source=source, name="stage_model")
 
 
 def _main_and_further(solution: Solution, actuator: float) -> tuple[float, tuple[StageMode, ...]]:

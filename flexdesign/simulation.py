@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -23,7 +23,7 @@ from flexdesign.errors import InputError
 from flexdesign.experiments import AS_MODELLED, Experiment, Plan, Published, pieces
 from flexdesign.model import Quantity
 from flexdesign.stage_model import AxisModel, StageModel
-from flexdesign.trajectory import Line, Sine, Square, Step, Triangle
+from flexdesign.trajectory import Line, Sine, Square, Staircase, Step, Triangle
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -82,6 +82,20 @@ class Case:
         return next((q for q in self.measures.get(axis, ()) if q.name == name), None)
 
 
+class NoController(ValueError):
+    """A rule or a search gives no controller for this stage."""
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A run that could not be made, and why."""
+
+    experiment: Experiment
+    variant: str
+    controller: str
+    reason: str
+
+
 @dataclass(frozen=True)
 class Simulation:
     """All cases of a plan.
@@ -94,13 +108,15 @@ class Simulation:
         The stage models, by name of the variant.
     cases
         In the order of the plan.
+    skipped
+        What could not be run, because no controller was found.
     """
 
     model: StageModel
     plan: Plan
     variants: Mapping[str, StageModel]
     cases: tuple[Case, ...]
-    tunings: Mapping[tuple[str, str], Tuning] = field(default_factory=dict)
+    skipped: tuple[Skipped, ...] = ()
 
     def of(self, experiment: Experiment) -> list[Case]:
         """Return the cases of an experiment."""
@@ -141,14 +157,17 @@ def run(model: StageModel, variants: Mapping[str, StageModel], plan: Plan, progr
         known = {name: replace(v, axes={n: stages.cycled(a) for n, a in v.axes.items()}) for name, v in known.items()}
         model = known[AS_MODELLED]
     designer = _Designer(plan, 1.0 / model.controller.rate)
-    cases = []
+    cases, skipped = [], []
     for experiment in plan.experiments:
         for variant in experiment.variants:
             for controller in experiment.controllers:
                 progress(f"{experiment.name}: {controller}, {variant}")
                 believed = model if _believes_otherwise(plan, variant) else known[variant]
-                cases.append(_case(experiment, variant, controller, known[variant], believed, designer))
-    return Simulation(model, plan, known, tuple(cases), designer.tunings)
+                try:
+                    cases.append(_case(experiment, variant, controller, known[variant], believed, designer))
+                except NoController as error:
+                    skipped.append(Skipped(experiment, variant, controller, str(error)))
+    return Simulation(model, plan, known, tuple(cases), tuple(skipped))
 
 
 def _believes_otherwise(plan: Plan, variant: str) -> bool:
@@ -169,7 +188,6 @@ class _Designer:
 
     def __init__(self, plan: Plan, period: float) -> None:
         self.plan, self.period = plan, period
-        self.tunings: dict[tuple[str, str], Tuning] = {}
         self._robust = cache(self._tune)
 
     def pid(self, piece: str, name: str, axis: AxisModel, delay: float) -> pids.PID:
@@ -178,11 +196,14 @@ class _Designer:
         if piece in self.plan.controllers:
             gains = self.plan.controllers[piece].axis[name]
             return pids.PID(gains.in_volts(seen.static_gain), gains.ti, gains.td)
+        # Tuned for the mirrored plant where the gain is negative, and mirrored back.
+        sign = math.copysign(1.0, seen.gain)
+        upright = replace(seen, gain=abs(seen.gain))
         if piece == "ziegler-nichols":
-            return ziegler_nichols.rule(ziegler_nichols.ultimate(seen.discretise(self.period)))
-        tuning = self._robust(seen)
-        self.tunings[name, f"{seen.natural_frequency:.6g} Hz"] = tuning
-        return tuning.pid
+            found = ziegler_nichols.rule(ziegler_nichols.ultimate(upright.discretise(self.period)))
+        else:
+            found = self._robust(upright).pid
+        return found.scaled(sign)
 
     def _tune(self, seen: Plant) -> Tuning:
         return tune(seen, self.period, self.plan.robust_ms)
@@ -210,7 +231,10 @@ def _case(
             elif piece == "feedforward":
                 command = _inverse(axis, asked, period, believed.controller.delay)
             else:
-                found[name] = designer.pid(piece, name, axis, believed.controller.delay)
+                try:
+                    found[name] = designer.pid(piece, name, axis, believed.controller.delay)
+                except InputError as error:
+                    raise NoController(f"{name}: the plant {error.remedy}") from error
                 controllers.append(pids.controller(found[name], piece))
                 actual = plant(truth.axes[name], delay)
                 seen[name] = margins(open_loop(actual, found[name], period))
@@ -348,10 +372,16 @@ def _of_shape(
         rest = motion[part][-max(1, int(0.1 * (until - at) / period)) :].mean()
         goal = float(asked[part][-1])
         target = goal if closed else float(rest)
+        if not np.ptp(motion[part]) > 0:
+            return ()  # cut off by limits, as the cautions say
         stepped = metrics.step_response(time[part], motion[part], target, at=at)
         measured += [q for q in stepped.quantities() if q.name != "steady_error" or closed]
         if not closed and experiment.reference is not None:
             measured.append(Quantity("steady_error", goal - float(rest), "m", "um"))
+    elif isinstance(shape, Staircase) and experiment.reference is not None:
+        before_jumps = np.flatnonzero(np.diff(asked, append=asked[-1] + 1.0))
+        left = (asked - motion)[before_jumps]
+        measured.append(Quantity("steady_error", float(left[np.argmax(np.abs(left))]), "m", "um", "end of stairs"))
     elif experiment.reference is not None:
         measured += metrics.tracking(asked, motion, period).quantities()
     return tuple(measured)

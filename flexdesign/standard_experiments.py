@@ -38,7 +38,9 @@ def _of(name: str, axis: AxisModel) -> list[Experiment]:
     if axis.response != "m":
         raise InputError("stage model", f"axis.{name}.gain", axis.response, "is no length; name a study for this axis")
     stroke = abs(stages.secant_gain(axis)) * axis.driver.gain * (high - low)
-    top = f"{1e6 * SHARE * stroke:.4g} um"
+    away = math.copysign(1.0, axis.gain)  # where the stage can go from rest
+    far = f"{1e6 * away * SHARE * stroke:.4g} um"
+    ends = {"low": "0 um", "high": far} if away > 0 else {"low": far, "high": "0 um", "begin": "high"}
     modes = [(axis.natural_frequency, axis.damping_ratio), *((m.frequency, m.damping_ratio) for m in axis.modes)]
     slowest = max(1 / (2 * math.pi * frequency * max(min(damping, 1.0), 1e-3)) for frequency, damping in modes)
     closed = ("feedforward", "ziegler-nichols", "robust", "feedforward + robust")
@@ -46,9 +48,9 @@ def _of(name: str, axis: AxisModel) -> list[Experiment]:
     volts = {"low": f"{low:.6g} V", "high": f"{high:.6g} V"}
     tables = (
         ("hysteresis", "whole range of voltage", {"command": {"shape": "triangle", **volts, **waves}}, ("open loop",)),
-        ("step", "a tenth of the stroke", {"reference": _step(0.1 * stroke, slowest)}, ("open loop", *closed)),
-        ("sine", "1 Hz", {"reference": {"shape": "sine", "low": "0 um", "high": top, **waves}}, ("open loop", *closed)),
-        ("staircase", "ten stairs", {"reference": _stairs(top, slowest)}, ("open loop", *closed)),
+        ("step", "a tenth of the stroke", {"reference": _step(0.1 * away * stroke, slowest)}, ("open loop", *closed)),
+        ("sine", "1 Hz", {"reference": {"shape": "sine", **ends, **waves}}, ("open loop", *closed)),
+        ("staircase", "ten stairs", {"reference": _stairs(far, slowest)}, ("open loop", *closed)),
     )
     return [
         Experiment.model_validate(
@@ -63,11 +65,11 @@ def _step(size: float, slowest: float) -> dict[str, str]:
     return {"shape": "step", "start": "0 um", "target": f"{1e6 * size:.4g} um", "wait": "20 ms", "hold": held}
 
 
-def _stairs(top: str, slowest: float) -> dict[str, object]:
+def _stairs(far: str, slowest: float) -> dict[str, object]:
     return {
         "shape": "staircase",
         "low": "0 um",
-        "high": top,
+        "high": far,
         "steps": 10,
         "dwell": f"{max(WATCHED * slowest, 0.05):.4g} s",
     }

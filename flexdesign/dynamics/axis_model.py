@@ -175,6 +175,15 @@ class AxisDynamics:
             return 0
         return min(math.ceil(self._decay(1e-3, mode.damping_ratio) / run.period), len(command) // 2)
 
+    def comparable(self, run: Run) -> Run:
+        """Return a run with gaps (NaN) for what depends on what happened before the record."""
+        unknown = self.unknown_start(run)
+        if not unknown:
+            return run
+        response = run.measured().copy()
+        response[:unknown] = np.nan
+        return replace(run, columns={**run.columns, self.name: response})
+
     def command(self, run: Run) -> Array:
         """Return the command of this axis in a run [V]."""
         return run.columns[command_column(run, self.name)]

@@ -30,6 +30,8 @@ from flexdesign.dynamics.layout import (
 
 #: What `run` calls is compiled with it, and kept in it; nothing else calls it, so that it needs no way in of its own.
 inside = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+#: The same for what is called at one place: put there before anything is compiled, it is not optimised twice.
+once = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, inline="always")
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -79,7 +81,7 @@ def run(
 # --- once per sample --------------------------------------------------------------------------------------------
 
 
-@inside
+@once
 def _observe(
     axis: int,
     at: int,
@@ -99,7 +101,7 @@ def _observe(
     reals(record.drive)[at] = signals[ints(layout.drive)[axis] + 2]
 
 
-@inside
+@once
 def _commanded(axis: int, at: int, k: int, inputs: Inputs, controllers: Ticks, record: Record) -> float:
     """Return feedforward and controllers together."""
     first, entries = ints(controllers.first), ints(controllers.entries)
@@ -131,7 +133,7 @@ def _ticked(axis: int, value: float, ticks: Ticks) -> float:
 # --- once per step ----------------------------------------------------------------------------------------------
 
 
-@inside
+@once
 def _advance(
     k: int,
     segment: int,
@@ -164,7 +166,7 @@ def _advance(
         _move(moves.upstream, moves.number, segment, moves, state)
 
 
-@inside
+@once
 def _command(
     axis: int,
     k: int,
@@ -223,7 +225,7 @@ def _free(axis: int, segment: int, drive: int, modes: Modes, state: State) -> No
     reals(state.moved)[2 * axis], reals(state.moved)[2 * axis + 1] = x, v
 
 
-@inside
+@once
 def _forced(axis: int, segment: int, drive: int, step: float, modes: Modes, forces: Forces, state: State) -> None:
     """Advance the modes of an axis over a step with forces that depend on the motion (Cox and Matthews, eqs 26-29)."""
     d, q, p = reals(state.signals), reals(state.modes), reals(modes.passages)
@@ -306,7 +308,7 @@ def _mixed_velocity(axis: int, axes: int, motions: Reals, coupling: Coupling) ->
     return total
 
 
-@inside
+@once
 def _motion(step: float, axes: int, layout: Layout, coupling: Coupling, state: State) -> None:
     """Fill in the table's motion at the start, the middle (by the cubic through both ends) and the end of a step."""
     signals = reals(state.signals)

@@ -58,7 +58,9 @@ def _stretch(h: float, travel: float, sign: float, decay: float, a: float, n: fl
         far = near + travel
     # |h|^n is no polynomial near zero: steps that grow from there as the square of their number.
     begin, grow = math.sqrt(near), math.sqrt(far) - math.sqrt(near) if far < math.inf else 0.0
-    steps = 1 + int(min(2.0 * travel * scale / FINENESS, 1e4)) + int(8.0 * abs(grow) / (begin + abs(grow)))
+    steps = (
+        1 + math.floor(min(2.0 * travel * scale / FINENESS, 1e4)) + math.floor(8.0 * abs(grow) / (begin + abs(grow)))
+    )
     for i in range(steps):
         dp = travel / steps
         if far < math.inf:
@@ -81,7 +83,7 @@ def _travel_to_zero(h: float, sign: float, a: float, b: float, c: float, n: floa
         slope = sign * a - rate * h
         x = rate * h / slope
         return -h / slope * (math.log1p(x) / x if abs(x) > 1e-12 else 1.0)
-    steps = 4 + int(min(2 * n * abs(decay) * abs(h) ** n / a / FINENESS, 1e4))
+    steps = 4 + math.floor(min(2 * n * abs(decay) * abs(h) ** n / a / FINENESS, 1e4))
     travel, left = 0.0, h
     for i in range(steps):  # Simpson's rule, on steps that shrink towards zero
         right = h * ((steps - i - 1) / steps) ** 2

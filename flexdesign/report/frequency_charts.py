@@ -104,7 +104,7 @@ def stacked(panels: Sequence[Panel], xlabel: str, marks: Sequence[Mark] = ()) ->
             axes.plot(curve.x, curve.y, color=COLOURS[index], label=curve.label, linewidth=1.8)
         axes.set_ylabel(panel.label)
         if panel.logarithmic:
-            axes.set_yscale("log")
+            _logarithmic(axes)
         for mark in marks:
             axes.axvline(mark.x, color=NEUTRAL, linestyle=(0, (4, 3)), linewidth=1.2)
     curves = [curve for panel in panels for curve in panel.curves]
@@ -134,6 +134,16 @@ def _panels(count: int, height: float) -> tuple[Any, list[Any]]:
             spine.set_visible(side in ("left", "bottom"))
     figure.align_ylabels(found)
     return figure, found
+
+
+def _logarithmic(axes: Any) -> None:
+    """Scale the ordinate, with plain numbers at 1, 2 and 5: a resonance may span less than a decade."""
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _legend(figure: Any, axes: Any) -> None:

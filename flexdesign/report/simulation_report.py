@@ -42,7 +42,7 @@ WORDS = {
 #: How those are called that in a table of measures stand beside what they are a part of.
 ALONE = {"loop_width_relative": "loop width per span", "max_error_relative": "largest error per range"}
 #: Those that a terminal shows.
-BRIEF = ("loop_width_relative", "overshoot", "settling_time", "max_error", "max_contour_error")
+BRIEF = ("loop_width_relative", "overshoot", "settling_time", "steady_error", "max_error", "max_contour_error")
 
 
 def result(simulation: Simulation) -> dict[str, Any]:
@@ -134,6 +134,9 @@ def _summary(simulation: Simulation) -> list[str]:
     worst = max((case.response.error for case in cases if case.response.diverged is None), default=math.nan)
     text += f"; the largest estimated integration error is {worst:.0e} of a run's span."
     paragraphs = [text, simulation.plan.note, *_grouped(validity(simulation.model))]
+    if simulation.skipped:
+        names = ", ".join(f"{s.experiment.name} ({s.controller}, {s.variant})" for s in simulation.skipped)
+        paragraphs.append(f"Not run, as no controller was found: {names}.")
     if unstable:
         names = ", ".join(f"{case.experiment.name} ({case.controller}, {case.variant})" for case in unstable)
         paragraphs.append(f"Unstable: {names}.")
@@ -215,7 +218,9 @@ def _who(case: Case) -> str:
 def _experiment(simulation: Simulation, experiment: Experiment) -> Section:
     cases = simulation.of(experiment)
     cautions = [f"{_who(case)}: {text}" for case in cases for text in case.cautions]
-    paragraphs = [text for text in (experiment.note, *_gathered(cautions)) if text]
+    left = [s for s in simulation.skipped if s.experiment.name == experiment.name]
+    skipped = [f"Not run: {s.controller} on {s.variant}: {s.reason}." for s in left]
+    paragraphs = [text for text in (experiment.note, *_gathered(cautions), *skipped) if text]
     tables = [_measured(cases), _others(cases), _loops(cases)]
     title = f"{experiment.name}: {experiment.title}" if experiment.title else experiment.name
     return Section(title, paragraphs, [t for t in tables if t.rows], _figures(experiment, cases))
@@ -227,6 +232,8 @@ def _gathered(cautions: Sequence[str]) -> list[str]:
 
 def _measured(cases: Sequence[Case]) -> Table:
     """Return what was measured on the driven axes, a row for each run and axis."""
+    if not cases:
+        return Table([], [])
     driven = list(cases[0].experiment.axes)
     names = [n for n in WORDS if any(case.measure(axis, n) for case in cases for axis in [*driven, "all axes"])]
     rows = []
@@ -289,7 +296,7 @@ def _text(quantity: Quantity | None) -> str:
 
 def _figures(experiment: Experiment, cases: Sequence[Case]) -> list[Figure]:
     """Draw the loop where there is one, and the motion over time, each variant in a drawing of its own."""
-    drawn = []
+    drawn: list[Figure] = []
     for variant in dict.fromkeys(case.variant for case in cases):
         of_variant = [case for case in cases if case.variant == variant]
         words = experiment.name if variant == AS_MODELLED else f"{experiment.name} {variant}"

@@ -36,10 +36,14 @@ class _Between(Trajectory):
 
 
 class _Cycles(_Between):
-    """A wave that repeats; `cycles` need not be whole."""
+    """A wave that repeats; `cycles` need not be whole. With ``begin = "high"`` it is upside down."""
 
     frequency: Frequency
     cycles: Cycles = 1.0
+    begin: Literal["low", "high"] = "low"
+
+    def _scaled(self, share: Array) -> Array:
+        return super()._scaled(share if self.begin == "low" else 1.0 - share)
 
     def _moving(self) -> float:
         return float(self.cycles / self.frequency)
