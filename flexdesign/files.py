@@ -184,6 +184,8 @@ def check(schema: type[Schema], content: Mapping[str, Any], path: Path, table: s
         # A misspelt key comes before the one that is missing because of it.
         first = min(error.errors(), key=lambda e: {"extra_forbidden": 0, "missing": 2}.get(e["type"], 1))
         place = [str(piece) for piece in first["loc"]]
+        if not place:  # what is wrong is how the keys of the table go together
+            raise InputError(path, table, None, first["msg"].removeprefix("Value error, ")) from None
         field, (owner, annotation) = ".".join([*([table] if table else []), *place]), _field(schema, place)
         remedy = {
             "missing": f"is missing; {_how(place[-1], annotation)}",
@@ -191,6 +193,9 @@ def check(schema: type[Schema], content: Mapping[str, Any], path: Path, table: s
             "string_type": f'expected text: {place[-1]} = "..."',
             "dict_type": f"expected a table: [{field}]",
             "model_type": f"expected a table: [{field}]",
+            "tuple_type": f'expected a list: {place[-1]} = ["...", "..."]',
+            "bool_parsing": f"expected true or false: {place[-1]} = true",
+            "bool_type": f"expected true or false: {place[-1]} = true",
         }.get(first["type"], first["msg"].removeprefix("Value error, "))
         value = None if first["type"] == "missing" else as_written(first["input"])
         raise InputError(path, field, value, remedy) from None
@@ -215,6 +220,8 @@ def _how(name: str, field: FieldInfo | None) -> str:
     bounds = next((m for m in field.metadata if isinstance(m, Bounds)), None) if field else None
     if name == "format":
         return f"write format = {FORMAT}"
+    if field and field.examples:
+        return f"write for example {field.examples[0]}"
     if bounds and bounds.si != "1":
         return f'write for example {name} = "{units.example(bounds.si)}"'
     if bounds:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign import effects, evidence, units
-from flexdesign.dynamics.axis_model import AxisDynamics, Steps, of_axis
+from flexdesign.dynamics.axis_model import AxisDynamics, of_axis
 from flexdesign.errors import InputError, suggest
 from flexdesign.evidence import Estimate, Fit, Starts
 from flexdesign.runs import Role, Run
@@ -79,10 +79,8 @@ class Held:
 
     Parameters
     ----------
-    value
-        The value it had; or that of the best fit, if the runs contradict the old one.
-    is_old
-        Whether it is the value it had.
+    value, is_old
+        The value it had; or that of the best fit, where the runs contradict the old one.
     """
 
     value: float
@@ -264,11 +262,11 @@ class _Search:
 
     def settle(self) -> None:
         """Fit until every free parameter is determined; at best that is once."""
-        self.dynamics = replace(self.start, tolerance=COARSE, steps=Steps())
+        self.dynamics = self.start.refined(COARSE)
         found = self._fitted(self.asked, self.starts, profiles=False)
         self.starts_of_first = found.starts
         if self._is_disturbed(found):
-            self.dynamics = replace(self.dynamics, tolerance=self.start.tolerance, steps=Steps())
+            self.dynamics = self.dynamics.refined(self.start.tolerance)
         self.progress("fitting from the best minimum, and checking the intervals")
         self.last = self._fit(self.asked)
         while self.last is not None and self.last.undetermined:
@@ -295,7 +293,7 @@ class _Search:
     def _fit(self, free: Sequence[str]) -> Fit:
         found = self._fitted(free)
         if self._is_disturbed(found):  # the steps were found at values from which the fit has moved away
-            self.dynamics = replace(self.dynamics, tolerance=self.start.tolerance, steps=Steps())
+            self.dynamics = self.dynamics.refined(self.start.tolerance)
             found = self._fitted(free)
         return found
 
@@ -359,9 +357,7 @@ def _remarks(full: Run, run: Run, dynamics: AxisDynamics) -> tuple[str, ...]:
             f"the command was moving as the record began: the first {skipped * run.period:.3g} s are not compared"
         )
     if any(name in full.columns for name in ("r", f"r{dynamics.name}")):
-        said.append(
-            "recorded with a reference: in closed loop the command carries the sensor's noise, which biases a fit"
-        )
+        said.append("recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit")
     others = [name for name in full.commands if name not in ("u", f"u{dynamics.name}") and np.ptp(full.columns[name])]
     if others:
         said.append(f"{' and '.join(others)} moved too; what that does to this axis is left in the residual")

@@ -156,13 +156,17 @@ def run(model: StageModel, variants: Mapping[str, StageModel], plan: Plan, progr
     if plan.cycled:
         known = {name: replace(v, axes={n: stages.cycled(a) for n, a in v.axes.items()}) for name, v in known.items()}
         model = known[AS_MODELLED]
-    designer = _Designer(plan, 1.0 / model.controller.rate)
+    designers = {stage.controller.rate: _Designer(plan, 1.0 / stage.controller.rate) for stage in known.values()}
+    for experiment in plan.experiments:  # what cannot be sampled is refused before anything is run
+        for variant in experiment.variants:
+            _sampled(plan, experiment, 1.0 / known[variant].controller.rate)
     cases, skipped = [], []
     for experiment in plan.experiments:
         for variant in experiment.variants:
             for controller in experiment.controllers:
                 progress(f"{experiment.name}: {controller}, {variant}")
                 believed = model if _believes_otherwise(plan, variant) else known[variant]
+                designer = designers[known[variant].controller.rate]
                 try:
                     cases.append(_case(experiment, variant, controller, known[variant], believed, designer))
                 except NoController as error:
@@ -210,15 +214,10 @@ class _Designer:
 
 
 def _case(
-    experiment: Experiment,
-    variant: str,
-    controller: str,
-    truth: StageModel,
-    believed: StageModel,
-    designer: _Designer,
+    experiment: Experiment, variant: str, controller: str, truth: StageModel, believed: StageModel, designer: _Designer
 ) -> Case:
     period, delay = designer.period, truth.controller.delay
-    wanted = _sampled(experiment, period)
+    wanted = _sampled(designer.plan, experiment, period)
     loops, found, seen, cautions = {}, {}, {}, list[str]()
     for name, asked in zip(experiment.axes, wanted, strict=True):
         axis = believed.axes[name]
@@ -229,7 +228,7 @@ def _case(
                     asked if experiment.command is not None else feedforward.secant(asked, stages.secant_gain(axis))
                 )
             elif piece == "feedforward":
-                command = _inverse(axis, asked, period, believed.controller.delay)
+                command = _inverse(believed, name, asked, period)
             else:
                 try:
                     found[name] = designer.pid(piece, name, axis, believed.controller.delay)
@@ -238,49 +237,46 @@ def _case(
                 controllers.append(pids.controller(found[name], piece))
                 actual = plant(truth.axes[name], delay)
                 seen[name] = margins(open_loop(actual, found[name], period))
-                cautions += actual.concerns(period)
+                cautions += [f"{name}: {text}" for text in actual.concerns(period)]
                 if not seen[name].stable:
                     cautions.append(f"{name}: {seen[name].says()}")
         cautions += _beyond(name, command, truth.axes[name])
-        cautions += [c for effect, values in stages.acting(truth.axes[name]) for c in effect.cautions(values)]
+        cautions += [
+            f"{name}: {c}." for effect, values in stages.acting(truth.axes[name]) for c in effect.cautions(values)
+        ]
         loops[name] = Loop(command, asked if controllers else None, tuple(controllers))
     fastest = max(mode.frequency for axis in stages.stage(truth).axes for mode in axis.modes)
     finer = max(1, math.ceil(SAMPLES_PER_PERIOD * fastest * period))
     response = simulate(stages.stage(truth), loops, period, delay=delay, oversampling=finer)
     reference = _on_response(experiment, list(truth.axes), response, period / finer)
     cautions += _ran(response, list(truth.axes), experiment)
-    measured = _measures(experiment, reference, response, list(truth.axes), period / finer, bool(found))
-    return Case(
-        experiment,
-        variant,
-        controller,
-        tuple(truth.axes),
-        reference,
-        response,
-        measured,
-        found,
-        seen,
-        tuple(dict.fromkeys(cautions)),
-    )
+    measured, unmeasured = _measures(experiment, reference, response, list(truth.axes), period / finer, bool(found))
+    said, axes = tuple(dict.fromkeys([*cautions, *unmeasured])), tuple(truth.axes)
+    return Case(experiment, variant, controller, axes, reference, response, measured, found, seen, said)
 
 
-def _sampled(experiment: Experiment, period: float) -> Array:
+def _sampled(plan: Plan, experiment: Experiment, period: float) -> Array:
     """Return the trajectory, one row for each axis of the experiment."""
+    number, key = plan.experiments.index(experiment) + 1, "command" if experiment.command is not None else "reference"
     try:
         rows = experiment.trajectory.sampled(period)
+        if rows.shape[-1] < 3:
+            raise ValueError(f"is over after {rows.shape[-1]} samples of {1e3 * period:g} ms; make it longer")
     except ValueError as error:
-        raise InputError("study", f"experiment {experiment.name}", None, str(error)) from error
+        raise InputError(plan.file, f"experiment {number} ({experiment.name}).{key}", None, str(error)) from error
     return np.broadcast_to(rows, (len(experiment.axes), rows.shape[-1]))
 
 
-def _inverse(axis: AxisModel, asked: Array, period: float, delay: float) -> Array:
+def _inverse(model: StageModel, name: str, asked: Array, period: float) -> Array:
     """Return the feedforward command that an axis model says gives the motion, its clock and lags made up for."""
+    axis, delay = model.axes[name], model.controller.delay
     lags = sum(1 / (2 * math.pi * b) for b in (axis.driver.bandwidth,))
     early = feedforward.ahead(asked, period, 0.5 * period + delay + lags)
     try:
         return feedforward.inverse(early, axis.gain, axis.effects.get("bouc_wen")) / axis.driver.gain
     except ValueError as error:
-        raise InputError("stage model", "hysteresis", None, str(error)) from error
+        slope = f"{1e6 * axis.effects['bouc_wen']['a']:g} um/V"
+        raise InputError(f"{model.name}.toml", f"axis.{name}.hysteresis.a", slope, str(error)) from error
 
 
 def _on_response(experiment: Experiment, axes: Sequence[str], response: Response, period: float) -> Array:
@@ -315,9 +311,9 @@ def _ran(response: Response, axes: Sequence[str], experiment: Experiment) -> lis
         cut = np.abs(response.cut[axes.index(name)]) > 0
         if cut.any():
             first = response.time[np.argmax(cut)]
-            share = 100 * cut.mean()
-            said.append(f"{name}: limits cut the command {share:.2g} % of the time, first at {first:.3g} s.")
-    if response.error > 1e-5:
+            share = units.significant(100 * cut.mean(), 2)
+            said.append(f"{name}: limits cut the command {share} % of the time, first at {first:.3g} s.")
+    if response.diverged is None and response.error > 1e-5:
         said.append(f"the integration error is estimated at {response.error:.1e} of the span, more than usual.")
     return said
 
@@ -327,22 +323,24 @@ def _ran(response: Response, axes: Sequence[str], experiment: Experiment) -> lis
 
 def _measures(
     experiment: Experiment, reference: Array, response: Response, axes: list[str], period: float, closed: bool
-) -> dict[str, tuple[Quantity, ...]]:
-    """Measure each axis that was driven, and how much the others moved with it."""
-    if response.diverged is not None:
-        return {}
+) -> tuple[dict[str, tuple[Quantity, ...]], list[str]]:
+    """Measure each axis that was driven, and how much the others moved with it; and say what was not measured."""
     found: dict[str, tuple[Quantity, ...]] = {}
+    said: list[str] = []
+    if response.diverged is not None:
+        return found, said
     for name in experiment.axes:
         row = axes.index(name)
         asked, motion = reference[row], response.motion[row]
-        found[name] = (
-            Quantity("amplitude", float(np.ptp(motion)), "m", "um"),
-            *_of_shape(experiment, asked, motion, response.time, period, closed),
-        )
+        found[name] = (Quantity("amplitude", float(np.ptp(motion)), "m", "um"),)
+        try:
+            found[name] += _of_shape(experiment, asked, motion, response.time, period, closed)
+        except ValueError as error:  # too short or too still for what its shape has measures for
+            said.append(f"{name}: not measured: {error}.")
     if len(experiment.axes) == 1 and len(axes) > 1:
         driven = response.motion[axes.index(experiment.axes[0])]
         for name in axes:
-            if name not in experiment.axes:
+            if name not in experiment.axes and np.ptp(driven) > 0:
                 moved = metrics.coupling(driven, response.motion[axes.index(name)])
                 found[name] = (
                     Quantity("coupled_motion", moved.other, "m", "um"),
@@ -352,7 +350,7 @@ def _measures(
         rows = [axes.index(name) for name in experiment.axes]
         strayed = metrics.contour(reference[rows], response.motion[rows], period, within=0.05)
         found["all axes"] = strayed.quantities()
-    return found
+    return found, said
 
 
 def _of_shape(
@@ -379,7 +377,8 @@ def _of_shape(
         if not closed and experiment.reference is not None:
             measured.append(Quantity("steady_error", goal - float(rest), "m", "um"))
     elif isinstance(shape, Staircase) and experiment.reference is not None:
-        before_jumps = np.flatnonzero(np.diff(asked, append=asked[-1] + 1.0))
+        early = math.ceil(0.05 * shape.dwell / period)  # before a feedforward that looks ahead leaves the stair
+        before_jumps = np.maximum(np.flatnonzero(np.diff(asked, append=asked[-1] + 1.0)) - early, 0)
         left = (asked - motion)[before_jumps]
         measured.append(Quantity("steady_error", float(left[np.argmax(np.abs(left))]), "m", "um", "end of stairs"))
     elif experiment.reference is not None:

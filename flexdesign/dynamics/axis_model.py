@@ -44,9 +44,16 @@ CATALOGUE_STROKE = 1e-4
 
 
 class Steps:
-    """The number of steps in a sample for each run, found when it is first asked for; safe among threads."""
+    """The number of steps in a sample for each run, found when it is first asked for; safe among threads.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    at
+        The numbers with which it is found; by default those of the first model that has these steps.
+    """
+
+    def __init__(self, at: AxisModel | None = None) -> None:
+        self.at = at
         self._found: dict[Observation, int] = {}
         self._lock = Lock()
 
@@ -74,6 +81,8 @@ class AxisDynamics:
         Error allowed in a prediction, relative to its span.
     origin
         The numbers about which ranges are plausible: those of the first model; by default `axis`.
+    steps
+        Numbers of steps found so far; by default none.
     """
 
     name: str
@@ -82,6 +91,10 @@ class AxisDynamics:
     tolerance: float = TOLERANCE
     origin: AxisModel | None = None
     steps: Steps = field(default_factory=Steps, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.steps.at is None:
+            self.steps.at = self.axis
 
     @property
     def first(self) -> AxisModel:
@@ -107,6 +120,10 @@ class AxisDynamics:
     def replace(self, values: Mapping[str, float]) -> AxisDynamics:
         """Return the model with some values changed, SI; a new natural frequency keeps the stiffness."""
         return replace(self, axis=changed(self.axis, values), origin=self.first)
+
+    def refined(self, tolerance: float | None = None) -> AxisDynamics:
+        """Return the model with steps found anew at its present values, perhaps for another tolerance."""
+        return replace(self, tolerance=tolerance or self.tolerance, steps=Steps(self.axis))
 
     def with_effect(self, effect: Effect) -> AxisDynamics:
         """Return the model with an effect of the catalogue added, at its start values scaled to this stroke.
@@ -144,10 +161,10 @@ class AxisDynamics:
         return reading
 
     def steps_for(self, run: Run) -> int:
-        """Return the number of steps in a sample: for the first model that is asked, with a margin, then kept."""
+        """Return the number of steps in a sample: with a margin what the first values need."""
 
         def find() -> int:
-            found = self._simulated(run, None)
+            found = replace(self, axis=self.steps.at or self.axis)._simulated(run, None)
             return found.substeps * (MARGIN if found.error > EXACT * self.tolerance else 1)
 
         return self.steps.of(run, find)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.dynamics.layout import Coupling, Inputs, Record
-from flexdesign.model import Controller
+from flexdesign.model import Controller, Socket
 
 if TYPE_CHECKING:
     from flexdesign.dynamics.chain import AxisChain
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 #: The error that a simulation may have, relative to the largest span of motion.
 TOLERANCE = 1e-6
-#: On the error estimate, as in a grid convergence index.
-SAFETY = 1.25
+#: On the error estimate; more than the 1.25 of a grid convergence index, as turning points make the order unsteady.
+SAFETY = 1.5
 #: More steps in a sample than this are not tried.
 MOST_STEPS = 1024
 #: A motion so many times larger than full drive is taken for a divergence.
@@ -167,10 +167,11 @@ def simulate(
         if fine.diverged is not None:
             return fine
         if coarse.diverged is None:
-            changes.append(_change(coarse.motion, fine.motion))
+            changes.append(max(_change(a, b) for a, b in zip(inputs.judged(coarse), inputs.judged(fine), strict=True)))
             error = _estimate(changes)
-            # Readings in whole steps decide by less than any tolerance: then changes stop falling.
-            stalled = len(changes) > 2 and min(changes[-2:]) > 0.7 * changes[-3]
+            # Readings in whole steps decide by less than any tolerance: then changes stop falling. Two that do not fall
+            # say little: a lag faster than the first steps is not resolved by them.
+            stalled = len(changes) > 3 and min(changes[-3:]) > 0.7 * changes[-4]
             if error <= tolerance or stalled or steps >= MOST_STEPS:
                 return replace(fine, error=error)
         coarse = fine
@@ -180,10 +181,10 @@ def _estimate(changes: Sequence[float]) -> float:
     """Return the error left, from the changes at each doubling of the number of steps.
 
     The order is what the last changes show, at most four. Where turning points of the voltage fall within steps it
-    goes up and down, so that the lower of the last two counts, and one alone for no more than two.
+    goes up and down, so that the lowest of the last three counts, and fewer for no more than two.
     """
     orders = [math.log2(a / b) if b > 0 else 4.0 for a, b in pairwise(changes)]
-    order = min([*orders[-2:], 4.0 if len(orders) > 1 else 2.0]) if orders else 1.0
+    order = min([*orders[-3:], 4.0 if len(orders) > 2 else 2.0]) if orders else 1.0
     return SAFETY * changes[-1] / (2.0 ** max(order, 1.0) - 1.0)
 
 
@@ -288,6 +289,11 @@ class _Inputs:
         time = self.period * np.arange(done, dtype=np.float64)
         diverged = None if done == self.count else done * self.period
         return Response(time, command, cut, voltage, drive, motion, reading, error, substeps, diverged)
+
+    def judged(self, response: Response) -> list[Array]:
+        """Return what the tolerance is for: the motion, and the reading if it does not come in whole steps."""
+        rounded = any(block.tick for axis in self.stage.axes for block, _ in axis.blocks(Socket.SENSOR))
+        return [response.motion] if rounded else [response.motion, response.reading]
 
     def _bound(self) -> float:
         """Return how large a motion may grow: far beyond what full drive gives."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +11,9 @@ from flexdesign import units, versions
 from flexdesign.experiments import AS_MODELLED, KNOWN, Experiment
 from flexdesign.files import FORMAT
 from flexdesign.model import Quantity
-from flexdesign.report import render
-from flexdesign.report.document import Document, Figure, Section, Table
-from flexdesign.report.simulation_charts import Curve, panels
+from flexdesign.report import render, simulation_figures
+from flexdesign.report.document import Document, Section, Table
 from flexdesign.simulation import Case, Compared, Simulation, validity
-from flexdesign.trajectory import Sine, Square, Step, Triangle
 
 #: Measures in words, in the order of tables.
 WORDS = {
@@ -223,7 +220,7 @@ def _experiment(simulation: Simulation, experiment: Experiment) -> Section:
     paragraphs = [text for text in (experiment.note, *_gathered(cautions), *skipped) if text]
     tables = [_measured(cases), _others(cases), _loops(cases)]
     title = f"{experiment.name}: {experiment.title}" if experiment.title else experiment.name
-    return Section(title, paragraphs, [t for t in tables if t.rows], _figures(experiment, cases))
+    return Section(title, paragraphs, [t for t in tables if t.rows], simulation_figures.draw(experiment, cases))
 
 
 def _gathered(cautions: Sequence[str]) -> list[str]:
@@ -281,7 +278,7 @@ def _loops(cases: Sequence[Case]) -> Table:
     head = ["run", "axis", "Kp", "Ti", "Td", "gain margin", "phase margin", "Ms"]
     caption = "Closed loops: gains, and margins of the sampled loop at the stage's secant gain"
     if any(pid.kp < 0 < pid.kp / pid.ti for case in cases for pid in case.pid.values()):
-        caption += ". A negative Kp beside a positive Kp/Ti: the PID's zeros lie near a resonance"
+        caption += ". A negative Kp takes back what the sampled derivative adds in phase; Kp/Ti and Kp Td are positive"
     return Table(head, rows, caption)
 
 
@@ -292,79 +289,6 @@ def _text(quantity: Quantity | None) -> str:
         return "never"
     # What is below a picometre, or a millionth of a percent, is rounding.
     return "0" if abs(quantity.value) < (1e-12 if quantity.si == "m" else 1e-9) else quantity.shown(3)
-
-
-def _figures(experiment: Experiment, cases: Sequence[Case]) -> list[Figure]:
-    """Draw the loop where there is one, and the motion over time, each variant in a drawing of its own."""
-    drawn: list[Figure] = []
-    for variant in dict.fromkeys(case.variant for case in cases):
-        of_variant = [case for case in cases if case.variant == variant]
-        words = experiment.name if variant == AS_MODELLED else f"{experiment.name} {variant}"
-        stem = "".join(c if c.isalnum() else "_" for c in words)
-        said = "" if variant == AS_MODELLED else f", {variant}"
-        if isinstance(experiment.trajectory, (Sine, Triangle)):
-            drawn.append(_loop(experiment, of_variant, stem, said))
-        if experiment.reference is not None or not isinstance(experiment.trajectory, (Sine, Triangle)):
-            drawn.append(_over_time(experiment, of_variant, stem, said))
-    return drawn
-
-
-def _loop(experiment: Experiment, cases: Sequence[Case], stem: str, said: str) -> Figure:
-    """Draw the motion over a command, or over a reference what is missing to it."""
-    axis = experiment.axes[0]
-    volts = experiment.command is not None
-    curves = []
-    for case in cases:
-        asked, motion = case.reference[case.row(axis)], case.response.motion[case.row(axis)] * 1e6
-        asked = asked[: len(motion)]
-        shown = motion if volts else motion - asked * 1e6
-        curves.append(Curve(case.controller, asked if volts else asked * 1e6, shown))
-    below, beside = ("command [V]", f"{axis} [µm]") if volts else (f"{axis} asked for [µm]", "motion − reference [µm]")
-    what = f"Motion of {axis} over its command" if volts else f"Error of {axis} over its reference"
-    return Figure(f"{stem}_loop.svg", panels([curves], below, [beside], height=3.4), f"{what}{said}")
-
-
-def _over_time(experiment: Experiment, cases: Sequence[Case], stem: str, said: str) -> Figure:
-    """Draw motion, and error or the other axes, over time; steps close up."""
-    axis, limits = experiment.axes[0], _limits(experiment)
-    first = cases[0]
-    motions = [Curve(c.controller, c.response.time, c.response.motion[c.row(axis)] * 1e6) for c in cases]
-    rows, labels = [motions], [f"{axis} [µm]"]
-    if experiment.reference is not None:
-        reference = first.reference[first.row(axis)][: len(first.response.time)] * 1e6
-        rows[0].append(Curve("reference", first.response.time, reference, dashed=True))
-    if len(experiment.axes) > 1:
-        motions[:] = [
-            Curve(name, first.response.time, first.response.motion[first.row(name)] * 1e6) for name in experiment.axes
-        ]
-        errors = [replace(_error(c, name), label=f"{name}, {c.controller}") for c in cases for name in experiment.axes]
-        drawn = panels([motions, errors], "time [s]", ["motion [µm]", "motion − reference [µm]"])
-        return Figure(f"{stem}_time.svg", drawn, f"Motion ({first.controller}) and errors{said}")
-    others = [name for name in first.axes if name not in experiment.axes]
-    if len(cases) == 1 and len(experiment.axes) == 1 and others:
-        rows.append([Curve(n, first.response.time, first.response.motion[first.row(n)] * 1e6) for n in others])
-        labels.append("other axes [µm]")
-    elif experiment.reference is not None and limits is None:
-        rows.append([_error(case, axis) for case in cases])
-        labels.append("motion − reference [µm]")
-    drawn = panels(rows, "time [s]", labels, limits=limits)
-    return Figure(f"{stem}_time.svg", drawn, f"Motion of {axis}{said}")
-
-
-def _error(case: Case, axis: str) -> Curve:
-    row, time = case.row(axis), case.response.time
-    return Curve(case.controller, time, (case.response.motion[row] - case.reference[row][: len(time)]) * 1e6)
-
-
-def _limits(experiment: Experiment) -> tuple[float, float] | None:
-    """Return what part of a step's record is worth looking at."""
-    shape = experiment.trajectory
-    if isinstance(shape, Step):
-        return max(0.0, shape.wait - 0.02), shape.wait + min(shape.hold, 0.3)
-    if isinstance(shape, Square):
-        at = shape.rest + 0.5 / shape.frequency
-        return at - 0.02, at + min(0.5 / shape.frequency, 0.3)
-    return None
 
 
 # --- what stands behind the numbers -------------------------------------------------------------------------------

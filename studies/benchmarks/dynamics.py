@@ -94,7 +94,9 @@ def wall(action: Callable[[], object]) -> float:
 
 def beside_the_peer(seconds: float) -> None:
     """Print for every chain and command the errors of both sides, their wall times, and the ratios of these."""
-    print(f"wall time for {seconds:g} s of signal at {TOLERANCE:g} of the stroke, and how many times the engine's it is")
+    print(
+        f"wall time for {seconds:g} s of signal at {TOLERANCE:g} of the stroke, and how many times the engine's it is"
+    )
     print(
         f"{'chain':28}{'command':11}{'steps':>5}{'error':>9}{'wall':>10}   {'peer':7}{'error':>9}"
         f"{'compiled':>11}{'plain':>18}{'odeint':>18}"

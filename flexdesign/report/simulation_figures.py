@@ -1,0 +1,85 @@
+"""Which drawings an experiment needs: loops, motion over time, errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from flexdesign.experiments import AS_MODELLED, Experiment
+from flexdesign.report.document import Figure
+from flexdesign.report.simulation_charts import Curve, panels
+from flexdesign.simulation import Case
+from flexdesign.trajectory import Sine, Square, Step, Triangle
+
+
+def draw(experiment: Experiment, cases: Sequence[Case]) -> list[Figure]:
+    """Draw the loop where there is one, and the motion over time, each variant in a drawing of its own."""
+    drawn: list[Figure] = []
+    for variant in dict.fromkeys(case.variant for case in cases):
+        of_variant = [case for case in cases if case.variant == variant]
+        words = experiment.name if variant == AS_MODELLED else f"{experiment.name} {variant}"
+        stem = "".join(c if c.isalnum() else "_" for c in words)
+        said = "" if variant == AS_MODELLED else f", {variant}"
+        if isinstance(experiment.trajectory, (Sine, Triangle)):
+            drawn.append(_loop(experiment, of_variant, stem, said))
+        if experiment.reference is not None or not isinstance(experiment.trajectory, (Sine, Triangle)):
+            drawn.append(_over_time(experiment, of_variant, stem, said))
+    return drawn
+
+
+def _loop(experiment: Experiment, cases: Sequence[Case], stem: str, said: str) -> Figure:
+    """Draw the motion over a command, or over a reference what is missing to it."""
+    axis = experiment.axes[0]
+    volts = experiment.command is not None
+    curves = []
+    for case in cases:
+        asked, motion = case.reference[case.row(axis)], case.response.motion[case.row(axis)] * 1e6
+        asked = asked[: len(motion)]
+        shown = motion if volts else motion - asked * 1e6
+        curves.append(Curve(case.controller, asked if volts else asked * 1e6, shown))
+    below, beside = ("command [V]", f"{axis} [µm]") if volts else (f"{axis} asked for [µm]", "motion − reference [µm]")
+    what = f"Motion of {axis} over its command" if volts else f"Error of {axis} over its reference"
+    return Figure(f"{stem}_loop.svg", panels([curves], below, [beside], height=3.4), f"{what}{said}")
+
+
+def _over_time(experiment: Experiment, cases: Sequence[Case], stem: str, said: str) -> Figure:
+    """Draw motion, and error or the other axes, over time; steps close up."""
+    axis, limits = experiment.axes[0], _limits(experiment)
+    first = cases[0]
+    motions = [Curve(c.controller, c.response.time, c.response.motion[c.row(axis)] * 1e6) for c in cases]
+    rows, labels = [motions], [f"{axis} [µm]"]
+    if experiment.reference is not None:
+        reference = first.reference[first.row(axis)][: len(first.response.time)] * 1e6
+        rows[0].append(Curve("reference", first.response.time, reference, dashed=True))
+    if len(experiment.axes) > 1:
+        motions[:] = [
+            Curve(name, first.response.time, first.response.motion[first.row(name)] * 1e6) for name in experiment.axes
+        ]
+        errors = [replace(_error(c, name), label=f"{name}, {c.controller}") for c in cases for name in experiment.axes]
+        drawn = panels([motions, errors], "time [s]", ["motion [µm]", "motion − reference [µm]"])
+        return Figure(f"{stem}_time.svg", drawn, f"Motion ({first.controller}) and errors{said}")
+    others = [name for name in first.axes if name not in experiment.axes]
+    if len(cases) == 1 and len(experiment.axes) == 1 and others:
+        rows.append([Curve(n, first.response.time, first.response.motion[first.row(n)] * 1e6) for n in others])
+        labels.append("other axes [µm]")
+    elif experiment.reference is not None and limits is None:
+        rows.append([_error(case, axis) for case in cases])
+        labels.append("motion − reference [µm]")
+    drawn = panels(rows, "time [s]", labels, limits=limits)
+    return Figure(f"{stem}_time.svg", drawn, f"Motion of {axis}{said}")
+
+
+def _error(case: Case, axis: str) -> Curve:
+    row, time = case.row(axis), case.response.time
+    return Curve(case.controller, time, (case.response.motion[row] - case.reference[row][: len(time)]) * 1e6)
+
+
+def _limits(experiment: Experiment) -> tuple[float, float] | None:
+    """Return what part of a step's record is worth looking at."""
+    shape = experiment.trajectory
+    if isinstance(shape, Step):
+        return max(0.0, shape.wait - 0.02), shape.wait + min(shape.hold, 0.3)
+    if isinstance(shape, Square):
+        at = shape.rest + 0.5 / shape.frequency
+        return at - 0.02, at + min(0.5 / shape.frequency, 0.3)
+    return None

@@ -1,0 +1,184 @@
+"""One axis as a model: against the engine run by hand, closed forms, and the promises that a fit relies on."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexdesign import effects
+from flexdesign.dynamics.axis_model import AxisDynamics, changed, command_column, of_axis
+from flexdesign.errors import InputError
+from flexdesign.runs import Run
+from flexdesign.stage_model import AxisModel, Mode, Sensor
+from flexdesign.stage_model.axis import lumped_frequency
+
+PERIOD = 1e-3
+LOOP = {"a": 0.46e-6, "b": 0.0165, "c": 0.004, "n": 1.0}
+PLAIN = AxisModel(100.0, 0.1, 2e-6)
+FULL = AxisModel(
+    100.0, 0.03, 2e-6, modes=(Mode(300.0, 0.02, 0.1),), effects={"bouc_wen": LOOP}, sensor=Sensor(resolution=5e-8)
+)
+
+
+def run(command: Any, response: Any = None, between: Any = "linear", **more: Any) -> Run:
+    command = np.asarray(command, dtype=float)
+    columns = {"u": command, "x": np.zeros(len(command)) if response is None else np.asarray(response), **more}
+    si = {name: "V" if name.startswith("u") else "m" for name in columns}
+    return Run("run", PERIOD * np.arange(len(command)), columns, si, between)
+
+
+def wave(n: int = 400) -> Any:
+    return 60 * (1 - np.cos(2 * np.pi * 5 * PERIOD * np.arange(n)))
+
+
+# --- prediction -------------------------------------------------------------------------------------------------------
+
+
+def test_the_step_response_of_an_oscillator() -> None:
+    """x / (k_v u) = 1 - e^(-zeta w t) (cos(wd t) + zeta / sqrt(1 - zeta^2) sin(wd t)): exact for a held command."""
+    t, w, zeta = PERIOD * np.arange(200), 2 * math.pi * 100.0, 0.1
+    wd = w * math.sqrt(1 - zeta**2)
+    right = 2e-6 * 10 * (1 - np.exp(-zeta * w * t) * (np.cos(wd * t) + zeta * w / wd * np.sin(wd * t)))
+    command = np.full(200, 10.0)
+    command[0] = 0.0
+    found = AxisDynamics("x", PLAIN).predict(run(command, between="hold"))
+    assert found[1:] == pytest.approx(right[:-1], abs=1e-12 * 2e-5)
+
+
+def test_a_record_that_begins_at_a_voltage_begins_settled_there() -> None:
+    """At half its damping the mode has decayed to 1e-4, at its own to 1e-8."""
+    found = AxisDynamics("x", PLAIN).predict(run(np.full(50, 30.0)))
+    assert found == pytest.approx(np.full(50, 60e-6), rel=1e-7)
+
+
+@pytest.mark.parametrize("between", ["hold", "linear"])
+def test_integration_error_stays_below_the_tolerance(between: Any) -> None:
+    """Against 16 times as many steps, with hysteresis and two modes; 1e-7 of the span is promised."""
+    seen = run(wave(), between=between)
+    model = AxisDynamics("x", FULL)
+    fine, _ = model._reading(seen, 16 * model.steps_for(seen))
+    assert np.abs(model.predict(seen) - fine).max() < 1e-7 * np.ptp(fine)
+    assert model.integration_error(seen) < 1e-7 * np.ptp(fine)
+
+
+def test_the_number_of_steps_is_that_of_the_first_model() -> None:
+    seen = run(wave())
+    first = AxisDynamics("x", FULL)
+    steps = first.steps_for(seen)
+    later = first.replace({"natural_frequency": 290.0, "bouc_wen.b": 0.5})
+    assert later.steps_for(seen) == steps
+    assert later.refined().steps_for(seen) != steps
+
+    unasked = AxisDynamics("x", FULL)
+    assert unasked.replace({"natural_frequency": 290.0}).steps_for(seen) == unasked.steps_for(seen) == steps
+
+
+def test_predictions_depend_smoothly_on_every_number() -> None:
+    """Central differences of two sizes agree to their own error, the square of the size; resolution would break it."""
+    seen, model = run(wave()), AxisDynamics("x", FULL)
+    for name in ("gain", "natural_frequency", "damping_ratio", "bouc_wen.a", "bouc_wen.b", "bouc_wen.c"):
+        value = FULL.numbers[name]
+        slopes = []
+        for size in (1e-3, 1e-4):
+            up, down = (model.replace({name: value * (1 + s)}).predict(seen) for s in (size, -size))
+            slopes.append((up - down) / (2 * size))
+        assert np.abs(slopes[0] - slopes[1]).max() < 2e-3 * np.abs(slopes[1]).max(), name
+
+
+def test_threads_give_the_same_as_one() -> None:
+    seen, model, other = run(wave()), AxisDynamics("x", FULL), AxisDynamics("x", FULL)
+    values = [{"bouc_wen.a": 1e-8 * k} for k in range(30, 50)]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda v: model.replace(v).predict(seen), values))
+    alone = [other.replace(v).predict(seen) for v in reversed(values)][::-1]
+    assert np.array_equal(alone, together)
+
+
+def test_a_loop_that_runs_away_is_no_number() -> None:
+    wild = AxisDynamics("x", FULL).replace({"bouc_wen.b": 0.0, "bouc_wen.c": -2.0})
+    assert np.isnan(wild.predict(run(wave()))).all()
+
+
+def test_a_start_in_motion_is_not_compared() -> None:
+    moving, still = run(60 * np.sin(0.3 * np.arange(400) + 1.0)), run(wave())
+    model = AxisDynamics("x", PLAIN)
+    left_out = np.isnan(model.comparable(moving).measured())
+    # the mode has decayed to 1e-3: ln(1000) / (zeta w) = 0.110 s
+    assert left_out.sum() == 110 and left_out[:110].all()
+    assert model.comparable(still) is still
+
+
+# --- numbers ----------------------------------------------------------------------------------------------------------
+
+
+def test_parameters_are_the_numbers_of_the_axis_that_act() -> None:
+    found = {p.name: p for p in AxisDynamics("x", FULL).parameters()}
+    assert {"gain", "modes.1.share", "bouc_wen.n", "driver.gain", "sensor.bandwidth"} <= set(found)
+    assert not {"mass", "sensor.noise", "sensor.resolution", "actuator.count"} & set(found)
+    for name, parameter in found.items():
+        assert parameter.start == FULL.numbers.get(name, parameter.start)
+        assert parameter.is_plausible(parameter.start or 0.0) or parameter.null == parameter.start, name
+
+
+def test_ranges_hang_on_the_first_model() -> None:
+    first = AxisDynamics("x", FULL)
+    later = first.replace({"gain": 3e-6, "bouc_wen.a": 1e-7})
+    assert [p.plausible for p in later.parameters()] == [p.plausible for p in first.parameters()]
+    assert {p.name: p.start for p in later.parameters()}["gain"] == 3e-6
+    assert first.axis is FULL
+
+
+def test_ranges_scale_with_gain_and_voltage() -> None:
+    """A stage with ten times the gain, or driven by ten times the voltage, is the same stage in other units."""
+    grown = replace(FULL, gain=10 * FULL.gain)
+    a, b = ({p.name: p.plausible for p in AxisDynamics("x", m).parameters()} for m in (FULL, grown))
+    assert b["bouc_wen.a"] == pytest.approx(10 * np.array(a["bouc_wen.a"]))
+    assert b["bouc_wen.b"] == pytest.approx(a["bouc_wen.b"])
+    c = {p.name: p.plausible for p in AxisDynamics("x", FULL, 1000.0).parameters()}
+    assert c["bouc_wen.b"] == pytest.approx(0.1 * np.array(a["bouc_wen.b"]))
+
+
+def test_a_new_frequency_keeps_the_stiffness() -> None:
+    axis = AxisModel(lumped_frequency(0.0342, 18.3e3), 0.03, 2e-6, mass=0.0342, stiffness=18.3e3)
+    found = changed(axis, {"natural_frequency": 100.0})
+    assert found.stiffness == 18.3e3 and found.mass is not None
+    assert lumped_frequency(found.mass, found.stiffness) == pytest.approx(100.0)
+
+
+def test_every_number_can_be_changed() -> None:
+    for parameter in AxisDynamics("x", FULL).parameters():
+        assert changed(FULL, {parameter.name: 0.25}).numbers[parameter.name] == 0.25
+    with pytest.raises(KeyError):
+        changed(FULL, {"gian": 1.0})
+
+
+def test_an_effect_is_added_at_the_scale_of_the_stroke() -> None:
+    """The catalogue's 1e5 / m^2 for strokes of 100 um: k3 / k x^2 = 0.1 % at full stroke, whatever the stroke is."""
+    electronic = AxisModel(70.0, 0.05, 1.0001, response="V")
+    found = AxisDynamics("x", electronic, 0.2).with_effect(effects.find("stress_stiffening"))
+    cubic = {p.name: p for p in found.parameters()}["stress_stiffening.cubic"]
+    assert cubic.unit == "1/V^2" and cubic.start == pytest.approx(1e-3 / 0.2**2, rel=1e-3)
+    with pytest.raises(InputError, match="already"):
+        found.with_effect(effects.find("stress_stiffening"))
+
+
+# --- runs of several axes ---------------------------------------------------------------------------------------------
+
+
+def test_an_axis_takes_its_own_columns() -> None:
+    columns = {name: np.arange(10.0) for name in ("ux", "uy", "x", "y")}
+    seen = Run("r", np.arange(10.0), columns, {"ux": "V", "uy": "V", "x": "m", "y": "m"})
+    assert set(of_axis(seen, "y", PLAIN).columns) == {"uy", "y"}
+    assert command_column(seen, "x") == "ux"
+    with pytest.raises(InputError, match=r"r: z: the run has no response of axis z; there is x, y"):
+        of_axis(seen, "z", PLAIN)
+    with pytest.raises(InputError, match="runs hold the axes x, y, z"):
+        of_axis(seen, "theta", PLAIN)
+    del columns["ux"]
+    with pytest.raises(InputError, match="no command of axis x; there is uy"):
+        of_axis(seen, "x", PLAIN)
