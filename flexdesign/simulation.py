@@ -363,7 +363,7 @@ def _of_shape(
         looped = metrics.loop(asked, motion, period, shape.frequency).quantities()
         of_motion = ("loop_span", "loop_width", "loop_width_relative")  # over a reference the rest means nothing
         measured += [q for q in looped if experiment.command is not None or q.name in of_motion]
-    if isinstance(shape, (Step, Square)):
+    if isinstance(shape, Step) or (isinstance(shape, Square) and shape.cycles >= 1):
         at = shape.rest + (shape.wait if isinstance(shape, Step) else 0.5 / shape.frequency)
         until = time[-1] if isinstance(shape, Step) else at + 0.5 / shape.frequency - 0.5 * period
         part = (time >= at - 0.25 / shape.frequency if isinstance(shape, Square) else time >= 0) & (time <= until)

@@ -24,22 +24,28 @@ def plan(model: StageModel) -> Plan:
     Raises
     ------
     InputError
-        If an axis has no range of voltage.
+        If an axis has no range of voltage, rests outside of it, or does not move along a length.
     """
-    found = [experiment for name, axis in model.axes.items() for experiment in _of(name, axis)]
+    file = f"{model.name}.toml" if model.name else "stage model"
+    found = [experiment for name, axis in model.axes.items() for experiment in _of(name, axis, file)]
     return Plan("standard", "standard experiments", "", tuple(found), {}, {}, 1.6, True)
 
 
-def _of(name: str, axis: AxisModel) -> list[Experiment]:
+def _of(name: str, axis: AxisModel, file: str) -> list[Experiment]:
     low, high = stages.limits(axis)
+    field = f"axis.{name}.actuator.voltage_range"
     if not math.isfinite(high - low):
         remedy = 'is missing, so no range to try; write voltage_range = ["0 V", "150 V"], or name a study'
-        raise InputError("stage model", f"axis.{name}.actuator.voltage_range", None, remedy)
+        raise InputError(file, field, None, remedy)
+    if not low <= 0 <= high:
+        remedy = "does not hold zero volts, where a stage rests before a run; name a study of experiments"
+        raise InputError(file, field, f"{low:g} V to {high:g} V", remedy)
     if axis.response != "m":
-        raise InputError("stage model", f"axis.{name}.gain", axis.response, "is no length; name a study for this axis")
-    stroke = abs(stages.secant_gain(axis)) * axis.driver.gain * (high - low)
-    away = math.copysign(1.0, axis.gain)  # where the stage can go from rest
-    far = f"{1e6 * away * SHARE * stroke:.4g} um"
+        raise InputError(file, f"axis.{name}.gain", axis.response, "is no length; name a study for this axis")
+    gain = stages.secant_gain(axis) * axis.driver.gain
+    farthest = gain * (high if high >= -low else low)  # from rest
+    away, stroke = math.copysign(1.0, farthest), abs(gain) * (high - low)
+    far = f"{1e6 * SHARE * farthest:.4g} um"
     ends = {"low": "0 um", "high": far} if away > 0 else {"low": far, "high": "0 um", "begin": "high"}
     modes = [(axis.natural_frequency, axis.damping_ratio), *((m.frequency, m.damping_ratio) for m in axis.modes)]
     slowest = max(1 / (2 * math.pi * frequency * max(min(damping, 1.0), 1e-3)) for frequency, damping in modes)

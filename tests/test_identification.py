@@ -336,3 +336,17 @@ def test_the_electronic_oscillator() -> None:
     assert {run.name: run.rms for run in cubic.runs}["arrow"] < 1.3e-3
     assert cubic.model.axes["x"].natural_frequency == pytest.approx(68.3, abs=0.1)
     assert cubic.model.axes["x"].effects["stress_stiffening"]["cubic"] == pytest.approx(3.95, rel=0.02)
+
+
+@pytest.mark.slow
+def test_the_piezo_actuator() -> None:
+    """A proportional model leaves 4.8 % of the range; a Bouc-Wen loop that began somewhere on its way less than 0.66 %.
+
+    The numbers are those of the data's README. The step before the cycles rings at 967 Hz, damped: w sqrt(1 - zeta^2)
+    counted over few periods of 2.6 samples each, so that a tenth of it is asked for.
+    """
+    start = replace(START, natural_frequency=967.0, damping_ratio=0.03, gain=0.13e-6)
+    start = replace(start, effects={"bouc_wen": {"a": 0.02e-6, "b": 0.01, "c": 0.0, "n": 1.0}})
+    seen = identify(stage(start), shared("piezo-actuator"), free=[*FREE, "bouc_wen.rest"])
+    assert seen.runs[0].error < 0.0066
+    assert seen.model.axes["x"].natural_frequency == pytest.approx(967, rel=0.1)

@@ -150,10 +150,13 @@ def _division(period: float, substeps: int, delay: float) -> tuple[list[float], 
 def _passage(mode: Oscillator, step: float) -> tuple[float, ...]:
     """Return the 16 numbers of a mode's passage over a step, see `flexdesign.dynamics.layout.Modes`."""
     w = 2 * math.pi * mode.frequency
-    a, b = np.array([[0.0, 1.0], [-w * w, -2 * mode.damping_ratio * w]]), np.array([0.0, mode.share * w * w])
+    # In position and velocity over w, where the matrix is balanced; then in position and velocity.
+    a, b = w * np.array([[0.0, 1.0], [-1.0, -2 * mode.damping_ratio]]), w * np.array([0.0, mode.share])
     half, whole = linear.step(a, b, 0.5 * step), linear.step(a, b, step)
-    held = half.weights.sum(axis=1)
-    return tuple(map(float, (*half.transition.flat, *held, *whole.transition.flat, *whole.weights.flat)))
+    both, rows = np.array([[1.0, 1 / w], [w, 1.0]]), np.array([1.0, w])
+    held = rows * half.weights.sum(axis=1)
+    weights = rows[:, None] * whole.weights
+    return tuple(map(float, (*(both * half.transition).flat, *held, *(both * whole.transition).flat, *weights.flat)))
 
 
 class Keeper:
@@ -231,10 +234,11 @@ class _Moves:
 
     def laid_out(self, signals: int, upstream: int) -> Moves:
         """Return the moves as addresses."""
-        hooks, paths, outs, states, bases, constants = zip(*self.moves, strict=True)
-        path, out = np.array(paths), np.array(outs)
+        columns = zip(*self.moves, strict=True) if self.moves else ((),) * 6
+        hooks, paths, outs, states, bases, constants = columns
+        path, out = np.array(paths, dtype=np.int64), np.array(outs, dtype=np.int64)
         ints, reals = self.keep.ints, self.keep.reals
-        rows = np.array(constants).T.ravel()
+        rows = np.array(constants, dtype=np.int64).T.ravel()
         places = (ints(path), ints(out))
         return Moves(
             len(path),

@@ -27,6 +27,8 @@ def advance(h: float, start: float, end: float, a: float, b: float, c: float, n:
     if end == start:
         return h
     sign = 1.0 if end > start else -1.0
+    if n == 1.0:
+        return _first_order(h, abs(end - start), sign * a, b, c, sign)
     left, to_zero = abs(end - start), 0.0
     if h * sign < 0.0:  # h runs towards zero, where the slope changes
         to_zero = _travel_to_zero(h, sign, a, b, c, n)
@@ -38,15 +40,33 @@ def advance(h: float, start: float, end: float, a: float, b: float, c: float, n:
     return _stretch(h, left, sign, decay, a, n, near, near - left if towards else near + left)
 
 
+def _first_order(h: float, travel: float, slope: float, b: float, c: float, sign: float) -> float:
+    """Advance the exponentials of n = 1: dh/dp = sign a - (b - c) h towards zero, - (b + c) h away from it."""
+    if h * sign < 0.0:
+        end = _relaxed(h, travel, slope, b - c)
+        if end * sign <= 0.0:
+            return end
+        x = (b - c) * h / (slope - (b - c) * h)
+        travel += h / (slope - (b - c) * h) * (math.log1p(x) / x if abs(x) > 1e-12 else 1.0)
+        h = 0.0
+    return _relaxed(h, travel, slope, b + c)
+
+
+def _relaxed(h: float, travel: float, slope: float, rate: float) -> float:
+    """Return h after a stretch of dh/dp = slope - rate h."""
+    x = -rate * travel
+    if abs(x) > 0.02:
+        mean = math.expm1(x) / x
+    else:  # its series, exact to rounding here and free of divisions
+        mean = 1.0 + x * (1 / 2 + x * (1 / 6 + x * (1 / 24 + x * (1 / 120 + x * (1 / 720 + x / 5040)))))
+    return h + (slope - rate * h) * travel * mean
+
+
 def _stretch(h: float, travel: float, sign: float, decay: float, a: float, n: float, near: float, far: float) -> float:
     """Advance dh/dp = sign a - decay |h|^n while h keeps its sign; `decay` carries the sign of h.
 
     `near` and `far` are about how far the voltage is from where h is zero, at the start and at the end.
     """
-    if n == 1.0:
-        rate = decay if h > 0.0 or (h == 0.0 and sign > 0.0) else -decay  # per signed h
-        x = -rate * travel
-        return h + (sign * a - rate * h) * travel * (math.expm1(x) / x if x != 0.0 else 1.0)
     largest = abs(h)  # that |h| comes to on this stretch
     if h * sign >= 0.0:
         largest += a * travel
@@ -78,11 +98,6 @@ def _travel_to_zero(h: float, sign: float, a: float, b: float, c: float, n: floa
     decay = sign * (c - b)
     if (sign * a - decay * abs(h) ** n) * sign <= 0.0:
         return math.inf  # only outside b >= |c|: the loop runs away instead
-    if n == 1.0:
-        rate = -decay if h < 0.0 else decay
-        slope = sign * a - rate * h
-        x = rate * h / slope
-        return -h / slope * (math.log1p(x) / x if abs(x) > 1e-12 else 1.0)
     steps = 4 + math.floor(min(2 * n * abs(decay) * abs(h) ** n / a / FINENESS, 1e4))
     travel, left = 0.0, h
     for i in range(steps):  # Simpson's rule, on steps that shrink towards zero

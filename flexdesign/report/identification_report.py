@@ -178,7 +178,7 @@ def _figures(found: Identification, run: RunMatch) -> list[Figure]:
     compared = np.isfinite(run.measured)
     t, measured = run.time[compared], run.measured[compared] / scale
     left = (run.measured - run.predicted)[compared] / fine
-    signal = [Curve("measured", t, measured), Curve("predicted", t, run.predicted[compared] / scale)]
+    signal = [Curve("measured", t, measured), Curve("predicted", t, run.predicted[compared] / scale, dashed=True)]
     over_time = panels(
         [signal, [Curve("measured less predicted", t, left)]],
         "time [s]",
@@ -188,7 +188,10 @@ def _figures(found: Identification, run: RunMatch) -> list[Figure]:
     made = [Figure(file, over_time, f"{run.name} ({run.role}): measured and predicted, and what is left")]
     if is_slow(run, found.model.axes[found.axis].natural_frequency):
         command = run.command[compared]
-        loop = [Curve("measured", command, measured), Curve("predicted", command, run.predicted[compared] / scale)]
+        loop = [
+            Curve("measured", command, measured),
+            Curve("predicted", command, run.predicted[compared] / scale, dashed=True),
+        ]
         drawing = panels([loop], "command [V]", [f"{found.axis} [{_sign(large)}]"], height=3.4)
         made.append(Figure(f"loop_{file}", drawing, f"{run.name}: response over command"))
     return made

@@ -59,6 +59,12 @@ def test_linear_command_is_exact_however_late_it_acts(delay: float) -> None:
     assert found == pytest.approx(GAIN * 5e3 * (s - 2 * z / w + transient), abs=1e-11 * GAIN * 1500)
 
 
+def test_a_chain_with_nothing_before_its_modes_runs() -> None:
+    chain = AxisChain("x", 1.0, (MAIN,))
+    t = PERIOD * np.arange(50)
+    assert run(chain, np.ones(50), substeps=1) == pytest.approx(step_response(t, MAIN), abs=1e-12)
+
+
 def test_modes_add_up() -> None:
     modes = (Oscillator(118.3, 0.0242, 0.75), Oscillator(345.0, 0.01, 0.25))
     found = run(axis(modes=modes), np.ones(100), substeps=1)
