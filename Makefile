@@ -8,7 +8,7 @@ UV_VERSION := 0.13.8
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo example test slow lint format lock clean clean-venv
+.PHONY: help demo example test benchmark slow lint format lock clean clean-venv
 
 help: ## Show this list
 	@echo "make TARGET [PYTHON=python3.12]"
@@ -17,11 +17,16 @@ help: ## Show this list
 demo: $(VENV)/.ready ## Validate the bridge amplifier: report in reports/bridge_amplifier
 	$(BIN)/flexdesign validate bridge_amplifier --out reports/bridge_amplifier
 
-example: $(VENV)/.ready ## Make the kept example report anew; README's table and picture are its
+example: $(VENV)/.ready ## Make the kept example reports anew; README's tables and pictures are theirs
 	$(BIN)/flexdesign validate bridge_amplifier --out reports/examples/bridge_amplifier
+	$(BIN)/flexdesign simulate lin2019_stage lin2019_experiments --out reports/examples/lin2019_experiments
+	$(BIN)/python -m studies.lin2019_gains --out reports/examples/lin2019_gains
 
 test: $(VENV)/.ready ## Run the tests, with coverage
 	$(BIN)/python -m pytest --cov
+
+benchmark: $(VENV)/.ready ## Time the dynamics engine beside SciPy at equal accuracy; a few minutes
+	$(BIN)/python -m studies.benchmarks.dynamics
 
 slow: $(VENV)/.ready ## Run the long studies that `test` leaves out
 	$(BIN)/python -m pytest -m slow
