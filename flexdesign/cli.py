@@ -197,10 +197,12 @@ def simulate(
 
     of_study = [o for o in overrides or [] if o.partition("=")[0].strip() in experiments.SETTINGS]
     of_model = [o for o in overrides or [] if o not in of_study]
+    if of_study and not study:
+        raise InputError("command line", "--set", of_study[0], "is a setting of a study of experiments; name the study")
     with terminal.progress() as progress:
         stage = stage_model.read(model, of_model)
         plan = experiments.read(study, list(stage.axes), of_study) if study else standard_experiments.plan(stage)
-        variants = {n: stage_model.read(model, [*of_model, *v.set]) for n, v in plan.variants_in_use().items()}
+        variants = experiments.variants(plan, lambda changes: stage_model.read(model, [*of_model, *changes]))
         folder = out or Path("reports") / f"{stage.name}_{plan.name}"
         render.prepare(folder)
         found = simulation.run(stage, variants, plan, progress)

@@ -88,7 +88,8 @@ def cycled(axis: AxisModel) -> AxisModel:
     if hysteresis is None or hysteresis.get("rest") or not math.isfinite(high - low) or not low <= 0 <= high:
         return axis
     bottom, _ = _steady(hysteresis, low, high)
-    rest = bouc_wen.advance(bottom, low, 0.0, *_numbers(hysteresis))
+    # Where the gain is negative the hysteresis runs with the voltage upside down, and it is odd.
+    rest = math.copysign(1.0, axis.gain) * bouc_wen.advance(bottom, low, 0.0, *_numbers(hysteresis))
     return replace(axis, effects={**axis.effects, "bouc_wen": {**hysteresis, "rest": rest}})
 
 

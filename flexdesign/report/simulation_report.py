@@ -72,7 +72,7 @@ def result(simulation: Simulation) -> dict[str, Any]:
                     for axis, m in case.margins.items()
                 },
                 "cautions": list(case.cautions),
-                "integration": {"error": case.response.error, "steps_per_sample": case.response.substeps},
+                "integration": {"error": _finite(case.response.error), "steps_per_sample": case.response.substeps},
                 "diverged": {"value": case.response.diverged, "unit": "s"} if case.response.diverged else None,
             }
             for case in simulation.cases
@@ -174,7 +174,8 @@ def digest(simulation: Simulation) -> Table:
     for case in simulation.cases:
         for axis in case.experiment.axes:
             found = [q for q in case.measures.get(axis, ()) if q.name in BRIEF]
-            said = ", ".join(f"{WORDS[q.name]} {_text(q)}" for q in found) or "unstable"
+            nothing = "–" if case.response.diverged is None else "unstable"
+            said = ", ".join(f"{WORDS[q.name]} {_text(q)}" for q in found) or nothing
             rows.append([case.experiment.name, _who(case), axis, said])
     return Table(["experiment", "run", "axis", "measured"], rows)
 
@@ -201,6 +202,8 @@ def _verdict(compared: Compared) -> str:
         return "not the same quantity"
     off = compared.ours.value - compared.published.si
     width = compared.published.half_width
+    if compared.published.si == 0:
+        return f"off by {compared.ours.shown(3)}"
     relative = f"{100 * off / compared.published.si:+.3g} %"
     return f"{relative}, within ±" if width is not None and abs(off) <= width else relative
 
