@@ -5,22 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign import metrics, units
-from flexdesign.control import feedforward, ziegler_nichols
+from flexdesign.control import feedforward
 from flexdesign.control import pid as pids
 from flexdesign.control.margins import Margins, margins
-from flexdesign.control.plant import Plant
 from flexdesign.control.sampled_loop import open_loop
-from flexdesign.control.tuning import Tuning, tune
 from flexdesign.dynamics import stage as stages
 from flexdesign.dynamics.simulate import Loop, Response, simulate
 from flexdesign.errors import InputError
 from flexdesign.experiments import AS_MODELLED, Experiment, Plan, Published, pieces
+from flexdesign.loop_design import Designer, plant
 from flexdesign.model import Quantity
 from flexdesign.stage_model import AxisModel, StageModel
 from flexdesign.trajectory import Line, Sine, Square, Staircase, Step, Triangle
@@ -156,7 +154,7 @@ def run(model: StageModel, variants: Mapping[str, StageModel], plan: Plan, progr
     if plan.cycled:
         known = {name: replace(v, axes={n: stages.cycled(a) for n, a in v.axes.items()}) for name, v in known.items()}
         model = known[AS_MODELLED]
-    designers = {stage.controller.rate: _Designer(plan, 1.0 / stage.controller.rate) for stage in known.values()}
+    designers = {stage.controller.rate: Designer(plan, 1.0 / stage.controller.rate) for stage in known.values()}
     for experiment in plan.experiments:  # what cannot be sampled is refused before anything is run
         for variant in experiment.variants:
             _sampled(plan, experiment, 1.0 / known[variant].controller.rate)
@@ -178,43 +176,8 @@ def _believes_otherwise(plan: Plan, variant: str) -> bool:
     return variant in plan.variants and not plan.variants[variant].controllers_know
 
 
-def plant(axis: AxisModel, delay: float) -> Plant:
-    """Return what a linear controller sees of an axis: its modes behind the secant gain, and lags as delays."""
-    lags = sum(1 / (2 * math.pi * b) for b in (axis.driver.bandwidth, axis.sensor.bandwidth))
-    share = axis.main_share
-    further = tuple((mode.frequency, mode.damping_ratio, mode.share / share) for mode in axis.modes)
-    gain = stages.secant_gain(axis) * axis.driver.gain * share
-    return Plant(gain, axis.natural_frequency, axis.damping_ratio, delay + lags, further)
-
-
-class _Designer:
-    """Makes controllers for a stage, each once."""
-
-    def __init__(self, plan: Plan, period: float) -> None:
-        self.plan, self.period = plan, period
-        self._robust = cache(self._tune)
-
-    def pid(self, piece: str, name: str, axis: AxisModel, delay: float) -> pids.PID:
-        """Return the PID that a controller's name stands for."""
-        seen = plant(axis, delay)
-        if piece in self.plan.controllers:
-            gains = self.plan.controllers[piece].axis[name]
-            return pids.PID(gains.in_volts(seen.static_gain), gains.ti, gains.td)
-        # Tuned for the mirrored plant where the gain is negative, and mirrored back.
-        sign = math.copysign(1.0, seen.gain)
-        upright = replace(seen, gain=abs(seen.gain))
-        if piece == "ziegler-nichols":
-            found = ziegler_nichols.rule(ziegler_nichols.ultimate(upright.discretise(self.period)))
-        else:
-            found = self._robust(upright).pid
-        return found.scaled(sign)
-
-    def _tune(self, seen: Plant) -> Tuning:
-        return tune(seen, self.period, self.plan.robust_ms)
-
-
 def _case(
-    experiment: Experiment, variant: str, controller: str, truth: StageModel, believed: StageModel, designer: _Designer
+    experiment: Experiment, variant: str, controller: str, truth: StageModel, believed: StageModel, designer: Designer
 ) -> Case:
     period, delay = designer.period, truth.controller.delay
     wanted = _sampled(designer.plan, experiment, period)
@@ -233,7 +196,7 @@ def _case(
                 try:
                     found[name] = designer.pid(piece, name, axis, believed.controller.delay)
                 except InputError as error:
-                    raise NoController(f"{name}: the plant {error.remedy}") from error
+                    raise NoController(f"{name}: the {error.file} {error.remedy}") from error
                 controllers.append(pids.controller(found[name], piece))
                 actual = plant(truth.axes[name], delay)
                 seen[name] = margins(open_loop(actual, found[name], period))

@@ -18,6 +18,7 @@ KNOWN = {
     "open loop": "the command is the reference over the secant gain",
     "feedforward": "the command that the model's inverse gives, the loop's delay and half a sample ahead",
     "ziegler-nichols": "PID by the classical rule, from the ultimate gain of the model's sampled loop",
+    "ziegler-nichols by experiment": "the same, from the oscillation of the simulated stage, hysteresis included",
     "robust": "PID of the smallest worst-case error integral whose sensitivity stays below a limit",
 }
 #: Those that give a command; the others are feedbacks.
