@@ -390,7 +390,7 @@ def _updated(axis: AxisModel, search: _Search, runs: Sequence[str]) -> AxisModel
         uncertainty.pop("mass", None)
         if "stiffness" in axis.uncertainty:
             uncertainty["mass"] = _rounded(math.hypot(axis.uncertainty["stiffness"], 2 * relative["natural_frequency"]))
-    assumed = dict.fromkeys([*(name for name in axis.assumed if name not in values), *guessed])
+    assumed = dict.fromkeys([*axis.still_assumed(values), *guessed])
     return replace(search.dynamics.axis, uncertainty=uncertainty, assumed=tuple(assumed), sources=sources)
 
 

@@ -661,3 +661,16 @@ def test_other_files_are_told_from_stage_models(tmp_path: Path) -> None:
     written(tmp_path, STAGE, "stage_model.toml")
     refused(lambda: stage_model.read(tmp_path), tmp_path.name, "", None, "is a folder", "stage_model.toml")
     refused(lambda: stage_model.read("no/where.toml"), "command line", "MODEL", "no/where.toml", "no such stage model")
+
+
+def test_what_is_known_is_no_longer_assumed() -> None:
+    effect = {"bouc_wen": {"a": 1e-7, "b": 0.02, "c": 0.0, "n": 1.0, "rest": 0.0}}
+    axis = AxisModel(100.0, 0.02, 1e-6, effects=effect, assumed=("damping_ratio", "bouc_wen"))
+    assert axis.still_assumed([]) == ("damping_ratio", "bouc_wen")
+    assert axis.still_assumed(["bouc_wen.a", "bouc_wen.b"]) == (
+        "damping_ratio",
+        "bouc_wen.c",
+        "bouc_wen.n",
+        "bouc_wen.rest",
+    )
+    assert axis.still_assumed(["damping_ratio"]) == ("bouc_wen",)

@@ -35,6 +35,8 @@ MARGIN = 2
 EXACT = 1e-3
 #: A mode at half its damping has decayed to this share of the first command's response before a record begins.
 SETTLED = 1e-4
+#: A response that moves by more than this share of its span, while its command stands still, rings from before.
+RINGS = 0.05
 #: A command that moves less than this share of its span in the first period of the mode stands still.
 STILL = 0.01
 #: Periods of the mode after which it is taken to have settled, however small its damping.
@@ -182,13 +184,15 @@ class AxisDynamics:
     def unknown_start(self, run: Run) -> int:
         """Return how many samples at the start of a run depend on what happened before; zero if it begins settled.
 
-        A command that moves as the record begins has moved before it, too. What the mode did then is unknown, and
-        has decayed to a thousandth after so many samples.
+        A command that moves as the record begins has moved before it, too, and so has one under which the response
+        rings while it stands still. What the mode did then is unknown, and has decayed to a thousandth after so many
+        samples.
         """
-        command, mode = self.command(run), self.first
+        command, response, mode = self.command(run), run.measured(), self.first
         period = max(1, math.ceil(1 / (mode.natural_frequency * run.period)))
-        span = float(np.ptp(command))
-        if abs(command[0]) <= 1e-3 * span or float(np.ptp(command[: period + 1])) <= STILL * span:
+        span, rings = float(np.ptp(command)), float(np.ptp(response[: period + 1])) > RINGS * float(np.ptp(response))
+        stands = float(np.ptp(command[: period + 1])) <= STILL * span
+        if (abs(command[0]) <= 1e-3 * span and not stands) or (stands and not rings):
             return 0
         return min(math.ceil(self._decay(1e-3, mode.damping_ratio) / run.period), len(command) // 2)
 

@@ -327,7 +327,7 @@ def _stage(simulation: Simulation) -> Section:
 
 
 def write_runs(simulation: Simulation, folder: Path) -> None:
-    """Write every response as a recording, command and readings of all axes, sampled as the controller samples.
+    """Write every response as a recording, commands and readings of all axes, and that its commands were held.
 
     Raises
     ------
@@ -338,6 +338,7 @@ def write_runs(simulation: Simulation, folder: Path) -> None:
 
     render.prepare(folder)
     folder.mkdir(parents=True, exist_ok=True)
+    tables = []
     for case in simulation.cases:
         words = f"{case.experiment.name} {case.controller} {case.variant}"
         name = "".join(c if c.isalnum() else "_" for c in words)
@@ -345,3 +346,5 @@ def write_runs(simulation: Simulation, folder: Path) -> None:
         columns = {f"u{axis} [V]": response.command[row] for row, axis in enumerate(case.axes)}
         columns |= {f"{axis} [um]": response.reading[row] for row, axis in enumerate(case.axes)}
         write_run(folder / f"{name}.csv", response.time, columns, comment=words)
+        tables.append(f'[[run]]\nfile = "{name}.csv"\nbetween_samples = "hold"\n')
+    (folder / "measurements.toml").write_text("\n".join(tables), encoding="utf-8")

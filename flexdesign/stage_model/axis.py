@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 
 #: How far a stated natural frequency may be from that of mass and stiffness, relative: each may be off by half a unit
@@ -193,6 +193,15 @@ class AxisModel:
     def main_share(self) -> float:
         """The part of the static response that the main mode carries [1]."""
         return 1.0 - math.fsum(mode.share for mode in self.modes)
+
+    def still_assumed(self, known: Collection[str]) -> tuple[str, ...]:
+        """Return what stays assumed once some numbers are known; of a whole table the numbers that are left."""
+        left: list[str] = []
+        for name in self.assumed:
+            members = [number for number in self.numbers if number == name or number.startswith(f"{name}.")]
+            named = any(member in known for member in members)
+            left += [member for member in members if member not in known] if named else [name]
+        return tuple(left)
 
     @property
     def numbers(self) -> dict[str, float]:
