@@ -209,7 +209,7 @@ def simulate(
         progress("writing")
         document = simulation_report.document(found)
         result = simulation_report.result(found)
-        others = {"stage_model.toml": stage.to_toml()}
+        others = {"stage_model.toml": found.model.to_toml()}
         written = render.write(folder, document, result, others)
         if with_runs:
             simulation_report.write_runs(found, folder / "runs")

@@ -28,12 +28,21 @@ EXPERIMENT_STEP = 1.0
 
 
 def plant(axis: AxisModel, delay: float) -> Plant:
-    """Return what a linear controller sees of an axis: its modes behind the secant gain, and lags as delays."""
-    lags = sum(1 / (2 * math.pi * b) for b in (axis.driver.bandwidth, axis.sensor.bandwidth))
+    """Return what a linear controller sees of an axis: its modes behind the secant gain, driver and sensor as lags.
+
+    Parameters
+    ----------
+    axis
+        The axis. A driver or a sensor of infinite bandwidth has no lag.
+    delay
+        Delay of the loop beside the hold [s].
+    """
+    bandwidths = (axis.driver.bandwidth, axis.sensor.bandwidth)
+    lags = tuple(1 / (2 * math.pi * bandwidth) for bandwidth in bandwidths if math.isfinite(bandwidth))
     share = axis.main_share
     further = tuple((mode.frequency, mode.damping_ratio, mode.share / share) for mode in axis.modes)
     gain = stages.secant_gain(axis) * axis.driver.gain * share
-    return Plant(gain, axis.natural_frequency, axis.damping_ratio, delay + lags, further)
+    return Plant(gain, axis.natural_frequency, axis.damping_ratio, delay, further, lags)
 
 
 class Designer:
@@ -81,8 +90,9 @@ class Designer:
         """Return the rule's PID from the oscillation of the simulated axis itself, hysteresis and all."""
         alone = StageModel({"x": replace(axis, sensor=replace(axis.sensor, noise=0.0))})
         stage = replace(stages.stage(alone), limits={})
-        decay = min(2 * math.pi * frequency * damping for frequency, damping, _ in seen.all_modes)
-        count = math.ceil(max(EXPERIMENT / decay, OSCILLATIONS / seen.natural_frequency) / self.period)
+        times = [1 / (2 * math.pi * frequency * damping) for frequency, damping, _ in seen.all_modes if damping > 0]
+        slowest = max([*times, *seen.lags])
+        count = math.ceil(max(EXPERIMENT * slowest, OSCILLATIONS / seen.natural_frequency) / self.period)
         step = np.full(count, EXPERIMENT_STEP * abs(seen.static_gain))
 
         def respond(kp: float) -> Array:

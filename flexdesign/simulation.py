@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign import metrics, units
+from flexdesign import measuring, units
 from flexdesign.control import feedforward
 from flexdesign.control import pid as pids
 from flexdesign.control.margins import Margins, margins
@@ -21,7 +21,6 @@ from flexdesign.experiments import AS_MODELLED, Experiment, Plan, Published, pie
 from flexdesign.loop_design import Designer, plant
 from flexdesign.model import Quantity
 from flexdesign.stage_model import AxisModel, StageModel
-from flexdesign.trajectory import Line, Sine, Square, Staircase, Step, Triangle
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -148,9 +147,13 @@ def run(model: StageModel, variants: Mapping[str, StageModel], plan: Plan, progr
     Raises
     ------
     InputError
-        If a trajectory cannot be sampled at the controller's rate, a variant has other axes, or no tuning is found.
+        If an axis responds in another unit than a length, or a trajectory cannot be sampled at the controller's rate.
     """
     known = {AS_MODELLED: model, **variants}
+    for name, axis in model.axes.items():
+        if axis.response != "m":
+            remedy = "is no length; experiments are in micrometres, so give a model of such an axis to identify alone"
+            raise InputError(f"{model.name}.toml", f"axis.{name}.gain", f"in {axis.response}/V", remedy)
     if plan.cycled:
         known = {name: replace(v, axes={n: stages.cycled(a) for n, a in v.axes.items()}) for name, v in known.items()}
         model = known[AS_MODELLED]
@@ -187,9 +190,8 @@ def _case(
         command, controllers = np.zeros_like(asked), []
         for piece in pieces(controller):
             if piece == "open loop":
-                command = (
-                    asked if experiment.command is not None else feedforward.secant(asked, stages.secant_gain(axis))
-                )
+                gain = stages.secant_gain(axis) * axis.driver.gain
+                command = asked if experiment.command is not None else feedforward.secant(asked, gain)
             elif piece == "feedforward":
                 command = _inverse(believed, name, asked, period)
             else:
@@ -197,6 +199,8 @@ def _case(
                     found[name] = designer.pid(piece, name, axis, believed.controller.delay)
                 except InputError as error:
                     raise NoController(f"{name}: the {error.file} {error.remedy}") from error
+                if len(pieces(controller)) > 1:  # what a feedforward does must not look like a disturbance
+                    found[name] = replace(found[name], proportional_weight=1.0, derivative_weight=1.0)
                 controllers.append(pids.controller(found[name], piece))
                 actual = plant(truth.axes[name], delay)
                 seen[name] = margins(open_loop(actual, found[name], period))
@@ -213,7 +217,9 @@ def _case(
     response = simulate(stages.stage(truth), loops, period, delay=delay, oversampling=finer)
     reference = _on_response(experiment, list(truth.axes), response, period / finer)
     cautions += _ran(response, list(truth.axes), experiment)
-    measured, unmeasured = _measures(experiment, reference, response, list(truth.axes), period / finer, bool(found))
+    measured, unmeasured = measuring.measure(
+        experiment, reference, response, list(truth.axes), period / finer, bool(found)
+    )
     said, axes = tuple(dict.fromkeys([*cautions, *unmeasured])), tuple(truth.axes)
     return Case(experiment, variant, controller, axes, reference, response, measured, found, seen, said)
 
@@ -233,8 +239,8 @@ def _sampled(plan: Plan, experiment: Experiment, period: float) -> Array:
 def _inverse(model: StageModel, name: str, asked: Array, period: float) -> Array:
     """Return the feedforward command that an axis model says gives the motion, its clock and lags made up for."""
     axis, delay = model.axes[name], model.controller.delay
-    lags = sum(1 / (2 * math.pi * b) for b in (axis.driver.bandwidth,))
-    early = feedforward.ahead(asked, period, 0.5 * period + delay + lags)
+    lag = 1 / (2 * math.pi * axis.driver.bandwidth)
+    early = feedforward.ahead(asked, period, 0.5 * period + delay + lag)
     try:
         return feedforward.inverse(early, axis.gain, axis.effects.get("bouc_wen")) / axis.driver.gain
     except ValueError as error:
@@ -279,74 +285,6 @@ def _ran(response: Response, axes: Sequence[str], experiment: Experiment) -> lis
     if response.diverged is None and response.error > 1e-5:
         said.append(f"the integration error is estimated at {response.error:.1e} of the span, more than usual.")
     return said
-
-
-# --- measures ---------------------------------------------------------------------------------------------------
-
-
-def _measures(
-    experiment: Experiment, reference: Array, response: Response, axes: list[str], period: float, closed: bool
-) -> tuple[dict[str, tuple[Quantity, ...]], list[str]]:
-    """Measure each axis that was driven, and how much the others moved with it; and say what was not measured."""
-    found: dict[str, tuple[Quantity, ...]] = {}
-    said: list[str] = []
-    if response.diverged is not None:
-        return found, said
-    for name in experiment.axes:
-        row = axes.index(name)
-        asked, motion = reference[row], response.motion[row]
-        found[name] = (Quantity("amplitude", float(np.ptp(motion)), "m", "um"),)
-        try:
-            found[name] += _of_shape(experiment, asked, motion, response.time, period, closed)
-        except ValueError as error:  # too short or too still for what its shape has measures for
-            said.append(f"{name}: not measured: {error}.")
-    if len(experiment.axes) == 1 and len(axes) > 1:
-        driven = response.motion[axes.index(experiment.axes[0])]
-        for name in axes:
-            if name not in experiment.axes and np.ptp(driven) > 0:
-                moved = metrics.coupling(driven, response.motion[axes.index(name)])
-                found[name] = (
-                    Quantity("coupled_motion", moved.other, "m", "um"),
-                    *moved.quantities(),
-                )
-    if isinstance(experiment.trajectory, Line) and experiment.reference is not None:
-        rows = [axes.index(name) for name in experiment.axes]
-        strayed = metrics.contour(reference[rows], response.motion[rows], period, within=0.05)
-        found["all axes"] = strayed.quantities()
-    return found, said
-
-
-def _of_shape(
-    experiment: Experiment, asked: Array, motion: Array, time: Array, period: float, closed: bool
-) -> tuple[Quantity, ...]:
-    """Return the measures that fit the shape of what was asked."""
-    shape = experiment.trajectory
-    measured: list[Quantity] = []
-    if isinstance(shape, (Sine, Triangle)) and shape.cycles >= 1:
-        looped = metrics.loop(asked, motion, period, shape.frequency).quantities()
-        of_motion = ("loop_span", "loop_width", "loop_width_relative")  # over a reference the rest means nothing
-        measured += [q for q in looped if experiment.command is not None or q.name in of_motion]
-    if isinstance(shape, Step) or (isinstance(shape, Square) and shape.cycles >= 1):
-        at = shape.rest + (shape.wait if isinstance(shape, Step) else 0.5 / shape.frequency)
-        until = time[-1] if isinstance(shape, Step) else at + 0.5 / shape.frequency - 0.5 * period
-        part = (time >= at - 0.25 / shape.frequency if isinstance(shape, Square) else time >= 0) & (time <= until)
-        rest = motion[part][-max(1, int(0.1 * (until - at) / period)) :].mean()
-        goal = float(asked[part][-1])
-        target = goal if closed else float(rest)
-        if not np.ptp(motion[part]) > 0:
-            return ()  # cut off by limits, as the cautions say
-        stepped = metrics.step_response(time[part], motion[part], target, at=at)
-        measured += [q for q in stepped.quantities() if q.name != "steady_error" or closed]
-        if not closed and experiment.reference is not None:
-            measured.append(Quantity("steady_error", goal - float(rest), "m", "um"))
-    elif isinstance(shape, Staircase) and experiment.reference is not None:
-        early = math.ceil(0.05 * shape.dwell / period)  # before a feedforward that looks ahead leaves the stair
-        before_jumps = np.maximum(np.flatnonzero(np.diff(asked, append=asked[-1] + 1.0)) - early, 0)
-        left = (asked - motion)[before_jumps]
-        measured.append(Quantity("steady_error", float(left[np.argmax(np.abs(left))]), "m", "um", "end of stairs"))
-    elif experiment.reference is not None:
-        measured += metrics.tracking(asked, motion, period).quantities()
-    return tuple(measured)
 
 
 def validity(model: StageModel) -> list[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import pytest
 
@@ -23,6 +22,19 @@ def test_the_experiment_on_a_linear_stage_gives_what_analysis_gives(delay: float
     designer = Designer(PLAN, PERIOD)
     analytic = designer.pid("ziegler-nichols", "x", AXIS, delay)
     tried = designer.pid("ziegler-nichols by experiment", "x", AXIS, delay)
+    assert tried.kp == pytest.approx(analytic.kp, rel=2e-3)
+    assert tried.ti == pytest.approx(analytic.ti, rel=1e-3)
+
+
+def test_the_experiment_sees_the_lags_that_analysis_sees() -> None:
+    """Taken as delays of the same length, these lags would give an ultimate gain lower by 9 %."""
+    driver, sensor = (
+        dataclasses.replace(AXIS.driver, bandwidth=300.0),
+        dataclasses.replace(AXIS.sensor, bandwidth=800.0),
+    )
+    axis, designer = dataclasses.replace(AXIS, driver=driver, sensor=sensor), Designer(PLAN, PERIOD)
+    analytic = designer.pid("ziegler-nichols", "x", axis, 0.4e-3)
+    tried = designer.pid("ziegler-nichols by experiment", "x", axis, 0.4e-3)
     assert tried.kp == pytest.approx(analytic.kp, rel=2e-3)
     assert tried.ti == pytest.approx(analytic.ti, rel=1e-3)
 
@@ -51,8 +63,15 @@ def test_a_linear_design_sees_all_modes_and_lags() -> None:
         AXIS,
         modes=(Mode(345.0, 0.01, 0.25),),
         driver=dataclasses.replace(AXIS.driver, gain=10.0, bandwidth=500.0),
+        sensor=dataclasses.replace(AXIS.sensor, bandwidth=2000.0),
     )
     seen = plant(axis, 1e-3)
     assert seen.static_gain == pytest.approx(10.0 * AXIS.gain, rel=1e-12)
     assert seen.gain == pytest.approx(0.75 * 10.0 * AXIS.gain, rel=1e-12)
-    assert seen.delay == pytest.approx(1e-3 + 1 / (2 * math.pi * 500.0), rel=1e-12)
+    assert seen.delay == 1e-3
+    # A bandwidth is where a lag has fallen to 1/sqrt(2) and trails by 45 deg.
+    bare = dataclasses.replace(seen, lags=())
+    for bandwidth, lag in zip((500.0, 2000.0), seen.lags, strict=True):
+        ratio = dataclasses.replace(bare, lags=(lag,)).response(bandwidth) / bare.response(bandwidth)
+        assert ratio == pytest.approx((1 - 1j) / 2, rel=1e-12)
+    assert plant(AXIS, 1e-3).lags == ()

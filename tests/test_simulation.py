@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from flexdesign import experiments, simulation, stage_model, standard_experiments
+from flexdesign.dynamics import stage as stages
 from flexdesign.report import simulation_report
 from flexdesign.report.render import to_markdown
 from flexdesign.runs import read_run, read_runs
@@ -319,8 +320,12 @@ def test_a_run_writes_report_and_figures(inputs: Path, command_line: Run) -> Non
     assert (folder / "report.html").read_text(encoding="utf-8").count("data:image/svg+xml") == len(figures)
     for name in ("report.html", "report.md", "result.json", "stage_model.toml"):
         assert name in ended.stdout
-    again = stage_model.read(folder / "stage_model.toml")
-    assert again.axes == stage_model.read(inputs / "model.toml").axes
+    again = stage_model.read(folder / "stage_model.toml").axes["x"]
+    ran = stages.cycled(stage_model.read(inputs / "model.toml").axes["x"])  # the stage that the report is about
+    assert again.numbers == pytest.approx(ran.numbers, rel=1e-6)
+    assert again.effects["bouc_wen"]["rest"] < 0
+    described = (folder / "runs" / "measurements.toml").read_text(encoding="utf-8")
+    assert described.count('between_samples = "hold"') == 5
 
 
 def test_recordings_are_what_identify_reads(inputs: Path, command_line: Run) -> None:
@@ -445,3 +450,34 @@ def test_a_controller_that_does_not_exist_is_left_out_and_named(tmp_path: Path) 
     text = report(found)
     assert "Not run: ziegler-nichols on as modelled: x: the plant is unstable under small proportional gains" in text
     assert all(case.controller != "ziegler-nichols" for case in found.cases)
+
+
+@pytest.mark.parametrize("gain", [15.0, -15.0])
+def test_the_driver_gain_changes_the_command_and_nothing_else(inputs: Path, gain: float) -> None:
+    """Limits and hysteresis are at the stack: every controller must find the same stage behind any amplifier."""
+    upright = stage_model.read(inputs / "model.toml")
+    axis = upright.axes["x"]
+    amplified = replace(upright, axes={"x": replace(axis, driver=replace(axis.driver, gain=gain))})
+    plans = [standard_experiments.plan(model) for model in (upright, amplified)]
+    pairs = [
+        simulation.run(model, {}, replace(plans[0], variants={}), lambda _: None) for model in (upright, amplified)
+    ]
+    assert [e.name for e in plans[0].experiments] == [e.name for e in plans[1].experiments]
+    for one, other in zip(pairs[0].cases, pairs[1].cases, strict=True):
+        if one.experiment.command is None:
+            assert other.response.motion == pytest.approx(one.response.motion, abs=1e-11)
+            assert other.response.command == pytest.approx(one.response.command / gain, abs=1e-6)
+
+
+def test_beside_a_feedforward_all_of_a_pid_sees_the_reference(inputs: Path) -> None:
+    model = stage_model.read(inputs / "model.toml")
+    cases = {
+        (c.experiment.name, c.controller): c
+        for c in simulation.run(model, {}, standard_experiments.plan(model), lambda _: None).cases
+    }
+    both, alone = cases["sine x", "feedforward + robust"], cases["sine x", "feedforward"]
+    assert both.pid["x"].proportional_weight == both.pid["x"].derivative_weight == 1.0
+    assert cases["sine x", "robust"].pid["x"].proportional_weight == 0.0
+    errors = [case.measure("x", "max_error") for case in (both, alone)]
+    assert errors[0] is not None and errors[1] is not None
+    assert errors[0].value < errors[1].value

@@ -44,16 +44,6 @@ def inverse(wanted: Array, gain: float, hysteresis: Mapping[str, float] | None) 
     return math.copysign(1.0, gain) * kernels.ticked(bouc_wen.invert, wanted, 2, constants)
 
 
-def with_dynamics(wanted: Array, period: float, natural_frequency: float, damping_ratio: float) -> Array:
-    """Return the drive under which one mode follows a smooth motion: r + 2 zeta r'/w + r''/w^2.
-
-    Derivatives are central differences of the samples.
-    """
-    w = 2 * math.pi * natural_frequency
-    rate = np.gradient(wanted, period)
-    return wanted + 2 * damping_ratio / w * rate + np.gradient(rate, period) / w**2
-
-
 def ahead(wanted: Array, period: float, lead: float) -> Array:
     """Return a motion earlier by `lead` [s]: what a held and late command must aim at.
 

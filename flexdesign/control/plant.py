@@ -1,4 +1,4 @@
-"""The plant of a control loop: a stage that answers a command like one or several modes, after a delay.
+"""The plant of a control loop: a stage that answers a command like one or several modes, after lags and a delay.
 
 The sampled plant is exact, for any delay: under a zero-order hold the input during one sampling period is the
 command of one sample up to the moment when the next one arrives, and both parts integrate in closed form. This is
@@ -46,7 +46,7 @@ class Sampled(NamedTuple):
 
 @dataclass(frozen=True)
 class Plant:
-    """G(s) = gain w0^2 / (s^2 + 2 zeta w0 s + w0^2) exp(-delay s), and further modes beside it.
+    """G(s) = gain w0^2 / (s^2 + 2 zeta w0 s + w0^2) exp(-delay s), further modes beside it, lags in series with all.
 
     Parameters
     ----------
@@ -60,11 +60,13 @@ class Plant:
         Delay between command and reading, beside the hold [s].
     modes
         Further modes, each ``(natural_frequency [Hz], damping_ratio, share)``: its static gain is `share` times `gain`.
+    lags
+        Time constants tau [s] of first-order lags 1 / (1 + tau s) in series with the modes: driver, sensor.
 
     Raises
     ------
     InputError
-        If a number is not finite, a frequency is not positive, or a damping ratio or the delay is negative.
+        If a number is not finite, a frequency or a lag is not positive, or a damping ratio or the delay is negative.
 
     >>> Plant(gain=2.0, natural_frequency=100.0, damping_ratio=0.02).static_gain
     2.0
@@ -75,6 +77,7 @@ class Plant:
     damping_ratio: float
     delay: float = 0.0
     modes: tuple[Mode | tuple[float, float, float], ...] = ()
+    lags: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.gain) or self.gain == 0:
@@ -90,6 +93,9 @@ class Plant:
                 raise InputError("plant", f"{where}damping_ratio", damping, "must be zero or more")
             if not math.isfinite(share):
                 raise InputError("plant", f"{where}share", share, "must be a finite number")
+        for i, lag in enumerate(self.lags, start=1):
+            if not (math.isfinite(lag) and lag > 0):
+                raise InputError("plant", f"lags.{i}", f"{lag:g} s", "must be above zero; leave out a lag that is none")
 
     @classmethod
     def from_time_constants(cls, gain: float, t1: float, t2: float, delay: float = 0.0) -> Plant:
@@ -130,12 +136,12 @@ class Plant:
         return self.gain * sum(mode.share for mode in self.all_modes)
 
     def shifted(self, factor: float) -> Plant:
-        """Return the plant with all its natural frequencies multiplied by `factor`, static gain and delay kept."""
+        """Return the plant with its natural frequencies multiplied by `factor`; static gain, lags and delay stay."""
         modes = tuple(Mode(m.natural_frequency * factor, m.damping_ratio, m.share) for m in self.all_modes[1:])
         return replace(self, natural_frequency=self.natural_frequency * factor, modes=modes)
 
     def response(self, frequencies: ArrayLike) -> NDArray[np.complex128]:
-        """Return the frequency response of the continuous plant, delay included and hold excluded.
+        """Return the frequency response of the continuous plant, lags and delay included and hold excluded.
 
         Parameters
         ----------
@@ -146,17 +152,19 @@ class Plant:
         np.complex128(-50j)
         """
         f = np.asarray(frequencies, dtype=float)
-        total: NDArray[np.complex128] = np.zeros(f.shape, dtype=complex)
-        for frequency, damping, share in self.all_modes:
-            ratio = f / frequency
-            total = total + share / (1 - ratio**2 + 2j * damping * ratio)
-        return self.gain * total * np.exp(-2j * math.pi * f * self.delay)
+        total = self._modal(f) * np.exp(-2j * math.pi * f * self.delay)
+        for lag in self.lags:
+            total = total / (1 + 2j * math.pi * f * lag)
+        return total
 
     def phase(self, frequencies: ArrayLike) -> Array:
-        """Return the phase of `response` [deg], not wrapped: (-360, 0] from the modes, and the delay's share."""
+        """Return the phase of `response` [deg], not wrapped: (-360, 0] from the modes, then lags and delay."""
         f = np.asarray(frequencies, dtype=float)
-        modes = np.degrees(np.angle(replace(self, delay=0.0).response(f)))
-        return np.where(modes > 0, modes - 360.0, modes) - 360.0 * f * self.delay
+        modes = np.degrees(np.angle(self._modal(f)))
+        total = np.where(modes > 0, modes - 360.0, modes) - 360.0 * f * self.delay
+        for lag in self.lags:
+            total = total - np.degrees(np.arctan(2 * math.pi * f * lag))
+        return total
 
     def sampled(self, period: float, substeps: int = 1) -> Sampled:
         """Return the exact sampled plant behind a zero-order hold, and its output at `substeps` moments per period.
@@ -214,6 +222,8 @@ class Plant:
     def concerns(self, period: float) -> list[str]:
         """Return what makes this sampling period unfit for the plant, in sentences; empty if nothing does.
 
+        A lag is never a concern: it does not oscillate, so that it cannot pass for a slower oscillation.
+
         >>> Plant(1.0, 600.0, 0.02).concerns(1e-3)
         ['Sampling is too coarse: the mode at 600 Hz has 1.7 samples per period at 1000 Hz, and the controller sees it
         as one at 400 Hz.']
@@ -232,14 +242,31 @@ class Plant:
         return sentences
 
     def _continuous(self) -> tuple[Array, Array, Array]:
-        """Return a, b, c of the modes; each state pair is (displacement, velocity over w0), so that it is balanced."""
-        modes = self.all_modes
-        a, b, c = np.zeros((2 * len(modes),) * 2), np.zeros(2 * len(modes)), np.zeros(2 * len(modes))
+        """Return a, b, c of modes and lags: the command passes the lags one by one, and the last drives the modes.
+
+        Each mode has a state pair (displacement, velocity over w0), so that it is balanced; then one state per lag.
+        """
+        modes, lags = self.all_modes, self.lags
+        first = 2 * len(modes)  # of the lags' states
+        n = first + len(lags)
+        a, b, c = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+        drive = a[:, -1] if lags else b  # what acts on the modes: the last lag, or the command itself
         for i, (frequency, damping, share) in enumerate(modes):
             w, at = 2 * math.pi * frequency, slice(2 * i, 2 * i + 2)
             a[at, at] = w * np.array([[0.0, 1.0], [-1.0, -2 * damping]])
-            b[2 * i + 1], c[2 * i] = w, self.gain * share
+            drive[2 * i + 1], c[2 * i] = w, self.gain * share
+        for i, lag in enumerate(lags):
+            source = a[:, first + i - 1] if i else b
+            source[first + i], a[first + i, first + i] = 1 / lag, -1 / lag
         return a, b, c
+
+    def _modal(self, f: Array) -> NDArray[np.complex128]:
+        """Return the response of the modes alone, without lags and delay, at frequencies [Hz]."""
+        total: NDArray[np.complex128] = np.zeros(f.shape, dtype=complex)
+        for frequency, damping, share in self.all_modes:
+            ratio = f / frequency
+            total = total + share / (1 - ratio**2 + 2j * damping * ratio)
+        return self.gain * total
 
     def _delay_in(self, period: float) -> tuple[int, float]:
         """Return the whole sampling periods in the delay, and the rest of it [s]."""

@@ -243,10 +243,10 @@ def _noise_gain(plant: Plant, pid: PID, period: float) -> float:
 
 
 def _slowest(plant: Plant) -> float:
-    """Return the longest time constant of the plant [s]."""
+    """Return the longest time constant of the plant [s]; lags and delay, in series with the modes, add to theirs."""
     constants = []
     for frequency, damping, _ in plant.all_modes:
         w = 2 * math.pi * frequency
         slow = damping - math.sqrt(damping**2 - 1) if damping > 1 else damping
         constants.append(1 / (slow * w))
-    return max(constants) + plant.delay
+    return max(constants) + math.fsum(plant.lags) + plant.delay

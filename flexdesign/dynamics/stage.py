@@ -49,12 +49,16 @@ def acting(axis: AxisModel) -> list[tuple[Effect, Mapping[str, float]]]:
     return [(effect, values) for effect, values in found if not effect.is_null(values)]
 
 
-def limits(axis: AxisModel) -> tuple[float, float]:
-    """Return the lowest and highest command: the narrower of what driver and actuator allow at the stack [V]."""
+def stack_range(axis: AxisModel) -> tuple[float, float]:
+    """Return the lowest and highest voltage at the stack: the narrower of what driver and actuator allow [V]."""
     ranges = [axis.driver.limits, axis.actuator.voltage_range if axis.actuator else None]
     known = [span for span in ranges if span is not None]
-    low, high = max((low for low, _ in known), default=-math.inf), min((high for _, high in known), default=math.inf)
-    first, last = sorted((low / axis.driver.gain, high / axis.driver.gain))
+    return max((low for low, _ in known), default=-math.inf), min((high for _, high in known), default=math.inf)
+
+
+def limits(axis: AxisModel) -> tuple[float, float]:
+    """Return the lowest and highest command: those that give the ends of the range at the stack [V]."""
+    first, last = sorted(limit / axis.driver.gain for limit in stack_range(axis))
     return first, last
 
 
@@ -66,11 +70,11 @@ def _matrix(names: list[str], entries: Mapping[tuple[str, str], float]) -> NDArr
 
 
 def secant_gain(axis: AxisModel) -> float:
-    """Return the chord of the steady loop over the whole range of voltage, or k_v where there is no range [m/V].
+    """Return the chord of the steady loop over the whole range at the stack, or k_v where there is no range [m/V].
 
     It is what a user sees who divides stroke by voltage: less than k_v by what hysteresis holds back.
     """
-    low, high = (limit * axis.driver.gain for limit in limits(axis))
+    low, high = stack_range(axis)
     hysteresis = axis.effects.get("bouc_wen")
     if hysteresis is None or not math.isfinite(high - low):
         return axis.gain
@@ -81,10 +85,10 @@ def secant_gain(axis: AxisModel) -> float:
 def cycled(axis: AxisModel) -> AxisModel:
     """Return an axis that was cycled over its whole range of voltage and rests at zero volts, where motion counts zero.
 
-    One whose hysteresis says where it rests, or whose range does not end, is returned as it is.
+    One whose hysteresis says where it rests, or whose range has no ends or not zero in it, is returned as it is.
     """
     hysteresis = axis.effects.get("bouc_wen")
-    low, high = (limit * axis.driver.gain for limit in limits(axis))
+    low, high = stack_range(axis)
     if hysteresis is None or hysteresis.get("rest") or not math.isfinite(high - low) or not low <= 0 <= high:
         return axis
     bottom, _ = _steady(hysteresis, low, high)

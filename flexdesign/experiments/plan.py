@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
@@ -16,10 +16,11 @@ from flexdesign.trajectory import Trajectory
 #: Controllers that every study knows.
 KNOWN = {
     "open loop": "the command is the reference over the secant gain",
-    "feedforward": "the command that the model's inverse gives, the loop's delay and half a sample ahead",
+    "feedforward": "static inverse of the model, hysteresis undone; ahead by half a sample, delay and driver's lag",
     "ziegler-nichols": "PID by the classical rule, from the ultimate gain of the model's sampled loop",
     "ziegler-nichols by experiment": "the same, from the oscillation of the simulated stage, hysteresis included",
-    "robust": "PID of the smallest worst-case error integral whose sensitivity stays below a limit",
+    "robust": "PID of the smallest worst-case error integral whose sensitivity stays below a limit; alone its integral "
+    "part alone sees the reference, beside a feedforward all of it does",
 }
 #: Those that give a command; the others are feedbacks.
 COMMANDS = ("open loop", "feedforward")
@@ -106,7 +107,8 @@ class Variant(Table):
 class Published(Table):
     """A number that somebody printed, and which of ours it is to be compared with.
 
-    Where `comparable` is false ours is another quantity, set beside it for its size alone.
+    Where `comparable` is false ours is another quantity, or one that was set to the printed one: it stands beside it
+    for its size alone. A `bound` says that only a limit was printed.
     """
 
     measure: str = Field(examples=['measure = "overshoot"'])
@@ -115,6 +117,7 @@ class Published(Table):
     axis: str = ""
     controller: str = ""
     uncertainty: str = ""
+    bound: Literal["", "below"] = ""
     comparable: bool = True
     note: str = ""
 

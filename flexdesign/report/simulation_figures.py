@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flexdesign.experiments import AS_MODELLED, Experiment
+from flexdesign.experiments.reading import stem
 from flexdesign.report.document import Figure
 from flexdesign.report.simulation_charts import Curve, panels
 from flexdesign.simulation import Case
@@ -18,16 +19,16 @@ def draw(experiment: Experiment, cases: Sequence[Case]) -> list[Figure]:
     for variant in dict.fromkeys(case.variant for case in cases):
         of_variant = [case for case in cases if case.variant == variant]
         words = experiment.name if variant == AS_MODELLED else f"{experiment.name} {variant}"
-        stem = "".join(c if c.isalnum() else "_" for c in words)
+        name = stem(words)
         said = "" if variant == AS_MODELLED else f", {variant}"
         if isinstance(experiment.trajectory, (Sine, Triangle)):
-            drawn.append(_loop(experiment, of_variant, stem, said))
+            drawn.append(_loop(experiment, of_variant, name, said))
         if experiment.reference is not None or not isinstance(experiment.trajectory, (Sine, Triangle)):
-            drawn.append(_over_time(experiment, of_variant, stem, said))
+            drawn.append(_over_time(experiment, of_variant, name, said))
     return drawn
 
 
-def _loop(experiment: Experiment, cases: Sequence[Case], stem: str, said: str) -> Figure:
+def _loop(experiment: Experiment, cases: Sequence[Case], name: str, said: str) -> Figure:
     """Draw the motion over a command, or over a reference what is missing to it."""
     axis = experiment.axes[0]
     volts = experiment.command is not None
@@ -39,10 +40,10 @@ def _loop(experiment: Experiment, cases: Sequence[Case], stem: str, said: str) -
         curves.append(Curve(case.controller, asked if volts else asked * 1e6, shown))
     below, beside = ("command [V]", f"{axis} [µm]") if volts else (f"{axis} asked for [µm]", "motion − reference [µm]")
     what = f"Motion of {axis} over its command" if volts else f"Error of {axis} over its reference"
-    return Figure(f"{stem}_loop.svg", panels([curves], below, [beside], height=3.4), f"{what}{said}")
+    return Figure(f"{name}_loop.svg", panels([curves], below, [beside], height=3.4), f"{what}{said}")
 
 
-def _over_time(experiment: Experiment, cases: Sequence[Case], stem: str, said: str) -> Figure:
+def _over_time(experiment: Experiment, cases: Sequence[Case], name: str, said: str) -> Figure:
     """Draw motion, and error or the other axes, over time; steps close up."""
     axis, limits = experiment.axes[0], _limits(experiment)
     first = cases[0]
@@ -57,7 +58,7 @@ def _over_time(experiment: Experiment, cases: Sequence[Case], stem: str, said: s
         ]
         errors = [replace(_error(c, name), label=f"{name}, {c.controller}") for c in cases for name in experiment.axes]
         drawn = panels([motions, errors], "time [s]", ["motion [µm]", "motion − reference [µm]"])
-        return Figure(f"{stem}_time.svg", drawn, f"Motion ({first.controller}) and errors{said}")
+        return Figure(f"{name}_time.svg", drawn, f"Motion ({first.controller}) and errors{said}")
     others = [name for name in first.axes if name not in experiment.axes]
     if len(cases) == 1 and len(experiment.axes) == 1 and others:
         rows.append([Curve(n, first.response.time, first.response.motion[first.row(n)] * 1e6) for n in others])
@@ -66,7 +67,7 @@ def _over_time(experiment: Experiment, cases: Sequence[Case], stem: str, said: s
         rows.append([_error(case, axis) for case in cases])
         labels.append("motion − reference [µm]")
     drawn = panels(rows, "time [s]", labels, limits=limits)
-    return Figure(f"{stem}_time.svg", drawn, f"Motion of {axis}{said}")
+    return Figure(f"{name}_time.svg", drawn, f"Motion of {axis}{said}")
 
 
 def _error(case: Case, axis: str) -> Curve:

@@ -9,6 +9,7 @@ from typing import Any
 
 from flexdesign import units, versions
 from flexdesign.experiments import AS_MODELLED, KNOWN, Experiment
+from flexdesign.experiments.reading import stem
 from flexdesign.files import FORMAT
 from flexdesign.model import Quantity
 from flexdesign.report import render, simulation_figures
@@ -58,6 +59,7 @@ def result(simulation: Simulation) -> dict[str, Any]:
                         "kp": {"value": pid.kp * 1e-6, "unit": "V/um"},
                         "ti": {"value": _finite(pid.ti), "unit": "s"},
                         "td": {"value": pid.td, "unit": "s"},
+                        "weights": [pid.proportional_weight, pid.derivative_weight],
                     }
                     for axis, pid in case.pid.items()
                 },
@@ -190,6 +192,8 @@ def _published(simulation: Simulation) -> Section:
 
 def _printed(compared: Compared) -> str:
     sigma = compared.published.uncertainty
+    if compared.published.bound:
+        return f"< {compared.published.value}"
     return f"{compared.published.value} ± {sigma}" if sigma else compared.published.value
 
 
@@ -199,7 +203,9 @@ def _verdict(compared: Compared) -> str:
     if not math.isfinite(compared.ours.value):
         return "never settles"
     if not compared.published.comparable:
-        return "not the same quantity"
+        return "not to be compared"
+    if compared.published.bound:
+        return "within it" if compared.ours.value < compared.published.si else "beyond it"
     off = compared.ours.value - compared.published.si
     width = compared.published.half_width
     if compared.published.si == 0:
@@ -243,7 +249,13 @@ def _measured(cases: Sequence[Case]) -> Table:
                 rows.append([_who(case), axis, *(_text(case.measure(axis, name)) for name in names)])
         if not case.measures:
             rows.append([_who(case), "", *("unstable" for _ in names)])
-    return Table(["run", "axis", *(WORDS[name] for name in names)], rows)
+    caption = ""
+    if "settling_time" in names and len({bool(case.pid) for case in cases}) > 1:
+        caption = (
+            "Overshoot and settling: without feedback around where the motion comes to rest, whatever its steady "
+            "error; with feedback around the reference"
+        )
+    return Table(["run", "axis", *(WORDS[name] for name in names)], rows, caption)
 
 
 def _others(cases: Sequence[Case]) -> Table:
@@ -273,12 +285,13 @@ def _loops(cases: Sequence[Case]) -> Table:
                     f"{units.significant(pid.kp * 1e-6, 4)} V/um",
                     units.to_text(pid.ti, "ms", 4, si="s") if math.isfinite(pid.ti) else "none",
                     units.to_text(pid.td, "ms", 4, si="s"),
+                    "all" if pid.proportional_weight and pid.derivative_weight else "I",
                     units.significant(m.gain_margin, 3) if m.stable else "unstable",
                     f"{units.significant(m.phase_margin, 3)} deg" if m.stable else "",
                     units.significant(m.ms, 3) if m.stable else "",
                 ]
             )
-    head = ["run", "axis", "Kp", "Ti", "Td", "gain margin", "phase margin", "Ms"]
+    head = ["run", "axis", "Kp", "Ti", "Td", "sees reference", "gain margin", "phase margin", "Ms"]
     caption = "Closed loops: gains, and margins of the sampled loop at the stage's secant gain"
     if any(pid.kp < 0 < pid.kp / pid.ti for case in cases for pid in case.pid.values()):
         caption += ". A negative Kp takes back what the sampled derivative adds in phase; Kp/Ti and Kp Td are positive"
@@ -327,7 +340,9 @@ def _stage(simulation: Simulation) -> Section:
 
 
 def write_runs(simulation: Simulation, folder: Path) -> None:
-    """Write every response as a recording, commands and readings of all axes, and that its commands were held.
+    """Write every response as a recording, sampled as the controller samples, and the stage that gave it.
+
+    With the recordings goes ``measurements.toml``, which says that their commands were held.
 
     Raises
     ------
@@ -340,11 +355,16 @@ def write_runs(simulation: Simulation, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     tables = []
     for case in simulation.cases:
-        words = f"{case.experiment.name} {case.controller} {case.variant}"
-        name = "".join(c if c.isalnum() else "_" for c in words)
-        response = case.response
-        columns = {f"u{axis} [V]": response.command[row] for row, axis in enumerate(case.axes)}
-        columns |= {f"{axis} [um]": response.reading[row] for row, axis in enumerate(case.axes)}
-        write_run(folder / f"{name}.csv", response.time, columns, comment=words)
-        tables.append(f'[[run]]\nfile = "{name}.csv"\nbetween_samples = "hold"\n')
+        model, response = simulation.variants[case.variant], case.response
+        words = f"{case.experiment.name}, {case.controller}, {case.variant}"
+        name = f"{stem(f'{case.experiment.name} {case.controller} {case.variant}')}.csv"
+        every = max(1, round(1 / (model.controller.rate * response.time[1])))
+        columns = {f"u{axis} [V]": response.command[row, ::every] for row, axis in enumerate(case.axes)}
+        columns |= {f"{axis} [um]": response.reading[row, ::every] for row, axis in enumerate(case.axes)}
+        if case.pid:
+            columns |= {f"r{a} [um]": case.reference[case.row(a), : len(response.time) : every] for a in case.pid}
+        write_run(folder / name, response.time[::every], columns, comment=words)
+        tables.append(f'[[run]]\nfile = "{name}"\nbetween_samples = "hold"\n')
     (folder / "measurements.toml").write_text("\n".join(tables), encoding="utf-8")
+    for name, variant in simulation.variants.items():
+        (folder / f"stage_model_{stem(name)}.toml").write_text(variant.to_toml(), encoding="utf-8")

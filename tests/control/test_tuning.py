@@ -66,6 +66,21 @@ def test_delay_costs_speed() -> None:
     assert slow.settling[1] > fast.settling[1]
 
 
+def test_a_lag_costs_speed_and_is_tuned_for() -> None:
+    fast, slow = tune(Z, PERIOD), tune(Plant(6.3621, 133.0, 0.099, lags=(1e-3,)), PERIOD)
+    assert slow.settling[1] > fast.settling[1]
+    assert slow.worst_ms < 1.6 * 1.01
+
+
+def test_the_settling_of_a_slow_lag_is_waited_for() -> None:
+    """The mode is over long before: 1 - y = exp(-t / tau) / |1 - 2 zeta / (w tau) + 1 / (w tau)^2|."""
+    lag, plant = 50e-3, Plant(1.0, 118.3, 0.5, lags=(50e-3,))
+    turns = 2 * math.pi * 118.3 * lag
+    settled = lag * math.log(50 / (1 - 2 * 0.5 / turns + 1 / turns**2))
+    found = assess(PID(0.01, 10e-3), plant, PERIOD)
+    assert found.open_loop_settling == pytest.approx(settled, abs=PERIOD / 10)  # the grid of the output
+
+
 def test_what_cannot_be_tuned_is_refused() -> None:
     with pytest.raises(InputError, match="tuning: ms"):
         tune(XY, PERIOD, ms=1.0)

@@ -17,6 +17,7 @@ from flexdesign.errors import InputError
 PERIOD = 1e-3
 LIGHT, DELAYED = Plant(6.0777, 118.3, 0.0242), Plant(6.0777, 128.8, 0.063, 2e-3)
 REAL = Plant.from_time_constants(6.0777, 1.3708e-3, 1.3635e-3)
+LAGGING = Plant(6.0777, 128.8, 0.063, lags=(0.3e-3, 0.1e-3))
 
 
 @pytest.mark.parametrize("delay", [0, 1, 2, 5])
@@ -52,6 +53,20 @@ def test_held_resonance() -> None:
     assert found.period == pytest.approx(2 * math.pi / math.acos(-(a1 + gain * b1) / 2) * PERIOD, rel=1e-9)
 
 
+@pytest.mark.parametrize("lag", [0.1e-3, 1e-3, 10e-3])
+def test_mode_and_lag_tend_to_the_continuous_loop(lag: float) -> None:
+    """Routh on (1 + 2 zeta s / w + s^2 / w^2)(1 + tau s) + K: a1 a2 = a0 a3, and the loop oscillates at sqrt(a1/a3)."""
+    w, zeta = 2 * math.pi * 118.3, 0.2
+    a1, a2, a3 = 2 * zeta / w + lag, 1 / w**2 + 2 * zeta * lag / w, lag / w**2
+    exact = (a1 * a2 / a3 - 1, 2 * math.pi / math.sqrt(a1 / a3))
+    plant = Plant(1.0, 118.3, zeta, lags=(lag,))
+    short = min(lag, 1 / w) / 50
+    errors = np.array([ultimate(plant.discretise(period)) for period in (short, short / 2)]) / exact - 1
+    # A hold delays by half a period: the error is of first order, and extrapolated of second, about (1/50)^2.
+    np.testing.assert_allclose(errors[0] / errors[1], 2.0, rtol=0.05)
+    np.testing.assert_allclose(2 * errors[1] - errors[0], 0.0, atol=4e-4)
+
+
 def test_the_gain_scales_inversely_with_the_plants_over_many_decades() -> None:
     one, tiny = (ultimate(Plant(g, 118.3, 0.0242, 1.4e-3).discretise(PERIOD)) for g in (1.0, 1e-7))
     assert tiny.gain == pytest.approx(one.gain * 1e7, rel=1e-9)
@@ -67,7 +82,7 @@ def test_the_rule_and_its_inverse() -> None:
     assert rule(Ultimate(10.0, 0.8)) == PID(6.0, 0.4, 0.1)
 
 
-@pytest.mark.parametrize("plant", [LIGHT, DELAYED, REAL, Plant(6.3621, 177.57, 0.255, 1.46e-3)])
+@pytest.mark.parametrize("plant", [LIGHT, DELAYED, REAL, Plant(6.3621, 177.57, 0.255, 1.46e-3), LAGGING])
 def test_experiment_finds_what_the_analysis_says(plant: Plant) -> None:
     def respond(kp: float) -> np.ndarray:
         with np.errstate(over="ignore", invalid="ignore"):  # far too large gains run beyond all numbers
