@@ -17,16 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign import effects, evidence, units
-from flexdesign.dynamics.axis_model import AxisDynamics, of_axis
-from flexdesign.errors import InputError, suggest
+from flexdesign.dynamics.axis_choice import checked_numbers, choose_axis
+from flexdesign.dynamics.axis_model import DELAY, AxisDynamics, of_axis
+from flexdesign.errors import InputError
 from flexdesign.evidence import Estimate, Fit, Starts
 from flexdesign.runs import Role, Run
 from flexdesign.stage_model import AxisModel, StageModel
 
 Array = NDArray[np.float64]
+#: How cycled the actuator was as a record began: of one record nothing is known from those before.
+REST = "bouc_wen.rest"
 #: What is fitted if nothing is asked for: the linear axis, and hysteresis where the model has it.
 LINEAR = ("gain", "damping_ratio", "natural_frequency")
-HYSTERESIS = ("bouc_wen.a", "bouc_wen.b", "bouc_wen.c")
+HYSTERESIS = ("bouc_wen.a", "bouc_wen.b", "bouc_wen.c", REST)
 #: An integration error calls for smaller steps where it could move an estimate by this many standard deviations: its
 #: share of what the fit leaves of a run, times the root of the number of samples.
 DISTURBING = 0.1
@@ -154,8 +157,8 @@ def identify(
     axis
         Which one; may be left out where model and runs leave no choice.
     free
-        Names of numbers, as in `AxisModel.numbers`; by default gain, damping ratio and natural frequency, with a, b
-        and c of a Bouc-Wen hysteresis where the model has one.
+        Names of numbers, as in `AxisModel.numbers`, or ``controller.delay``; by default gain, damping ratio and
+        natural frequency, with a, b, c and rest of a Bouc-Wen hysteresis where the model has one.
     starts
         How many starts the fit may follow.
     progress
@@ -172,8 +175,10 @@ def identify(
     seen = tuple(of_axis(run, name, model.axes[name]) for run in runs)
     if not any(run.role == "identify" for run in seen):
         raise InputError("command line", "RUNS", None, "all are kept for validation; name a run with role identify")
-    start = AxisDynamics(name, model.axes[name], max(float(np.abs(run.command()).max()) for run in seen) or 1.0)
-    asked = _free(start, free)
+    volts = max(float(np.abs(run.command()).max()) for run in seen) or 1.0
+    start = AxisDynamics(name, model.axes[name], volts, delay=model.controller.delay)
+    usual = LINEAR + (HYSTERESIS if "bouc_wen" in start.axis.effects else ())
+    asked = usual if free is None else checked_numbers(start, free)
     observed = [start.comparable(run) for run in seen]
     search = _Search(start, [run for run in observed if run.role == "identify"], asked, starts, progress)
     search.settle()
@@ -183,7 +188,7 @@ def identify(
     axes = {**model.axes, name: _updated(model.axes[name], search, [m.name for m in matches if m.role == "identify"])}
     return Identification(
         before=model,
-        model=replace(model, axes=axes),
+        model=replace(model, axes=axes, controller=replace(model.controller, delay=fitted.delay)),
         axis=name,
         estimates=search.estimates(),
         held=search.held,
@@ -195,29 +200,6 @@ def identify(
         evaluations=search.evaluations,
         seconds=perf_counter() - began,
     )
-
-
-def choose_axis(model: StageModel, runs: Sequence[Run], asked: str | None) -> str:
-    """Return the axis that is meant.
-
-    Raises
-    ------
-    InputError
-        If it is unknown, or several could be meant.
-    """
-    known = list(model.axes)
-    if asked is not None:
-        if asked not in known:
-            raise InputError("command line", "--axis", asked, f"the model has no such axis{suggest(asked, known)}")
-        return asked
-    common = [name for name in known if all(name in run.responses for run in runs)]
-    if len(common) == 1:
-        return common[0]
-    if len(known) == 1:
-        return known[0]
-    choice = " or ".join(f"--axis {name}" for name in common or known)
-    why = "the runs hold several axes of the model" if common else "no axis of the model is in every run"
-    raise InputError("command line", "--axis", None, f"{why}; write {choice}")
 
 
 def prior(axis: AxisModel, names: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -237,7 +219,7 @@ def prior(axis: AxisModel, names: Sequence[str]) -> dict[str, tuple[float, float
     return {
         name: (value, abs(value) * sigma)
         for name, (value, sigma) in known.items()
-        if value and sigma and name not in axis.assumed
+        if value and sigma and name not in axis.assumed and name != REST
     }
 
 
@@ -278,7 +260,7 @@ class _Search:
     def _without(self, name: str, best: Fit) -> Fit | None:
         """Hold a parameter, at its old value if the runs allow it, and fit those that are left; None if none is."""
         left = [estimate.name for estimate in best.estimates if estimate.name != name]
-        values = {"old": self.start.axis.numbers[name], "best": self.dynamics.axis.numbers[name]}
+        values = {"old": _present(self.start, name), "best": _present(self.dynamics, name)}
         fitted = self.dynamics
         for which, value in values.items():
             self.dynamics = fitted.replace({name: value})
@@ -324,28 +306,9 @@ class _Search:
         return tuple(final.get(name) or self.verdicts[name] for name in self.asked)
 
 
-def _free(dynamics: AxisDynamics, asked: Sequence[str] | None) -> tuple[str, ...]:
-    known = [parameter.name for parameter in dynamics.parameters()]
-    if asked is None:
-        return LINEAR + (HYSTERESIS if "bouc_wen" in dynamics.axis.effects else ())
-    if not asked:
-        raise InputError("command line", "--free", None, f"name what is to be fitted; there are {', '.join(known)}")
-    for name in asked:
-        owner = name.partition(".")[0]
-        if name in known:
-            continue
-        if name in ("mass", "stiffness"):
-            remedy = "a run shows only the natural frequency; write --free natural_frequency (the mass follows from it)"
-        elif owner in effects.names() and owner not in dynamics.axis.effects:
-            remedy = f"the model has no {owner}; add it first: --set axis.{dynamics.name}.effects.{name}=..."
-        elif name in dynamics.axis.numbers:
-            remedy = f"does not act on the prediction of a run; there are {', '.join(known)}"
-        else:
-            remedy = f"is not a number of this axis{suggest(name, known)}"
-        raise InputError("command line", "--free", name, remedy)
-    if len(set(asked)) < len(asked):
-        raise InputError("command line", "--free", ",".join(asked), "names a number twice")
-    return tuple(asked)
+def _present(dynamics: AxisDynamics, name: str) -> float:
+    """Return the value of a parameter; what the model does not say is as in the catalogue."""
+    return next(p.start or 0.0 for p in dynamics.parameters() if p.name == name)
 
 
 def _remarks(full: Run, run: Run, dynamics: AxisDynamics) -> tuple[str, ...]:
@@ -378,8 +341,9 @@ def _match(dynamics: AxisDynamics, run: Run, remarks: tuple[str, ...]) -> RunMat
 def _updated(axis: AxisModel, search: _Search, runs: Sequence[str]) -> AxisModel:
     """Return the fitted axis with what the fit says of how well its numbers are known, and from where."""
     listed = ", ".join(runs[:NAMED]) + (f" and {len(runs) - NAMED} more" if len(runs) > NAMED else "")
-    values, sigmas = (search.last.values, search.last.sigmas) if search.last else ({}, {})
-    guessed = [name for name, held in search.held.items() if not held.is_old]
+    values = {name: v for name, v in search.last.values.items() if name != DELAY} if search.last else {}
+    sigmas = search.last.sigmas if search.last else {}
+    guessed = [name for name, held in search.held.items() if not held.is_old and name != DELAY]
     relative = {name: sigmas[name] / abs(value) for name, value in values.items() if value}
     uncertainty = {k: v for k, v in axis.uncertainty.items() if k not in values and k not in guessed}
     uncertainty |= {name: _rounded(sigma) for name, sigma in relative.items() if 0 < sigma < 100}

@@ -16,13 +16,15 @@ import numpy as np
 import pytest
 
 from flexdesign import identification, runs, stage_model
-from flexdesign.dynamics.axis_model import AxisDynamics
+from flexdesign.dynamics import stage as stages
+from flexdesign.dynamics.axis_model import DELAY, AxisDynamics
+from flexdesign.dynamics.simulate import Loop, simulate
 from flexdesign.errors import InputError
 from flexdesign.evidence import fit
-from flexdesign.identification import HYSTERESIS, LINEAR, identify, prior
+from flexdesign.identification import HYSTERESIS, LINEAR, REST, identify, prior
 from flexdesign.report import identification_report
 from flexdesign.runs import Run
-from flexdesign.stage_model import AxisModel, StageModel
+from flexdesign.stage_model import AxisModel, ControllerTiming, Driver, StageModel
 from tests.reference import hysteretic_oscillator
 
 PERIOD = 1e-3
@@ -74,10 +76,10 @@ def test_known_numbers_come_back_within_their_intervals() -> None:
     """From starts up to a factor of two away. Standard deviations are small: 1e-4 of the value or so, c 1 %."""
     for estimate in found().estimates:
         assert estimate.determined and estimate.interval and estimate.sigma
-        truth = TRUTH.numbers[estimate.name]
-        # three standard deviations: six estimates at two would fail in one of four draws of the noise
+        truth = TRUTH.numbers.get(estimate.name, 0.0)  # the stage was never driven before
+        # three standard deviations: seven estimates at two would fail in one of three draws of the noise
         assert abs((estimate.value or 0) - truth) < 3 * estimate.sigma
-        assert estimate.sigma < 0.02 * truth
+        assert estimate.sigma < (0.02 * truth or 0.02e-6)
     assert not found().held and not found().starts.is_stuck
 
 
@@ -102,7 +104,7 @@ def test_the_noise_of_a_sensor_s_steps_is_no_obstacle() -> None:
 def replicas(count: int) -> Mapping[str, int]:
     """Return how many of the intervals, of fits to the same run with new noise, contain the truth."""
     run, model = recorded(triangle_and_steps(), noise=0.0), AxisDynamics("x", TRUTH, 120.0)
-    hits = dict.fromkeys(FREE, 0)
+    hits, right = dict.fromkeys(FREE, 0), TRUTH.numbers
     for seed in range(count):
         noise = NOISE * np.random.default_rng(seed).standard_normal(len(run.time))
         noisy = replace(run, columns={**run.columns, "x": run.columns["x"] + noise})
@@ -110,7 +112,7 @@ def replicas(count: int) -> Mapping[str, int]:
         for name in FREE:
             interval = done[name].interval
             hits[name] += (
-                done[name].determined and interval is not None and interval[0] <= TRUTH.numbers[name] <= interval[1]
+                done[name].determined and interval is not None and interval[0] <= right.get(name, 0.0) <= interval[1]
             )
     return hits
 
@@ -120,9 +122,69 @@ def test_intervals_hold_what_they_promise_in_a_few_replicas() -> None:
     assert min(replicas(40).values()) >= 33
 
 
+def test_a_cycled_stack_is_not_taken_for_a_fresh_one() -> None:
+    """Two triangles and a step from where the steady loop crosses zero volts; without `rest` the gain is 10 % off.
+
+    Three standard deviations, as above. Rest is 8 % of the stroke, and known to 0.05 um.
+    """
+    limited = Driver(limits=(0.0, 120.0))
+    cycled = stages.cycled(replace(TRUTH, driver=limited))
+    t = PERIOD * np.arange(1700)
+    command = np.interp(t, [0, 0.1, 0.4, 0.7, 1.0, 1.3, 1.4, 1.4001, 1.7], [0, 0, 120, 0, 120, 0, 0, 60, 60])
+    run, start = recorded(command, cycled), stage(replace(START, driver=limited))
+    seen = identify(start, [run], starts=3)
+    assert cycled.numbers[REST] < -15e-6
+    for estimate in seen.estimates:
+        assert estimate.determined and estimate.value is not None and estimate.sigma
+        assert abs(estimate.value - cycled.numbers[estimate.name]) < 3 * estimate.sigma, estimate.name
+    assert seen.runs[0].rms == pytest.approx(NOISE, rel=0.055)
+
+    taken_for_fresh = fit(AxisDynamics("x", START, 120.0), [run], FREE[:-1], starts=1, profiles=False)
+    assert taken_for_fresh.matches[0].rms > 20 * NOISE
+
+
+@cache
+def late_run() -> Run:
+    """What the engine gives for commands that act 0.3 ms late, with white noise."""
+    command, model = triangle_and_steps(), StageModel({"x": TRUTH}, ControllerTiming(1 / PERIOD, 0.3e-3))
+    found = simulate(stages.stage(model), {"x": Loop(command)}, PERIOD, delay=model.controller.delay, tolerance=1e-9)
+    response = found.reading[0] + NOISE * np.random.default_rng(5).standard_normal(len(command))
+    columns = {"u": command, "x": response}
+    return Run("late", PERIOD * np.arange(len(command)), columns, {"u": "V", "x": "m"}, "hold")
+
+
+def recovered(seen: identification.Identification) -> bool:
+    truth = {**TRUTH.numbers, REST: 0.0, DELAY: 0.3e-3}
+    return all(
+        estimate.value is not None
+        and estimate.sigma
+        and abs(estimate.value - truth[estimate.name]) < 3 * estimate.sigma
+        for estimate in seen.estimates
+    )
+
+
+def test_a_delay_that_the_model_states_is_part_of_the_prediction() -> None:
+    stated = identify(StageModel({"x": START}, ControllerTiming(1 / PERIOD, 0.3e-3)), [late_run()], starts=1)
+    assert recovered(stated) and stated.runs[0].rms == pytest.approx(NOISE, rel=0.055)
+    assert stated.model.controller.delay == 0.3e-3
+    ignored = identify(stage(START), [late_run()], starts=1)
+    assert not recovered(ignored) and ignored.runs[0].rms > 20 * NOISE
+
+
+def test_a_delay_can_be_identified(tmp_path: Path) -> None:
+    seen = identify(stage(START), [late_run()], free=[*LINEAR, *HYSTERESIS, DELAY], starts=1)
+    assert recovered(seen) and seen.estimates[-1].name == DELAY
+    assert (seen.estimates[-1].sigma or 1) < 1e-6  # a thousandth of a sample
+    assert seen.model.controller.delay == seen.estimates[-1].value
+    (tmp_path / "model.toml").write_text(seen.model.to_toml())
+    read = stage_model.read(tmp_path / "model.toml")
+    assert read.controller.delay == pytest.approx(0.3e-3, rel=5e-3)
+    assert DELAY not in read.axes["x"].sources and "gain" in read.axes["x"].sources
+
+
 @pytest.mark.slow
 def test_intervals_hold_what_they_promise() -> None:
-    """Found of 200: gain 192, damping 188, frequency 190, a 185, b 187, c 184; 190 are expected, give or take 3."""
+    """Found of 200: gain 189, damping 190, frequency 189, a 191, b 183, c 188, rest 189; 190 are expected, +- 3."""
     assert min(replicas(200).values()) >= 180
 
 
@@ -158,7 +220,7 @@ def test_a_small_step_determines_the_resonance_alone() -> None:
     seen = small_step()
     determined = {estimate.name for estimate in seen.estimates if estimate.determined}
     assert {"damping_ratio", "natural_frequency"} <= determined
-    assert {"bouc_wen.b", "bouc_wen.c"} <= set(seen.held)
+    assert {"bouc_wen.b", "bouc_wen.c", REST} <= set(seen.held)
     reasons = {estimate.name: estimate.reason for estimate in seen.estimates}
     assert "would show it: a slow triangle" in reasons["bouc_wen.c"] and reasons["bouc_wen.b"]
 
@@ -168,7 +230,7 @@ def test_what_is_not_determined_keeps_its_value_and_the_model_matches_all_the_sa
     axis = seen.model.axes["x"]
     for name, held in seen.held.items():
         assert axis.numbers[name] == held.value
-        assert held.value == START.numbers[name] or not held.is_old
+        assert held.value == START.numbers.get(name, 0.0) or not held.is_old
         assert name not in axis.uncertainty
     assert seen.runs[0].rms < 1.2 * 2e-9  # 400 samples: 3 / sqrt(800) = 11 %, and 2 % that holding may cost
     assert "not determined" in " ".join(identification_report.summary(seen))
@@ -194,6 +256,8 @@ def test_stated_uncertainty_is_prior_knowledge_unless_assumed() -> None:
         START, uncertainty={"gain": 0.1, "damping_ratio": 1.0, "bouc_wen.a": 0.5}, assumed=("damping_ratio",)
     )
     assert prior(axis, FREE) == {"gain": (2e-6, pytest.approx(2e-7)), "bouc_wen.a": (2e-7, pytest.approx(1e-7))}
+    effect = {"bouc_wen": {**START.effects["bouc_wen"], "rest": -1e-6}}
+    assert not prior(replace(axis, effects=effect, uncertainty={REST: 0.1}), FREE)  # another record, another rest
     lumped = replace(axis, uncertainty={"mass": 0.03, "stiffness": 0.04})
     assert prior(lumped, FREE) == {"natural_frequency": (116.4, pytest.approx(0.025 * 116.4))}
 
@@ -253,6 +317,13 @@ XY = {"ux": "V", "uy": "V", "x": "m", "y": "m"}
             "add it first: --set axis.x.effects.creep",
         ),
         (stage(START), [quiet({"u": "V", "x": "m"})], {"free": ["sensor.noise"]}, "does not act on the prediction"),
+        (
+            stage(START),
+            [quiet({"u": "V", "x": "m"})],
+            {"free": ["driver_slew.slew"]},
+            "is driver.slew of the axis; write --free driver.slew",
+        ),
+        (stage(START), [quiet({"u": "V", "x": "m"})], {"free": ["delay"]}, "write --free controller.delay"),
         (stage(START), [quiet({"u": "V", "x": "m"})], {"free": ["gain", "gain"]}, "names a number twice"),
         (stage(START), [quiet({"u": "V", "x": "m"})], {"free": []}, "name what is to be fitted"),
         (stage(START), [quiet({"u": "V", "x": "m"}, role="validate")], {}, "all are kept for validation"),
@@ -347,6 +418,6 @@ def test_the_piezo_actuator() -> None:
     """
     start = replace(START, natural_frequency=967.0, damping_ratio=0.03, gain=0.13e-6)
     start = replace(start, effects={"bouc_wen": {"a": 0.02e-6, "b": 0.01, "c": 0.0, "n": 1.0}})
-    seen = identify(stage(start), shared("piezo-actuator"), free=[*FREE, "bouc_wen.rest"])
+    seen = identify(stage(start), shared("piezo-actuator"), free=FREE)
     assert seen.runs[0].error < 0.0066
     assert seen.model.axes["x"].natural_frequency == pytest.approx(967, rel=0.1)

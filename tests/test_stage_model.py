@@ -183,14 +183,86 @@ def test_a_parameter_left_out_takes_the_catalogue_s_start(tmp_path: Path) -> Non
 
 
 def test_a_limit_may_be_infinite(tmp_path: Path) -> None:
-    text = changed(
-        STAGE,
-        "[axis.x.effects.creep]",
-        '[axis.x.effects.driver_bandwidth]\nbandwidth = "inf Hz"\n[axis.x.effects.creep]',
-    )
+    text = changed(STAGE, 'bandwidth = "1500 Hz"', 'bandwidth = "inf Hz"')
     model = stage_model.read(written(tmp_path, text), ['axis.x.driver.slew="inf V/s"'])
-    assert model.axes["x"].effects["driver_bandwidth"]["bandwidth"] == model.axes["x"].driver.slew == math.inf
+    assert model.axes["x"].driver.bandwidth == model.axes["x"].driver.slew == math.inf
     assert stage_model.read(written(tmp_path, model.to_toml())).axes == model.axes
+
+
+OWN = """
+from flexdesign.model import Block, Effect, Parameter, Socket
+
+EFFECT = Effect(
+    "mine", "Physics.", "Place.", "Test.", "Cure.", "Book.",
+    (Parameter("size", "1", "", "how much", 0.0, {start}, (0.0, 1.0)),), (Block(Socket.COMMAND),),
+)
+"""
+
+
+def with_own_effect(folder: Path, start: float, name: str = "my_effect.py") -> Path:
+    """Return a stage model with an effect of a file beside it, whose parameter it leaves to the file."""
+    folder.mkdir(exist_ok=True)
+    (folder / name).write_text(OWN.format(start=start))
+    text = changed(STAGE, "[axis.x.effects.creep]", f'[axis.x.effects."{name}"]\n\n[axis.x.effects.creep]')
+    text = changed(text, "uncertainty = {", f'uncertainty = {{ "{name}.size" = "3 %",')
+    text = changed(text, '["damping_ratio", ', f'["{name}", "damping_ratio", ')
+    return written(folder, changed(text, 'mass = "weighed"', f'"{name}.size" = "guessed"'))
+
+
+def test_an_effect_by_its_path_lies_beside_the_stage_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two files of one name each model takes its own, also where it is written elsewhere and read from elsewhere."""
+    for name, start in (("one", 0.25), ("two", 0.5)):
+        path = with_own_effect(tmp_path / name, start)
+        own = str((tmp_path / name / "my_effect.py").resolve())
+        model = stage_model.read(path)
+        axis = model.axes["x"]
+        assert axis.effects[own] == {"size": start}
+        assert axis.uncertainty[f"{own}.size"] == pytest.approx(0.03)
+        assert own in axis.assumed and axis.sources[f"{own}.size"] == "guessed"
+        (tmp_path / "elsewhere").mkdir(exist_ok=True)
+        assert stage_model.read(written(tmp_path / "elsewhere", model.to_toml())).axes == model.axes
+    for name, start in (("one", 0.25), ("two", 0.5)):  # a relative path is that of the folder one works in
+        monkeypatch.chdir(tmp_path / name)
+        assert effects.find("my_effect.py").parameters[0].start == start
+        assert effects.find("my_effect.py") is effects.find("my_effect.py")
+
+
+def test_an_effect_by_its_path_may_lie_in_the_working_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = with_own_effect(tmp_path / "models", 0.25)
+    own, here = tmp_path / "models" / "my_effect.py", tmp_path / "here"
+    here.mkdir()
+    own.rename(here / "my_effect.py")
+    monkeypatch.chdir(here)
+    assert str((here / "my_effect.py").resolve()) in stage_model.read(path).axes["x"].effects
+    (here / "my_effect.py").unlink()
+    tried = (str(own.resolve()), str((here / "my_effect.py").resolve()))
+    refused(lambda: stage_model.read(path), "stage.toml", "axis.x.effects.my_effect.py", None, "tried", *tried)
+
+
+def test_a_file_acts_once(tmp_path: Path) -> None:
+    path = with_own_effect(tmp_path, 0.25)
+    text = path.read_text() + '[axis.x.effects."./my_effect.py"]\n'
+    refused(
+        lambda: stage_model.read(written(tmp_path, text)), "stage.toml", "axis.x.effects../my_effect.py", None, "same"
+    )
+
+
+@pytest.mark.parametrize(
+    ("effect", "instead"),
+    [
+        ("driver_bandwidth", "axis.x.driver.bandwidth"),
+        ("driver_slew", "axis.x.driver.slew"),
+        ("sensor_bandwidth", "axis.x.sensor.bandwidth"),
+        ("quantisation", "axis.x.sensor.resolution"),
+    ],
+)
+def test_what_driver_and_sensor_do_stands_in_their_tables(tmp_path: Path, effect: str, instead: str) -> None:
+    """The tables would overrule it."""
+    text = changed(STAGE, "[axis.x.effects.creep]", f"[axis.x.effects.{effect}]\n[axis.x.effects.creep]")
+    path = written(tmp_path, text)
+    refused(lambda: stage_model.read(path), "stage.toml", f"axis.x.effects.{effect}", None, f"write {instead} instead")
 
 
 def test_mass_stiffness_and_frequency_may_stand_together_if_they_agree(tmp_path: Path) -> None:
@@ -315,7 +387,6 @@ EFFECTS = st.fixed_dictionaries(
             }
         ),
         "creep": st.fixed_dictionaries({"per_decade": sizes(0, 0.2), "t0": sizes(1e-3, 1e2)}),
-        "driver_bandwidth": st.fixed_dictionaries({"bandwidth": st.just(math.inf) | sizes(1, 1e6)}),
     },
 )
 

@@ -41,6 +41,10 @@ RINGS = 0.05
 STILL = 0.01
 #: Periods of the mode after which it is taken to have settled, however small its damping.
 LONGEST_LEAD = 1000.0
+#: How late commands act, as the stage model's file calls it; a number of the stage, not of the axis.
+DELAY = "controller.delay"
+#: No controller is later than this [s].
+LONGEST_DELAY = 0.05
 #: The stroke for which the catalogue states plausible values of what is measured per length [m].
 CATALOGUE_STROKE = 1e-4
 
@@ -50,12 +54,12 @@ class Steps:
 
     Parameters
     ----------
-    at
+    at, delay
         The numbers with which it is found; by default those of the first model that has these steps.
     """
 
-    def __init__(self, at: AxisModel | None = None) -> None:
-        self.at = at
+    def __init__(self, at: AxisModel | None = None, delay: float = 0.0) -> None:
+        self.at, self.delay = at, delay
         self._found: dict[Observation, int] = {}
         self._lock = Lock()
 
@@ -85,6 +89,8 @@ class AxisDynamics:
         The numbers about which ranges are plausible: those of the first model; by default `axis`.
     steps
         Numbers of steps found so far; by default none.
+    delay
+        How late commands act [s].
     """
 
     name: str
@@ -93,10 +99,11 @@ class AxisDynamics:
     tolerance: float = TOLERANCE
     origin: AxisModel | None = None
     steps: Steps = field(default_factory=Steps, repr=False)
+    delay: float = 0.0
 
     def __post_init__(self) -> None:
         if self.steps.at is None:
-            self.steps.at = self.axis
+            self.steps.at, self.steps.delay = self.axis, self.delay
 
     @property
     def first(self) -> AxisModel:
@@ -109,11 +116,11 @@ class AxisDynamics:
         return abs(self.first.gain * self.first.driver.gain) * self.volts
 
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return every number that the prediction depends on, named as in `AxisModel.numbers`.
+        """Return every number that the prediction depends on, named as in `AxisModel.numbers`, and the delay.
 
         The mass is none of them: it follows from stiffness and natural frequency.
         """
-        numbers = self.axis.numbers
+        numbers = {**self.axis.numbers, DELAY: self.delay}
         made = [*self._mechanics(), *self._electronics()]
         for name, values in self.axis.effects.items():
             made += self._effect(effects.find(name), name, values)
@@ -121,11 +128,12 @@ class AxisDynamics:
 
     def replace(self, values: Mapping[str, float]) -> AxisDynamics:
         """Return the model with some values changed, SI; a new natural frequency keeps the stiffness."""
-        return replace(self, axis=changed(self.axis, values), origin=self.first)
+        own = {name: value for name, value in values.items() if name != DELAY}
+        return replace(self, axis=changed(self.axis, own), origin=self.first, delay=values.get(DELAY, self.delay))
 
     def refined(self, tolerance: float | None = None) -> AxisDynamics:
         """Return the model with steps found anew at its present values, perhaps for another tolerance."""
-        return replace(self, tolerance=tolerance or self.tolerance, steps=Steps(self.axis))
+        return replace(self, tolerance=tolerance or self.tolerance, steps=Steps(self.axis, self.delay))
 
     def with_effect(self, effect: Effect) -> AxisDynamics:
         """Return the model with an effect of the catalogue added, at its start values scaled to this stroke.
@@ -133,8 +141,10 @@ class AxisDynamics:
         Raises
         ------
         InputError
-            If the axis has it already, or the catalogue does not.
+            If the axis has it already, the catalogue does not, or it is a number of driver or sensor.
         """
+        if effect.name in units_of.ELSEWHERE:
+            raise InputError("model", effect.name, None, f"is {units_of.ELSEWHERE[effect.name]}; change that")
         if effect.name not in effects.names():
             raise InputError("model", effect.name, None, f"is no effect{suggest(effect.name, effects.names())}")
         if effect.name in self.axis.effects:
@@ -144,7 +154,7 @@ class AxisDynamics:
         starts = {p.name.rpartition(".")[2]: p.start for p in self._effect(effect, effect.name, blank)}
         values = {name: blank[name] if start is None else start for name, start in starts.items()}
         axis, origin = (replace(a, effects={**a.effects, effect.name: values}) for a in (self.axis, self.first))
-        return AxisDynamics(self.name, axis, self.volts, self.tolerance, origin)
+        return AxisDynamics(self.name, axis, self.volts, self.tolerance, origin, delay=self.delay)
 
     def predict(self, observation: Observation) -> Array:
         """Return the reading that the recorded command gives [response], n values; NaN where the motion runs away.
@@ -166,7 +176,8 @@ class AxisDynamics:
         """Return the number of steps in a sample: with a margin what the first values need."""
 
         def find() -> int:
-            found = replace(self, axis=self.steps.at or self.axis)._simulated(run, None)
+            first = replace(self, axis=self.steps.at or self.axis, delay=self.steps.delay)
+            found = first._simulated(run, None)
             return found.substeps * (MARGIN if found.error > EXACT * self.tolerance else 1)
 
         return self.steps.of(run, find)
@@ -194,7 +205,8 @@ class AxisDynamics:
         stands = float(np.ptp(command[: period + 1])) <= STILL * span
         if (abs(command[0]) <= 1e-3 * span and not stands) or (stands and not rings):
             return 0
-        return min(math.ceil(self._decay(1e-3, mode.damping_ratio) / run.period), len(command) // 2)
+        lasts = self._decay(1e-3, mode.damping_ratio) + self.delay
+        return min(math.ceil(lasts / run.period), len(command) // 2)
 
     def comparable(self, run: Run) -> Run:
         """Return a run with gaps (NaN) for what depends on what happened before the record."""
@@ -226,6 +238,7 @@ class AxisDynamics:
             Stage((self._chain(),), limits={self.name: stages.limits(self.axis)}),
             {self.name: Loop(command)},
             run.period,
+            delay=self.delay,
             between_samples=run.between_samples,
             tolerance=self.tolerance,
             substeps=steps,
@@ -267,7 +280,7 @@ class AxisDynamics:
         acting = (("driver.bandwidth", "driver_bandwidth"), ("driver.slew", "driver_slew"))
         for name, effect in (*acting, ("sensor.bandwidth", "sensor_bandwidth")):
             made.append(replace(effects.find(effect).parameters[0], name=name))
-        return made
+        return [*made, Parameter(DELAY, "s", "ms", "how late commands act", 0.0, plausible=(0.0, LONGEST_DELAY))]
 
     def _effect(self, effect: Effect, name: str, values: Mapping[str, float]) -> list[Parameter]:
         """Return the parameters of an effect in the units of this response, ranges and starts scaled to its stroke."""
@@ -292,7 +305,7 @@ class AxisDynamics:
         """Return low, high and start of what sets the size and the bend of a loop, scaled to gain, voltage and stroke.
 
         A Bouc-Wen loop takes up to the whole gain, and bends into saturation within a thousandth to a thousand times
-        the voltage range; the start is a tenth of the gain, bent at the voltage itself.
+        the voltage range; the start is a tenth of the gain, bent at the voltage itself. It rests within the stroke.
         """
         gain, volts, stroke = self.stroke / self.volts, self.volts, self.stroke
         rate, stiff = stroke ** (1 - exponent) / volts, stroke**-exponent
@@ -301,6 +314,7 @@ class AxisDynamics:
                 "a": (1e-4 * gain, 2.0 * gain, 0.1 * gain),
                 "b": (1e-3 * rate, 1e3 * rate, rate),
                 "c": (-10.0 * rate, 10.0 * rate, 0.0),
+                "rest": (-stroke, stroke, 0.0),
             },
             "hysteretic_spring": {"gamma": (0.0, 10.0 * stiff, stiff), "delta": (-10.0 * stiff, 10.0 * stiff, 0.0)},
         }

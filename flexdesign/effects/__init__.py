@@ -21,9 +21,8 @@ def names() -> tuple[str, ...]:
     return tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_")))
 
 
-@cache
 def find(name: str) -> Effect:
-    """Return an effect by its name, or from a file by its path.
+    """Return an effect by its name, or from a file by its path, which is loaded once.
 
     Raises
     ------
@@ -33,7 +32,7 @@ def find(name: str) -> Effect:
     if name in names():
         found = importlib.import_module(f"{__name__}.{name}").EFFECT
     elif name.endswith(".py"):
-        found = _from_file(Path(name))
+        found = _from_file(Path(name).resolve())  # a relative path means another file in another folder
     else:
         raise ValueError(f"is not a known effect{suggest(name, list(names()))}")
     if not isinstance(found, Effect):
@@ -41,6 +40,31 @@ def find(name: str) -> Effect:
     return found
 
 
+def beside(name: str, folder: Path) -> str:
+    """Return the name under which `find` has an effect from everywhere: that of a file is its absolute path.
+
+    Parameters
+    ----------
+    name
+        Of the catalogue, or a path.
+    folder
+        Where a relative path is looked up first, before the working directory.
+
+    Raises
+    ------
+    ValueError
+        If there is no such file; the message says what was tried.
+    """
+    if name in names() or not name.endswith(".py"):
+        return name
+    tried = list(dict.fromkeys((base / name).resolve() for base in (folder, Path())))
+    for path in tried:
+        if path.is_file():
+            return str(path)
+    raise ValueError(f"is no Python file; tried {' and '.join(map(str, tried))}")
+
+
+@cache
 def _from_file(path: Path) -> object:
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None or not path.is_file():

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from flexdesign import files, shipped
+from flexdesign import effects, files, shipped
 from flexdesign.errors import InputError, suggest
 from flexdesign.part import is_file
 from flexdesign.stage_model import fields
@@ -214,6 +214,7 @@ def _actuator(given: object, place: _Place) -> ActuatorData:
 
 def _provenance(axis: AxisModel, given: Mapping[str, Any], place: _Place) -> AxisModel:
     """Return the axis with what the file says of how well its numbers are known, and from where."""
+    whole = {name: _whole(name, place.at("effects")) for name in given.get("effects", {})}
     numbers = list(axis.numbers)
     spans = ["driver.limits", "sensor.range", "actuator.voltage_range"]
     named = [*numbers, *spans, *axis.effects, *(f"modes.{i + 1}" for i in range(len(axis.modes))), *_PIECES]
@@ -221,24 +222,30 @@ def _provenance(axis: AxisModel, given: Mapping[str, Any], place: _Place) -> Axi
     def entries(key: str, known: list[str], field: Field) -> dict[str, Any]:
         table = _flat(place.at(key).table(given.get(key, {})))
         for name, value in table.items():
-            if name not in known:
+            if _renamed(name, whole) not in known:
                 remedy = f"is not a number that this axis has{suggest(name, known)}"
                 raise place.at(key).at(name).refused(value, remedy)
-        return {name: place.at(key).at(name).number(value, field) for name, value in table.items()}
+        return {_renamed(name, whole): place.at(key).at(name).number(value, field) for name, value in table.items()}
 
     assumed = given.get("assumed", [])
     if not isinstance(assumed, list):
         raise place.at("assumed").refused(assumed, 'expected a list of fields, such as ["damping_ratio"]')
     for name in assumed:
-        if name not in named:
+        if _renamed(str(name), whole) not in named:
             remedy = f"{files.as_written(name)} is not a number that this axis has{suggest(str(name), named)}"
             raise place.at("assumed").refused(assumed, remedy)
     return replace(
         axis,
         uncertainty=entries("uncertainty", numbers, fields.RELATIVE),
-        assumed=tuple(assumed),
+        assumed=tuple(_renamed(name, whole) for name in assumed),
         sources=entries("sources", named, fields.Text()),
     )
+
+
+def _renamed(name: str, whole: Mapping[str, str]) -> str:
+    """Return the name of an effect or of one of its numbers with the effect's whole path."""
+    owner = next((owner for owner in whole if name == owner or name.startswith(f"{owner}.")), "")
+    return whole[owner] + name[len(owner) :] if owner else name
 
 
 def _flat(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -268,8 +275,27 @@ def _effects(table: Mapping[str, Any], response: str, place: _Place) -> dict[str
             raise short.refused(None, f"stands in {place.name}.effects.bouc_wen as well; keep one of them")
         found["bouc_wen"] = _effect("bouc_wen", {k: v for k, v in values.items() if k != "model"}, response, short)
     for name, values in given.items():
-        found[name] = _effect(name, values, response, place.at("effects").at(name))
+        whole, here = _whole(name, place.at("effects")), place.at("effects").at(name)
+        if whole in found:
+            raise here.refused(None, "is the same file as another effect of this axis; keep one of them")
+        found[whole] = _effect(whole, values, response, here)
     return found
+
+
+def _whole(name: str, place: _Place) -> str:
+    """Return the name of an effect, an absolute path if it is one: so it is found from wherever the model is written.
+
+    A path is looked up beside the stage model's file first, then in the working directory.
+    """
+    if name in fields.ELSEWHERE:
+        axis = place.name.removesuffix(".effects")
+        raise place.at(name).refused(
+            None, f"has its own place in the file; write {axis}.{fields.ELSEWHERE[name]} instead"
+        )
+    try:
+        return effects.beside(name, place.file.parent)
+    except ValueError as error:
+        raise place.at(name).refused(None, str(error)) from None
 
 
 def _effect(name: str, given: object, response: str, place: _Place) -> dict[str, float]:

@@ -56,7 +56,9 @@ def _axis(place: str, axis: AxisModel) -> Iterator[str]:
             values.pop("rest", None)
         yield f'hysteresis = {{ model = "bouc-wen", {", ".join(f"{k} = {v}" for k, v in values.items())} }}'
     if axis.uncertainty:
-        relative = ", ".join(f"{name} = {fields.RELATIVE.write(value)}" for name, value in axis.uncertainty.items())
+        relative = ", ".join(
+            f"{_key(name, '.')} = {fields.RELATIVE.write(value)}" for name, value in axis.uncertainty.items()
+        )
         yield f"uncertainty = {{ {relative} }}    # relative, 1 sigma"
     if axis.assumed:
         yield f"assumed = [{', '.join(_TEXT.write(name) for name in axis.assumed)}]"
@@ -123,5 +125,5 @@ def _coupling(coupling: Coupling, responses: Mapping[str, str]) -> Iterator[str]
             yield f"{to}_from_{origin} = {field.write(value)}"
 
 
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _TEXT.write(name)
+def _key(name: str, dots: str = "") -> str:
+    return name if re.fullmatch(rf"[A-Za-z0-9_{dots}-]+", name) else _TEXT.write(name)

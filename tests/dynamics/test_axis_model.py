@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from flexdesign import effects
-from flexdesign.dynamics.axis_model import AxisDynamics, changed, command_column, of_axis
+from flexdesign.dynamics.axis_model import DELAY, AxisDynamics, changed, command_column, of_axis
 from flexdesign.errors import InputError
 from flexdesign.runs import Run
 from flexdesign.stage_model import AxisModel, Mode, Sensor
@@ -54,6 +54,17 @@ def test_a_record_that_begins_at_a_voltage_begins_settled_there() -> None:
     """At half its damping the mode has decayed to 1e-4, at its own to 1e-8."""
     found = AxisDynamics("x", PLAIN).predict(run(np.full(50, 30.0)))
     assert found == pytest.approx(np.full(50, 60e-6), rel=1e-7)
+
+
+def test_whole_samples_of_delay_shift_the_prediction() -> None:
+    """Three samples later the same, within the integration error; and less than a sample lies in between."""
+    seen, model = run(wave(), between="hold"), AxisDynamics("x", FULL)
+    late = model.replace({DELAY: 3 * PERIOD})
+    whole, span = model.predict(seen), 1e-7 * np.ptp(model.predict(seen))
+    assert late.delay == 3 * PERIOD and late.refined().steps.delay == late.delay
+    assert late.predict(seen)[3:] == pytest.approx(whole[:-3], abs=span)
+    half = model.replace({DELAY: 0.5 * PERIOD}).predict(seen)[1:60]  # the command rises
+    assert np.all((whole[:59] <= half + span) & (half <= whole[1:60] + span))
 
 
 @pytest.mark.parametrize("between", ["hold", "linear"])
@@ -151,8 +162,10 @@ def test_a_new_frequency_keeps_the_stiffness() -> None:
 
 
 def test_every_number_can_be_changed() -> None:
-    for parameter in AxisDynamics("x", FULL).parameters():
-        assert changed(FULL, {parameter.name: 0.25}).numbers[parameter.name] == 0.25
+    model = AxisDynamics("x", FULL)
+    for name in [p.name for p in model.parameters()]:
+        assert {p.name: p.start for p in model.replace({name: 0.25}).parameters()}[name] == 0.25
+    assert changed(FULL, {"modes.1.share": 0.25}).modes[0].share == 0.25
     with pytest.raises(KeyError):
         changed(FULL, {"gian": 1.0})
 
@@ -165,6 +178,8 @@ def test_an_effect_is_added_at_the_scale_of_the_stroke() -> None:
     assert cubic.unit == "1/V^2" and cubic.start == pytest.approx(1e-3 / 0.2**2, rel=1e-3)
     with pytest.raises(InputError, match="already"):
         found.with_effect(effects.find("stress_stiffening"))
+    with pytest.raises(InputError, match=r"driver_slew: is driver\.slew"):
+        found.with_effect(effects.find("driver_slew"))
 
 
 # --- runs of several axes ---------------------------------------------------------------------------------------------
