@@ -91,8 +91,8 @@ validation (`role = "validate"`): those are predicted, never fitted.
     flexdesign identify my_stage.toml sweep.csv --set axis.x.effects.creep.per_decade=0.01 --free gain,creep.per_decade
 
 **What is fitted:** gain, damping_ratio and natural_frequency, and bouc_wen.a, b, c and rest where the model has
-hysteresis; --free names others, such as controller.delay or the numbers of an effect. A stated uncertainty counts as prior knowledge, unless the number is assumed. What the runs do not determine is held and
-reported as such.
+hysteresis; --free names others, such as controller.delay or the numbers of an effect. A stated uncertainty counts as
+prior knowledge, unless the number is assumed. What the runs do not determine is held and reported as such.
 
 **What it writes:** report.html, report.md, result.json, stage_model.toml and the figures, into --out.
 
