@@ -70,6 +70,11 @@ def test_no_module_loads_cad_mesher_or_graphics_before_they_are_needed(module: s
     assert not imported_by(f"import flexdesign.{module}") & SLOW
 
 
+@pytest.mark.parametrize("module", ["simulation", "identification", "report.terminal", "report.simulation_report"])
+def test_dynamics_needs_nothing_of_the_design_extra(module: str) -> None:
+    assert not imported_by(f"import flexdesign.{module}") & SLOW
+
+
 @pytest.mark.parametrize("path", PARTS, ids=names)
 def test_part_files_load_without_cad(path: Path) -> None:
     loaded = imported_by(f"from flexdesign import part; part.load({str(path)!r})")
