@@ -144,6 +144,7 @@ def validate(
     ] = None,
 ) -> None:
     """Run a validation and write its report."""
+    from flexdesign import stage_model
     from flexdesign import study as studies
     from flexdesign.cache import Cache, default_folder
     from flexdesign.report import render, terminal, validation_report
@@ -159,7 +160,7 @@ def validate(
         found = run(asked, store, progress)
         result = validation_report.result(found)
         document = validation_report.document(found, progress)
-        others = {"stage_model.toml": found.stage_model.to_toml()} if found.stage_model else {}
+        others = {"stage_model.toml": stage_model.to_toml(found.stage_model)} if found.stage_model else {}
         written = render.write(folder, document, result, others)
         for path, write in exports:
             write(found, Path(path))
@@ -208,7 +209,7 @@ def simulate(
         progress("writing")
         document = simulation_report.document(found)
         result = simulation_report.result(found)
-        others = {"stage_model.toml": found.model.to_toml()}
+        others = {"stage_model.toml": stage_model.to_toml(found.model)}
         written = render.write(folder, document, result, others)
         if with_runs:
             simulation_report.write_runs(found, folder / "runs")
@@ -256,7 +257,7 @@ def identify(
         found = identification.identify(stage, seen, axis=axis, free=names, progress=progress)
         progress("writing")
         document, result = identification_report.document(found), identification_report.result(found)
-        others = {} if model_file else {"stage_model.toml": found.model.to_toml()}
+        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(found.model)}
         written = [path for path in render.write(folder, document, result, others) if path.suffix != ".svg"]
         if model_file:
             identification_report.write_model(model_file, found)

@@ -176,7 +176,7 @@ def test_a_delay_can_be_identified(tmp_path: Path) -> None:
     assert recovered(seen) and seen.estimates[-1].name == DELAY
     assert (seen.estimates[-1].sigma or 1) < 1e-6  # a thousandth of a sample
     assert seen.model.controller.delay == seen.estimates[-1].value
-    (tmp_path / "model.toml").write_text(seen.model.to_toml())
+    (tmp_path / "model.toml").write_text(stage_model.to_toml(seen.model))
     read = stage_model.read(tmp_path / "model.toml")
     assert read.controller.delay == pytest.approx(0.3e-3, rel=5e-3)
     assert DELAY not in read.axes["x"].sources and "gain" in read.axes["x"].sources
@@ -280,7 +280,7 @@ def test_the_written_model_says_what_was_identified(tmp_path: Path) -> None:
         assumed=("damping_ratio", "gain"),
     )
     seen = identify(stage(axis), [recorded(triangle_and_steps())], free=[*LINEAR, "bouc_wen.a"], starts=1)
-    (tmp_path / "model.toml").write_text(seen.model.to_toml())
+    (tmp_path / "model.toml").write_text(stage_model.to_toml(seen.model))
     read = stage_model.read(tmp_path / "model.toml").axes["x"]
     assert read.assumed == ()
     assert read.sources["gain"] == "identified from run"
@@ -356,7 +356,7 @@ def test_the_command_writes_model_report_and_result(tmp_path: Path, command_line
     (tmp_path / "data").mkdir()
     runs.write_run("data/tri.csv", run.time, {"u [V]": run.columns["u"], "x [um]": run.columns["x"]})
     Path("data/measurements.toml").write_text('[[run]]\nfile = "tri.csv"\nbetween_samples = "hold"\n')
-    Path("start.toml").write_text(stage(START).to_toml())
+    Path("start.toml").write_text(stage_model.to_toml(stage(START)))
     ended = command_line("identify", "start.toml", "data", "-o", "fitted.toml", "--free", "gain,bouc_wen.a", "--json")
     assert ended.code == 0, ended.stderr
     result = json.loads(ended.stdout)

@@ -116,7 +116,7 @@ def test_stage_model_is_the_finite_element_model(validation: Validation, tmp_pat
     assert axis.gain == pytest.approx(validation.fem("stroke_output_free").value / 150.0)
     assert axis.mass == pytest.approx(axis.stiffness / (2 * math.pi * axis.natural_frequency) ** 2)
     path = tmp_path / "stage_model.toml"
-    path.write_text(model.to_toml(), encoding="utf-8")
+    path.write_text(stage_model.to_toml(model), encoding="utf-8")
     again = stage_model.read(path).axes["y"]
     assert (again.natural_frequency, again.gain) == pytest.approx((axis.natural_frequency, axis.gain), rel=1e-6)
 

@@ -217,18 +217,8 @@ def find(name: str | Path) -> Path:
     path = Path(name)
     if is_file(path):
         return path
-    folders = [base / "studies" for base in (Path(), shipped.root())]
-    if path.suffix != ".toml" and len(path.parts) == 1:
-        for folder in folders:
-            if is_file(folder / f"{name}.toml"):
-                return folder / f"{name}.toml"
-    known = sorted({file.stem for folder in folders for file in folder.glob("*.toml") if _has_experiments(file)})
+    found, known = shipped.in_studies(name, "[[experiment]]")
+    if found is not None:
+        return found
     remedy = f"no such study of experiments{suggest(path.stem, known)}"
     raise InputError("command line", "STUDY", files.as_written(str(name)), remedy)
-
-
-def _has_experiments(file: Path) -> bool:
-    try:
-        return "[[experiment]]" in file.read_text(encoding="utf-8")
-    except (OSError, ValueError):
-        return False

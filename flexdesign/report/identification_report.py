@@ -16,6 +16,7 @@ from flexdesign.files import FORMAT
 from flexdesign.identification import Identification, RunMatch
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.simulation_charts import Curve, panels
+from flexdesign.stage_model import to_toml
 
 #: In which unit a response is shown, and in which what is left of it.
 SHOWN = {"m": ("um", "um"), "V": ("V", "mV"), "rad": ("urad", "urad")}
@@ -126,7 +127,7 @@ def write_model(path: Path, found: Identification | None) -> None:
                 raise IsADirectoryError(0, "it is a folder")
             if found:
                 made = Path(scratch) / path.name
-                made.write_text(found.model.to_toml(), encoding="utf-8")
+                made.write_text(to_toml(found.model), encoding="utf-8")
                 made.replace(path)
     except OSError as error:
         remedy = f"cannot be written ({error.strerror or error}); choose another file"

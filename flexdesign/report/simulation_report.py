@@ -15,6 +15,7 @@ from flexdesign.model import Quantity
 from flexdesign.report import render, simulation_figures
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.simulation import Case, Compared, Simulation, validity
+from flexdesign.stage_model import to_toml
 
 #: Measures in words, in the order of tables.
 WORDS = {
@@ -98,7 +99,7 @@ def result(simulation: Simulation) -> dict[str, Any]:
         "made_by": {
             "model": simulation.model.name,
             "source": simulation.model.source,
-            "stage_model": simulation.model.to_toml(),
+            "stage_model": to_toml(simulation.model),
             "study": simulation.plan.name,
             "variants": {name: list(v.set) for name, v in simulation.plan.variants.items()},
             "versions": versions.installed(),
@@ -367,4 +368,4 @@ def write_runs(simulation: Simulation, folder: Path) -> None:
         tables.append(f'[[run]]\nfile = "{name}"\nbetween_samples = "hold"\n')
     (folder / "measurements.toml").write_text("\n".join(tables), encoding="utf-8")
     for name, variant in simulation.variants.items():
-        (folder / f"stage_model_{stem(name)}.toml").write_text(variant.to_toml(), encoding="utf-8")
+        (folder / f"stage_model_{stem(name)}.toml").write_text(to_toml(variant), encoding="utf-8")

@@ -11,6 +11,7 @@ gain are those with the actuators installed: stack and seats in series, in place
 from flexdesign.stage_model.axis import ActuatorData, AxisModel, Contradiction, Driver, Mode, Sensor
 from flexdesign.stage_model.model import ControllerTiming, Coupling, StageModel
 from flexdesign.stage_model.reading import read
+from flexdesign.stage_model.writing import to_toml
 
 __all__ = [
     "ActuatorData",
@@ -23,4 +24,5 @@ __all__ = [
     "Sensor",
     "StageModel",
     "read",
+    "to_toml",
 ]

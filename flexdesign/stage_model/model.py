@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from flexdesign.stage_model import writing
 from flexdesign.stage_model.axis import AxisModel
 
 
@@ -63,11 +62,3 @@ class StageModel:
     title: str = ""
     source: str = ""
     name: str = ""
-
-    def to_toml(self) -> str:
-        """Return the model as a file that `read` takes, every number with its unit.
-
-        A number is written with as few digits as give it back, and with seven at most: what people wrote comes back as
-        they wrote it, what was computed within a relative 1e-6.
-        """
-        return writing.stage(self)

@@ -84,23 +84,13 @@ def find(name: str | Path) -> Path:
     path = Path(name)
     if is_file(path):
         return path
-    folders = [base / "studies" for base in (Path(), shipped.root())]
-    if path.suffix != ".toml" and len(path.parts) == 1:
-        for folder in folders:
-            if is_file(folder / f"{name}.toml"):
-                return folder / f"{name}.toml"
+    found, known = shipped.in_studies(name, "[axis.")
+    if found is not None:
+        return found
     if is_file(path / "stage_model.toml"):
         raise InputError(path, "", None, f"is a folder; name the file in it: {path / 'stage_model.toml'}")
-    known = sorted({file.stem for folder in folders for file in folder.glob("*.toml") if _has_axes(file)})
     remedy = f"no such stage model{suggest(path.stem, known)}; flexdesign validate writes one: stage_model.toml"
     raise InputError("command line", "MODEL", files.as_written(str(name)), remedy)
-
-
-def _has_axes(file: Path) -> bool:
-    try:
-        return "[axis." in file.read_text(encoding="utf-8")
-    except (OSError, ValueError):
-        return False
 
 
 def read(name: str | Path, overrides: Sequence[str] = ()) -> StageModel:

@@ -6,15 +6,12 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import fields as members
-from typing import TYPE_CHECKING
 
 from flexdesign import units
 from flexdesign.files import FORMAT
 from flexdesign.stage_model import fields
 from flexdesign.stage_model.axis import AxisModel, lumped_frequency
-
-if TYPE_CHECKING:
-    from flexdesign.stage_model.model import Coupling, StageModel
+from flexdesign.stage_model.model import Coupling, StageModel
 
 _TEXT = fields.Text()
 _HEADING = "# Stage model. Any number may be changed, and any unit that measures the same may be written."
@@ -29,8 +26,12 @@ _COMMENTS = {
 }
 
 
-def stage(model: StageModel) -> str:
-    """Return a stage model as TOML."""
+def to_toml(model: StageModel) -> str:
+    """Return a stage model as a file that `read` takes, every number with its unit.
+
+    A number is written with as few digits as give it back, and with seven at most: what people wrote comes back as they
+    wrote it, what was computed within a relative 1e-6.
+    """
     lines = [_HEADING, f"format = {FORMAT}"]
     words = {"title": model.title, "source": model.source}
     lines += [f"{key} = {_TEXT.write(text)}" for key, text in words.items() if text]
