@@ -15,7 +15,7 @@ from flexdesign.errors import InputError
 
 app = typer.Typer(
     name="flexdesign",
-    help="Design piezo-driven flexure stages, and see what the formulas leave out.",
+    help="Design piezo-driven flexure stages, simulate them, and fit them to recordings.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
