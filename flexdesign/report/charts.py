@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 #: A grey that stands out on white and on black alike.
 NEUTRAL = "#8a949e"
+#: What of a coordinate is too fine to see.
+_SURPLUS = re.compile(rb"(\.\d\d)\d+")
 COLOURS = ("#0b84b5", "#e0702c", "#3f9c4d", "#b0529e", "#c9a227", "#6d7cce", "#8d6e63", "#5f9ea0", "#d0506a", "#9aa5af")
 
 
@@ -29,7 +32,7 @@ def shares(split: Mapping[str, Mapping[str, float]], label: str) -> bytes:
     legend = figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     for text in legend.get_texts():
         text.set_color(NEUTRAL)
-    return _svg(figure)
+    return svg(figure)
 
 
 def lines(curves: Sequence[tuple[str, Sequence[float], Sequence[float]]], xlabel: str, ylabel: str) -> bytes:
@@ -43,7 +46,7 @@ def lines(curves: Sequence[tuple[str, Sequence[float], Sequence[float]]], xlabel
     legend = axes.legend(frameon=False)
     for text in legend.get_texts():
         text.set_color(NEUTRAL)
-    return _svg(figure)
+    return svg(figure)
 
 
 def _figure(width: float, height: float) -> tuple[Any, Any]:
@@ -51,6 +54,12 @@ def _figure(width: float, height: float) -> tuple[Any, Any]:
 
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.add_subplot()
+    plain(axes)
+    return figure, axes
+
+
+def plain(axes: Any) -> None:
+    """Draw axes in a grey that reads on light and on dark paper, and without a box."""
     axes.patch.set_alpha(0.0)
     for spine in axes.spines.values():
         spine.set_color(NEUTRAL)
@@ -59,13 +68,13 @@ def _figure(width: float, height: float) -> tuple[Any, Any]:
     axes.yaxis.label.set_color(NEUTRAL)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    return figure, axes
 
 
-def _svg(figure: Any) -> bytes:
+def svg(figure: Any) -> bytes:
+    """Return a drawing as SVG that is the same in every run; hundredths of a point are finer than any screen."""
     import matplotlib
 
     stream = io.BytesIO()
-    with matplotlib.rc_context({"svg.hashsalt": "flexdesign"}):
+    with matplotlib.rc_context({"svg.hashsalt": "flexdesign", "path.simplify_threshold": 0.2}):
         figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
-    return stream.getvalue()
+    return re.sub(rb' d="[^"]*"', lambda path: _SURPLUS.sub(rb"\1", path[0]), stream.getvalue())

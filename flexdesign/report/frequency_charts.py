@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from flexdesign.report.charts import COLOURS, NEUTRAL, _svg
+from flexdesign.report.charts import COLOURS, NEUTRAL, svg
 
 #: Width of a chart, and height of one of its panels [in].
 WIDTH, HEIGHT = 7.2, 2.3
@@ -83,7 +83,7 @@ def steps(curves: Sequence[Curve], band: float, ylabel: str = "motion over step"
     axes.set_xlabel("time [ms]")
     axes.set_xlim(0, max(max(curve.x) for curve in curves))
     _legend(figure, axes)
-    return _svg(figure)
+    return svg(figure)
 
 
 def stacked(panels: Sequence[Panel], xlabel: str, marks: Sequence[Mark] = ()) -> bytes:
@@ -115,7 +115,7 @@ def stacked(panels: Sequence[Panel], xlabel: str, marks: Sequence[Mark] = ()) ->
         all_axes[0].annotate(mark.label, (mark.x, 1.0), (4, 1), color=NEUTRAL, fontsize=9, **where)
     if len(panels[0].curves) > 1:
         _legend(figure, all_axes[0])
-    return _svg(figure)
+    return svg(figure)
 
 
 def _panels(count: int, height: float) -> tuple[Any, list[Any]]:

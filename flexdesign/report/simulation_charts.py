@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.report.charts import COLOURS, NEUTRAL
+from flexdesign.report.charts import COLOURS, NEUTRAL, plain, svg
 
 Array = NDArray[np.float64]
 #: A curve is drawn with at most so many points.
 POINTS = 1000
-_SURPLUS = re.compile(rb"(\.\d\d)\d+")
 
 
 @dataclass(frozen=True)
@@ -63,12 +60,13 @@ def panels(
             style = {"linestyle": (0, (4, 3)), "linewidth": 1.1} if curve.dashed else {"linewidth": 1.4}
             place.plot(x, y, color=colour, label=curve.label, zorder=3 if curve.dashed else 2, **style)
         place.set_ylabel(ylabel)
-        _plain(place)
+        plain(place)
+        place.grid(color=NEUTRAL, alpha=0.25)
     axes[-1].set_xlabel(xlabel)
     if limits:
         axes[-1].set_xlim(*limits)
     _legend(figure, list(axes))
-    return _svg(figure)
+    return svg(figure)
 
 
 def thinned(x: Array, y: Array, limits: tuple[float, float] | None = None) -> tuple[Array, Array]:
@@ -88,18 +86,6 @@ def thinned(x: Array, y: Array, limits: tuple[float, float] | None = None) -> tu
     return x[index], y[index]
 
 
-def _plain(axes: Any) -> None:
-    axes.patch.set_alpha(0.0)
-    axes.grid(color=NEUTRAL, alpha=0.25)
-    for spine in axes.spines.values():
-        spine.set_color(NEUTRAL)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    axes.tick_params(colors=NEUTRAL)
-    axes.xaxis.label.set_color(NEUTRAL)
-    axes.yaxis.label.set_color(NEUTRAL)
-
-
 def _legend(figure: Any, axes: Sequence[Any]) -> None:
     found: dict[str, Any] = {}
     for place in axes:
@@ -113,13 +99,3 @@ def _legend(figure: Any, axes: Sequence[Any]) -> None:
     )
     for text in legend.get_texts():
         text.set_color(NEUTRAL)
-
-
-def _svg(figure: Any) -> bytes:
-    import matplotlib
-
-    stream = io.BytesIO()
-    with matplotlib.rc_context({"svg.hashsalt": "flexdesign", "path.simplify_threshold": 0.2}):
-        figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
-    # Hundredths of a point are finer than any screen, and half the size.
-    return re.sub(rb' d="[^"]*"', lambda path: _SURPLUS.sub(rb"\1", path[0]), stream.getvalue())
