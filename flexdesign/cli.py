@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,6 +23,11 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+AsJson = Annotated[bool, typer.Option("--json", help="Print result.json on stdout, and nothing else.")]
+StageOverrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change one value, e.g. axis.x.damping_ratio=0.02."),
+]
 #: The exit code after Ctrl-C, by the shell's custom.
 INTERRUPTED = 130
 
@@ -127,7 +132,7 @@ def validate(
     out: Annotated[
         Path | None, typer.Option(help="Folder for the report [default: reports/STUDY].", show_default=False)
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout, and nothing else.")] = False,
+    as_json: AsJson = False,
     cache: Annotated[
         Path | None,
         typer.Option(
@@ -165,8 +170,7 @@ def validate(
         for path, write in exports:
             write(found, Path(path))
     if as_json:
-        json.dump(result, sys.stdout, indent=2, ensure_ascii=False)
-        sys.stdout.write("\n")
+        _print(result)
         return
     terminal.show(
         document,
@@ -181,14 +185,11 @@ def simulate(
     study: Annotated[
         str | None, typer.Argument(help="Study of experiments: a path, or a bare name; without it, a standard one.")
     ] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change one value, e.g. axis.x.damping_ratio=0.02."),
-    ] = None,
+    overrides: StageOverrides = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the report [default: reports/MODEL_STUDY].", show_default=False)
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout, and nothing else.")] = False,
+    as_json: AsJson = False,
     with_runs: Annotated[bool, typer.Option("--runs", help="Also write every response as a recording.")] = False,
 ) -> None:
     """Run experiments and write their report."""
@@ -214,8 +215,7 @@ def simulate(
         if with_runs:
             simulation_report.write_runs(found, folder / "runs")
     if as_json:
-        json.dump(result, sys.stdout, indent=2, ensure_ascii=False)
-        sys.stdout.write("\n")
+        _print(result)
         return
     terminal.brief(document, simulation_report.digest(found), [path for path in written if path.suffix != ".svg"])
 
@@ -232,15 +232,12 @@ def identify(
     free: Annotated[
         str | None, typer.Option(metavar="NAMES", help="What is fitted, e.g. gain,damping_ratio,bouc_wen.a.")
     ] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change one value, e.g. axis.x.damping_ratio=0.02."),
-    ] = None,
+    overrides: StageOverrides = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for the report [default: reports/MODEL_identified].", show_default=False),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print result.json on stdout, and nothing else.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Fit a stage model to runs and write the report."""
     from flexdesign import identification, runs, stage_model
@@ -263,10 +260,14 @@ def identify(
             identification_report.write_model(model_file, found)
             written.append(model_file)
     if as_json:
-        json.dump(result, sys.stdout, indent=2, ensure_ascii=False)
-        sys.stdout.write("\n")
+        _print(result)
         return
     terminal.brief(document, identification_report.estimates(found), written)
+
+
+def _print(result: Mapping[str, Any]) -> None:
+    json.dump(result, sys.stdout, indent=2, ensure_ascii=False)
+    sys.stdout.write("\n")
 
 
 def _exporter(name: str) -> Callable[[Any, Path], None]:

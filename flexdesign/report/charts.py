@@ -29,9 +29,7 @@ def shares(split: Mapping[str, Mapping[str, float]], label: str) -> bytes:
     axes.set_yticks(range(len(split)), list(split))
     axes.invert_yaxis()
     axes.set_xlabel(label)
-    legend = figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-    for text in legend.get_texts():
-        text.set_color(NEUTRAL)
+    below(figure, axes, 3)
     return svg(figure)
 
 
@@ -43,9 +41,7 @@ def lines(curves: Sequence[tuple[str, Sequence[float], Sequence[float]]], xlabel
     axes.set_xlabel(xlabel)
     axes.set_ylabel(ylabel)
     axes.grid(color=NEUTRAL, alpha=0.25)
-    legend = axes.legend(frameon=False)
-    for text in legend.get_texts():
-        text.set_color(NEUTRAL)
+    axes.legend(frameon=False, labelcolor=NEUTRAL)
     return svg(figure)
 
 
@@ -63,11 +59,18 @@ def plain(axes: Any) -> None:
     axes.patch.set_alpha(0.0)
     for spine in axes.spines.values():
         spine.set_color(NEUTRAL)
-    axes.tick_params(colors=NEUTRAL)
+    axes.tick_params(which="both", colors=NEUTRAL)
     axes.xaxis.label.set_color(NEUTRAL)
     axes.yaxis.label.set_color(NEUTRAL)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
+
+
+def below(figure: Any, axes: Any, columns: int) -> None:
+    """Name the curves of some axes below the drawing."""
+    handles, labels = axes.get_legend_handles_labels()
+    place = {"loc": "outside lower center", "frameon": False, "fontsize": 9, "labelcolor": NEUTRAL}
+    figure.legend(handles, labels, ncols=columns, **place)
 
 
 def svg(figure: Any) -> bytes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from flexdesign.report.charts import COLOURS, NEUTRAL, svg
+from flexdesign.report.charts import COLOURS, NEUTRAL, below, plain, svg
 
 #: Width of a chart, and height of one of its panels [in].
 WIDTH, HEIGHT = 7.2, 2.3
@@ -82,7 +82,7 @@ def steps(curves: Sequence[Curve], band: float, ylabel: str = "motion over step"
     axes.set_ylabel(ylabel)
     axes.set_xlabel("time [ms]")
     axes.set_xlim(0, max(max(curve.x) for curve in curves))
-    _legend(figure, axes)
+    below(figure, axes, min(3, len(curves)))
     return svg(figure)
 
 
@@ -114,7 +114,7 @@ def stacked(panels: Sequence[Panel], xlabel: str, marks: Sequence[Mark] = ()) ->
         where = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
         all_axes[0].annotate(mark.label, (mark.x, 1.0), (4, 1), color=NEUTRAL, fontsize=9, **where)
     if len(panels[0].curves) > 1:
-        _legend(figure, all_axes[0])
+        below(figure, all_axes[0], min(3, len(panels[0].curves)))
     return svg(figure)
 
 
@@ -124,14 +124,8 @@ def _panels(count: int, height: float) -> tuple[Any, list[Any]]:
     figure = Figure(figsize=(WIDTH, height * count + 0.7), layout="constrained")
     found = list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
     for axes in found:
-        axes.patch.set_alpha(0.0)
+        plain(axes)
         axes.grid(color=NEUTRAL, alpha=0.25)
-        axes.tick_params(which="both", colors=NEUTRAL)
-        axes.xaxis.label.set_color(NEUTRAL)
-        axes.yaxis.label.set_color(NEUTRAL)
-        for side, spine in axes.spines.items():
-            spine.set_color(NEUTRAL)
-            spine.set_visible(side in ("left", "bottom"))
     figure.align_ylabels(found)
     return figure, found
 
@@ -144,11 +138,3 @@ def _logarithmic(axes: Any) -> None:
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
-
-
-def _legend(figure: Any, axes: Any) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    columns = min(3, len(labels))
-    legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
-    for text in legend.get_texts():
-        text.set_color(NEUTRAL)
