@@ -29,6 +29,13 @@ class Parameter:
         How a fit should move it.
     symbol
         The symbol the literature uses, e.g. ``l_x``.
+    screen
+        Values at which a search tries it, where a small change tells nothing: a limit, a corner frequency. They scale
+        as `plausible` does.
+    per_run
+        Whether every recorded run has its own: a start state, a phase.
+    run
+        The one recorded run on which this number acts; empty if it acts on all.
     """
 
     name: str
@@ -40,6 +47,9 @@ class Parameter:
     plausible: tuple[float, float] = (-math.inf, math.inf)
     scale: Literal["linear", "log", "inverse"] = "linear"
     symbol: str = ""
+    screen: tuple[float, ...] = ()
+    per_run: bool = False
+    run: str = ""
 
     def is_plausible(self, value: float) -> bool:
         """Tell whether `value` (SI) lies in the plausible range, bounds included."""
