@@ -314,12 +314,14 @@ def _present(dynamics: AxisDynamics, name: str) -> float:
 def _remarks(full: Run, run: Run, dynamics: AxisDynamics) -> tuple[str, ...]:
     """Return what to keep in mind about a run; `full` is the run with all its columns."""
     said = []
-    skipped = int(np.isnan(run.measured()).sum())
+    response = full.columns[dynamics.name]
+    skipped = int((np.isnan(run.measured()) & ~np.isnan(response)).sum())
     if skipped:
         said.append(
             f"the command was moving as the record began: the first {skipped * run.period:.3g} s are not compared"
         )
-    if any(name in full.columns for name in ("r", f"r{dynamics.name}")):
+    said += full.remarks
+    if full.closed_loop or any(name in full.columns for name in ("r", f"r{dynamics.name}")):
         said.append("recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit")
     others = [name for name in full.commands if name not in ("u", f"u{dynamics.name}") and np.ptp(full.columns[name])]
     if others:

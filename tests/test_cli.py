@@ -13,6 +13,7 @@ import pytest
 import flexdesign
 from flexdesign import validation
 from flexdesign.cache import Cache
+from flexdesign.cli.shared import app
 from flexdesign.report import validation_report
 from flexdesign.report.document import Document, Figure, Section
 from flexdesign.stage_model import StageModel
@@ -52,6 +53,19 @@ def test_help_names_the_commands(command_line: Run) -> None:
     ended = command_line("--help")
     assert (ended.code, ended.stderr) == (0, "")
     assert "validate" in ended.stdout and "--version" in ended.stdout
+
+
+def test_verbs_stand_in_the_order_of_the_work() -> None:
+    known = [command.name or command.callback.__name__ for command in app.registered_commands if command.callback]
+    asked = ["validate", "simulate", "identify", "effects", "plan"]
+    assert [verb for verb in known if verb in asked] == asked
+
+
+def test_every_verb_has_help_with_examples(command_line: Run) -> None:
+    for command in app.registered_commands:
+        assert command.callback is not None
+        name = command.name or command.callback.__name__
+        assert f"flexdesign {name}" in str(command.help), name
 
 
 def test_without_arguments_it_shows_the_help(command_line: Run) -> None:

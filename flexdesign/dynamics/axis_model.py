@@ -8,8 +8,8 @@ each run, from the error estimate, and kept by all models that come of the first
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from threading import Lock
 from typing import Any
 
@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign import effects
+from flexdesign.dynamics import axis_parameters
 from flexdesign.dynamics import stage as stages
+from flexdesign.dynamics.axis_parameters import DELAY
 from flexdesign.dynamics.chain import AxisChain
 from flexdesign.dynamics.simulate import Loop, Response, Stage, simulate
 from flexdesign.errors import InputError, suggest
@@ -41,12 +43,8 @@ RINGS = 0.05
 STILL = 0.01
 #: Periods of the mode after which it is taken to have settled, however small its damping.
 LONGEST_LEAD = 1000.0
-#: How late commands act, as the stage model's file calls it; a number of the stage, not of the axis.
-DELAY = "controller.delay"
-#: No controller is later than this [s].
-LONGEST_DELAY = 0.05
-#: The stroke for which the catalogue states plausible values of what is measured per length [m].
-CATALOGUE_STROKE = 1e-4
+#: How late a record began, as a number of its own; by no more than this [s].
+TRIGGER, LONGEST_TRIGGER = "trigger", 0.02
 
 
 class Steps:
@@ -91,6 +89,12 @@ class AxisDynamics:
         Numbers of steps found so far; by default none.
     delay
         How late commands act [s].
+    finest
+        No more steps in a sample than these, whatever the error.
+    apart
+        Names of the runs that have numbers of their own, ``RUN:trigger`` and ``RUN:bouc_wen.rest`` among them.
+    own
+        These numbers where they differ from those of all runs, SI.
     """
 
     name: str
@@ -100,6 +104,9 @@ class AxisDynamics:
     origin: AxisModel | None = None
     steps: Steps = field(default_factory=Steps, repr=False)
     delay: float = 0.0
+    finest: int = 1024
+    apart: tuple[str, ...] = ()
+    own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.steps.at is None:
@@ -113,7 +120,7 @@ class AxisDynamics:
     @property
     def stroke(self) -> float:
         """What the first gain makes of the largest command [response]."""
-        return abs(self.first.gain * self.first.driver.gain) * self.volts
+        return axis_parameters.stroke_of(self.first, self.volts)
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return every number that the prediction depends on, named as in `AxisModel.numbers`, and the delay.
@@ -121,40 +128,73 @@ class AxisDynamics:
         The mass is none of them: it follows from stiffness and natural frequency.
         """
         numbers = {**self.axis.numbers, DELAY: self.delay}
-        made = [*self._mechanics(), *self._electronics()]
-        for name, values in self.axis.effects.items():
-            made += self._effect(effects.find(name), name, values)
-        return tuple(replace(each, start=numbers.get(each.name, each.start)) for each in made)
+        every = axis_parameters.of(self.first, self.axis, self.volts)
+        made = [replace(p, start=numbers.get(p.name, p.start)) for p in every]
+        return (*made, *(mine for run in self.apart for mine in self._of_run(run, made)))
+
+    def _of_run(self, run: str, common: Sequence[Parameter]) -> Iterator[Parameter]:
+        """Yield the numbers that a run has for itself; where it has none of its own they are those of all runs."""
+        own = self.own.get(run, {})
+        latest = (-LONGEST_TRIGGER, LONGEST_TRIGGER)
+        trigger = Parameter(TRIGGER, "s", "ms", "how late the record began", 0.0, 0.0, latest)
+        for p in (*(p for p in common if p.per_run), trigger):
+            yield replace(p, name=f"{run}:{p.name}", start=own.get(p.name, p.start), run=run)
 
     def replace(self, values: Mapping[str, float]) -> AxisDynamics:
         """Return the model with some values changed, SI; a new natural frequency keeps the stiffness."""
-        own = {name: value for name, value in values.items() if name != DELAY}
-        return replace(self, axis=changed(self.axis, own), origin=self.first, delay=values.get(DELAY, self.delay))
+        shared = {name: value for name, value in values.items() if name != DELAY and ":" not in name}
+        own = {run: dict(numbers) for run, numbers in self.own.items()}
+        for name, value in values.items():
+            run, colon, number = name.rpartition(":")
+            if colon:
+                own.setdefault(run, {})[number] = value
+        axis, delay = changed(self.axis, shared), values.get(DELAY, self.delay)
+        return replace(self, axis=axis, origin=self.first, delay=delay, own=own)
+
+    def set_apart(self, runs: Iterable[str]) -> AxisDynamics:
+        """Return the model with numbers of its own for each of some runs: where it began, and how late."""
+        return replace(self, apart=tuple(runs))
 
     def refined(self, tolerance: float | None = None) -> AxisDynamics:
         """Return the model with steps found anew at its present values, perhaps for another tolerance."""
         return replace(self, tolerance=tolerance or self.tolerance, steps=Steps(self.axis, self.delay))
 
-    def with_effect(self, effect: Effect) -> AxisDynamics:
-        """Return the model with an effect of the catalogue added, at its start values scaled to this stroke.
+    def with_steps(self, finest: int) -> AxisDynamics:
+        """Return the model with steps found anew, no more than so many in a sample."""
+        return replace(self, finest=finest, steps=Steps())
+
+    def with_effect(self, effect: Effect, name: str = "") -> AxisDynamics:
+        """Return the model with an effect added, at its start values scaled to this stroke.
+
+        Parameters
+        ----------
+        effect
+            The effect; one of driver, sensor or controller sets the number that stands for it.
+        name
+            Under which `flexdesign.effects.find` has it; by default its own.
 
         Raises
         ------
         InputError
-            If the axis has it already, the catalogue does not, or it is a number of driver or sensor.
+            If the axis has it already, or the catalogue does not.
         """
-        if effect.name in units_of.ELSEWHERE:
-            raise InputError("model", effect.name, None, f"is {units_of.ELSEWHERE[effect.name]}; change that")
-        if effect.name not in effects.names():
-            raise InputError("model", effect.name, None, f"is no effect{suggest(effect.name, effects.names())}")
-        if effect.name in self.axis.effects:
-            raise InputError("model", effect.name, None, f"acts on axis {self.name} already")
+        name = name or effect.name
+        number = units_of.ELSEWHERE.get(name)
+        if number is not None:
+            start = effect.parameters[0].start
+            assert start is not None
+            return replace(self.replace({number: start}), steps=Steps(), origin=self.first)
+        if name not in effects.names() and not name.endswith(".py"):
+            raise InputError("model", name, None, f"is no effect{suggest(name, effects.names())}")
+        if name in self.axis.effects:
+            raise InputError("model", name, None, f"acts on axis {self.name} already")
         # Plausible ranges do not depend on the values given here.
         blank = {p.name: p.start if p.start is not None else 0.0 for p in effect.parameters}
-        starts = {p.name.rpartition(".")[2]: p.start for p in self._effect(effect, effect.name, blank)}
-        values = {name: blank[name] if start is None else start for name, start in starts.items()}
-        axis, origin = (replace(a, effects={**a.effects, effect.name: values}) for a in (self.axis, self.first))
-        return AxisDynamics(self.name, axis, self.volts, self.tolerance, origin, delay=self.delay)
+        scaled = axis_parameters.of_effect(self.first, self.volts, effect, name, blank)
+        starts = {p.name.rpartition(".")[2]: p.start for p in scaled}
+        values = {key: blank[key] if start is None else start for key, start in starts.items()}
+        axis, origin = (replace(a, effects={**a.effects, name: values}) for a in (self.axis, self.first))
+        return replace(self, axis=axis, origin=origin, steps=Steps())
 
     def predict(self, observation: Observation) -> Array:
         """Return the reading that the recorded command gives [response], n values; NaN where the motion runs away.
@@ -178,7 +218,7 @@ class AxisDynamics:
         def find() -> int:
             first = replace(self, axis=self.steps.at or self.axis, delay=self.steps.delay)
             found = first._simulated(run, None)
-            return found.substeps * (MARGIN if found.error > EXACT * self.tolerance else 1)
+            return min(found.substeps * (MARGIN if found.error > EXACT * self.tolerance else 1), self.finest)
 
         return self.steps.of(run, find)
 
@@ -201,7 +241,7 @@ class AxisDynamics:
         """
         command, response, mode = self.command(run), run.measured(), self.first
         period = max(1, math.ceil(1 / (mode.natural_frequency * run.period)))
-        span, rings = float(np.ptp(command)), float(np.ptp(response[: period + 1])) > RINGS * float(np.ptp(response))
+        span, rings = float(np.ptp(command)), _span(response[: period + 1]) > RINGS * _span(response)
         stands = float(np.ptp(command[: period + 1])) <= STILL * span
         if (abs(command[0]) <= 1e-3 * span and not stands) or (stands and not rings):
             return 0
@@ -230,19 +270,31 @@ class AxisDynamics:
         return found.reading[0, -len(run.time) :], float(np.abs(found.cut).max())
 
     def _simulated(self, run: Run, steps: int | None) -> Response:
-        command = self.command(run)
+        own = self.own.get(run.name, {})
+        command, delay = self.command(run), self.delay + own.get(TRIGGER, 0.0)
+        if delay < 0:  # the record began early: the command acts some samples sooner, and then late
+            early = math.ceil(-delay / run.period)
+            command, delay = np.append(command[early:], np.full(early, command[-1])), delay + early * run.period
         if command[0] != 0:
             lead = math.ceil(self._decay(SETTLED, 0.5 * self.first.damping_ratio) / run.period)
             command = np.concatenate([np.full(lead, command[0]), command])
+        axis = changed(self.axis, {name: value for name, value in own.items() if name != TRIGGER})
         return simulate(
-            Stage((self._chain(),), limits={self.name: stages.limits(self.axis)}),
+            Stage((self._chain(axis),), limits={self.name: stages.limits(axis)}),
             {self.name: Loop(command)},
             run.period,
-            delay=self.delay,
+            delay=delay,
             between_samples=run.between_samples,
             tolerance=self.tolerance,
             substeps=steps,
+            most_steps=self.finest,
+            disturbances=self._disturbances(axis, run, len(command)),
         )
+
+    def _disturbances(self, axis: AxisModel, run: Run, samples: int) -> Mapping[str, Array]:
+        """Return what adds to the reading; nothing does while the stage settles before the record."""
+        added = stages.disturbance(self.name, axis, run.columns, run.time)
+        return {} if added is None else {self.name: np.concatenate([np.zeros(samples - len(added)), added])}
 
     def _decay(self, share: float, damping_ratio: float) -> float:
         """Return the time after which a mode has decayed to a share [s]."""
@@ -250,74 +302,10 @@ class AxisDynamics:
         longest = LONGEST_LEAD / self.first.natural_frequency
         return min(-math.log(share) / rate, longest) if rate > 0 else longest
 
-    def _chain(self) -> AxisChain:
+    def _chain(self, axis: AxisModel) -> AxisChain:
         # Readings in whole steps would hide small changes of a value from a fit; the rounding is noise to it.
-        smooth = replace(self.axis, sensor=replace(self.axis.sensor, resolution=0.0))
+        smooth = replace(axis, sensor=replace(axis.sensor, resolution=0.0))
         return stages.chain(self.name, smooth)
-
-    # --- parameters ----------------------------------------------------------------------------------------------
-
-    def _mechanics(self) -> list[Parameter]:
-        first = self.first
-        si, unit = f"{first.response}/V", f"{units_of.RESPONSES[first.response][1]}/V"
-        low, high = sorted((0.1 * first.gain, 10 * first.gain))
-        made = [
-            _frequency("natural_frequency", "natural frequency of the main mode", first.natural_frequency),
-            _damping("damping_ratio", "damping ratio of the main mode"),
-            Parameter("gain", si, unit, "response per voltage, before hysteresis", plausible=(low, high)),
-        ]
-        for i, mode in enumerate(first.modes, start=1):
-            made += [
-                _frequency(f"modes.{i}.frequency", "natural frequency of a further mode", mode.frequency),
-                _damping(f"modes.{i}.damping_ratio", "damping ratio of a further mode"),
-                Parameter(f"modes.{i}.share", "1", "%", "part of the static response", 0.0, plausible=(-1.0, 1.0)),
-            ]
-        return made
-
-    def _electronics(self) -> list[Parameter]:
-        low, high = sorted((0.1 * self.first.driver.gain, 10 * self.first.driver.gain))
-        made = [Parameter("driver.gain", "1", "", "voltage at the stack per command", plausible=(low, high))]
-        acting = (("driver.bandwidth", "driver_bandwidth"), ("driver.slew", "driver_slew"))
-        for name, effect in (*acting, ("sensor.bandwidth", "sensor_bandwidth")):
-            made.append(replace(effects.find(effect).parameters[0], name=name))
-        return [*made, Parameter(DELAY, "s", "ms", "how late commands act", 0.0, plausible=(0.0, LONGEST_DELAY))]
-
-    def _effect(self, effect: Effect, name: str, values: Mapping[str, float]) -> list[Parameter]:
-        """Return the parameters of an effect in the units of this response, ranges and starts scaled to its stroke."""
-        first = self.first.effects.get(name, values)
-        power, _ = units_of.POWER_LAWS.get(name, ("", ()))
-        exponent = first.get(power, 1.0)
-        fields = units_of.effect(name, self.first.response, exponent)
-        own = self._hysteresis(exponent).get(name, {})
-        made = []
-        for p in effect.parameters:
-            scale = (self.stroke / CATALOGUE_STROKE) ** _powers_of_length(p.si)
-            low, high, start = own.get(p.name, (p.plausible[0] * scale, p.plausible[1] * scale, p.start))
-            if start is not None and p.name not in own:
-                start *= scale
-            number = fields[p.name]
-            made.append(
-                replace(p, name=f"{name}.{p.name}", si=number.si, unit=number.unit, plausible=(low, high), start=start)
-            )
-        return made
-
-    def _hysteresis(self, exponent: float) -> dict[str, dict[str, tuple[float, float, float]]]:
-        """Return low, high and start of what sets the size and the bend of a loop, scaled to gain, voltage and stroke.
-
-        A Bouc-Wen loop takes up to the whole gain, and bends into saturation within a thousandth to a thousand times
-        the voltage range; the start is a tenth of the gain, bent at the voltage itself. It rests within the stroke.
-        """
-        gain, volts, stroke = self.stroke / self.volts, self.volts, self.stroke
-        rate, stiff = stroke ** (1 - exponent) / volts, stroke**-exponent
-        return {
-            "bouc_wen": {
-                "a": (1e-4 * gain, 2.0 * gain, 0.1 * gain),
-                "b": (1e-3 * rate, 1e3 * rate, rate),
-                "c": (-10.0 * rate, 10.0 * rate, 0.0),
-                "rest": (-stroke, stroke, 0.0),
-            },
-            "hysteretic_spring": {"gamma": (0.0, 10.0 * stiff, stiff), "delta": (-10.0 * stiff, 10.0 * stiff, 0.0)},
-        }
 
 
 def changed(axis: AxisModel, values: Mapping[str, float]) -> AxisModel:
@@ -348,8 +336,29 @@ def changed(axis: AxisModel, values: Mapping[str, float]) -> AxisModel:
     return replace(axis, **own, modes=modes, driver=driver, sensor=sensor, effects=acting)
 
 
-def of_axis(run: Run, name: str, axis: AxisModel) -> Run:
-    """Return what a run holds of one axis: its command and its response.
+@dataclass(frozen=True, eq=False)
+class AxisRun(Run):
+    """What a run holds of one axis, an `Observation` of n values; other columns are there for what disturbs it.
+
+    Parameters
+    ----------
+    response
+        Column of the response.
+    """
+
+    response: str = ""
+
+    def command(self) -> Array:
+        """Return the command of this axis [V], n values."""
+        return self.columns[command_column(self, self.response)]
+
+    def measured(self) -> Array:
+        """Return the response of this axis, n values."""
+        return self.columns[self.response]
+
+
+def of_axis(run: Run, name: str, axis: AxisModel) -> AxisRun:
+    """Return a run as seen by one axis: its command and its response.
 
     Raises
     ------
@@ -364,8 +373,13 @@ def of_axis(run: Run, name: str, axis: AxisModel) -> Run:
     if run.si[name] != axis.response:
         remedy = f"the model's axis {name} responds in {axis.response} (the unit of its gain); correct one of the two"
         raise InputError(run.name, name, f"in {run.si[name]}", remedy)
-    column = command_column(run, name)
-    return replace(run, columns={column: run.columns[column], name: run.columns[name]})
+    command_column(run, name)
+    return AxisRun(**{each.name: getattr(run, each.name) for each in fields(run)}, response=name)
+
+
+def _span(values: Array) -> float:
+    present = values[np.isfinite(values)]
+    return float(np.ptp(present)) if present.size else 0.0
 
 
 def command_column(run: Run, name: str) -> str:
@@ -381,20 +395,3 @@ def command_column(run: Run, name: str) -> str:
             return column
     there = f"there is {', '.join(run.commands)}"
     raise InputError(run.name, f"u{name}", None, f"the run has no command of axis {name}; {there}: leave the run out")
-
-
-def _frequency(name: str, meaning: str, value: float) -> Parameter:
-    return Parameter(name, "Hz", "Hz", meaning, plausible=(value / 3, 3 * value), scale="log")
-
-
-def _damping(name: str, meaning: str) -> Parameter:
-    return Parameter(name, "1", "", meaning, plausible=(1e-4, 2.0), scale="log")
-
-
-def _powers_of_length(si: str) -> int:
-    """Return the power of the metre in a unit of the catalogue.
-
-    >>> [_powers_of_length(si) for si in ("m/V", "1/m^2", "1/V", "Hz")]
-    [1, -2, 0, 0]
-    """
-    return {"m": 1, "m/V": 1, "1/m": -1, "1/m^2": -2, "1/m^3": -3}.get(si, 0)

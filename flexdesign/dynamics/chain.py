@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from flexdesign import linear
 from flexdesign.dynamics import kernels
 from flexdesign.dynamics.layout import Forces, Layout, Modes, Moves, State, Ticks, Timing
-from flexdesign.model import Block, Controller, Effect, Socket
+from flexdesign.model import Block, Controller, Disturbance, Effect, Socket
 from flexdesign.model.effect import Values
 
 #: Sockets before the mechanics, in the order of the signal.
@@ -43,7 +43,8 @@ class AxisChain:
     modes
         At least one; the motion is the sum of all.
     effects
-        Effects with their values in SI; those at null take no part.
+        Effects with their values in SI; those at null take no part. What they do to the numbers and modes of the axis
+        is in those already, see `flexdesign.dynamics.stage.chain`.
     amplifier
         Voltage at the stack per command [V/V].
     """
@@ -56,13 +57,33 @@ class AxisChain:
 
     def blocks(self, *sockets: Socket) -> list[tuple[Block, Values]]:
         """Return the blocks of some sockets with their values, by name of their effect."""
-        acting = sorted((e for e in self.effects if not e[0].is_null(e[1])), key=lambda e: e[0].name)
-        return [
-            (face, values)
-            for effect, values in acting
-            for face in effect.faces
-            if isinstance(face, Block) and face.socket in sockets
-        ]
+        faces = ((face, values) for effect, values in by_name(self.effects) for face in effect.faces)
+        return [(face, values) for face, values in faces if isinstance(face, Block) and face.socket in sockets]
+
+    def disturbance(
+        self, time: NDArray[np.float64], recorded: Mapping[str, NDArray[np.float64]] | None = None
+    ) -> NDArray[np.float64] | None:
+        """Return what the effects add to the reading [m], n values; None if none does.
+
+        Parameters
+        ----------
+        time
+            Of the samples [s], n values.
+        recorded
+            Columns, n values each; an effect that needs one that is not there adds nothing.
+        """
+        there, total = recorded or {}, None
+        for effect, values in by_name(self.effects):
+            for face in effect.faces:
+                if isinstance(face, Disturbance) and set(face.columns) <= set(there):
+                    added = face.reading(values, there, time)
+                    total = added if total is None else total + added
+        return total
+
+
+def by_name(given: Iterable[tuple[Effect, Values]]) -> list[tuple[Effect, Values]]:
+    """Return the effects that act, in an order that does not depend on the one in which they were added."""
+    return sorted((each for each in given if not each[0].is_null(each[1])), key=lambda each: each[0].name)
 
 
 @dataclass(frozen=True)
@@ -258,16 +279,20 @@ def _state(keep: Keeper, block: Block) -> int:
 
 
 def _forces(keep: Keeper, axes: Sequence[AxisChain], step: float) -> Forces:
-    first, hooks, place, constants = [0], [], [0], []
+    first, hooks, by_path, place, constants = [0], list[int](), list[int](), [0], list[int]()
     for axis in axes:
-        for block, values in axis.blocks(Socket.FORCE):
-            if block.flow is not None:
-                hooks.append(kernels.address(block.flow, "flow"))
-                place.append(place[-1] + len(block.states))
-                constants.append(keep.reals(block.constants(values, step)))
+        blocks = axis.blocks(Socket.FORCE)
+        for kind in ("flow", "pull"):
+            for block, values in blocks:
+                if (hook := getattr(block, kind)) is not None:
+                    hooks.append(kernels.address(hook, kind))
+                    place.append(place[-1] + len(block.states))
+                    constants.append(keep.reals(block.constants(values, step)))
+            if kind == "flow":
+                by_path.append(len(hooks))
         first.append(len(hooks))
     rooms = (keep.reals(np.zeros(count * place[-1])) for count in (1, 1, 4))
-    return Forces(place[-1], *(keep.ints(numbers) for numbers in (first, hooks, place, constants)), *rooms)
+    return Forces(place[-1], *(keep.ints(numbers) for numbers in (first, hooks, by_path, place, constants)), *rooms)
 
 
 #: A hook, the number of its states, and its constants.

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from flexdesign.dynamics.kernels import call_control, call_flow, call_move, call_tick, ints, reals
+from flexdesign.dynamics.kernels import call_control, call_flow, call_move, call_pull, call_tick, ints, reals
 from flexdesign.dynamics.layout import (
     Coupling,
     Forces,
@@ -234,11 +234,14 @@ def _forced(axis: int, segment: int, drive: int, step: float, modes: Modes, forc
     r1 = forces.rates  # addresses of the states' rates at the four stages
     r2, r3, r4 = r1 + 8 * forces.number, r1 + 16 * forces.number, r1 + 24 * forces.number
     begin = d0 + _force(axis, d0, moved[2 * axis], moved[2 * axis + 1], 0.0, r1, r1, forces)
+    begin += _pulled(axis, moved[2 * axis], moved[2 * axis + 1], 0.0, forces.trial, forces, state)
     # Two guesses of the middle, from the force at the start and from that at the first guess.
     x, v = _halfway(axis, segment, begin, modes, state)
     guess_a = d1 + _force(axis, d1, x, v, 0.5 * step, r1, r2, forces)
+    guess_a += _pulled(axis, x, v, 0.5 * step, forces.trial, forces, state)
     x, v = _halfway(axis, segment, guess_a, modes, state)
     guess_b = d1 + _force(axis, d1, x, v, 0.5 * step, r2, r3, forces)
+    guess_b += _pulled(axis, x, v, 0.5 * step, forces.trial, forces, state)
     # A guess of the end, by a second half from the first guess of the middle.
     x = v = 0.0
     for m in range(first[axis], first[axis + 1]):
@@ -248,12 +251,14 @@ def _forced(axis: int, segment: int, drive: int, step: float, modes: Modes, forc
         x += p[i] * qa0 + p[i + 1] * qa1 + p[i + 4] * (2.0 * guess_b - begin)
         v += p[i + 2] * qa0 + p[i + 3] * qa1 + p[i + 5] * (2.0 * guess_b - begin)
     end = d2 + _force(axis, d2, x, v, step, r3, r4, forces)
+    end += _pulled(axis, x, v, step, forces.trial, forces, state)
     d[drive], d[drive + 1], d[drive + 2] = begin, 0.5 * (guess_a + guess_b), end
     _free(axis, segment, drive, modes, state)
     d[drive], d[drive + 1], d[drive + 2] = d0, d1, d2
     place, states, force = ints(forces.place), reals(forces.states), ints(forces.first)
-    for i in range(place[force[axis]], place[force[axis + 1]]):
+    for i in range(place[force[axis]], place[force[axis + 1]]):  # forces by path have rates of zero
         states[i] += step / 6.0 * (reals(r1)[i] + 2.0 * reals(r2)[i] + 2.0 * reals(r3)[i] + reals(r4)[i])
+    _pulled(axis, moved[2 * axis], moved[2 * axis + 1], step, forces.states, forces, state)
 
 
 @inside
@@ -272,7 +277,7 @@ def _halfway(axis: int, segment: int, force: float, modes: Modes, state: State) 
 def _force(
     axis: int, drive: float, x: float, v: float, after: float, earlier: Reals, rates: Reals, forces: Forces
 ) -> float:
-    """Return all forces over the stiffness, `after` the start of the step, and fill in the rates of their states.
+    """Return all forces that have rates over the stiffness, `after` the start of the step, and fill the rates in.
 
     The states have gone there at the `earlier` rates.
     """
@@ -281,9 +286,31 @@ def _force(
     for i in range(place[first[axis]], place[first[axis + 1]]):
         trial[i] = states[i] + after * reals(earlier)[i]
     total = 0.0
-    for f in range(first[axis], first[axis + 1]):
+    for f in range(first[axis], ints(forces.by_path)[axis]):
         offset = 8 * place[f]
         total += call_flow(hook[f], drive, x, v, forces.trial + offset, rates + offset, constants[f])
+    return total
+
+
+@inside
+def _pulled(axis: int, x: float, v: float, after: float, states: Reals, forces: Forces, state: State) -> float:
+    """Return all forces that follow the path from the start of the step, `after` it, and take their states there.
+
+    Where the velocity has changed its sign the path goes by the turning point, found as if the velocity were straight.
+    """
+    first, last = ints(forces.by_path)[axis], ints(forces.first)[axis + 1]
+    if first == last:
+        return 0.0
+    begin, speed = reals(state.before)[2 * axis], reals(state.before)[2 * axis + 1]
+    turns = speed * v < 0.0
+    turn = begin + 0.5 * after * speed * speed / (speed - v) if turns else begin
+    hook, place, constants = ints(forces.hook), ints(forces.place), ints(forces.constants)
+    total = 0.0
+    for f in range(first, last):
+        own = states + 8 * place[f]
+        if turns:
+            call_pull(hook[f], begin, turn, own, constants[f])
+        total += call_pull(hook[f], turn, x, own, constants[f])
     return total
 
 

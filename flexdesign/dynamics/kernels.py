@@ -26,6 +26,7 @@ _REAL = nb.float64
 SIGNATURES = {
     "move": nb.void(_FLOATS, _FLOATS, _FLOATS, _FLOATS),
     "flow": _REAL(_REAL, _REAL, _REAL, _FLOATS, _FLOATS, _FLOATS),
+    "pull": _REAL(_REAL, _REAL, _FLOATS, _FLOATS),
     "tick": _REAL(_REAL, _FLOATS, _FLOATS),
     "control": _REAL(_REAL, _REAL, _REAL, _FLOATS, _FLOATS),
 }
@@ -42,7 +43,7 @@ def address(hook: Callable[..., Any], kind: str) -> int:
     hook
         A plain function, see `flexdesign.model.Block`.
     kind
-        ``"move"``, ``"flow"``, ``"tick"`` or ``"control"``.
+        ``"move"``, ``"flow"``, ``"pull"``, ``"tick"`` or ``"control"``.
 
     Raises
     ------
@@ -119,6 +120,13 @@ def call_flow(
 ) -> Any:
     """Call a `flow` hook with drive, position and velocity, then addresses; return the force over the stiffness."""
     result, arguments, codegen = _caller(3, 3, True)
+    return result(*arguments), codegen
+
+
+@intrinsic
+def call_pull(typing: Any, hook: Any, begin: Any, end: Any, state: Any, constants: Any) -> Any:
+    """Call a `pull` hook with both ends of a stretch, then addresses; return the force over the stiffness."""
+    result, arguments, codegen = _caller(2, 2, True)
     return result(*arguments), codegen
 
 

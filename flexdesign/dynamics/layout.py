@@ -48,6 +48,8 @@ class Modes(NamedTuple):
 class Forces(NamedTuple):
     """Forces that depend on the motion: for each axis its first; their hooks, places of states, and constants.
 
+    `by_path` holds for each axis the first of those that follow the path of the position (`pull`); those before have
+    rates (`flow`).
     Beside the states, of which there are `number`, there is room for their trial values, and for their rates at the
     four stages of a step, one stage after the other.
     """
@@ -55,6 +57,7 @@ class Forces(NamedTuple):
     number: int
     first: Ints
     hook: Ints
+    by_path: Ints
     place: Ints
     constants: Ints
     states: Reals

@@ -24,6 +24,8 @@ TOLERANCE = 1e-6
 SAFETY = 1.5
 #: More steps in a sample than this are not tried.
 MOST_STEPS = 1024
+#: With so many steps in a sample a divergence is that of the stage; with fewer it may be that of steps too long.
+SURE = 64
 #: A motion so many times larger than full drive is taken for a divergence.
 RUNAWAY = 1e4
 
@@ -124,6 +126,8 @@ def simulate(
     seed: int = 0,
     tolerance: float = TOLERANCE,
     substeps: int | None = None,
+    most_steps: int = MOST_STEPS,
+    disturbances: Mapping[str, Array] | None = None,
 ) -> Response:
     """Run a stage from rest at zero volts.
 
@@ -150,13 +154,18 @@ def simulate(
         Error allowed, relative to the largest span of motion.
     substeps
         A fixed number of steps, for fits that need a smooth dependence; no error is estimated then.
+    most_steps
+        More than these are not tried, and the error is what it is.
+    disturbances
+        For each axis, by name, what is added to its reading at each sample, beside noise [m]; may be NaN in an open
+        loop. By default what effects of the axis add that need no recorded column, such as hum.
 
     Raises
     ------
     ValueError
         If lengths differ, a command or reference is not finite, or a loop is closed with linear commands.
     """
-    inputs = _Inputs(stage, loops, period, delay, between_samples, oversampling, seed)
+    inputs = _Inputs(stage, loops, period, delay, between_samples, oversampling, seed, disturbances)
     if substeps is not None:
         return inputs.response(substeps, math.nan)
     steps, changes = 1, list[float]()
@@ -165,32 +174,41 @@ def simulate(
         steps *= 2
         fine = inputs.response(steps, math.inf)
         if fine.diverged is not None:
-            return fine
-        if coarse.diverged is None:
+            if steps >= SURE or _same_divergence(coarse, fine):
+                return fine
+        elif coarse.diverged is None:
             changes.append(max(_change(a, b) for a, b in zip(inputs.judged(coarse), inputs.judged(fine), strict=True)))
-            error = _estimate(changes)
+            error = _estimate(changes, inputs.most_order)
             # Readings in whole steps decide by less than any tolerance: then changes stop falling. Two that do not fall
             # say little: a lag faster than the first steps is not resolved by them.
             stalled = len(changes) > 3 and min(changes[-3:]) > 0.7 * changes[-4]
-            if error <= tolerance or stalled or steps >= MOST_STEPS:
+            if error <= tolerance or stalled or steps >= most_steps:
                 return replace(fine, error=error)
         coarse = fine
 
 
-def _estimate(changes: Sequence[float]) -> float:
+def _estimate(changes: Sequence[float], most: float = 4.0) -> float:
     """Return the error left, from the changes at each doubling of the number of steps.
 
-    The order is what the last changes show, at most four. Where turning points of the voltage fall within steps it
-    goes up and down, so that the lowest of the last three counts, and fewer for no more than two.
+    The order is what the last changes show, at most four, or `most`. Where turning points of the voltage fall within
+    steps it goes up and down, so that the lowest of the last three counts, and fewer for no more than two.
     """
     orders = [math.log2(a / b) if b > 0 else 4.0 for a, b in pairwise(changes)]
-    order = min([*orders[-3:], 4.0 if len(orders) > 2 else 2.0]) if orders else 1.0
+    order = min([*orders[-3:], most if len(orders) > 2 else 2.0]) if orders else 1.0
     return SAFETY * changes[-1] / (2.0 ** max(order, 1.0) - 1.0)
 
 
 def _change(coarse: Array, fine: Array) -> float:
     span = float(np.max(np.ptp(fine, axis=1)))
     return float(np.max(np.abs(fine - coarse))) / span if span > 0 else 0.0
+
+
+def _same_divergence(coarse: Response, fine: Response) -> bool:
+    """Tell whether both run away at the same time, and on the same way: steps that are too long do so anyhow."""
+    samples = min(coarse.motion.shape[1], fine.motion.shape[1])
+    if coarse.diverged is None or samples < 8 or coarse.motion.shape != fine.motion.shape:
+        return False
+    return _change(coarse.motion, fine.motion) < 0.1
 
 
 class _Inputs:
@@ -205,6 +223,7 @@ class _Inputs:
         between_samples: str,
         oversampling: int,
         seed: int,
+        disturbances: Mapping[str, Array] | None,
     ) -> None:
         names = [axis.name for axis in stage.axes]
         lengths = {len(loop.command) for loop in loops.values()}
@@ -224,6 +243,7 @@ class _Inputs:
         generator = np.random.default_rng(seed)
         sizes = np.array([[stage.noise.get(name, 0.0)] for name in names])
         self.noise = sizes * generator.standard_normal((len(names), self.count))
+        self._disturb(disturbances)
         limits = [stage.limits.get(name, (-math.inf, math.inf)) for name in names]
         self.limits = np.array(limits, dtype=np.float64)
 
@@ -241,6 +261,19 @@ class _Inputs:
         if self.is_linear:
             return np.array([np.interp(at, np.arange(last + 1), row) for row in given])
         return np.ascontiguousarray(given[:, np.floor(at + 1e-9).astype(np.intp)])
+
+    def _disturb(self, given: Mapping[str, Array] | None) -> None:
+        """Add to the noise what else disturbs the readings."""
+        time = self.period * np.arange(self.count, dtype=np.float64)
+        for row, axis, loop in zip(self.noise, self.stage.axes, self.ordered, strict=True):
+            if given is None:
+                added = axis.disturbance(time)
+            elif (added := given.get(axis.name)) is not None:
+                if len(added) != len(loop.command) or (loop.is_closed and not np.isfinite(added).all()):
+                    raise ValueError("a disturbance needs as many values as the command, in a closed loop finite ones")
+                added = np.interp(time, time[:: self.every], added)
+            if added is not None:
+                row += added
 
     def response(self, substeps: int, error: float) -> Response:
         """Run once with a number of steps in a sample."""
@@ -294,6 +327,12 @@ class _Inputs:
         """Return what the tolerance is for: the motion, and the reading if it does not come in whole steps."""
         rounded = any(block.tick for axis in self.stage.axes for block, _ in axis.blocks(Socket.SENSOR))
         return [response.motion] if rounded else [response.motion, response.reading]
+
+    @property
+    def most_order(self) -> float:
+        """The order of convergence that an error estimate may count on: lower where a force bends within steps."""
+        bends = any(block.pull for axis in self.stage.axes for block, _ in axis.blocks(Socket.FORCE))
+        return 2.0 if bends else 4.0
 
     def _bound(self) -> float:
         """Return how large a motion may grow: far beyond what full drive gives."""

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign import effects
-from flexdesign.dynamics.chain import AxisChain, Oscillator
+from flexdesign.dynamics.chain import AxisChain, Oscillator, by_name
 from flexdesign.dynamics.simulate import Stage
 from flexdesign.effects import bouc_wen
-from flexdesign.model import Effect
+from flexdesign.errors import InputError
+from flexdesign.model import OTHER, Adjust, Disturbance, Effect, Resonance
+from flexdesign.runs import AXES
 from flexdesign.stage_model import AxisModel, StageModel
 
 
@@ -30,10 +32,66 @@ def stage(model: StageModel) -> Stage:
 
 
 def chain(name: str, axis: AxisModel) -> AxisChain:
-    """Return the chain of one axis."""
-    main = Oscillator(axis.natural_frequency, axis.damping_ratio, 1.0 - sum(mode.share for mode in axis.modes))
-    further = (Oscillator(mode.frequency, mode.damping_ratio, mode.share) for mode in axis.modes)
-    return AxisChain(name, axis.gain, (main, *further), tuple(acting(axis)), axis.driver.gain)
+    """Return the chain of one axis, its numbers and modes as its effects leave them."""
+    numbers, given = adjusted(axis), acting(axis)
+    further = [Oscillator(mode.frequency, mode.damping_ratio, mode.share) for mode in axis.modes]
+    for effect, values in by_name(given):
+        further += [Oscillator(*face.mode(values)) for face in effect.faces if isinstance(face, Resonance)]
+    share = 1.0 - sum(mode.share for mode in further)
+    main = Oscillator(numbers["natural_frequency"], numbers["damping_ratio"], share)
+    return AxisChain(name, numbers["gain"], (main, *further), tuple(given), axis.driver.gain)
+
+
+def adjusted(axis: AxisModel) -> dict[str, float]:
+    """Return natural frequency, damping ratio and gain of the main mode as the effects of an axis leave them, SI."""
+    numbers = {"natural_frequency": axis.natural_frequency, "damping_ratio": axis.damping_ratio, "gain": axis.gain}
+    for effect, values in by_name(acting(axis)):
+        for face in effect.faces:
+            if isinstance(face, Adjust):
+                numbers = face.apply(numbers, values)
+    return numbers
+
+
+def disturbance(
+    name: str, axis: AxisModel, recorded: Mapping[str, NDArray[np.float64]], time: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """Return what the effects of an axis add to its reading in a recorded run [response], n values; None if nothing.
+
+    Parameters
+    ----------
+    name, axis
+        The axis and its numbers.
+    recorded
+        The columns of the run by name, n values each, SI.
+    time
+        Of the samples [s].
+
+    Raises
+    ------
+    InputError
+        If an effect needs a column that is not recorded; the message names it.
+    """
+    there, given = with_other(name, recorded), acting(axis)
+    for effect, _ in by_name(given):
+        if lacking := missing(name, effect, recorded):
+            column = f"the response of another axis ({', '.join(each for each in AXES if each != name)})"
+            needs = " and ".join(column if each == OTHER else f"a column {each}" for each in lacking)
+            remedy = f"needs {needs}, which was not recorded; leave the effect or the run out"
+            raise InputError("model", f"axis.{name}.effects.{effect.name}", None, remedy)
+    return AxisChain(name, axis.gain, (), tuple(given)).disturbance(time, there)
+
+
+def missing(name: str, effect: Effect, recorded: Mapping[str, NDArray[np.float64]]) -> tuple[str, ...]:
+    """Return the columns that an effect on the axis `name` needs and a run lacks; `OTHER` for another axis."""
+    there = with_other(name, recorded)
+    needed = (column for face in effect.faces if isinstance(face, Disturbance) for column in face.columns)
+    return tuple(dict.fromkeys(column for column in needed if column not in there))
+
+
+def with_other(name: str, recorded: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
+    """Return recorded columns and, as `OTHER`, the first response of another axis than `name`, if there is one."""
+    others = [each for each in AXES if each != name and each in recorded]
+    return {**recorded, **({OTHER: recorded[others[0]]} if others else {})}
 
 
 def acting(axis: AxisModel) -> list[tuple[Effect, Mapping[str, float]]]:
@@ -76,10 +134,11 @@ def secant_gain(axis: AxisModel) -> float:
     """
     low, high = stack_range(axis)
     hysteresis = axis.effects.get("bouc_wen")
+    gain = adjusted(axis)["gain"]
     if hysteresis is None or not math.isfinite(high - low):
-        return axis.gain
+        return gain
     bottom, top = _steady(hysteresis, low, high)
-    return math.copysign(abs(axis.gain) - (top - bottom) / (high - low), axis.gain)
+    return math.copysign(abs(gain) - (top - bottom) / (high - low), gain)
 
 
 def cycled(axis: AxisModel) -> AxisModel:

@@ -1,5 +1,8 @@
 """The catalogue of effects: one piece of physics per file, found by its name or by a path.
 
+An installed package adds effects of its own by entry points of the group ``flexdesign.effects``, each the name of the
+effect and its place, such as ``my_package.my_effect:EFFECT``.
+
 >>> find("bouc_wen").where
 'the piezo stack, between its voltage and its extension'
 """
@@ -9,16 +12,31 @@ from __future__ import annotations
 import importlib.util
 import pkgutil
 from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from flexdesign.errors import suggest
 from flexdesign.model import Effect
 
+#: The group of entry points by which installed packages add effects.
+GROUP = "flexdesign.effects"
+
 
 @cache
 def names() -> tuple[str, ...]:
-    """Return the names of the effects that come with flexdesign."""
-    return tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_")))
+    """Return the names of the effects that come with flexdesign, and of those that installed packages add."""
+    return tuple(sorted({*_own(), *_added()}))
+
+
+@cache
+def _own() -> frozenset[str]:
+    return frozenset(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_"))
+
+
+@cache
+def _added() -> dict[str, EntryPoint]:
+    """Return the entry points of installed packages by the names of their effects; none takes the place of ours."""
+    return {entry.name: entry for entry in entry_points(group=GROUP) if entry.name not in _own()}
 
 
 def find(name: str) -> Effect:
@@ -29,14 +47,18 @@ def find(name: str) -> Effect:
     ValueError
         If there is none; the message says what there is.
     """
-    if name in names():
+    if name in _own():
         found = importlib.import_module(f"{__name__}.{name}").EFFECT
+    elif name in _added():
+        found = _from_package(_added()[name])
     elif name.endswith(".py"):
         found = _from_file(Path(name).resolve())  # a relative path means another file in another folder
     else:
         raise ValueError(f"is not a known effect{suggest(name, list(names()))}")
     if not isinstance(found, Effect):
         raise ValueError("has an EFFECT that is no flexdesign.model.Effect")
+    if name in _added() and found.name != name:
+        raise ValueError(f"is called {found.name} by itself; the entry point needs that name")
     return found
 
 
@@ -62,6 +84,14 @@ def beside(name: str, folder: Path) -> str:
         if path.is_file():
             return str(path)
     raise ValueError(f"is no Python file; tried {' and '.join(map(str, tried))}")
+
+
+@cache
+def _from_package(entry: EntryPoint) -> object:
+    try:
+        return entry.load()
+    except Exception as error:
+        raise ValueError(f"cannot be loaded from {entry.value}: {type(error).__name__}: {error}") from error
 
 
 @cache

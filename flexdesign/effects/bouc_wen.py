@@ -184,12 +184,24 @@ EFFECT = Effect(
     reference="Bouc-Wen as in eqs (26) to (29) of Lin, Yu, Wu and Shen (2019), Microsystem Technologies",
     parameters=(
         Parameter("a", "m/V", "um/V", "slope of the hysteresis where it is zero", 0.0, 0.3e-6, (0.0, 1e-4), "log"),
-        Parameter("b", "1/V", "1/V", "how fast the loop saturates", None, 0.02, (1e-5, 10.0), "log"),
+        Parameter(
+            "b",
+            "1/V",
+            "1/V",
+            "how fast the loop saturates",
+            None,
+            0.02,
+            (1e-5, 10.0),
+            "log",
+            screen=(0.003, 0.01, 0.03, 0.1, 0.3),
+        ),
         Parameter("c", "1/V", "1/V", "how rising and falling branches differ", None, 0.0, (-10.0, 10.0)),
         Parameter("n", "1", "", "sharpness of the bend into saturation", None, 1.0, (1.0, 5.0)),
-        Parameter("rest", "m", "um", "hysteresis at rest, where motion counts as zero", None, 0.0, (-1e-3, 1e-3)),
+        Parameter(
+            "rest", "m", "um", "hysteresis at rest, where motion is zero", None, 0.0, (-1e-3, 1e-3), per_run=True
+        ),
     ),
     faces=(Block(Socket.HYSTERESIS, states=("h", "v"), constants=constants, move=move),),
-    confused_with=("creep", "driver_bandwidth"),
+    confused_with=("creep", "driver_bandwidth", "prandtl_ishlinskii", "coulomb_friction"),
     cautions=cautions,
 )

@@ -47,8 +47,18 @@ EFFECT = Effect(
     reference="H. Jung and D.-G. Gweon, Creep characteristics of piezoelectric actuators, Rev. Sci. Instrum. 71 (2000)",
     parameters=(
         Parameter("per_decade", "1", "", "growth per decade of time, per drive", 0.0, 0.01, (0.0, 0.2)),
-        Parameter("t0", "s", "s", "shortest of the time constants", None, 0.1, (1e-3, 1e2), "log"),
+        Parameter(
+            "t0",
+            "s",
+            "s",
+            "shortest of the time constants",
+            None,
+            0.1,
+            (1e-3, 1e2),
+            "log",
+            screen=(0.01, 0.03, 0.1, 0.3, 1.0),
+        ),
     ),
     faces=(Block(Socket.ACTUATOR, states=tuple(f"z{i}" for i in range(DECADES)), constants=constants, move=move),),
-    confused_with=("bouc_wen",),
+    confused_with=("bouc_wen", "sensor_drift", "thermal_expansion", "structural_damping"),
 )

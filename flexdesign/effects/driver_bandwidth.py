@@ -16,9 +16,17 @@ EFFECT = Effect(
     reference="A. J. Fleming and K. K. Leang, Design, Modeling and Control of Nanopositioning Systems (2014)",
     parameters=(
         Parameter(
-            "bandwidth", "Hz", "Hz", "-3 dB frequency of the loaded amplifier", math.inf, 1e3, (1.0, 1e6), "inverse"
+            "bandwidth",
+            "Hz",
+            "Hz",
+            "-3 dB frequency of the loaded amplifier",
+            math.inf,
+            1e3,
+            (1.0, 1e6),
+            "inverse",
+            screen=(30.0, 60.0, 120.0, 250.0, 500.0, 1000.0, 2000.0),
         ),
     ),
     faces=(Block(Socket.DRIVER, mode="replace", states=("v",), constants=_lag.constants, move=_lag.move),),
-    confused_with=("delay", "sensor_bandwidth"),
+    confused_with=("transport_delay", "sensor_bandwidth"),
 )

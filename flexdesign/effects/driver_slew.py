@@ -43,7 +43,19 @@ EFFECT = Effect(
     reveal="steps of several sizes: the rise of large ones takes a time proportional to their size",
     remedy="an amplifier with more current, less capacitance, or commands within the limit",
     reference="A. J. Fleming and K. K. Leang, Design, Modeling and Control of Nanopositioning Systems (2014)",
-    parameters=(Parameter("slew", "V/s", "V/s", "largest rate of the voltage", math.inf, 1e5, (1.0, 1e9), "inverse"),),
+    parameters=(
+        Parameter(
+            "slew",
+            "V/s",
+            "V/s",
+            "largest rate of the voltage",
+            math.inf,
+            1e5,
+            (1.0, 1e9),
+            "inverse",
+            screen=(3e2, 1e3, 3e3, 1e4, 3e4, 1e5),
+        ),
+    ),
     faces=(Block(Socket.DRIVER, mode="replace", states=("v",), constants=constants, move=move),),
-    confused_with=("driver_bandwidth",),
+    confused_with=("driver_bandwidth", "driver_saturation", "rate_dependent_hysteresis"),
 )

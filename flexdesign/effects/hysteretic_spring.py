@@ -37,10 +37,19 @@ EFFECT = Effect(
     reference="J.-P. Noel and M. Schoukens, Hysteretic benchmark with a dynamic nonlinearity (2016)",
     parameters=(
         Parameter("alpha", "1", "", "stiffness of the hysteretic part over the linear one", 0.0, 0.1, (0.0, 10.0)),
-        Parameter("gamma", "1/m", "1/mm", "how fast it saturates (at nu = 1)", None, 1e3, (0.0, 1e9)),
+        Parameter(
+            "gamma",
+            "1/m",
+            "1/mm",
+            "how fast it saturates (at nu = 1)",
+            None,
+            1e3,
+            (0.0, 1e9),
+            screen=(3e3, 1e4, 3e4, 1e5, 3e5),
+        ),
         Parameter("delta", "1/m", "1/mm", "how the branches differ (at nu = 1)", None, 0.0, (-1e9, 1e9)),
         Parameter("nu", "1", "", "sharpness of the bend", None, 1.0, (1.0, 5.0)),
     ),
     faces=(Block(Socket.FORCE, states=("z",), constants=constants, flow=flow),),
-    confused_with=("bouc_wen", "creep"),
+    confused_with=("coulomb_friction", "structural_damping", "bouc_wen"),
 )

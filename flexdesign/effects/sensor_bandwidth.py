@@ -15,8 +15,18 @@ EFFECT = Effect(
     remedy="a higher bandwidth setting of the sensor (more noise), or the lag in the model of the loop",
     reference="A. J. Fleming, A review of nanometer resolution position sensors, Sens. Actuators A 190 (2013)",
     parameters=(
-        Parameter("bandwidth", "Hz", "Hz", "-3 dB frequency of the sensor", math.inf, 1e3, (1.0, 1e6), "inverse"),
+        Parameter(
+            "bandwidth",
+            "Hz",
+            "Hz",
+            "-3 dB frequency of the sensor",
+            math.inf,
+            1e3,
+            (1.0, 1e6),
+            "inverse",
+            screen=(30.0, 60.0, 120.0, 250.0, 500.0, 1000.0, 2000.0),
+        ),
     ),
     faces=(Block(Socket.SENSOR, mode="replace", states=("y",), constants=_lag.constants, move=_lag.move),),
-    confused_with=("delay", "driver_bandwidth"),
+    confused_with=("transport_delay", "driver_bandwidth"),
 )

@@ -28,5 +28,5 @@ EFFECT = Effect(
     reference="S. Awtar and A. H. Slocum, ASME Journal of Mechanical Design 129 (2007), on XY flexure stages",
     parameters=(Parameter("cubic", "1/m^2", "1/mm^2", "cubic stiffness over linear stiffness", 0.0, 1e5, (-1e9, 1e9)),),
     faces=(Block(Socket.FORCE, constants=constants, flow=flow),),
-    confused_with=("electrostriction",),
+    confused_with=("electrostriction", "preload_loss"),
 )

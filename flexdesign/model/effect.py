@@ -19,6 +19,8 @@ from flexdesign.model.parameter import Parameter
 
 Values = Mapping[str, float]
 Floats = NDArray[np.float64]
+#: Among the recorded columns that a `Disturbance` may need: the response of another axis of the stage.
+OTHER = "another axis"
 
 
 class Socket(Enum):
@@ -37,10 +39,40 @@ class Socket(Enum):
 class Adjust:
     """A face that changes base values: payload mass, modulus, over-cut.
 
-    ``apply(base_values, own_values)`` returns the adjusted base values and leaves its arguments alone.
+    ``apply(base_values, own_values)`` returns the adjusted base values and leaves its arguments alone. The base values
+    of an axis are its ``natural_frequency``, ``damping_ratio`` and ``gain``.
     """
 
     apply: Callable[[Values, Values], dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Resonance:
+    """A face that adds a mode to an axis.
+
+    ``mode(values)`` returns its natural frequency [Hz], its damping ratio and the share of the static response that it
+    takes from the main mode.
+    """
+
+    mode: Callable[[Values], tuple[float, float, float]]
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """A face that adds to what the sensor reads something that does not depend on the motion of its axis.
+
+    Parameters
+    ----------
+    reading
+        ``reading(values, recorded, time)`` returns what is added [m], n values; `recorded` holds the columns it needs,
+        n values each in SI, `time` is the recorded one [s].
+    columns
+        The recorded columns it needs; `OTHER` stands for the response of another axis. A run that lacks one cannot
+        show the effect.
+    """
+
+    reading: Callable[[Values, Mapping[str, Floats], Floats], Floats]
+    columns: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -71,6 +103,10 @@ class Block:
     flow
         ``flow(drive, position, velocity, state, rates, constants)``, for forces: returns the force on the moving mass
         over the stiffness, as the displacement it would cause at rest [m], and fills the rates of its states.
+    pull
+        ``pull(begin, end, state, constants)``, for forces that depend on the path of the position alone and bend
+        somewhere on it, such as friction and contacts: takes its state from one position to the other and returns the
+        force there, as `flow` does. However fast its state follows, it asks for no shorter steps.
     tick
         ``tick(value, state, constants)``, once per sample at the command or the sensor: returns the new value.
     """
@@ -82,6 +118,7 @@ class Block:
     constants: Callable[[Values, float], Sequence[float]] = lambda values, step: ()
     move: Callable[[Floats, Floats, Floats, Floats], None] | None = None
     flow: Callable[[float, float, float, Floats, Floats, Floats], float] | None = None
+    pull: Callable[[float, float, Floats, Floats], float] | None = None
     tick: Callable[[float, Floats, Floats], float] | None = None
 
 
@@ -140,7 +177,7 @@ class Effect:
     parameters
         Its strengths and constants; each states its null.
     faces
-        How it acts.
+        How it acts; none if a number of the stage model stands for it.
     confused_with
         Names of effects that look alike.
     cautions
@@ -154,11 +191,11 @@ class Effect:
     remedy: str
     reference: str
     parameters: tuple[Parameter, ...]
-    faces: tuple[Adjust | Block | Term, ...]
+    faces: tuple[Adjust | Block | Disturbance | Resonance | Term, ...]
     confused_with: tuple[str, ...] = ()
     cautions: Callable[[Values], tuple[str, ...]] = lambda values: ()
 
     def is_null(self, values: Values) -> bool:
-        """Tell whether the effect is switched off: some strength of it stands at its null."""
+        """Tell whether the effect is switched off: all its strengths stand at their nulls."""
         strengths = [p for p in self.parameters if p.null is not None]
-        return any(values[p.name] == p.null for p in strengths)
+        return bool(strengths) and all(values[p.name] == p.null for p in strengths)

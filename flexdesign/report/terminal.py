@@ -75,7 +75,8 @@ def _compact(table: Table) -> Table:
 def _drawn(table: Table, *, wraps: bool = False) -> RichTable:
     drawn = RichTable(title=table.caption or None, title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for index, head in enumerate(table.columns):
-        drawn.add_column(head, justify="left" if index < 1 else "right", no_wrap=index > 0 and not wraps)
+        words = index < 1 or (wraps and table.wordy[index])
+        drawn.add_column(head, justify="left" if words else "right", no_wrap=index > 0 and not wraps)
     for row in table.rows:
         drawn.add_row(*row)
     return drawn

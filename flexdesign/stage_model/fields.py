@@ -18,8 +18,9 @@ DIGITS = 7
 #: Hysteresis laws with |z|^n, z in the unit of the response: their exponent, and the rates whose unit depends on it.
 POWER_LAWS = {"bouc_wen": ("n", ("b", "c")), "hysteretic_spring": ("nu", ("gamma", "delta"))}
 
-#: Effects of the catalogue that the tables of driver and sensor stand for: the number of the axis that sets each.
+#: Effects of the catalogue for which a number of its own stands: one of the axis, or of the stage's controller.
 ELSEWHERE = {
+    "transport_delay": "controller.delay",
     "driver_bandwidth": "driver.bandwidth",
     "driver_slew": "driver.slew",
     "sensor_bandwidth": "sensor.bandwidth",

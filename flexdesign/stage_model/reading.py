@@ -278,10 +278,10 @@ def _whole(name: str, place: _Place) -> str:
     A path is looked up beside the stage model's file first, then in the working directory.
     """
     if name in fields.ELSEWHERE:
-        axis = place.name.removesuffix(".effects")
-        raise place.at(name).refused(
-            None, f"has its own place in the file; write {axis}.{fields.ELSEWHERE[name]} instead"
-        )
+        number = fields.ELSEWHERE[name]
+        if not number.startswith("controller."):
+            number = f"{place.name.removesuffix('.effects')}.{number}"
+        raise place.at(name).refused(None, f"has its own place in the file; write {number} instead")
     try:
         return effects.beside(name, place.file.parent)
     except ValueError as error:

@@ -178,8 +178,37 @@ def test_an_effect_is_added_at_the_scale_of_the_stroke() -> None:
     assert cubic.unit == "1/V^2" and cubic.start == pytest.approx(1e-3 / 0.2**2, rel=1e-3)
     with pytest.raises(InputError, match="already"):
         found.with_effect(effects.find("stress_stiffening"))
-    with pytest.raises(InputError, match=r"driver_slew: is driver\.slew"):
-        found.with_effect(effects.find("driver_slew"))
+    with pytest.raises(InputError, match="no_such is no effect|no_such: is no effect"):
+        found.with_effect(effects.find("creep"), "no_such")
+
+
+def test_an_effect_of_the_driver_sets_its_number() -> None:
+    """The catalogue's start, and the effect then acts."""
+    slew = effects.find("driver_slew")
+    found = AxisDynamics("x", PLAIN).with_effect(slew)
+    assert found.axis.driver.slew == slew.parameters[0].start and not found.axis.effects
+    late = AxisDynamics("x", PLAIN).with_effect(effects.find("transport_delay"))
+    assert late.delay == effects.find("transport_delay").parameters[0].start
+
+
+# --- numbers of one run -----------------------------------------------------------------------------------------------
+
+
+def test_a_run_may_have_numbers_of_its_own() -> None:
+    """A late start is a delay of that run alone; an early one moves the prediction forward by whole samples."""
+    seen = run(np.concatenate([np.zeros(20), wave()]), between="hold")
+    model = AxisDynamics("x", FULL).set_apart(["run", "other"])
+    names = {p.name for p in model.parameters() if p.run == "run"}
+    assert names == {"run:bouc_wen.rest", "run:trigger"}
+    late, plain = model.replace({"run:trigger": 3 * PERIOD}), model.predict(seen)
+    span = 1e-6 * np.ptp(plain)
+    assert late.predict(seen) == pytest.approx(model.replace({DELAY: 3 * PERIOD}).predict(seen), abs=span)
+    early = model.replace({"run:trigger": -3 * PERIOD}).predict(seen)
+    assert early[:-3] == pytest.approx(plain[3:], abs=span)
+    assert np.array_equal(model.replace({"other:trigger": 3 * PERIOD}).predict(seen), plain)
+    rested = model.replace({"run:bouc_wen.rest": 3e-6}).predict(seen)
+    both = AxisDynamics("x", FULL).replace({"bouc_wen.rest": 3e-6}).predict(seen)
+    assert rested == pytest.approx(both, abs=span) and np.abs(rested - plain).max() > 1e-7
 
 
 # --- runs of several axes ---------------------------------------------------------------------------------------------
@@ -188,7 +217,9 @@ def test_an_effect_is_added_at_the_scale_of_the_stroke() -> None:
 def test_an_axis_takes_its_own_columns() -> None:
     columns = {name: np.arange(10.0) for name in ("ux", "uy", "x", "y")}
     seen = Run("r", np.arange(10.0), columns, {"ux": "V", "uy": "V", "x": "m", "y": "m"})
-    assert set(of_axis(seen, "y", PLAIN).columns) == {"uy", "y"}
+    seen.columns["uy"][:] = 7.0
+    of_y = of_axis(seen, "y", PLAIN)
+    assert np.array_equal(of_y.command(), seen.columns["uy"]) and np.array_equal(of_y.measured(), seen.columns["y"])
     assert command_column(seen, "x") == "ux"
     with pytest.raises(InputError, match=r"r: z: the run has no response of axis z; there is x, y"):
         of_axis(seen, "z", PLAIN)

@@ -1,7 +1,8 @@
-"""What holds for every effect of the catalogue, and how hooks become machine code."""
+"""How hooks become machine code, effects from files, and the properties of Bouc-Wen hysteresis."""
 
 from __future__ import annotations
 
+import ctypes
 import math
 from itertools import pairwise
 from pathlib import Path
@@ -27,78 +28,51 @@ def start(effect: Effect) -> dict[str, float]:
     return {p.name: p.start if p.start is not None else 0.0 for p in effect.parameters}
 
 
-def strength(effect: Effect) -> str:
-    return next(p.name for p in effect.parameters if p.null is not None)
-
-
 def response(*given: tuple[Effect, dict[str, float]]) -> np.ndarray:
     chain = AxisChain("x", 2e-6, (Oscillator(118.3, 0.0242),), given)
     return simulate(Stage((chain,)), {"x": Loop(COMMAND)}, PERIOD, substeps=16).reading[0]
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_an_effect_states_everything_a_user_needs(name: str) -> None:
-    effect = effects.find(name)
-    assert effect.name == name
-    for text in (effect.physics, effect.where, effect.reveal, effect.remedy, effect.reference):
-        assert len(text) > 15
-    for parameter in effect.parameters:
-        assert parameter.meaning and parameter.start is not None and parameter.is_plausible(parameter.start)
-    assert any(p.null is not None for p in effect.parameters)
-    assert not effect.cautions(start(effect))
+HOOKS = [
+    (name, face, kind)
+    for name in NAMES
+    for face in effects.find(name).faces
+    if isinstance(face, Block)
+    for kind in ("move", "flow", "pull", "tick")
+    if getattr(face, kind) is not None
+]
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_at_null_an_effect_leaves_the_base_bit_for_bit(name: str) -> None:
-    effect = effects.find(name)
-    for parameter in effect.parameters:
-        if parameter.null is not None:
-            assert np.array_equal(response((effect, start(effect) | {parameter.name: parameter.null})), response())
+#: Of each kind of hook: how many numbers it is given, and how many triples of values before its state.
+ARGUMENTS = {"move": (0, 2), "flow": (3, 0), "pull": (2, 0), "tick": (1, 0)}
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_towards_null_the_response_tends_to_the_base(name: str) -> None:
-    """A thousandth of the strength (or a thousand times the limit) leaves far less of the effect."""
-    effect, base = effects.find(name), response()
-    parameter = next(p for p in effect.parameters if p.null is not None)
-    assert parameter.start is not None
-    weaker = parameter.start * (1e-3 if parameter.null == 0 else 1e3)
-    full = np.abs(response((effect, start(effect))) - base).max()
-    weak = np.abs(response((effect, start(effect) | {parameter.name: weaker})) - base).max()
-    assert weak < 0.02 * full, (weak, full)
+@pytest.mark.parametrize(("name", "block", "kind"), HOOKS, ids=[f"{name}-{kind}" for name, _, kind in HOOKS])
+def test_compiled_hooks_do_what_the_source_says(name: str, block: Block, kind: str) -> None:
+    """The undecorated function on NumPy arrays, with bounds checked, against machine code through its address.
 
-
-def test_order_of_addition_does_not_matter() -> None:
-    given = [(effects.find(name), start(effects.find(name))) for name in NAMES]
-    assert np.array_equal(response(*given), response(*reversed(given)))
-
-
-HOOKS = [(name, face) for name in NAMES for face in effects.find(name).faces if isinstance(face, Block)]
-
-
-@pytest.mark.parametrize(("name", "block"), HOOKS, ids=[name for name, _ in HOOKS])
-def test_compiled_hooks_do_what_the_source_says(name: str, block: Block) -> None:
-    """The undecorated function on NumPy arrays, with bounds checked, against machine code through its address."""
+    Both may round differently, and each call goes on from the state that the last one left.
+    """
     generator = np.random.default_rng(1)
-    effect = effects.find(name)
-    constants = np.array(block.constants(start(effect), 1e-4))
-    states = np.zeros(len(block.states) + block.memory)
-    if block.move is not None:
-        through = AxisChain("x", 1.0, (Oscillator(50.0, 0.5),), ((effect, start(effect)),))
-        command = 50 * generator.random(30)
-        found = simulate(Stage((through,)), {"x": Loop(command)}, 1e-4, between_samples="linear", substeps=1)
-        for k in range(29):
-            if block.socket is Socket.SENSOR:
-                continue
-            path = np.array([command[k], 0.5 * (command[k] + command[k + 1]), command[k + 1]])
-            out = np.zeros(3) if block.mode == "replace" else path.copy()
-            block.move(path, out, states, constants)
-            signal = found.voltage if block.socket is Socket.DRIVER else found.drive
-            assert signal[0, k + 1] == pytest.approx(out[2], rel=1e-13)
-    if block.tick is not None:
-        values = generator.random(30) * 1e-6
-        expected = [block.tick(value, states, constants) for value in values]
-        assert kernels.ticked(block.tick, values, len(states), constants) == pytest.approx(expected, rel=1e-13)
+    hook, (numbers, triples) = getattr(block, kind), ARGUMENTS[kind]
+    constants = np.array(block.constants(start(effects.find(name)), 1e-4))
+    lengths = [3] * triples + [len(block.states) + block.memory] * (2 if kind == "flow" else 1)
+    left, right = ([np.zeros(length) for length in lengths] for _ in range(2))
+    kinds = [ctypes.c_double] * numbers + [ctypes.c_void_p] * (len(lengths) + 1)
+    machine = ctypes.CFUNCTYPE(None if kind == "move" else ctypes.c_double, *kinds)(kernels.address(hook, kind))
+    scale = 50.0 if block.socket in (Socket.DRIVER, Socket.HYSTERESIS) else 50e-6
+    for _ in range(100):
+        given = scale * generator.standard_normal(numbers)
+        for i in range(triples):
+            left[i][:] = right[i][:] = scale * generator.standard_normal(3)
+        by_source = hook(*given, *left, constants)
+        by_machine = machine(*given, *(each.ctypes.data for each in right), constants.ctypes.data)
+        assert by_machine == (None if by_source is None else pytest.approx(by_source, rel=1e-11, abs=1e-18))
+        for one, other in zip(left, right, strict=True):
+            assert other == pytest.approx(one, rel=1e-11, abs=1e-18)
+        if kind == "flow":  # state, then rates
+            left[0] += 1e-6 * left[1]
+            right[0] += 1e-6 * right[1]
 
 
 def test_a_hook_that_reaches_into_another_file_is_refused() -> None:

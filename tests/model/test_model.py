@@ -138,13 +138,14 @@ def effect(*parameters: Parameter) -> Effect:
     )
 
 
-def test_effect_is_null_where_a_strength_stands_at_its_null() -> None:
+def test_effect_is_null_where_all_strengths_stand_at_their_nulls() -> None:
     strength = Parameter("gain", "1", "", "strength", null=0.0)
     limit = Parameter("limit", "V", "V", "limit", null=math.inf)
     constant = Parameter("time", "s", "s", "time constant")
     both = effect(strength, limit, constant)
-    assert both.is_null({"gain": 0.0, "limit": 5.0, "time": 1.0})
-    assert both.is_null({"gain": 0.1, "limit": math.inf, "time": 1.0})
+    assert not both.is_null({"gain": 0.0, "limit": 5.0, "time": 1.0})
+    assert not both.is_null({"gain": 0.1, "limit": math.inf, "time": 1.0})
+    assert both.is_null({"gain": 0.0, "limit": math.inf, "time": 1.0})
     assert not both.is_null({"gain": 0.1, "limit": 5.0, "time": 0.0})
     assert not both.is_null({"gain": -1e-300, "limit": 5.0, "time": 0.0})
     assert not effect(constant).is_null({"time": 0.0})

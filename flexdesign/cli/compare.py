@@ -1,0 +1,62 @@
+"""``flexdesign compare``: a stage model beside recorded runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
+
+HELP = """Compare a stage model with recorded runs: by how much it fails, and where.
+
+MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. RUNS are CSV
+files with the columns `t [s]`, `u [V]` and `x [um]`, or folders of them. Nothing is fitted: each run is predicted with
+the model as it is.
+
+**Examples**
+
+    flexdesign compare my_stage.toml recordings/
+
+    flexdesign compare my_stage.toml steps.csv sine.csv --axis x --json
+
+**What it says:** the error of each run, largest and rms, beside the stroke and the noise floor; then where the error
+above the noise lies: by run, frequency band, position, velocity, voltage and time since the last step. The noise is
+measured where every command stands still, else from periods or runs that repeat themselves.
+
+**What it writes:** report.html, report.md, result.json and the figures, into --out.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+"""
+
+
+@app.command(help=HELP)
+def compare(
+    model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
+    recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],
+    axis: Annotated[str | None, typer.Option(help="Which axis, where several could be meant.")] = None,
+    overrides: StageOverrides = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the report [default: reports/MODEL_compared].", show_default=False),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare a stage model with runs and write the report."""
+    from flexdesign import comparison, runs, stage_model
+    from flexdesign.report import comparison_report, render, terminal
+
+    with progress() as say:
+        stage = stage_model.read(model, overrides or [])
+        seen = runs.read_runs(recordings)
+        folder = out or Path("reports") / f"{stage.name}_compared"
+        render.prepare(folder)
+        found = comparison.compare(stage, seen, axis=axis, progress=say)
+        say("writing")
+        document, result = comparison_report.document(found), comparison_report.result(found)
+        written = [path for path in render.write(folder, document, result, {}) if path.suffix != ".svg"]
+    if as_json:
+        print_json(result)
+        return
+    terminal.brief(document, comparison_report.errors(found), written)

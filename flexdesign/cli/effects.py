@@ -1,0 +1,96 @@
+"""``flexdesign effects``: the catalogue of effects, or one of them in full."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
+
+if TYPE_CHECKING:
+    from flexdesign.bench import Signature
+
+HELP = """Show the catalogue of effects, or one effect with the picture of its signature.
+
+NAME is an effect of the catalogue, of an installed package, or the path of a file with an EFFECT. Without one, all
+effects are listed: where they act, and what reveals them.
+
+**Examples**
+
+    flexdesign effects
+
+    flexdesign effects creep
+
+    flexdesign effects my_effect.py --model my_stage.toml --axis y
+
+**What is shown:** the physics, every parameter with its unit, null, start and plausible range, what reveals it, what it
+is confused with, what to do about it; and what it changes in the experiments that `flexdesign plan` writes, simulated
+with it and without it, at a strength at which the reading changes by 1 % of the stroke.
+
+**What it writes:** report.html, report.md, result.json, stage_model.toml (the stage with the effect) and the figures,
+into --out.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+"""
+#: The stage on which effects are shown, its damping as its step response rings: critically damped, as the paper's own
+#: poles have it, no resonance would show anything.
+STAGE, RINGING = "lin2019_stage", "axis.{axis}.damping_ratio=0.0242"
+RINGS = ", its damping ratio 0.0242 as its printed gains call for"
+
+
+@app.command(help=HELP)
+def effects(
+    name: Annotated[str | None, typer.Argument(help="Effect: a name, or the path of a file.")] = None,
+    model: Annotated[str, typer.Option(help="Stage model on which the effect is shown.")] = STAGE,
+    axis: Annotated[str | None, typer.Option(help="Which axis [default: the first].", show_default=False)] = None,
+    overrides: StageOverrides = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the report [default: reports/effects/NAME].", show_default=False)
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the catalogue, or write the page of one effect."""
+    from flexdesign.report import effect_pages, render, terminal
+    from flexdesign.report.document import Document
+
+    if name is None:
+        if as_json:
+            print_json(effect_pages.catalogue_result())
+            return
+        terminal.brief(Document("Effects", []), effect_pages.catalogue(), [])
+        return
+    with progress() as say:
+        effect = effect_pages.find(name)
+        folder = out or Path("reports") / "effects" / effect.name
+        render.prepare(folder)
+        signature: Signature | None = None
+        on: dict[str, str] = {}
+        if effect_pages.acts_in_time(effect):
+            say(f"{effect.name}: simulating with and without it")
+            signature, on = _signature(name, model, axis, overrides or [])
+        document = effect_pages.document(name, signature, on)
+        result = effect_pages.result(name, signature) | {"made_by": {**on, **effect_pages.made_by()}}
+        others = {"stage_model.toml": effect_pages.model_file(signature)} if signature else {}
+        written = render.write(folder, document, result, others)
+    if as_json:
+        print_json(result)
+        return
+    shown = Document(effect.name, [effect.physics, *effect_pages.words(effect)])
+    terminal.brief(shown, effect_pages.brief(effect), [path for path in written if path.suffix != ".svg"])
+
+
+def _signature(name: str, model: str, axis: str | None, overrides: list[str]) -> tuple[Signature, dict[str, str]]:
+    """Return the signature of an effect on an axis of a stage model, and how that stage is called."""
+    from flexdesign import bench, stage_model
+
+    stage = stage_model.read(model, overrides)
+    chosen = bench.axis(stage, axis)
+    on = {"title": stage.title or stage.name, "changes": ""}
+    if model == STAGE and not overrides:
+        stage, on["changes"] = stage_model.read(model, [RINGING.format(axis=chosen)]), RINGS
+    limits = bench.of_axis(stage, chosen)
+    dynamics = bench.dynamics(stage, chosen, limits)
+    experiments = [*bench.suite_of(dynamics, limits), *bench.elsewhere(dynamics, limits)]
+    return bench.signature_of(bench.on(dynamics, name), experiments), on

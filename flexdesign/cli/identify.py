@@ -1,0 +1,78 @@
+"""``flexdesign identify``: the free numbers of a stage model from recorded runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
+
+HELP = """Fit the free numbers of a stage model to recorded runs, and say what the runs leave open.
+
+MODEL is a stage model: a file that `validate` wrote, or the bare name of one in studies/. RUNS are CSV files with the
+columns `t [s]`, `u [V]` and `x [um]`, or folders of them; a `measurements.toml` beside them may say which runs are for
+validation (`role = "validate"`): those are predicted, never fitted.
+
+**Examples**
+
+    flexdesign identify my_stage.toml recordings/ -o my_stage_identified.toml
+
+    flexdesign identify my_stage.toml sine.csv step.csv --axis x --free gain,damping_ratio
+
+    flexdesign identify my_stage.toml sweep.csv --set axis.x.effects.creep.per_decade=0.01 --free gain,creep.per_decade
+
+**What is fitted:** gain, damping_ratio and natural_frequency, and bouc_wen.a, b, c and rest where the model has
+hysteresis; --free names others, such as controller.delay or the numbers of an effect. A stated uncertainty counts as
+prior knowledge, unless the number is assumed. What the runs do not determine is held and reported as such.
+
+**What it writes:** report.html, report.md, result.json, stage_model.toml and the figures, into --out.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+"""
+
+
+@app.command(help=HELP)
+def identify(
+    model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
+    recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],
+    model_file: Annotated[
+        Path | None,
+        typer.Option("-o", metavar="FILE", help="Where the model goes [default: stage_model.toml in --out]."),
+    ] = None,
+    axis: Annotated[str | None, typer.Option(help="Which axis, where several could be meant.")] = None,
+    free: Annotated[
+        str | None, typer.Option(metavar="NAMES", help="What is fitted, e.g. gain,damping_ratio,bouc_wen.a.")
+    ] = None,
+    overrides: StageOverrides = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the report [default: reports/MODEL_identified].", show_default=False),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fit a stage model to runs and write the report."""
+    from flexdesign import identification, runs, stage_model
+    from flexdesign.report import identification_report, render, terminal
+
+    names = None if free is None else [name.strip() for name in free.split(",") if name.strip()]
+    with progress() as say:
+        stage = stage_model.read(model, overrides or [])
+        seen = runs.read_runs(recordings)
+        folder = out or Path("reports") / f"{stage.name}_identified"
+        render.prepare(folder)
+        if model_file:
+            identification_report.write_model(model_file, None)
+        found = identification.identify(stage, seen, axis=axis, free=names, progress=say)
+        say("writing")
+        document, result = identification_report.document(found), identification_report.result(found)
+        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(found.model)}
+        written = [path for path in render.write(folder, document, result, others) if path.suffix != ".svg"]
+        if model_file:
+            identification_report.write_model(model_file, found)
+            written.append(model_file)
+    if as_json:
+        print_json(result)
+        return
+    terminal.brief(document, identification_report.estimates(found), written)

@@ -1,0 +1,59 @@
+"""``flexdesign import``: recordings of other programs made into a folder of runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flexdesign.cli.shared import app
+
+HELP = """Bring recordings of other programs into a folder of runs.
+
+FILES are .mat (any version), HDF5, .tdms, universal files (.uff, .unv: data set 58), .npy, .npz, or tables in text with
+any separator, decimal commas and lines above the header. Without --map it prints what they hold as a map to complete;
+with one it writes a CSV file for each run, and `measurements.toml`, reads them back, and says what is wrong with them.
+
+**Examples**
+
+    flexdesign import sweep.mat > map.toml
+
+    flexdesign import sweep.mat --map map.toml -o recordings/sweep
+
+    flexdesign import u.npy y.npy --map map.toml -o recordings/mirror
+
+**What a map says:** which variable is which column (`variable`, `unit`, `scale`, `offset`, `channel`), the sample
+`rate` where there is no column t, and the `axes` of arrays: sample, channel, realisation (a run each), period (in a
+row). What `measurements.toml` may say is passed on.
+
+**What it needs:** `pip install 'flexdesign[import]'` for HDF5, .mat of version 7.3, .tdms and universal files.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+"""
+
+
+@app.command(name="import", help=HELP)
+def import_(
+    recordings: Annotated[list[Path], typer.Argument(metavar="FILES...", help="Recordings, read together.")],
+    map_file: Annotated[
+        Path | None, typer.Option("--map", metavar="FILE", help="Which variable is which column.", show_default=False)
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="DIR", help="The folder [default: recordings/FILE].")
+    ] = None,
+) -> None:
+    """Show what files hold, or write their runs."""
+    from flexdesign import importing
+
+    if map_file is None:
+        typer.echo(importing.template(importing.look(recordings)), nl=False)
+        return
+    found = importing.bring_in(recordings, map_file, out or Path("recordings") / recordings[0].stem)
+    for run in found.runs:
+        names = ", ".join([*run.commands, *(name for name in run.columns if name not in run.commands)])
+        rate = f"{1 / run.period:.6g} Hz"
+        typer.echo(f"{found.folder / run.name}.csv: {len(run.time)} samples at {rate}: {names}")
+        for remark in run.remarks:
+            typer.echo(f"  {remark}")
+    typer.echo(f"{found.folder / 'measurements.toml'}")

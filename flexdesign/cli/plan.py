@@ -1,0 +1,122 @@
+"""``flexdesign plan``: command files for the bench, within its limits, so that a diagnosis will work."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
+
+HELP = """Write command files for the bench, within its limits, so that a diagnosis will work.
+
+MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. Commands are
+shaped to its modes and damping; where slew or motion would be too large they are made smaller, and it is said.
+
+**Examples**
+
+    flexdesign plan my_stage.toml --axis x --out bench
+
+    flexdesign plan my_stage.toml --current "50 mA" --bandwidth "400 Hz" --rate "8 kHz"
+
+    flexdesign plan my_stage.toml --resolve payload_mass stiffness_loss --sensor-noise "20 nm"
+
+**What it plans:** a quiet record, small calibration steps, multisines of three sizes with two realisations of two
+periods each, steps of several sizes, triangles at two rates, a staircase, a hold of 100 s, a decaying sine and random
+levels for validation, and a multisine with a known added mass. With --resolve: the experiments that tell two effects
+apart, found by simulating the stage with either at strengths at which they look alike on a multisine.
+
+**What it writes:** commands/*.csv and commands/measurements.toml, to which recorded responses only need adding;
+report.html, report.md, result.json and the figures, into --out.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+"""
+
+
+@app.command(help=HELP)
+def plan(
+    model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
+    resolve: Annotated[
+        tuple[str, str] | None,
+        typer.Option(metavar="A B", help="Two effects to be told apart, e.g. payload_mass stiffness_loss."),
+    ] = None,
+    axis: Annotated[str | None, typer.Option(help="Which axis [default: the first].", show_default=False)] = None,
+    volts: Annotated[
+        tuple[str, str] | None, typer.Option(metavar="LOW HIGH", help='Narrower range, e.g. "0 V" "100 V".')
+    ] = None,
+    slew: Annotated[str | None, typer.Option(help='Fastest change of the command, e.g. "2000 V/s".')] = None,
+    current: Annotated[str | None, typer.Option(help='Largest current of the driver, e.g. "50 mA".')] = None,
+    bandwidth: Annotated[
+        str | None, typer.Option(help="No tone above it [default: 0.4 of the rate].", show_default=False)
+    ] = None,
+    rate: Annotated[
+        str | None, typer.Option(help="Sampling rate [default: the model's controller.rate].", show_default=False)
+    ] = None,
+    sensor_noise: Annotated[
+        str | None, typer.Option(help='Standard deviation of a reading at rest, e.g. "20 nm".')
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of random phases and levels.")] = 1,
+    overrides: StageOverrides = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the plan [default: reports/MODEL_plan].", show_default=False)
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write command files and their report."""
+    from flexdesign import bench, stage_model
+    from flexdesign.bench import files
+    from flexdesign.report import plan_pages, render, terminal
+
+    with progress() as say:
+        stage = stage_model.read(model, overrides or [])
+        chosen = bench.axis(stage, axis)
+        numbers = stage.axes[chosen]
+        asked = bench.Asked(
+            None if volts is None else (_number("--volts", volts[0], "V"), _number("--volts", volts[1], "V")),
+            *(
+                _number(name, text, si) if text else None
+                for name, text, si in (
+                    ("--slew", slew, "V/s"), ("--current", current, "A"), ("--bandwidth", bandwidth, "Hz"),
+                    ("--rate", rate, "Hz"),
+                )
+            ),
+        )  # fmt: skip
+        noise = _number("--sensor-noise", sensor_noise, numbers.response) if sensor_noise else numbers.sensor.noise
+        folder = out or Path("reports") / f"{stage.name}_plan"
+        render.prepare(folder)
+        say("shaping the commands")
+        limits = bench.of_axis(stage, chosen, asked)
+        dynamics = bench.dynamics(stage, chosen, limits)
+        experiments, resolved = bench.suite_of(dynamics, limits, seed), None
+        if resolve:
+            say(f"simulating {resolve[0]} and {resolve[1]}")
+            menu = [*experiments, *bench.elsewhere(dynamics, limits)]
+            resolved = bench.resolve_effects(dynamics, resolve, menu, noise or bench.NOISE * dynamics.stroke)
+            experiments = bench.needed(experiments, resolved)
+        named = files.names(experiments)
+        title = f"{stage.title or stage.name}: axis {chosen} on the bench"
+        say("writing")
+        document = plan_pages.document(title, named, limits, seed, resolved)
+        result = plan_pages.result(named, limits, seed, resolved)
+        written = render.write(folder, document, result, {})
+        written += files.write(folder / "commands", experiments, chosen, numbers, limits, title, noise or None)
+    if as_json:
+        print_json(result)
+        return
+    shown = plan_pages.separations(resolved) if resolved else plan_pages.table(named, limits)
+    terminal.brief(document, shown, plan_pages.listed(written))
+
+
+def _number(option: str, text: str, si: str) -> float:
+    """Return a number of the command line in SI; more than zero, unless it is a voltage."""
+    from flexdesign import units
+    from flexdesign.errors import InputError
+
+    try:
+        value = units.from_text(text, si)
+        if si != "V" and not value > 0:
+            raise ValueError("must be more than zero")
+    except ValueError as error:
+        raise InputError("command line", option, text, str(error)) from None
+    return value

@@ -1,0 +1,75 @@
+"""``flexdesign simulate``: experiments on a stage model, open and closed loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
+from flexdesign.errors import InputError
+
+HELP = """Simulate a stage: hysteresis, feedforward, PID, steps, tracking, lines.
+
+MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. STUDY says what
+is tried (without one: hysteresis, step, sine and staircase of each axis within its range); the report shows every
+controller on every variant of the stage, with published numbers beside ours where the study has some.
+
+**Examples**
+
+    flexdesign simulate lin2019_stage lin2019_experiments
+
+    flexdesign simulate reports/bridge_amplifier/stage_model.toml
+
+    flexdesign simulate my_stage.toml --set axis.x.damping_ratio=0.02 --runs
+
+**What --set can change:** the stage model (`axis.*`, `controller.*`, `coupling.*`) and the study (`robust_ms`,
+`cycled`).
+
+**What it writes:** report.html, report.md, result.json, stage_model.toml and the figures, into --out; with --runs also
+runs/*.csv, recordings that `identify` reads.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+"""
+
+
+@app.command(help=HELP)
+def simulate(
+    model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")] = "lin2019_stage",
+    study: Annotated[
+        str | None, typer.Argument(help="Study of experiments: a path, or a bare name; without it, a standard one.")
+    ] = None,
+    overrides: StageOverrides = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the report [default: reports/MODEL_STUDY].", show_default=False)
+    ] = None,
+    as_json: AsJson = False,
+    with_runs: Annotated[bool, typer.Option("--runs", help="Also write every response as a recording.")] = False,
+) -> None:
+    """Run experiments and write their report."""
+    from flexdesign import experiments, simulation, stage_model, standard_experiments
+    from flexdesign.report import render, simulation_report, terminal
+
+    of_study = [o for o in overrides or [] if o.partition("=")[0].strip() in experiments.SETTINGS]
+    of_model = [o for o in overrides or [] if o not in of_study]
+    if of_study and not study:
+        raise InputError("command line", "--set", of_study[0], "is a setting of a study of experiments; name the study")
+    with progress() as say:
+        stage = stage_model.read(model, of_model)
+        plan = experiments.read(study, list(stage.axes), of_study) if study else standard_experiments.plan(stage)
+        variants = experiments.variants(plan, lambda changes: stage_model.read(model, [*of_model, *changes]))
+        folder = out or Path("reports") / f"{stage.name}_{plan.name}"
+        render.prepare(folder)
+        found = simulation.run(stage, variants, plan, say)
+        say("writing")
+        document = simulation_report.document(found)
+        result = simulation_report.result(found)
+        others = {"stage_model.toml": stage_model.to_toml(found.model)}
+        written = render.write(folder, document, result, others)
+        if with_runs:
+            simulation_report.write_runs(found, folder / "runs")
+    if as_json:
+        print_json(result)
+        return
+    terminal.brief(document, simulation_report.digest(found), [path for path in written if path.suffix != ".svg"])

@@ -1,0 +1,101 @@
+"""``flexdesign validate``: a design by FEM, with the analytic model beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from flexdesign.cli.shared import AsJson, app, print_json, progress
+
+HELP = """Solve a design with FEM and set the analytic model beside it.
+
+STUDY is a study or design file, or the bare name of one in studies/ or geometry/. Its part is built, meshed, checked
+(every hinge as thick on the mesh as drawn), solved on several meshes and extrapolated; the report shows stiffness,
+amplification, stroke, coupling, modes and stress, each with the boundary it holds under, beside the formulas.
+
+**Examples**
+
+    flexdesign validate bridge_amplifier
+
+    flexdesign validate bridge_amplifier --set dimensions.hinge_thickness="0.4 mm"
+
+    flexdesign validate my_design.toml --set mesh.levels=2 --json > result.json
+
+**What --set can change:** the design (`dimensions.*`, `material`, `actuator.*`, `part`) and the study (`mesh.levels`,
+`mesh.at_root`, `mesh.growth`, `mesh.largest`, `mesh.refinement`, `mesh.envelope`, `modes.count`, `output.load`,
+`output.stroke`, `output.actuator_offset`).
+
+**What it writes:** report.html, report.md, result.json, stage_model.toml and the pictures, into --out.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+
+Meshes and solutions are cached by content, so that a second run takes seconds and an interrupted one resumes.
+"""
+
+
+@app.command(help=HELP)
+def validate(
+    study: Annotated[str, typer.Argument(help="Study or design: a path, or a bare name.")] = "bridge_amplifier",
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help='Change one value, e.g. dimensions.width="15 mm"; may be repeated.'
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the report [default: reports/STUDY].", show_default=False)
+    ] = None,
+    as_json: AsJson = False,
+    cache: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for cached meshes and solutions [default: $FLEXDESIGN_CACHE or ~/.cache/flexdesign].",
+            show_default=False,
+        ),
+    ] = None,
+    export: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Also write the solid (.step) or the finest mesh (.vtu, .msh, .inp ...); may be repeated.",
+        ),
+    ] = None,
+) -> None:
+    """Run a validation and write its report."""
+    from flexdesign import stage_model
+    from flexdesign import study as studies
+    from flexdesign.cache import Cache, default_folder
+    from flexdesign.report import render, terminal, validation_report
+    from flexdesign.validation import validate as run
+
+    with progress() as say:
+        asked = studies.read(study, overrides or [])
+        folder = out or Path("reports") / asked.name
+        exports = [(path, _exporter(path)) for path in export or []]
+        render.prepare(folder)
+        store = Cache(cache or default_folder())
+        store.prepare()
+        found = run(asked, store, say)
+        result = validation_report.result(found)
+        document = validation_report.document(found, say)
+        others = {"stage_model.toml": stage_model.to_toml(found.stage_model)} if found.stage_model else {}
+        written = render.write(folder, document, result, others)
+        for path, write in exports:
+            write(found, Path(path))
+    if as_json:
+        print_json(result)
+        return
+    terminal.show(
+        document,
+        found,
+        [path for path in written if path.name in ("report.html", "report.md", "result.json", "stage_model.toml")],
+    )
+
+
+def _exporter(name: str) -> Callable[[Any, Path], None]:
+    from flexdesign.report import export
+
+    return export.writer(Path(name))

@@ -1,0 +1,236 @@
+"""A stage model beside recorded runs: the error of each against its noise floor, and where it lies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.comparison.where import Breakdown, where
+from flexdesign.dynamics.axis_choice import choose_axis
+from flexdesign.dynamics.axis_model import AxisDynamics, of_axis
+from flexdesign.errors import InputError
+from flexdesign.noise_floor import NoiseFloor, noise_floor
+from flexdesign.runs import Role, Run, suspicions
+from flexdesign.stage_model import AxisModel, StageModel
+
+Array = NDArray[np.float64]
+#: Decades by which a mode has decayed when a stretch may be quiet.
+RUNG_DOWN = 3.0
+#: Error of the simulations, relative to the span.
+TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class RunComparison:
+    """How well the model predicts one run.
+
+    Parameters
+    ----------
+    name, role
+        Of the run.
+    time, command, measured, predicted
+        n values each [s], [V], [response]; the offset of the run is added to the prediction. `measured` is NaN where
+        it was not compared.
+    floor
+        Standard deviation of the noise [response].
+    stroke
+        What the response covers in all runs together, the largest span of a run [response].
+    remarks
+        What to keep in mind about this run.
+    """
+
+    name: str
+    role: Role
+    time: Array
+    command: Array
+    measured: Array
+    predicted: Array
+    floor: float
+    stroke: float
+    remarks: tuple[str, ...]
+
+    @property
+    def residual(self) -> Array:
+        """Measured less predicted [response]; NaN where it was not compared."""
+        return self.measured - self.predicted
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residual [response]."""
+        return float(np.sqrt(np.nanmean(self.residual**2)))
+
+    @property
+    def largest(self) -> float:
+        """Largest residual, without its sign [response]."""
+        return float(np.nanmax(np.abs(self.residual)))
+
+    @property
+    def of_stroke(self) -> float:
+        """The root mean square over the stroke, a ratio; NaN if nothing moved."""
+        return self.rms / self.stroke if self.stroke else math.nan
+
+    @property
+    def r2(self) -> float:
+        """Share of the measured variance that the model explains; NaN if the command never moved."""
+        variance = float(np.nanvar(self.measured))
+        return 1 - self.rms**2 / variance if variance and np.ptp(self.command) else math.nan
+
+    @property
+    def ratio(self) -> float:
+        """The root mean square over the noise floor."""
+        return self.rms / self.floor
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A stage model and what runs say against it.
+
+    Parameters
+    ----------
+    model, axis
+        The model, and which of its axes.
+    runs
+        In the order given.
+    noise
+        The noise floor.
+    where
+        The unexplained error by run, frequency and operating region.
+    observed
+        The runs as the axis sees them, with gaps where they cannot be compared.
+    seconds
+        How long it took.
+    """
+
+    model: StageModel
+    axis: str
+    runs: tuple[RunComparison, ...]
+    noise: NoiseFloor
+    where: tuple[Breakdown, ...]
+    observed: tuple[Run, ...]
+    seconds: float
+
+    @property
+    def response(self) -> str:
+        """SI unit of the response."""
+        return self.model.axes[self.axis].response
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean square over runs, each counting the same [response]."""
+        return math.sqrt(float(np.mean([run.rms**2 for run in self.runs])))
+
+    @property
+    def floor(self) -> float:
+        """The same of the noise [response]."""
+        return math.sqrt(float(np.mean([run.floor**2 for run in self.runs])))
+
+    @property
+    def unexplained(self) -> float:
+        """Root of the mean square above the noise floor [response]; zero where the error is noise."""
+        return math.sqrt(max(self.rms**2 - self.floor**2, 0.0))
+
+    def by(self, what: str) -> Breakdown | None:
+        """Return the breakdown by one thing; None if these runs do not show it."""
+        return next((breakdown for breakdown in self.where if breakdown.by == what), None)
+
+
+def compare(
+    model: StageModel,
+    runs: Sequence[Run],
+    *,
+    axis: str | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Comparison:
+    """Predict runs with a stage model as it is, and say by how much and where it fails.
+
+    Every run has an unknown offset of its own, which is taken out. What a mode did before the record began is unknown,
+    too: until it has decayed, a run is not compared.
+
+    Parameters
+    ----------
+    model
+        The stage model; nothing is fitted.
+    runs
+        What was recorded.
+    axis
+        Which one; may be left out where model and runs leave no choice.
+    progress
+        Told what is being done.
+
+    Raises
+    ------
+    InputError
+        If the axis is ambiguous, a run lacks its command or response or has it in another unit, or the model gives no
+        numbers for a run.
+    """
+    began = perf_counter()
+    name = choose_axis(model, runs, axis)
+    its = model.axes[name]
+    seen = [of_axis(run, name, its) for run in runs]
+    volts = max(float(np.abs(run.command()).max()) for run in seen) or 1.0
+    dynamics = AxisDynamics(name, its, volts, tolerance=TOLERANCE, delay=model.controller.delay)
+    progress("reading the noise")
+    noise = noise_floor(runs, name, settle=settling(its), sensor_noise=its.sensor.noise)
+    stroke = max(float(np.nanmax(run.measured()) - np.nanmin(run.measured())) for run in seen)
+    compared, observed = [], []
+    for run in seen:
+        progress(f"predicting {run.name}")
+        observed.append(dynamics.comparable(run))
+        compared.append(_compared(dynamics, observed[-1], noise.rms[run.name], stroke))
+    progress("looking where it fails")
+    residuals = {run.name: run.residual for run in compared}
+    predictions = {run.name: run.predicted for run in compared}
+    return Comparison(
+        model=model,
+        axis=name,
+        runs=tuple(compared),
+        noise=noise,
+        where=where(residuals, observed, predictions, noise),
+        observed=tuple(observed),
+        seconds=perf_counter() - began,
+    )
+
+
+def settling(axis: AxisModel) -> float:
+    """Return how long the main mode takes to decay by three decades [s].
+
+    >>> round(settling(AxisModel(118.3, 0.0242, 2e-6)), 3)
+    0.384
+    """
+    rate = 2 * math.pi * axis.natural_frequency * min(max(axis.damping_ratio, 1e-3), 1.0)
+    return RUNG_DOWN * math.log(10) / rate
+
+
+def _compared(dynamics: AxisDynamics, run: Run, floor: float, stroke: float) -> RunComparison:
+    measured, predicted = run.measured(), dynamics.predict(run)
+    there = np.isfinite(measured)
+    if not there.any():
+        raise InputError(run.name, dynamics.name, None, "the run holds no reading that can be compared; leave it out")
+    if not np.all(np.isfinite(predicted)):
+        remedy = "the model's response grows without bound in this run; check its damping and its effects"
+        raise InputError(run.name, dynamics.name, None, remedy)
+    predicted = predicted + float(np.mean((measured - predicted)[there]))
+    return RunComparison(
+        run.name, run.role, run.time, run.command(), measured, predicted, floor, stroke, _remarks(dynamics, run)
+    )
+
+
+def _remarks(dynamics: AxisDynamics, run: Run) -> tuple[str, ...]:
+    said = [*run.remarks, *suspicions(run, dynamics.axis.gain * dynamics.axis.driver.gain, dynamics.name)]
+    skipped = dynamics.unknown_start(run)
+    if skipped:
+        said.append(
+            f"the command was moving as the record began: the first {skipped * run.period:.3g} s are not compared"
+        )
+    others = [name for name in run.commands if run.columns[name] is not run.command() and np.ptp(run.columns[name])]
+    if others:
+        said.append(f"{' and '.join(others)} moved too; what that does to this axis is left in the residual")
+    cut = dynamics.cut(run)
+    if cut > 0:
+        said.append(f"the command goes up to {cut:.3g} V beyond the limits of the model, which cut it off")
+    return tuple(said)

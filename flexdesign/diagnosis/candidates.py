@@ -1,0 +1,105 @@
+"""The catalogue as candidates of a diagnosis: which numbers a fit may move, and where a search tries them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import cast
+
+from flexdesign import effects
+from flexdesign.dynamics.axis_model import AxisDynamics
+from flexdesign.evidence.screening import Candidate
+from flexdesign.model import Effect, Model, Parameter
+from flexdesign.stage_model import fields
+
+#: Effects that only move a number of the model itself: a recalibration beyond what was known names them.
+IMITATED = ("payload_mass", "stiffness_loss", "sensor_gain")
+#: Readings in whole steps are noise to a fit.
+NOISE = ("quantisation",)
+#: Not more trials than these for one effect.
+MOST_TRIALS = 48
+
+
+@dataclass(frozen=True)
+class Adder:
+    """Adds an effect to a model.
+
+    Parameters
+    ----------
+    effect, name
+        The effect, and the name under which `flexdesign.effects.find` has it.
+    """
+
+    effect: Effect
+    name: str
+
+    def __call__(self, model: Model) -> Model:
+        """Return the model with the effect."""
+        return cast(AxisDynamics, model).with_effect(self.effect, self.name)
+
+
+def candidates(model: AxisDynamics, more: Sequence[str] = (), lines: Sequence[float] = ()) -> tuple[Candidate, ...]:
+    """Return every effect of the catalogue that the axis does not have.
+
+    Parameters
+    ----------
+    model
+        The axis.
+    more
+        Paths of further effects.
+    lines
+        Frequencies [Hz] of sinusoids that were seen in quiet records.
+    """
+    made = []
+    for name in (*effects.names(), *more):
+        if name in (*IMITATED, *NOISE) or name in model.axis.effects:
+            continue
+        number = fields.ELSEWHERE.get(name)
+        present = {p.name: p.start for p in model.parameters()}
+        if number is not None and present[number] not in (0.0, math.inf):
+            continue
+        made.append(_candidate(model, effects.find(name), name, number, lines))
+    return tuple(made)
+
+
+def _candidate(model: AxisDynamics, effect: Effect, name: str, number: str | None, lines: Sequence[float]) -> Candidate:
+    with_it = {p.name: p for p in model.with_effect(effect, name).parameters()}
+    if number is not None:
+        own = [_with_screen(with_it[number], effect.parameters[0])]
+    else:
+        own = [with_it[f"{name}.{p.name}"] for p in effect.parameters]
+    strength = next(p for p in own if p.null is not None)
+    power = fields.POWER_LAWS.get(name, ("", ()))[0]
+    free = tuple(p.name for p in own if not p.per_run and p.name.rpartition(".")[2] != power)
+    phase = next((p.name for p in own if p.per_run and p.si == "rad"), "")
+    return Candidate(
+        name=name,
+        add=Adder(effect, name),
+        strength=strength.name,
+        free=free,
+        trials=_trials(own, strength, lines if phase else ()),
+        phase=phase,
+        signed=strength.plausible[0] < 0,
+        is_limit=strength.null == math.inf,
+    )
+
+
+def _with_screen(number: Parameter, catalogue: Parameter) -> Parameter:
+    from dataclasses import replace
+
+    return replace(number, screen=catalogue.screen, null=catalogue.null, start=catalogue.start)
+
+
+def _trials(own: Sequence[Parameter], strength: Parameter, lines: Sequence[float]) -> tuple[dict[str, float], ...]:
+    grids: list[list[tuple[str, float]]] = []
+    for p in own:
+        if p.per_run:
+            continue
+        values = list(p.screen) if p.screen and (p is not strength or p.null == math.inf) else []
+        if lines and p.si == "Hz":
+            values += list(lines)
+        start = p.start if p.start is not None else 0.0
+        grids.append([(p.name, value) for value in values or [start]])
+    return tuple(dict(trial) for trial in itertools.islice(itertools.product(*grids), MOST_TRIALS))

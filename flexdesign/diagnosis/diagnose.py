@@ -1,0 +1,282 @@
+"""Diagnosis of one axis: calibrate, add what earns its place, and judge whether that is all.
+
+First the numbers of the model itself are fitted, what finite elements know within its uncertainty, so that no effect is
+blamed for a stiffness that is one percent off. Then effects are added while they earn their place, rivals are tried in
+their stead, and what is left is laid beside the noise. Only where nothing is left, or where the effects explain more
+than any smooth function of position, velocity and voltage could, are they named.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.diagnosis.candidates import candidates
+from flexdesign.diagnosis.features import Features
+from flexdesign.diagnosis.findings import Diagnosis
+from flexdesign.diagnosis.judgement import conclude
+from flexdesign.dynamics.axis_choice import choose_axis
+from flexdesign.dynamics.axis_model import TRIGGER, AxisDynamics, of_axis
+from flexdesign.errors import InputError
+from flexdesign.evidence.coloured import Coloured
+from flexdesign.evidence.rival import Rival, rival
+from flexdesign.evidence.screening import Candidate
+from flexdesign.evidence.selection import MOST, Case, Stand, Step, backward, calibrated, fitted, forward
+from flexdesign.evidence.suite import Suite
+from flexdesign.identification import HYSTERESIS, LINEAR, REST, prior
+from flexdesign.model import Model, Observation
+from flexdesign.noise_floor import NoiseFloor, noise_floor
+from flexdesign.runs import Run, split
+from flexdesign.stage_model import AxisModel, StageModel
+
+Array = NDArray[np.float64]
+#: Error that a prediction may have, in shares of the noise; and in shares of the stroke, at least and at most.
+EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
+#: Most steps in a sample: for fits, and for screening.
+STEPS, STEPS_SCREENING = 16, 4
+#: An effect must move a held-out prediction by this share of the noise, or of the stroke if that is less.
+OF_NOISE, OF_STROKE = 0.3, 5e-4
+#: How well a record's start is known to begin with: in samples, in shares of the stroke, per response of slow states.
+LATE, HISTORY, SLOW = 0.5, 0.1, 0.002
+#: Slow states that may still relax as a record begins have these time constants [s].
+RELAXING = (0.1, 1.0, 10.0)
+#: Decades of decay after which a mode has rung down.
+RUNG_DOWN = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """How a diagnosis went: the stands from the designed model to the last effect.
+
+    Parameters
+    ----------
+    designed, calibrated
+        The model as it was, where runs began fitted; and with its own numbers fitted.
+    stands
+        With one more step of effects each.
+    steps
+        What was tried at each step, the last one without success.
+    final
+        The last stand, without effects that lost their place.
+    agreed
+        How many starts of the calibration ended at the best minimum.
+    """
+
+    designed: Stand
+    calibrated: Stand
+    stands: tuple[Stand, ...]
+    steps: tuple[Step, ...]
+    final: Stand
+    agreed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What is diagnosed, with what, and how well things are known.
+
+    Parameters
+    ----------
+    name, axis
+        The axis.
+    runs
+        With roles, seen by this axis.
+    noise
+        The noise floor.
+    tolerance
+        What an effect must move [response].
+    known
+        What is known of the model's own numbers.
+    """
+
+    name: str
+    axis: AxisModel
+    runs: tuple[Run, ...]
+    noise: NoiseFloor
+    tolerance: float
+    known: Mapping[str, tuple[float, float]]
+
+    def of(self, role: str) -> list[Run]:
+        """Return the runs of a role."""
+        return [run for run in self.runs if run.role == role]
+
+    @property
+    def judging(self) -> list[str]:
+        """Names of the runs that judge: those kept apart, or all if there are none."""
+        return [run.name for run in self.of("validate") or self.runs]
+
+    @property
+    def floor(self) -> float:
+        """Noise floor of the runs that judge [response]."""
+        sizes = {run.name: np.isfinite(run.measured()).sum() for run in self.runs}
+        squares = [self.noise.rms[name] ** 2 * sizes[name] for name in self.judging]
+        return float(np.sqrt(sum(squares) / sum(sizes[name] for name in self.judging)))
+
+
+def diagnose(
+    model: StageModel,
+    runs: Sequence[Run],
+    *,
+    axis: str | None = None,
+    more: Sequence[str] = (),
+    tolerance: float | None = None,
+    threads: int = 2,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Diagnosis:
+    """Find which physical effects a stage model lacks.
+
+    Parameters
+    ----------
+    model
+        The stage model; its uncertainties say how far its numbers may move.
+    runs
+        What was recorded; where nobody chose roles, they are split.
+    axis
+        Which one; may be left out where model and runs leave no choice.
+    more
+        Paths of effects beside those of the catalogue.
+    tolerance
+        What an effect must at least move a held-out prediction, rms [response]; by default 0.05 % of the stroke or
+        0.3 of the noise, whichever is less.
+    threads
+        Simulations at a time.
+    seed
+        Of the sample of starts.
+    progress
+        Told what is being done.
+
+    Raises
+    ------
+    InputError
+        If the axis is ambiguous, a run does not suit it, or no run may be fitted.
+    """
+    began = perf_counter()
+    progress("reading the noise")
+    setting = settle(model, runs, axis, tolerance)
+    with ThreadPoolExecutor(threads) as pool:
+        each: Any = pool.map if threads > 1 else map
+        dynamics, case = _case(model, setting, each, progress)
+        every = candidates(dynamics, more, [line.frequency for line in setting.noise.lines])
+        course = search(case, dynamics, every, seed)
+        progress("looking at what is left")
+        left = _rival(case, course.final)
+        before = _rival(case, course.calibrated) if course.final.effects else left
+    found = conclude(model, setting, course, before, left)
+    evaluations = sum(stand.solution.problem.evaluations for stand in (course.calibrated, *course.stands))
+    return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
+
+
+def settle(model: StageModel, runs: Sequence[Run], axis: str | None, tolerance: float | None) -> Setting:
+    """Return what is to be diagnosed, with its noise floor."""
+    name = choose_axis(model, runs, axis)
+    its = model.axes[name]
+    dynamics = AxisDynamics(name, its)
+    seen = tuple(dynamics.comparable(of_axis(run, name, its)) for run in split(runs))
+    if not any(run.role == "identify" for run in seen):
+        raise InputError("command line", "RUNS", None, "all are kept for validation; name a run with role identify")
+    rate = 2 * math.pi * its.natural_frequency * min(max(its.damping_ratio, 1e-3), 1.0)
+    noise = noise_floor(runs, name, settle=RUNG_DOWN * math.log(10) / rate, sensor_noise=its.sensor.noise)
+    noise = _of_blocks(noise, seen)
+    first = Setting(name, its, seen, noise, 0.0, _known(its))
+    volts = max(float(np.abs(run.command()).max()) for run in seen) or 1.0
+    least = min(OF_NOISE * first.floor, OF_STROKE * abs(its.gain * its.driver.gain) * volts)
+    return replace(first, tolerance=least if tolerance is None else tolerance)
+
+
+def _of_blocks(noise: NoiseFloor, runs: Sequence[Run]) -> NoiseFloor:
+    """Return the noise with that of blocks of a record under their own names, too."""
+    records = {run.name: run.name if run.name in noise.rms else run.name.rpartition(":")[0] for run in runs}
+    processes = {name: noise.whitening.process(record) for name, record in records.items()}
+    return replace(noise, whitening=Coloured(processes), rms={n: noise.rms[r] for n, r in records.items()})
+
+
+def _known(axis: AxisModel) -> dict[str, tuple[float, float]]:
+    return prior(axis, [*LINEAR, *HYSTERESIS[:-1]] if "bouc_wen" in axis.effects else LINEAR)
+
+
+def _case(model: StageModel, setting: Setting, each: Any, progress: Callable[[str], None]) -> tuple[AxisDynamics, Case]:
+    """Return the model of the axis, with numbers of its own for each run, and what it is confronted with."""
+    volts = max(float(np.abs(run.command()).max()) for run in setting.runs) or 1.0
+    stroke = abs(setting.axis.gain * setting.axis.driver.gain) * volts
+    exact = float(np.clip(EXACT * setting.floor / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
+    dynamics = AxisDynamics(
+        setting.name, setting.axis, volts, tolerance=exact, delay=model.controller.delay, finest=STEPS
+    ).set_apart([run.name for run in setting.runs])
+    free = LINEAR + (HYSTERESIS[:-1] if "bouc_wen" in setting.axis.effects else ())
+    noise, shapes = setting.noise.whitening, _Starts(setting.axis, stroke)
+
+    def known(of: Model) -> Mapping[str, tuple[float, float]]:
+        own: dict[str, tuple[float, float]] = {}
+        for parameter in of.parameters():
+            if parameter.run:
+                own |= _start_of(parameter.name, setting, stroke)
+        return {**setting.known, **own}
+
+    return dynamics, Case(
+        identify=Suite(setting.of("identify"), noise, shapes),
+        validate=Suite(setting.of("validate"), noise, shapes),
+        free=free,
+        known=known,
+        tolerance=setting.tolerance,
+        coarse=lambda of: cast(AxisDynamics, of).with_steps(STEPS_SCREENING),
+        fine=lambda of: cast(AxisDynamics, of).with_steps(STEPS),
+        each=each,
+        progress=progress,
+    )
+
+
+def _start_of(name: str, setting: Setting, stroke: float) -> dict[str, tuple[float, float]]:
+    run, _, number = name.rpartition(":")
+    if number == TRIGGER:
+        period = next(each.period for each in setting.runs if each.name == run)
+        return {name: (0.0, LATE * period)}
+    return {name: (0.0, HISTORY * stroke)} if number == REST else {}
+
+
+@dataclass(frozen=True)
+class _Starts:
+    """What adds to a record because of how it began: an offset, a mode that rings, slow states that relax."""
+
+    axis: AxisModel
+    stroke: float
+
+    def __call__(self, observation: Observation) -> tuple[Array, Array]:
+        run = cast(Run, observation)
+        t = run.time - run.time[0]
+        w = 2 * math.pi * self.axis.natural_frequency
+        ringing = np.exp(-self.axis.damping_ratio * w * t)
+        slow = [np.exp(-t / tau) for tau in RELAXING]
+        columns = np.column_stack([np.ones_like(t), ringing * np.cos(w * t), ringing * np.sin(w * t), *slow])
+        sizes = [math.inf, HISTORY * self.stroke, HISTORY * self.stroke, *[SLOW * self.stroke] * len(slow)]
+        return columns, np.array(sizes)
+
+
+def search(case: Case, dynamics: AxisDynamics, every: Sequence[Candidate], seed: int) -> Course:
+    """Calibrate, and add effects while they earn their place."""
+    case.progress("predicting with the model as it is")
+    designed = fitted(replace(case, free=()), dynamics, (), {})
+    case.progress("calibrating")
+    stand, agreed = calibrated(case, dynamics, seed=seed)
+    if designed is None or stand is None:
+        raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
+    base, stands, steps = stand, [], []
+    while len(stand.effects) < MOST:
+        step = forward(case, stand, every)
+        steps.append(step)
+        if step.chosen is None:
+            break
+        stand = step.chosen.stand
+        stands.append(stand)
+    final = backward(case, stand, dynamics, every)
+    return Course(designed, base, tuple(stands), tuple(steps), final, agreed)
+
+
+def _rival(case: Case, stand: Stand) -> Rival:
+    return rival(case, stand, Features(cast(AxisDynamics, stand.model)))

@@ -1,0 +1,75 @@
+"""Smooth functions of where a stage is and how it moves: what a rival without physics is put together from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from flexdesign import linear
+from flexdesign.dynamics.axis_model import AxisDynamics
+from flexdesign.model import Observation
+from flexdesign.runs import Run
+
+Array = NDArray[np.float64]
+#: Velocities are counted in this share of stroke times natural frequency; dry friction turns at a tenth of it.
+SLOW = 0.1
+#: Where thresholds are tried, in shares of the stroke.
+KNEES = (0.15, 0.3, 0.5, 0.7, 0.85)
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """Functions of position, velocity, voltage and time that add to the reading, or to the force on the table.
+
+    Parameters
+    ----------
+    model
+        The axis.
+    """
+
+    model: AxisDynamics
+
+    def __call__(self, observation: Observation, predicted: Array) -> dict[str, Array]:
+        """Return the functions by name, n values each, about as large as one."""
+        assert isinstance(observation, Run)
+        made = self._functions(observation, predicted)
+        forces = {f"force: {name}": self._through(values, observation.period) for name, values in made.items()}
+        readings = {f"reading: {name}": values for name, values in made.items()}
+        return {**readings, **forces, **self._of_time(observation)}
+
+    def _functions(self, run: Run, predicted: Array) -> dict[str, Array]:
+        x = predicted / self.model.stroke
+        fast = 2 * math.pi * self.model.axis.natural_frequency * SLOW
+        v = np.gradient(x, run.period) / fast
+        u = self.model.command(run) / self.model.volts
+        powers = {f"position^{k}": x**k for k in (2, 3, 4)}
+        knees = {f"position beyond {100 * knee:.0f} %": np.maximum(x - knee, 0.0) for knee in KNEES}
+        moving = {"velocity": v, "velocity^2": v**2, "velocity |velocity|": v * np.abs(v), "velocity^3": v**3}
+        dry = {"sign of velocity": np.tanh(10 * v), "position x velocity": x * v, "position^2 x velocity": x**2 * v}
+        volts = {f"voltage^{k}": u**k for k in (1, 2, 3)} | {"voltage x position": u * x}
+        return {**powers, **knees, **moving, **dry, **volts}
+
+    def _of_time(self, run: Run) -> dict[str, Array]:
+        command = self.model.command(run)
+        jumps = np.abs(np.diff(command, prepend=command[0])) > 0.02 * self.model.volts
+        last = np.maximum.accumulate(np.where(jumps, np.arange(len(command)), 0))
+        since = (np.arange(len(command)) - last) * run.period
+        return {
+            "reading: log of time since a step": np.log10(1 + since / 0.01),
+            "reading: time": run.time - run.time[0],
+        }
+
+    def _through(self, force: Array, period: float) -> Array:
+        """Return what a force over the stiffness does to the main mode, held between samples."""
+        w = 2 * math.pi * self.model.axis.natural_frequency
+        a = w * np.array([[0.0, 1.0], [-1.0, -2 * self.model.axis.damping_ratio]])
+        passage = linear.step(a, w * np.array([0.0, 1.0]), period)
+        transition, held = passage.transition, passage.weights.sum(axis=1)
+        # Of the state space x' = F x + g u, y = x_0, as a difference equation.
+        trace, determinant = np.trace(transition), np.linalg.det(transition)
+        b1, b2 = held[0], transition[0, 1] * held[1] - transition[1, 1] * held[0]
+        return np.asarray(lfilter([0.0, b1, b2], [1.0, -trace, determinant], force - force[0]))

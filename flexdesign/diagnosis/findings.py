@@ -1,0 +1,149 @@
+"""What a diagnosis says: the verdict and everything behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from flexdesign.evidence.rival import Rival
+from flexdesign.model import Parameter
+from flexdesign.noise_floor import NoiseFloor
+from flexdesign.runs import Run
+from flexdesign.stage_model import StageModel
+
+Verdict = Literal["nothing-missing", "effects-found", "unknown"]
+
+
+@dataclass(frozen=True)
+class Value:
+    """A fitted number with its 95 % interval, SI.
+
+    Parameters
+    ----------
+    parameter
+        What it is, and its unit.
+    value, interval
+        The number and the interval.
+    """
+
+    parameter: Parameter
+    value: float
+    interval: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that the measurements call for.
+
+    Parameters
+    ----------
+    name
+        Of the effect.
+    values
+        Its numbers.
+    share
+        Of what was unexplained (in squares, above the noise) on the runs kept apart: how much it explains.
+    """
+
+    name: str
+    values: tuple[Value, ...]
+    share: float
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A candidate that was fitted.
+
+    Parameters
+    ----------
+    names
+        The effect, or a pair of them.
+    beside
+        The effects that were in the model then.
+    error
+        Root mean square error on the runs kept apart [response].
+    evidence
+        Fall of the cost, whitened, in multiples of what chance gives.
+    outcome
+        ``"added"``, or why it was not.
+    """
+
+    names: tuple[str, ...]
+    beside: tuple[str, ...]
+    error: float
+    evidence: float
+    outcome: str
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One step of the error ladder: a label, and the rms error on the runs kept apart [response]."""
+
+    label: str
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What the measurements say about a stage model.
+
+    Parameters
+    ----------
+    verdict
+        Whether something is missing, and whether it is known.
+    axis
+        The axis that was looked at.
+    before, model
+        The stage model as it was, and with what was found.
+    effects
+        What was named, in the order in which it was added; empty unless effects were found.
+    confusable
+        Groups of effects that these runs cannot tell apart, one of each is among `effects`.
+    near
+        Effects that come near without explaining enough, where the verdict is ``unknown``.
+    candidates
+        Everything that was fitted.
+    ladder
+        Errors on the runs kept apart, from the model as designed to the last effect.
+    calibration
+        The model's own numbers after the fit.
+    conflicts
+        Numbers that had to move by more than three standard deviations of what was known, in words.
+    noise
+        The noise floor, by run and in words.
+    noise_floor, validation_error
+        Root mean squares over the runs kept apart [response].
+    rival
+        What smooth functions would explain of the rest.
+    remainder
+        What stays above the noise, in words; empty if nothing does.
+    predictions
+        Of each run, by name, as calibrated without effects and with what was found: `measured` less `remainder`.
+    runs
+        The runs with their roles.
+    confidence
+        What weakens the verdict, in words; empty if nothing does.
+    """
+
+    verdict: Verdict
+    axis: str
+    before: StageModel
+    model: StageModel
+    effects: tuple[Named, ...]
+    confusable: tuple[tuple[str, ...], ...]
+    near: tuple[str, ...]
+    candidates: tuple[Tried, ...]
+    ladder: tuple[Rung, ...]
+    calibration: tuple[Value, ...]
+    conflicts: tuple[str, ...]
+    noise: NoiseFloor
+    noise_floor: float
+    validation_error: float
+    rival: Rival
+    remainder: str
+    remainders: Mapping[str, Mapping[str, object]]
+    runs: tuple[Run, ...]
+    confidence: str
+    evaluations: int
+    seconds: float

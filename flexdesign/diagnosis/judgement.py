@@ -1,0 +1,238 @@
+"""The judgement: whether something is missing, whether it is known, and what these runs cannot tell apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from flexdesign.diagnosis.findings import Diagnosis, Named, Rung, Tried, Value, Verdict
+from flexdesign.dynamics.axis_model import AxisDynamics
+from flexdesign.evidence.coordinates import value
+from flexdesign.evidence.rival import Rival
+from flexdesign.evidence.selection import Stand, Step, Trial
+from flexdesign.stage_model import StageModel
+
+if TYPE_CHECKING:
+    from flexdesign.diagnosis.diagnose import Course, Setting
+
+#: What is left counts as noise if its mean square, whitened, is above one by no more than this ...
+ADEQUATE = 0.09
+#: ... and by no more than so many standard errors, of chance and of the noise level together.
+ERRORS = 3.5
+#: Effects explain enough where what is left is no more than this share of what was unexplained (in squares).
+EXPLAINED = 0.10
+#: A number that the fit moves by more standard deviations of what was known than this is a finding.
+CONFLICT = 3.0
+#: Not more effects than these make a group that the runs cannot tell apart.
+LARGEST_GROUP = 3
+#: Half-width of a 95 % interval, in standard deviations.
+HALF_WIDTH = 1.96
+#: What a number that moved too far can stand for, where it fell and where it rose.
+STANDS_FOR = {
+    "natural_frequency": (("payload_mass", "stiffness_loss"), ()),
+    "gain": (("sensor_gain",), ("sensor_gain",)),
+}
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """How a stand's remainder compares with the noise.
+
+    Parameters
+    ----------
+    excess
+        Mean square of what is left, whitened, less that of noise, of the runs that were fitted and of those kept apart:
+        the larger one.
+    allowed
+        What counts as none.
+    raw
+        What is left above the noise on the runs that judge, rms [response].
+    """
+
+    excess: float
+    allowed: float
+    raw: float
+
+    @property
+    def is_noise(self) -> bool:
+        """Tell whether nothing but noise is left."""
+        return self.excess <= self.allowed
+
+
+def remainder(setting: Setting, stand: Stand) -> Remainder:
+    """Return how what a stand leaves compares with the noise."""
+    suite = stand.solution.problem.suite
+    seen, kept = suite.samples, sum(int(np.isfinite(run.measured()).sum()) for run in setting.of("validate"))
+    ratios = [(sum(float(part @ part) for part in stand.solution.residuals) / seen, seen)]
+    if kept:
+        ratios.append((stand.held_cost / kept, kept))
+    level = 2 * setting.noise.relative_error
+    margins = [(ratio - 1, ADEQUATE + ERRORS * math.hypot(math.sqrt(2 / count), level)) for ratio, count in ratios]
+    excess, allowed = max(margins, key=lambda pair: pair[0] - pair[1])
+    left = stand.rms(setting.judging) ** 2 - setting.floor**2
+    return Remainder(excess, allowed, math.sqrt(max(left, 0.0)))
+
+
+def conclude(model: StageModel, setting: Setting, course: Course, before: Rival, left: Rival) -> Diagnosis:
+    """Return the diagnosis.
+
+    Parameters
+    ----------
+    model, setting, course
+        What was diagnosed, and how it went.
+    before, left
+        What smooth functions explain without effects, and of what these leave.
+    """
+    final = course.final
+    verdict, doubt = _verdict(setting, course, before, left)
+    conflicts, implied = _conflicts(setting, final) if verdict != "unknown" else ((), ())
+    effects = tuple(_named(setting, course, name) for name in final.names)
+    groups = _groups(course)
+    if implied:
+        verdict = "effects-found"
+        effects = (*effects, *(Named(group[0], (), 0.0) for group in implied))
+        groups = (*groups, *(group for group in implied if len(group) > 1))
+    known = verdict == "effects-found"
+    return Diagnosis(
+        verdict=verdict,
+        axis=setting.name,
+        before=model,
+        model=_model(model, setting, final if known else course.calibrated),
+        effects=effects if known else (),
+        confusable=groups if known else (),
+        near=final.names if verdict == "unknown" else (),
+        candidates=_tried(course.steps),
+        ladder=_ladder(setting, course),
+        calibration=_values(course.final, _own(course.final)),
+        conflicts=conflicts,
+        noise=setting.noise,
+        noise_floor=setting.floor,
+        validation_error=final.rms(setting.judging),
+        rival=left,
+        remainder=doubt,
+        remainders={"calibrated": course.calibrated.remainders, "found": final.remainders},
+        runs=setting.runs,
+        confidence="" if setting.noise.known else "the noise is unknown; it was guessed from neighbouring samples",
+        evaluations=0,
+        seconds=0.0,
+    )
+
+
+def _verdict(setting: Setting, course: Course, before: Rival, left: Rival) -> tuple[Verdict, str]:
+    """Return the verdict, and what is left above the noise in words."""
+    final, at_first = remainder(setting, course.final), remainder(setting, course.calibrated)
+    # Smooth functions that explain something show that there is something, however small it is beside the noise.
+    explainable = left.held_gain > 0 and left.moved > setting.tolerance and left.gain > 0
+    if final.is_noise and not explainable:
+        return ("effects-found" if course.final.effects else "nothing-missing"), ""
+    words = _in_words(final, left)
+    if not course.final.effects:
+        return "unknown", words
+    stays = max(final.excess, 0.0) / max(at_first.excess, 1e-300)
+    fallen = course.calibrated.held_cost - course.final.held_cost
+    if stays <= EXPLAINED and fallen >= before.held_gain:
+        return "effects-found", words
+    return "unknown", words
+
+
+def _in_words(final: Remainder, left: Rival) -> str:
+    share = f"{math.sqrt(1 + max(final.excess, 0.0)):.3g} times the noise stays"
+    if not left.terms:
+        return f"{share}; no smooth function of position, velocity, voltage or time explains it"
+    best = sorted(left.shares, key=lambda name: -left.shares[name])[:3]
+    return f"{share}; of smooth functions these explain most: {', '.join(best)}"
+
+
+def _conflicts(setting: Setting, stand: Stand) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Return the numbers that moved beyond what was known, in words, and the effects they can stand for."""
+    where = stand.solution.problem.where
+    values = where.values(stand.solution.x)
+    said, implied = [], []
+    for name, (middle, sigma) in setting.known.items():
+        far = (values[name] - middle) / sigma
+        if abs(far) <= CONFLICT:
+            continue
+        said.append(f"{name} {100 * (values[name] / middle - 1):+.1f} %, {abs(far):.1f} standard deviations")
+        group = STANDS_FOR.get(name, ((), ()))[0 if far < 0 else 1]
+        if group:
+            implied.append(group)
+    return tuple(said), tuple(implied)
+
+
+def _named(setting: Setting, course: Course, name: str) -> Named:
+    final = course.final
+    effect = next(effect for effect in final.effects if effect.name == name)
+    errors = [course.calibrated.rms(setting.judging), *(stand.rms(setting.judging) for stand in course.stands)]
+    place = next((i for i, stand in enumerate(course.stands) if name in stand.names), len(course.stands) - 1)
+    before, after = errors[place] ** 2, errors[place + 1] ** 2
+    unexplained = max(errors[0] ** 2 - setting.floor**2, 1e-300)
+    return Named(name, _values(final, effect.free), min((before - after) / unexplained, 1.0))
+
+
+def _values(stand: Stand, names: Sequence[str]) -> tuple[Value, ...]:
+    """Return fitted numbers with their intervals."""
+    where, x = stand.solution.problem.where, stand.solution.x
+    scale = max(stand.cost / stand.solution.problem.suite.samples, 1.0)
+    sigma = np.sqrt(np.maximum(np.diag(stand.solution.covariance), 0.0) * scale)
+    found = []
+    for j, parameter in enumerate(where.parameters):
+        if parameter.name in names:
+            ends = np.clip([x[j] - HALF_WIDTH * sigma[j], x[j] + HALF_WIDTH * sigma[j]], where.lower[j], where.upper[j])
+            low, high = sorted(value(parameter, float(end)) for end in ends)
+            found.append(Value(parameter, value(parameter, float(x[j])), (low, high)))
+    return tuple(found)
+
+
+def _own(stand: Stand) -> list[str]:
+    """Return the free numbers that belong to the model itself."""
+    of_effects = {name for effect in stand.effects for name in effect.free}
+    return [p.name for p in stand.solution.problem.where.parameters if not p.run and p.name not in of_effects]
+
+
+def _groups(course: Course) -> tuple[tuple[str, ...], ...]:
+    """Return the groups that the runs cannot tell apart, the chosen effect first."""
+    groups = []
+    for step in course.steps:
+        if step.chosen is None or len(step.chosen.names) != 1 or step.chosen.names[0] not in course.final.names:
+            continue
+        others = [trial.names[0] for trial in step.alike if len(trial.names) == 1]
+        if others:
+            groups.append((step.chosen.names[0], *others[: LARGEST_GROUP - 1]))
+    return tuple(groups)
+
+
+def _tried(steps: Sequence[Step]) -> tuple[Tried, ...]:
+    found = []
+    for step in steps:
+        for trial in step.trials:
+            beside = trial.stand.names[: len(trial.stand.names) - len(trial.names)]
+            outcome = "added" if trial is step.chosen else trial.reason or _not_chosen(step, trial)
+            evidence = trial.gain / trial.needed if trial.needed else 0.0
+            found.append(Tried(trial.names, beside, trial.error, evidence, outcome))
+    return tuple(found)
+
+
+def _not_chosen(step: Step, trial: Trial) -> str:
+    return "these runs cannot tell it from what was added" if trial in step.alike else "explains less"
+
+
+def _ladder(setting: Setting, course: Course) -> tuple[Rung, ...]:
+    judging = setting.judging
+    rungs = [Rung("as designed", course.designed.rms(judging)), Rung("recalibrated", course.calibrated.rms(judging))]
+    before: tuple[str, ...] = ()
+    for stand in course.stands:
+        new = [name for name in stand.names if name not in before]
+        rungs.append(Rung(f"+ {' + '.join(new)}", stand.rms(judging)))
+        before = stand.names
+    return tuple(rungs)
+
+
+def _model(model: StageModel, setting: Setting, stand: Stand) -> StageModel:
+    """Return the stage model with what was fitted."""
+    dynamics = cast(AxisDynamics, stand.model)
+    axes = {**model.axes, setting.name: dynamics.axis}
+    return replace(model, axes=axes, controller=replace(model.controller, delay=dynamics.delay))

@@ -1,0 +1,127 @@
+"""Prandtl-Ishlinskii hysteresis of the piezo actuator: the weighted sum of plays of several widths.
+
+A play with threshold r follows the voltage v only when this pushes it: z = max(v - r, min(v + r, z)). What lags behind
+is h = sum w_i (v - z_i), with r_i = reach i / N and i = 1 to N; weights fall or grow as exp(-shape i / N) and add up to
+`weight`. The displacement that drives the stage is k_v v - h: after a turn its slope is k_v less the weights of all
+plays that wait, and beyond twice `reach` it is k_v.
+"""
+
+from __future__ import annotations
+
+import math
+
+from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.model.effect import Floats, Values
+
+#: Number of plays.
+PLAYS = 10
+
+
+def constants(values: Values, step: float) -> tuple[float, ...]:
+    """Return for each play its weight, its threshold, and where it rests."""
+    relative = [math.exp(-values["shape"] * i / PLAYS) for i in range(1, PLAYS + 1)]
+    numbers: list[float] = []
+    for i, part in enumerate(relative, start=1):
+        threshold = values["reach"] * i / PLAYS
+        rest = min(max(values.get("rest", 0.0), -threshold), threshold)
+        numbers += [values["weight"] * part / math.fsum(relative), threshold, rest]
+    return tuple(numbers)
+
+
+def behind(v: float, state: Floats, constants: Floats) -> float:
+    """Return how much lags behind at a voltage, counted from rest; states are the plays' positions, and the voltage."""
+    total = 0.0
+    for i in range(PLAYS):
+        total += constants[3 * i] * (v - state[i])
+    return total
+
+
+def follow(begin: float, end: float, curvature: float, state: Floats, constants: Floats) -> float:
+    """Take all plays from voltage to voltage; return by how much more lags on the way than the mean of both ends.
+
+    `curvature` is by how much the mean voltage on the way is below the mean of both ends. A play first waits, so that
+    what lags grows with the voltage, then slips: the corner between is what a parabola through a step would miss.
+    """
+    more, way = 0.0, abs(end - begin)
+    share = 1.0 / way if way > 0.0 else 0.0
+    for i in range(PLAYS):
+        weight, threshold, rest = constants[3 * i], constants[3 * i + 1], constants[3 * i + 2]
+        z = max(end - threshold, min(end + threshold, rest + state[i])) - rest
+        change = end - begin - (z - state[i])
+        waits = abs(change) * share
+        more += weight * (0.5 * change * (1.0 - waits) - waits * curvature)
+        state[i] = z
+    return more
+
+
+def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
+    """Take the plays along the voltage path, turning where the parabola turns.
+
+    As with a lag, the first of the three values is set so that their parabola has the mean of what lags.
+    """
+    slope, bend = -3.0 * path[0] + 4.0 * path[1] - path[2], 2.0 * path[0] - 4.0 * path[1] + 2.0 * path[2]
+    turn = -0.5 * slope / bend if bend != 0.0 else -1.0
+    if path[0] != state[PLAYS]:  # a jump takes no time
+        follow(state[PLAYS], path[0], 0.0, state, constants)
+    at, v, lagging, mean = 0.0, path[0], behind(path[0], state, constants), 0.0
+    for node in range(1, 3):
+        for _ in range(2):  # to the turn, if it is on the way, then to the node
+            until = turn if at < turn < 0.5 * node else 0.5 * node
+            to = path[0] + 0.5 * slope * turn if until == turn else path[node]
+            more = follow(v, to, bend * (until - at) ** 2 / 6.0, state, constants)
+            reached = behind(to, state, constants)
+            mean += (until - at) * (0.5 * (lagging + reached) + more)
+            at, v, lagging = until, to, reached
+            if until == 0.5 * node:
+                break
+        out[node] -= lagging
+        if node == 1:
+            middle = lagging
+    out[0] -= 6.0 * mean - 4.0 * middle - lagging
+    state[PLAYS] = v
+
+
+EFFECT = Effect(
+    name="prandtl_ishlinskii",
+    physics=(
+        "Domains in the ceramic switch with delay, so that the extension at a voltage depends on where the voltage "
+        "came from. Here the loop is a sum of plays: after each turn the slope is low at first and grows with the "
+        "voltage travelled, whatever the rate."
+    ),
+    where="the piezo stack, between its voltage and its extension",
+    reveal="a slow triangle with minor loops: all branches that begin at a turn have the same shape",
+    remedy="the inverse of the plays as feedforward (it is a sum of plays too), a charge amplifier, or feedback",
+    reference=(
+        "K. Kuhnen, Modeling, identification and compensation of complex hysteretic nonlinearities: a modified "
+        "Prandtl-Ishlinskii approach, European Journal of Control 9 (2003)"
+    ),
+    parameters=(
+        Parameter("weight", "m/V", "um/V", "gain that lags behind, all plays", 0.0, 0.2e-6, (0.0, 1e-4), "log"),
+        Parameter(
+            "reach",
+            "V",
+            "V",
+            "threshold of the widest play",
+            None,
+            30.0,
+            (0.1, 1e3),
+            "log",
+            screen=(5.0, 10.0, 20.0, 40.0, 80.0),
+        ),
+        Parameter(
+            "shape",
+            "1",
+            "",
+            "how fast weights fall with the threshold",
+            None,
+            0.0,
+            (-10.0, 10.0),
+            screen=(-3.0, 0.0, 3.0),
+        ),
+        Parameter("rest", "V", "V", "where the plays rest at the start", None, 0.0, (-1e3, 1e3), per_run=True),
+    ),
+    faces=(
+        Block(Socket.HYSTERESIS, states=(*(f"z{i}" for i in range(1, PLAYS + 1)), "v"), constants=constants, move=move),
+    ),
+    confused_with=("bouc_wen", "rate_dependent_hysteresis", "asymmetric_hysteresis"),
+)

@@ -1,0 +1,184 @@
+"""Least squares for a suite: Marquardt's method on normal equations that are filled record by record.
+
+Marquardt (1963), SIAM J. Appl. Math. 11, 431-441, with the damping of each coordinate in proportion to its own
+curvature; bounds are kept by holding what would leave them. Slopes are dear and residuals cheap, so that steps go on
+with the old slopes while these still predict what happens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.evidence.suite import Problem, Slopes
+
+Array = NDArray[np.float64]
+#: A step that lowers the cost by less than this, or by this share of it, is the last.
+SMALL, SHARE = 0.1, 1e-6
+#: Old slopes serve while a step lowers the cost by at least this share of what they promise.
+KEPT_PROMISE = 0.7
+#: Damping: where it begins, and what it is multiplied with after a good and a bad step.
+DAMPING, EASED, RAISED, LARGEST_DAMPING = 1e-3, 0.2, 8.0, 1e8
+#: Damping that no longer matters.
+UNDAMPED = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where the search ended.
+
+    Parameters
+    ----------
+    problem
+        What was solved.
+    x
+        The point; coordinates.
+    cost
+        Sum of squares there.
+    residuals, slopes
+        Of each record; slopes may have been found a short step before.
+    normal
+        J'J with what was known, coordinates by coordinates.
+    is_settled
+        Whether it ended because nothing more was to be gained, and not for want of trials.
+    """
+
+    problem: Problem
+    x: Array
+    cost: float
+    residuals: tuple[Array, ...]
+    slopes: tuple[Slopes, ...]
+    normal: Array
+    is_settled: bool
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the coordinates, where the noise is as stated."""
+        return _inverse(self.normal)
+
+    def columns(self) -> dict[str, list[Array | None]]:
+        """Return the slopes by the name of the number: a column for each record, or None where it does not act."""
+        found: dict[str, list[Array | None]] = {}
+        for j, name in enumerate(self.problem.where.names):
+            places = [np.flatnonzero(part.places == j) for part in self.slopes]
+            found[name] = [
+                part.matrix[:, place[0]] if len(place) else None
+                for part, place in zip(self.slopes, places, strict=True)
+            ]
+        return found
+
+    def project(self, parts: Sequence[Array]) -> Array:
+        """Return J'v for a vector v in parts, one for each record."""
+        total = np.zeros(len(self.x))
+        for slopes, part in zip(self.slopes, parts, strict=True):
+            total[slopes.places] += slopes.matrix.T @ part
+        return total
+
+
+Columns = Mapping[str, Sequence[Array | None]]
+
+
+def solve(
+    problem: Problem, start: Array, *, most: int = 30, share: float = SHARE, old: Columns | None = None
+) -> Solution | None:
+    """Return the minimum near a point; None where the model fails there.
+
+    Parameters
+    ----------
+    problem
+        Residuals and slopes.
+    start
+        Coordinates; moved into the bounds.
+    most
+        Largest number of times that slopes are found.
+    share
+        A step that promises to lower the cost by less than this share of it is the last.
+    old
+        Columns of slopes from a fit nearby, see `Problem.slopes`; the search begins with them.
+    """
+    where = problem.where
+    x = np.clip(start, where.lower, where.upper)
+    residuals = problem.residuals(x)
+    if residuals is None:
+        return None
+    cost, damping, settled, kept = problem.cost(x, residuals), DAMPING, False, 0.0
+    normal, slopes = np.zeros((len(x), len(x))), list[Slopes]()
+    for trial in range(most):
+        slopes = problem.slopes(x, residuals, old if trial == 0 else None)
+        normal = _normal(problem, x, slopes)
+        fresh, eased = trial > 0 or not old, False
+        while True:
+            gradient = _gradient(problem, x, slopes, residuals)
+            step = _step(normal, gradient, damping, x, problem)
+            promised = -float(2 * gradient @ step + step @ normal @ step)
+            if promised <= max(SMALL, share * cost) and not eased:
+                damping, eased = UNDAMPED, True  # damping itself may keep promises small along a valley
+                continue
+            if promised <= max(SMALL, share * cost):
+                settled = fresh or kept > KEPT_PROMISE
+                break
+            tried = problem.residuals(x + step)
+            reached = problem.cost(x + step, tried)
+            if tried is not None and reached < cost:
+                kept = (cost - reached) / promised
+                x, residuals, cost = x + step, tried, reached
+                damping = max(damping * (EASED if kept > 0.5 else 1.0), UNDAMPED)
+                fresh = False  # slopes of a point that was left
+                if kept < KEPT_PROMISE:
+                    break
+            elif not fresh:
+                break
+            else:
+                damping = max(damping, 1e-6) * RAISED
+                if damping > LARGEST_DAMPING:
+                    settled = True
+                    break
+        if settled:
+            break
+    return Solution(problem, x, cost, tuple(residuals), tuple(slopes), normal, settled)
+
+
+def _normal(problem: Problem, x: Array, slopes: Sequence[Slopes]) -> Array:
+    before = problem.before_slopes(x)
+    total = before.T @ before
+    for part in slopes:
+        total[np.ix_(part.places, part.places)] += part.matrix.T @ part.matrix
+    return np.asarray(total)
+
+
+def _gradient(problem: Problem, x: Array, slopes: Sequence[Slopes], residuals: Sequence[Array]) -> Array:
+    total = problem.before_slopes(x).T @ problem.before(x)
+    for part, residual in zip(slopes, residuals, strict=True):
+        total[part.places] += part.matrix.T @ residual
+    return np.asarray(total)
+
+
+def _step(normal: Array, gradient: Array, damping: float, x: Array, problem: Problem) -> Array:
+    """Return the damped step; coordinates at a bound that would leave it stay."""
+    lower, upper = problem.where.lower, problem.where.upper
+    moving = np.ones(len(x), dtype=bool)
+    step = np.zeros(len(x))
+    for _ in range(len(x)):
+        step = np.zeros(len(x))
+        places = np.flatnonzero(moving)
+        if not len(places):
+            break
+        inner = normal[np.ix_(places, places)]
+        scale = np.sqrt(np.where(np.diag(inner) > 0, np.diag(inner), 1.0))
+        damped = inner / np.outer(scale, scale) + damping * np.eye(len(places))
+        step[places] = -np.linalg.lstsq(damped, gradient[places] / scale, rcond=1e-14)[0] / scale
+        leaving = moving & (((x <= lower) & (step < 0)) | ((x >= upper) & (step > 0)))
+        if not leaving.any():
+            break
+        moving &= ~leaving
+    return np.clip(x + step, lower, upper) - x
+
+
+def _inverse(normal: Array) -> Array:
+    scale = np.sqrt(np.where(np.diag(normal) > 0, np.diag(normal), 1.0))
+    return np.asarray(
+        np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
+    )

@@ -1,0 +1,259 @@
+"""Which of many effects could explain a residual: the score of each, without fitting any of them.
+
+An effect at a trial strength moves the prediction by d (whitened). What the free numbers of the model can imitate of
+that is taken out, d' = d - J (J'J)^-1 J'd, and what is left is laid beside the residual e. The cost promises to fall by
+(d'e)^2 / d'd', the score statistic of Rao (1948) with the slope at the null replaced by a secant, so that effects with
+a threshold, which have no slope there, are found as well. Hidden constants are tried over a grid. A sinusoid has two
+such columns in each run, as its phase is another in each.
+
+How large a promise chance makes follows from the correlations between all d': with nothing missing, the scaled promises
+are Gaussian with these correlations, so that the largest of them can be drawn (a bootstrap over the whole catalogue).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from flexdesign.errors import InputError
+from flexdesign.evidence.marquardt import Solution
+from flexdesign.model import Model
+
+Array = NDArray[np.float64]
+#: An effect of which the free numbers leave less than this, in squares, is one that they can imitate.
+OWN = 1e-4
+#: A promise counts only if the strength that it needs is no more than this many times the trial's.
+FARTHEST = 300.0
+#: Draws of chance, and the share of them above which a promise is more than chance.
+DRAWS, LEVEL = 4000, 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect that might be missing.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    add
+        Returns a model with the effect in it.
+    strength
+        Name of the number that is its strength.
+    free
+        Names of all its numbers that a fit may move.
+    trials
+        Values of its numbers at which it is tried; the strength is among them.
+    phase
+        Name of the number that is the phase of a sinusoid, another in each run; empty if there is none.
+    signed
+        Whether the strength may be of either sign.
+    is_limit
+        Whether the strength is a limit, which a larger effect lowers.
+    """
+
+    name: str
+    add: Callable[[Model], Model]
+    strength: str
+    free: tuple[str, ...]
+    trials: tuple[Mapping[str, float], ...]
+    phase: str = ""
+    signed: bool = False
+    is_limit: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """What one trial does to the whitened prediction.
+
+    Parameters
+    ----------
+    candidate, values
+        The trial; its numbers, SI.
+    move
+        The move of the prediction, whitened, record after record.
+    imitated
+        J' times the move.
+    own, promise
+        d'd' and d'e.
+    columns
+        How many columns stand behind it: two in each run for a sinusoid.
+    """
+
+    candidate: Candidate
+    values: Mapping[str, float]
+    move: Array
+    imitated: Array
+    own: float
+    promise: float
+    columns: int = 1
+
+    @property
+    def amount(self) -> float:
+        """How many times the trial's strength the residual asks for."""
+        return self.promise / self.own
+
+    @property
+    def start(self) -> dict[str, float]:
+        """Values from which a fit may begin."""
+        if self.candidate.is_limit:
+            return dict(self.values)
+        return {**self.values, self.candidate.strength: self.values[self.candidate.strength] * self.amount}
+
+    @property
+    def drop(self) -> float:
+        """By how much the cost would fall, as if one column did it; zero where the strength cannot be had."""
+        if (self.amount <= 0 and not self.candidate.signed) or abs(self.amount) > FARTHEST:
+            return 0.0
+        more = chdtri(self.columns, LEVEL) - chdtri(1, LEVEL)
+        return max(self.promise * self.amount - float(more), 0.0)
+
+
+class Screening:
+    """The directions of all candidates at a solution.
+
+    Parameters
+    ----------
+    solution
+        Where the model stands.
+    candidates
+        What might be missing.
+    coarse
+        Makes a model that predicts less exactly and faster.
+    """
+
+    def __init__(
+        self,
+        solution: Solution,
+        candidates: Sequence[Candidate],
+        coarse: Callable[[Model], Model] = lambda model: model,
+    ) -> None:
+        self.solution, self.coarse = solution, coarse
+        problem = solution.problem
+        self.model = coarse(problem.at(solution.x))
+        self.inverse = solution.covariance
+        self.residual = np.concatenate(solution.residuals)
+        self.here = [np.asarray(self.model.predict(record.observation)) for record in problem.suite.records]
+        trials = [(candidate, values) for candidate in candidates for values in candidate.trials]
+        found = problem.each(lambda trial: self._tried(*trial), trials)
+        self.directions = [direction for direction in found if direction is not None]
+
+    def _tried(self, candidate: Candidate, values: Mapping[str, float]) -> Direction | None:
+        try:
+            with np.errstate(all="ignore"):
+                model = self.coarse(candidate.add(self.model))
+                if candidate.phase:
+                    return self._sinusoid(candidate, model, values)
+                move = self._move(model.replace(values))
+        except (ArithmeticError, InputError):
+            return None
+        return None if move is None else self._direction(candidate, values, np.concatenate(move))
+
+    def _move(self, model: Model) -> list[Array] | None:
+        suite, moves = self.solution.problem.suite, []
+        for record, before in zip(suite.records, self.here, strict=True):
+            moved = np.asarray(model.predict(record.observation)) - before
+            if not np.isfinite(moved).all():
+                return None
+            moves.append(suite.whitened(record, np.where(record.present, moved, 0.0)))
+        return moves
+
+    def _direction(self, candidate: Candidate, values: Mapping[str, float], move: Array) -> Direction | None:
+        """Return a direction; None where the model can imitate it."""
+        imitated = self._imitated(move[:, None])[:, 0]
+        whole = float(move @ move)
+        own = whole - float(imitated @ self.inverse @ imitated)
+        if whole == 0 or own < OWN * whole:
+            return None
+        return Direction(candidate, values, move, imitated, own, float(move @ self.residual))
+
+    def _sinusoid(self, candidate: Candidate, model: Model, values: Mapping[str, float]) -> Direction | None:
+        """Return the direction of a sinusoid with the best phase in each run."""
+        names = [record.observation.name for record in self.solution.problem.suite.records]
+        ends = np.cumsum([record.rows for record in self.solution.problem.suite.records])
+        columns = []
+        for phase in (0.0, math.pi / 2):
+            moves = self._move(model.replace({**values, **{f"{name}:{candidate.phase}": phase for name in names}}))
+            if moves is None:
+                return None
+            for end, part in zip(ends, moves, strict=True):
+                column = np.zeros(ends[-1])
+                column[end - len(part) : end] = part
+                columns.append(column)
+        matrix = np.column_stack(columns)
+        imitated = self._imitated(matrix)
+        gram = matrix.T @ matrix - imitated.T @ self.inverse @ imitated
+        amounts = np.linalg.pinv(gram, rcond=1e-8, hermitian=True) @ (matrix.T @ self.residual)
+        sines, cosines = amounts[: len(names)], amounts[len(names) :]
+        size = float(np.sqrt(np.mean(sines**2 + cosines**2)))
+        if size == 0:
+            return None
+        phases = {f"{n}:{candidate.phase}": math.atan2(c, s) for n, s, c in zip(names, sines, cosines, strict=True)}
+        found = self._direction(candidate, {**values, **phases}, matrix @ (amounts / size))
+        return None if found is None else replace(found, columns=len(amounts))
+
+    def _imitated(self, moves: Array) -> Array:
+        """Return J'd for moves (rows by k): coordinates by k."""
+        total, row = np.zeros((len(self.solution.x), moves.shape[1])), 0
+        for slopes in self.solution.slopes:
+            part = moves[row : row + len(slopes.matrix)]
+            total[slopes.places] += slopes.matrix.T @ part
+            row += len(part)
+        return total
+
+    def cosines(self, directions: Sequence[Direction]) -> Array:
+        """Return the cosines between directions, what free numbers imitate taken out."""
+        if not directions:
+            return np.zeros((0, 0))
+        moves = np.array([direction.move for direction in directions])
+        imitated = np.array([direction.imitated for direction in directions])
+        inner = moves @ moves.T - imitated @ self.inverse @ imitated.T
+        length = np.sqrt(np.array([direction.own for direction in directions]))
+        return np.asarray(inner / np.outer(length, length))
+
+    def chance(self, seed: int = 0) -> float:
+        """Return the promise that the best candidate makes by chance in one of a hundred cases with nothing missing."""
+        plain = [direction for direction in self.directions if direction.columns == 1]
+        if not plain:
+            return float(chdtri(1, LEVEL))
+        values, vectors = np.linalg.eigh(self.cosines(plain))
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        drawn = np.random.default_rng(seed).standard_normal((DRAWS, len(values))) @ root.T
+        signed = np.array([direction.candidate.signed for direction in plain])
+        largest = np.where(signed, np.abs(drawn), np.maximum(drawn, 0.0)).max(axis=1)
+        return float(np.quantile(largest**2, 1 - LEVEL))
+
+    def best(self) -> list[list[Direction]]:
+        """Return for each candidate its directions, best first; the candidate that promises most first."""
+        by_name: dict[str, list[Direction]] = {}
+        for direction in sorted(self.directions, key=lambda direction: -direction.drop):
+            if direction.drop > 0:
+                by_name.setdefault(direction.candidate.name, []).append(direction)
+        return list(by_name.values())
+
+    def pairs(self, most: int = 5) -> list[tuple[float, Direction, Direction]]:
+        """Return pairs of candidates with what they promise together, best first."""
+        cosines = self.cosines(self.directions)
+        made = []
+        for i, j in itertools.combinations(range(len(self.directions)), 2):
+            a, b, cosine = self.directions[i], self.directions[j], float(cosines[i, j])
+            if a.candidate.name == b.candidate.name or 1 - cosine**2 < OWN:
+                continue
+            p, q = a.promise / math.sqrt(a.own), b.promise / math.sqrt(b.own)
+            of_a, of_b = (p - cosine * q) / (1 - cosine**2), (q - cosine * p) / (1 - cosine**2)
+            if (of_a > 0 or a.candidate.signed) and (of_b > 0 or b.candidate.signed):
+                made.append((of_a * p + of_b * q, a, b))
+        made.sort(key=lambda pair: -pair[0])
+        seen, kept = set[frozenset[str]](), []
+        for pair in made:
+            names = frozenset((pair[1].candidate.name, pair[2].candidate.name))
+            if names not in seen:
+                seen.add(names)
+                kept.append(pair)
+        return kept[:most]

@@ -1,0 +1,410 @@
+"""Which effects earn a place in a model: forward in ones and twos, back again, each exchanged for its rivals.
+
+An effect is judged by what it leaves after all free numbers are fitted anew with it: of the runs that the fit saw, by
+the fall of the cost against what chance gives; of those it did not see, by the fall of the cost and by how far it moves
+the prediction. Of these runs, too, where each began is fitted, and nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.evidence.coordinates import Coordinates, coordinates
+from flexdesign.evidence.marquardt import SHARE, Columns, Solution, solve
+from flexdesign.evidence.residuals import Map
+from flexdesign.evidence.screening import Candidate, Direction, Screening
+from flexdesign.evidence.suite import Problem, Suite
+from flexdesign.model import Model
+
+Array = NDArray[np.float64]
+#: Effects that are refitted after a screening, pairs among them; trials of each from which a fit begins.
+SHORTLIST, PAIRS, BEGINNINGS = 7, 2, 2
+#: A second beginning is tried where it promises this share of the first.
+SECOND_BEST = 0.5
+#: A first fit finds slopes so often, and ends where a step lowers the cost by less than this share.
+FIRST, FIRST_SHARE = 3, 1e-3
+#: A first fit is carried to its end where it lowers the cost by this share of what the best one does.
+WITHIN_REACH = 0.5
+#: An effect must lower the cost by this many times what chance makes of the whole catalogue.
+SURE = 2.0
+#: Two answers are one if their costs differ by less than this, in multiples of the noise's variance.
+ALIKE = 12.0
+#: Points of a sample from which the best become starts of the calibration.
+SAMPLED = 32
+#: No more effects than these are added.
+MOST = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What a diagnosis is about.
+
+    Parameters
+    ----------
+    identify, validate
+        Runs that a fit may see, and runs kept apart.
+    free
+        Names of the numbers of the model itself that are fitted.
+    known
+        Returns what was known of a model's numbers: value and standard deviation, SI, by name.
+    tolerance
+        What an effect must at least move a held-out prediction, rms [response].
+    coarse, fine
+        Make a model that predicts less exactly and faster, for screening; and one that predicts exactly.
+    each
+        Maps simulations, over threads perhaps.
+    progress
+        Told what is being done.
+    """
+
+    identify: Suite
+    validate: Suite
+    free: tuple[str, ...]
+    known: Callable[[Model], Mapping[str, tuple[float, float]]]
+    tolerance: float
+    coarse: Callable[[Model], Model] = lambda model: model
+    fine: Callable[[Model], Model] = lambda model: model
+    each: Map = map
+    progress: Callable[[str], None] = lambda _: None
+
+    def coordinates(self, model: Model, free: Sequence[str], suite: Suite) -> Coordinates:
+        """Return free numbers and those of each run as coordinates."""
+        runs = {record.observation.name for record in suite.records}
+        own = [parameter.name for parameter in model.parameters() if parameter.run in runs]
+        names = [*free, *own]
+        known = {name: about for name, about in self.known(model).items() if name in names}
+        return coordinates(model, names, known)
+
+
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """A model with some effects, fitted and judged.
+
+    Parameters
+    ----------
+    effects
+        What was added, in this order.
+    solution
+        The fit to the runs that it may see.
+    model
+        The fitted model; where each held-out run began is fitted as well.
+    held_cost
+        Sum of squares of the held-out runs, whitened.
+    predictions, remainders
+        Of every run, by name: prediction with the run's own offset, and measured less that; n values, SI.
+    """
+
+    effects: tuple[Candidate, ...]
+    solution: Solution
+    model: Model
+    held_cost: float
+    remainders: Mapping[str, Array]
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares of what the fit saw, whitened, and of what was known."""
+        return self.solution.cost
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return tuple(effect.name for effect in self.effects)
+
+    def rms(self, runs: Sequence[str]) -> float:
+        """Return the root mean square of what is left of some runs [response]."""
+        left = np.concatenate([self.remainders[name] for name in runs])
+        return float(np.sqrt(np.nanmean(left**2)))
+
+    @property
+    def total(self) -> float:
+        """What candidates are ranked by: cost of all runs, and the price of the numbers (Schwarz 1978)."""
+        numbers = sum(len(effect.free) for effect in self.effects)
+        return self.cost + self.held_cost + numbers * math.log(self.solution.problem.suite.samples)
+
+    def at_bound(self) -> list[str]:
+        """Return the numbers of effects that the fit pushes to the end of what is plausible."""
+        where, free = self.solution.problem.where, {name for effect in self.effects for name in effect.free}
+        found = []
+        for j, parameter in enumerate(where.parameters):
+            if parameter.name not in free:
+                continue
+            value = where.values(self.solution.x)[parameter.name]
+            ends = [end for end in (where.lower[j], where.upper[j]) if math.isfinite(end)]
+            if parameter.null != value and any(math.isclose(self.solution.x[j], e, rel_tol=1e-6) for e in ends):
+                found.append(parameter.name)
+        return found
+
+
+def calibrated(case: Case, model: Model, starts: int = 4, seed: int = 0) -> tuple[Stand | None, int]:
+    """Fit the model as it is from several starts; return the best, and how many ended there.
+
+    The first start is the model's own values; the others are the best of a sample of what is plausible or known. The
+    search ends early when two agree.
+    """
+    first = fitted(case, model, (), {})
+    found = [] if first is None else [first]
+    for values in _sampled(case, model, starts - 1, seed):
+        case.progress(f"calibrating: start {len(found) + 1}")
+        made = fitted(case, model, (), values)
+        if made is not None:
+            found.append(made)
+            best = min(found, key=lambda stand: stand.cost)
+            if _agreed(found, best) > 1:
+                return best, _agreed(found, best)
+    if not found:
+        return None, 0
+    best = min(found, key=lambda stand: stand.cost)
+    return best, _agreed(found, best)
+
+
+def _agreed(found: Sequence[Stand], best: Stand) -> int:
+    return sum(stand.cost <= best.cost + 1.0 + 1e-3 * best.cost for stand in found)
+
+
+def _sampled(case: Case, model: Model, count: int, seed: int) -> Iterator[dict[str, float]]:
+    """Yield values of the free numbers, the best of a sample."""
+    from scipy.stats.qmc import Sobol
+
+    where = case.coordinates(model, case.free, case.identify)
+    shared = [j for j, parameter in enumerate(where.parameters) if not parameter.run]
+    problem = Problem(case.identify, model, where, case.each)
+    low, high = where.sampled()
+    tried = []
+    for unit in Sobol(len(shared), rng=np.random.default_rng(seed)).random(SAMPLED):
+        x = where.start.copy()
+        x[shared] = low[shared] + unit * (high - low)[shared]
+        tried.append((problem.cost(x, problem.residuals(x)), x))
+    tried.sort(key=lambda pair: pair[0])
+    for cost, x in tried[:count]:
+        if math.isfinite(cost):
+            yield where.values(x)
+
+
+def fitted(
+    case: Case,
+    model: Model,
+    effects: tuple[Candidate, ...],
+    start: Mapping[str, float],
+    *,
+    old: Columns | None = None,
+    most: int = 20,
+    share: float = SHARE,
+) -> Stand | None:
+    """Fit a model that has some effects, and judge it on the runs kept apart; None where it cannot be simulated.
+
+    Parameters
+    ----------
+    start
+        Values from which it begins, where they are not those of the model.
+    old, most, share
+        See `flexdesign.evidence.marquardt.solve`.
+    """
+    begun = model.replace(start)
+    free = [*case.free, *(name for effect in effects for name in effect.free)]
+    where = case.coordinates(begun, free, case.identify)
+    solution = solve(Problem(case.identify, begun, where, case.each), where.start, most=most, share=share, old=old)
+    return None if solution is None else judged(case, solution, effects)
+
+
+def judged(case: Case, solution: Solution, effects: tuple[Candidate, ...]) -> Stand | None:
+    """Judge a fit on the runs kept apart: where each began is found, and what is left of all."""
+    model = solution.problem.at(solution.x)
+    held = 0.0
+    if case.validate.records:
+        where = case.coordinates(model, (), case.validate)
+        beginning = solve(Problem(case.validate, model, where, case.each), where.start)
+        if beginning is None:
+            return None
+        model, held = beginning.problem.at(beginning.x), beginning.cost
+    records = [(suite, record) for suite in (case.identify, case.validate) for record in suite.records]
+    left = case.each(lambda pair: pair[0].remainder(pair[1], np.asarray(model.predict(pair[1].observation))), records)
+    names = [record.observation.name for _, record in records]
+    return Stand(effects, solution, model, held, dict(zip(names, left, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A candidate that was refitted beside others at one step.
+
+    Parameters
+    ----------
+    names
+        Effects added at this step, one or two.
+    stand
+        The fit.
+    gain, held_gain
+        Fall of the cost of what the fit saw and of the runs kept apart.
+    moved
+        By how much it moves the prediction of the latter, rms [response].
+    error
+        Root mean square of what is left of these [response].
+    needed
+        The fall that counts as more than chance.
+    reason
+        Why it is not accepted; empty if it is.
+    """
+
+    names: tuple[str, ...]
+    stand: Stand
+    gain: float
+    held_gain: float
+    moved: float
+    error: float
+    needed: float
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One addition: the best trial, and those that do as well.
+
+    Parameters
+    ----------
+    chosen
+        The trial whose effects were added; None at the last step, where none earned its place.
+    trials
+        All that were refitted, best first.
+    alike
+        Trials that these runs cannot tell from the chosen one.
+    """
+
+    chosen: Trial | None
+    trials: tuple[Trial, ...]
+    alike: tuple[Trial, ...] = ()
+
+
+def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
+    """Return the addition that pays best, or none."""
+    left = [candidate for candidate in candidates if candidate.name not in stand.names]
+    case.progress("screening the catalogue" if not stand.effects else f"screening beside {', '.join(stand.names)}")
+    screening = Screening(stand.solution, left, case.coarse)
+    needed = SURE * screening.chance()
+    attempts = list[tuple[tuple[str, ...], Stand]]()
+    for beginning in _shortlist(screening, needed * _scale(stand)):
+        names = tuple(direction.candidate.name for direction in beginning)
+        case.progress(f"trying {' and '.join((*stand.names, *names))}")
+        if (made := _extended(case, stand, beginning)) is not None:
+            attempts.append((names, made))
+    trials = [_trial(case, stand, made, names, needed) for names, made in _refined(case, stand, attempts)]
+    trials.sort(key=lambda trial: trial.stand.total)
+    accepted = [trial for trial in trials if not trial.reason]
+    if not accepted:
+        return Step(None, tuple(trials))
+    best = accepted[0]
+    # A pair must beat its better half by as much as an effect of its own must.
+    singles = [trial for trial in accepted if len(trial.names) == 1]
+    if len(best.names) == 2 and singles and singles[0].stand.total - best.stand.total < best.needed:
+        best = singles[0]
+    return Step(best, tuple(trials), tuple(t for t in accepted if t is not best and is_alike(best.stand, t.stand)))
+
+
+def _refined(
+    case: Case, before: Stand, attempts: Sequence[tuple[tuple[str, ...], Stand]]
+) -> Iterator[tuple[tuple[str, ...], Stand]]:
+    """Yield the best attempt of each candidate, those within reach of the best of all fitted to the end."""
+    best: dict[tuple[str, ...], Stand] = {}
+    for names, made in attempts:
+        if names not in best or made.cost < best[names].cost:
+            best[names] = made
+    most = max((before.cost - made.cost for made in best.values()), default=0.0)
+    for names, made in best.items():
+        if before.cost - made.cost < WITHIN_REACH * most:
+            yield names, made
+            continue
+        case.progress(f"fitting with {' and '.join((*before.names, *names))}")
+        solution = made.solution
+        model = case.fine(solution.problem.at(solution.x))
+        ended = fitted(case, model, made.effects, {}, old=solution.columns())
+        yield names, made if ended is None else ended
+
+
+def is_alike(a: Stand, b: Stand) -> bool:
+    """Tell whether the runs cannot tell two answers apart."""
+    if len(a.effects) != len(b.effects):
+        return False
+    allowed = ALIKE * max(_scale(a), 1.0)
+    return (b.cost + b.held_cost) - (a.cost + a.held_cost) < allowed
+
+
+def backward(case: Case, stand: Stand, base: Model, candidates: Sequence[Candidate]) -> Stand:
+    """Return the stand without effects that no longer earn their place beside the others."""
+    for effect in stand.effects[:-1]:
+        rest = tuple(other for other in stand.effects if other.name != effect.name)
+        without = refitted(case, stand, base, rest)
+        needed = SURE * _enough(case) * max(_scale(stand), 1.0)
+        if without is not None and without.cost - stand.cost < needed:
+            return backward(case, without, base, candidates)
+    return stand
+
+
+def refitted(case: Case, stand: Stand, base: Model, effects: tuple[Candidate, ...]) -> Stand | None:
+    """Fit the model with some of a stand's effects, from the values that it has."""
+    model = base
+    for effect in effects:
+        model = effect.add(model)
+    present = {parameter.name: parameter.start for parameter in stand.model.parameters()}
+    names = {parameter.name for parameter in model.parameters()}
+    values = {name: value for name, value in present.items() if name in names and value is not None}
+    return fitted(case, model, effects, values)
+
+
+def _shortlist(screening: Screening, needed: float) -> list[tuple[Direction, ...]]:
+    """Return from where fits begin: the best trials of each candidate, and of pairs."""
+    found: list[tuple[Direction, ...]] = []
+    best = screening.best()
+    for directions in best[:SHORTLIST]:
+        enough = max(0.5 * needed, SECOND_BEST * directions[0].drop)
+        found += [(direction,) for direction in directions[:BEGINNINGS] if direction.drop > enough]
+    most = best[0][0].drop if best else 0.0
+    found += [(a, b) for promise, a, b in screening.pairs(PAIRS) if promise > most + needed]
+    return found
+
+
+def _extended(case: Case, stand: Stand, beginning: Sequence[Direction]) -> Stand | None:
+    """Return a first fit with further effects, coarse, from the slopes that are known."""
+    model, start, old = stand.model, dict[str, float](), dict(stand.solution.columns())
+    ends = np.cumsum([record.rows for record in case.identify.records])[:-1]
+    for direction in beginning:
+        model = direction.candidate.add(model)
+        start |= direction.start
+        strength = direction.candidate.strength
+        scale = next(p.scale for p in model.parameters() if p.name == strength)
+        if scale == "linear" and not direction.candidate.is_limit:
+            old[strength] = [-part for part in np.split(direction.move / direction.values[strength], ends)]
+    added = tuple(direction.candidate for direction in beginning)
+    bounds = {parameter.name: parameter.plausible for parameter in model.parameters()}
+    start = {name: float(np.clip(value, *bounds.get(name, (-math.inf, math.inf)))) for name, value in start.items()}
+    return fitted(case, case.coarse(model), (*stand.effects, *added), start, old=old, most=FIRST, share=FIRST_SHARE)
+
+
+def _trial(case: Case, before: Stand, after: Stand, names: tuple[str, ...], needed: float) -> Trial:
+    gain, held = before.cost - after.cost, before.held_cost - after.held_cost
+    kept_apart = [record.observation.name for record in (case.validate.records or case.identify.records)]
+    moved = float(
+        np.sqrt(np.nanmean(np.concatenate([(before.remainders[n] - after.remainders[n]) ** 2 for n in kept_apart])))
+    )
+    scale = max(_scale(after), 1.0)
+    reason = ""
+    if gain < needed * scale * len(names):
+        reason = "no more than chance gives"
+    elif case.validate.records and held <= 0:
+        reason = "does not help on the runs kept apart"
+    elif moved < case.tolerance:
+        reason = "moves the prediction by less than the tolerance"
+    elif after.at_bound():
+        reason = f"{' and '.join(after.at_bound())} at the end of what is plausible"
+    return Trial(names, after, gain, held, moved, after.rms(kept_apart), needed * scale, reason)
+
+
+def _scale(stand: Stand) -> float:
+    """Return the mean square of what the fit leaves, whitened: one where only noise is left."""
+    return stand.cost / stand.solution.problem.suite.samples
+
+
+def _enough(case: Case) -> float:
+    return 15.0

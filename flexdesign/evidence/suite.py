@@ -1,0 +1,236 @@
+"""A suite of observations beside a model: whitened residuals and their derivatives, record by record.
+
+Numbers that act on one record alone (where it began, how late it was started) are many, and cost little: their
+derivatives ask for one record each, and the normal equations are filled block by block. What enters linearly, such as
+an offset, is eliminated exactly (Golub and Pereyra 1973); where something is known of it, as in ridge regression.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.errors import InputError
+from flexdesign.evidence.coordinates import Coordinates
+from flexdesign.evidence.noise import Whitening
+from flexdesign.evidence.residuals import LARGEST, MOVED, SMALLEST, STEP, Map
+from flexdesign.model import Model, Observation
+
+Array = NDArray[np.float64]
+#: Columns that add to what was measured of an observation (samples by k), and how large each may be [response].
+Shapes = Callable[[Observation], tuple[Array, Array]]
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One observation of n values, and what adds to it in an unknown amount.
+
+    Parameters
+    ----------
+    observation
+        The observation.
+    measured
+        n values, SI; zero at gaps.
+    present
+        False at gaps.
+    columns
+        What may add to it: n by k, SI.
+    basis
+        Orthonormal basis of these columns, whitened, with a row for what is known of each: n + k by k.
+    amounts
+        Takes a vector of length n + k to the k amounts of the columns that it holds.
+    """
+
+    observation: Observation
+    measured: Array
+    present: NDArray[np.bool_]
+    columns: Array
+    basis: Array
+    amounts: Array
+
+    @property
+    def rows(self) -> int:
+        """Length of a residual: a row for each value, and one for each column."""
+        return len(self.basis)
+
+
+class Suite:
+    """Records with their noise.
+
+    Parameters
+    ----------
+    observations
+        Each of n values.
+    noise
+        What turns residuals into independent numbers of variance one.
+    shapes
+        What may add to each observation in an unknown amount.
+
+    Raises
+    ------
+    InputError
+        If an observation holds no finite value.
+    """
+
+    def __init__(self, observations: Sequence[Observation], noise: Whitening, shapes: Shapes) -> None:
+        self.noise = noise
+        self.records = tuple(self._record(observation, *shapes(observation)) for observation in observations)
+        parts = [self.whitened(record, record.measured) for record in self.records]
+        #: Norm of the measured data, whitened.
+        self.size = float(np.sqrt(sum(part @ part for part in parts))) or 1.0
+
+    @property
+    def samples(self) -> int:
+        """Number of values present."""
+        return int(sum(record.present.sum() for record in self.records))
+
+    def whitened(self, record: Record, difference: Array) -> Array:
+        """Return a difference (n, SI) whitened, what may add to it taken out: a vector of `record.rows`."""
+        vector = self._whitened(record.observation, record.present, difference)
+        padded = np.concatenate([vector, np.zeros(record.columns.shape[1])])
+        return np.asarray(padded - record.basis @ (record.basis.T @ padded))
+
+    def residual(self, record: Record, predicted: Array) -> Array | None:
+        """Return the whitened residual of a prediction; None where it is not finite."""
+        difference = np.where(record.present, record.measured - predicted, 0.0)
+        return self.whitened(record, difference) if np.isfinite(difference).all() else None
+
+    def remainder(self, record: Record, predicted: Array) -> Array:
+        """Return measured less predicted and the best amounts of the columns, n values in SI; NaN at gaps."""
+        difference = np.where(record.present, record.measured - predicted, 0.0)
+        vector = self._whitened(record.observation, record.present, difference)
+        added = record.columns @ (record.amounts @ np.concatenate([vector, np.zeros(record.columns.shape[1])]))
+        return np.where(record.present, difference - added, np.nan)
+
+    def _record(self, observation: Observation, columns: Array, sizes: Array) -> Record:
+        measured = np.asarray(observation.measured(), dtype=float)
+        present = np.isfinite(measured)
+        if not present.any():
+            raise InputError("runs", observation.name, None, "holds no finite value")
+        whitened = self.noise.whiten(observation, columns * present[:, None]) * present[:, None]
+        stacked = np.vstack([whitened, np.diag(1 / sizes)])
+        basis, mixing = np.linalg.qr(stacked)
+        # A column that a gap hides, or that others make up, has no amount of its own.
+        amounts = np.linalg.pinv(mixing, rcond=1e-10) @ basis.T
+        return Record(observation, np.where(present, measured, 0.0), present, columns, basis, amounts)
+
+    def _whitened(self, observation: Observation, present: NDArray[np.bool_], difference: Array) -> Array:
+        return np.asarray(self.noise.whiten(observation, difference[:, None])[:, 0] * present)
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Derivative of the residual of one record: rows by some of the coordinates, whose places are `places`."""
+
+    places: NDArray[np.intp]
+    matrix: Array
+
+
+class Problem:
+    """A model with free numbers, to be laid beside a suite.
+
+    Parameters
+    ----------
+    suite
+        The records.
+    model
+        The model.
+    where
+        Its free numbers as coordinates; those that act on one run alone carry its name.
+    each
+        Maps simulations, over threads perhaps.
+    """
+
+    def __init__(self, suite: Suite, model: Model, where: Coordinates, each: Map = map) -> None:
+        self.suite, self.model, self.where, self.each = suite, model, where, each
+        self.evaluations = 0
+        runs = [parameter.run for parameter in where.parameters]
+        names = [record.observation.name for record in suite.records]
+        self.places = [
+            np.array([j for j, run in enumerate(runs) if run in ("", name)], dtype=np.intp) for name in names
+        ]
+        self.steps = STEP * where.sizes(where.start)
+        self._known = [(where.names.index(name), *about) for name, about in where.known.items()]
+
+    def at(self, x: Array) -> Model:
+        """Return the model at a point."""
+        return self.model.replace(self.where.values(x))
+
+    def residuals(self, x: Array) -> list[Array] | None:
+        """Return the whitened residual of each record; None where the model fails."""
+        model = self.at(x)
+        found = list(self.each(lambda record: self._residual(model, record), self.suite.records))
+        return None if any(part is None for part in found) else found
+
+    def _residual(self, model: Model, record: Record) -> Array | None:
+        self.evaluations += 1
+        try:
+            with np.errstate(all="ignore"):
+                return self.suite.residual(record, np.asarray(model.predict(record.observation)))
+        except (ArithmeticError, InputError):
+            return None
+
+    def before(self, x: Array) -> Array:
+        """Return how many standard deviations each known number is from what was known."""
+        values = self.where.values(x)
+        names = self.where.names
+        return np.array([(values[names[j]] - middle) / sigma for j, middle, sigma in self._known])
+
+    def before_slopes(self, x: Array) -> Array:
+        """Return the derivative of `before`: known numbers by coordinates."""
+        slopes, rows = self.where.slopes(x), np.zeros((len(self._known), len(x)))
+        for row, (j, _, sigma) in enumerate(self._known):
+            rows[row, j] = slopes[j] / sigma
+        return rows
+
+    def cost(self, x: Array, residuals: list[Array] | None) -> float:
+        """Return the sum of squares; infinite where the model fails."""
+        if residuals is None:
+            return np.inf
+        before = self.before(x)
+        return float(sum(part @ part for part in residuals) + before @ before)
+
+    def slopes(
+        self, x: Array, residuals: Sequence[Array], old: Mapping[str, Sequence[Array | None]] | None = None
+    ) -> list[Slopes]:
+        """Return the derivative of each record's residual at `x`, by forward differences, or backward at a bound.
+
+        Parameters
+        ----------
+        x, residuals
+            Where, and the residuals there.
+        old
+            Columns that are known well enough, by the name of the number: one for each record, or None.
+        """
+        old = old or {}
+        fresh = [j for j, name in enumerate(self.where.names) if name not in old]
+        forward = np.where(x + self.steps <= self.where.upper, 1.0, -1.0)
+        models = {j: self.at(_moved(x, j, forward[j] * self.steps[j])) for j in fresh}
+        pairs = [(r, int(j)) for r, places in enumerate(self.places) for j in places if int(j) in models]
+        parts = list(self.each(lambda pair: self._residual(models[pair[1]], self.suite.records[pair[0]]), pairs))
+        moved, columns = np.zeros(len(x)), dict[tuple[int, int], Array]()
+        for (r, j), part in zip(pairs, parts, strict=True):
+            column = np.zeros_like(residuals[r]) if part is None else (part - residuals[r]) * forward[j]
+            moved[j] += column @ column
+            columns[r, j] = column / self.steps[j]
+        for j, name in enumerate(self.where.names):
+            for r, column in enumerate(old.get(name, ())):
+                if column is not None:
+                    columns[r, j] = column
+        # The next steps move the whitened response by a small share of it.
+        sizes, wanted = self.where.sizes(x), MOVED * self.suite.size
+        by = np.where(moved > 0, np.clip(wanted / np.maximum(np.sqrt(moved), 1e-300), 0.1, 10.0), 1.0)
+        self.steps = np.clip(self.steps * by, SMALLEST * sizes, LARGEST * sizes)
+        return [
+            Slopes(places, np.array([columns[r, int(j)] for j in places]).reshape(len(places), -1).T)
+            for r, places in enumerate(self.places)
+        ]
+
+
+def _moved(x: Array, j: int, step: float) -> Array:
+    to = x.copy()
+    to[j] += step
+    return to

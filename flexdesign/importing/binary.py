@@ -1,0 +1,136 @@
+"""Readers of binary formats: MATLAB, HDF5, LabVIEW's TDMS, universal files, NumPy. Each returns variables by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexdesign.importing.contents import Variable, is_numeric, library, stored
+
+#: Attributes under which programs keep a unit, in small letters.
+UNITS = ("unit", "units", "unit_string", "ni_unitdescription")
+#: The function of a data set 58 that is a response in time.
+TIME_RESPONSE = 1
+
+
+def matlab(path: Path) -> dict[str, Variable]:
+    """Read a .mat file: versions 4 to 7 with SciPy, 7.3 as the HDF5 file that it is; structures as ``outer.inner``."""
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        content = loadmat(path, struct_as_record=False, chars_as_strings=True)
+    except NotImplementedError:  # version 7.3
+        return hdf5(path, of_matlab=True)
+    except MatReadError as error:
+        raise ValueError(str(error)) from error
+    found: dict[str, Variable] = {}
+    for name, value in content.items():
+        if not name.startswith("__"):
+            found |= dict(_fields(name, value))
+    return found
+
+
+def _fields(name: str, value: Any) -> Iterator[tuple[str, Variable]]:
+    if isinstance(value, np.ndarray) and value.dtype == object and value.size == 1:
+        value = value.item()
+    if hasattr(value, "_fieldnames"):
+        for field in value._fieldnames:
+            yield from _fields(f"{name}.{field}", getattr(value, field))
+    elif isinstance(value, np.ndarray) and is_numeric(value.dtype) and value.size:
+        yield name, stored(value)
+
+
+def hdf5(path: Path, of_matlab: bool = False) -> dict[str, Variable]:
+    """Read an HDF5 file: data sets as ``group/name``, columns of tables as ``table/column``.
+
+    MATLAB stores arrays by columns, HDF5 by rows: of a .mat file axes come back in MATLAB's order, names with points.
+    """
+    h5py = library("h5py", path)
+    found: dict[str, Variable] = {}
+
+    def read(name: str, column: str | None) -> Any:
+        with h5py.File(path, "r") as file:
+            values = file[name][()] if column is None else file[name][column]
+            return values.T if of_matlab else values
+
+    def visit(name: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset) or name.startswith("#") or not item.size or item.dtype is None:
+            return
+        unit = _unit({key: item.attrs[key] for key in item.attrs})
+        shown = name.replace("/", ".") if of_matlab else name
+        shape = item.shape[::-1] if of_matlab else item.shape
+        for column in item.dtype.names or ():
+            if is_numeric(item.dtype[column]):
+                found[f"{shown}/{column}"] = Variable(shape, partial(read, name, column), unit)
+        is_text = item.attrs.get("MATLAB_class") == b"char" or "MATLAB_empty" in item.attrs
+        if not item.dtype.names and is_numeric(item.dtype) and not is_text:
+            found[shown] = Variable(shape, partial(read, name, None), unit)
+
+    with h5py.File(path, "r") as file:
+        file.visititems(visit)
+    return found
+
+
+def tdms(path: Path) -> dict[str, Variable]:
+    """Read a .tdms file: channels as ``group/channel``; time stamps become seconds since the first."""
+    content = library("nptdms", path).TdmsFile.read(path)
+    found = {}
+    for group in content.groups():
+        for channel in group.channels():
+            values, step = channel[:], channel.properties.get("wf_increment")
+            name, unit = f"{group.name}/{channel.name}", _unit(channel.properties)
+            if values.dtype.kind == "M":
+                values, unit = (values - values[:1]) / np.timedelta64(1, "s"), "s"
+            if is_numeric(values.dtype) and values.size:
+                found[name] = stored(values, unit, float(step) if step else None)
+    return found
+
+
+def universal(path: Path) -> dict[str, Variable]:
+    """Read a universal file: responses in time of data sets 58 as ``set1``, ``set2``, ...; others are passed over."""
+    file = library("pyuff", path).UFF(str(path))
+    found = {}
+    for number, kind in enumerate(file.get_set_types()):
+        if kind != 58:
+            continue
+        data = file.read_sets(number)
+        values = np.asarray(data["data"])
+        if data["func_type"] != TIME_RESPONSE or not is_numeric(values.dtype) or not values.size:
+            continue
+        unit = str(data.get("ordinate_axis_units_lab", "")).strip()
+        place = f"node {data['rsp_node']}, direction {data['rsp_dir']}"
+        note = "; ".join(text for text in (str(data.get("id1", "")).strip(), place) if text and text != "NONE")
+        is_even = data.get("abscissa_spacing") == 1
+        step = float(data["abscissa_inc"]) if is_even else None
+        name = f"set{number + 1}"
+        found[name] = stored(values, "" if unit == "NONE" else unit, step, note)
+        if not is_even:
+            found[f"{name}.time"] = stored(np.asarray(data["x"]), "s", note="abscissa of the set")
+    return found
+
+
+def numpy_array(path: Path) -> dict[str, Variable]:
+    """Read a .npy file: one variable, named as the file."""
+    values = np.load(path, mmap_mode="r")
+    return {path.stem: stored(values)} if is_numeric(values.dtype) and values.size else {}
+
+
+def numpy_archive(path: Path) -> dict[str, Variable]:
+    """Read a .npz file: its arrays by their names."""
+    with np.load(path) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    return {name: stored(values) for name, values in arrays.items() if is_numeric(values.dtype) and values.size}
+
+
+def _unit(attributes: Mapping[str, Any]) -> str:
+    """Return the unit among the attributes of a variable."""
+    for key, value in attributes.items():
+        if key.lower() in UNITS:
+            text = value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+            return text.strip()
+    return ""

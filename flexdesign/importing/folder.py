@@ -1,0 +1,112 @@
+"""A folder of runs with its ``measurements.toml``, written whole or not at all, and read back."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flexdesign.errors import InputError
+from flexdesign.importing.assembling import Recording, assemble
+from flexdesign.importing.mapping import Map, read_map
+from flexdesign.importing.readers import look
+from flexdesign.runs import DESCRIPTION, Run, read_runs, write_run
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What was written.
+
+    Parameters
+    ----------
+    folder
+        Where.
+    runs
+        The runs as they are read back, with remarks on what is wrong with them.
+    """
+
+    folder: Path
+    runs: tuple[Run, ...]
+
+
+def bring_in(paths: Sequence[Path], map_file: Path, folder: Path) -> Imported:
+    """Write the runs that a map makes of some files into a folder.
+
+    Raises
+    ------
+    InputError
+        If a file or the map cannot be read, they do not fit together, a run that comes out cannot be used, or the
+        folder cannot be written or has a ``measurements.toml`` already.
+    """
+    plan = read_map(map_file)
+    recordings = assemble(look(paths, plan.dialect), plan)
+    described = folder / DESCRIPTION
+    if described.exists():
+        raise InputError(
+            described, "", None, "is there already, and may have been edited; choose another folder with -o"
+        )
+    names = [recording.name for recording in recordings]
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise InputError(map_file, "run.name", twice, "two runs would be written to one file; give another name")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".writing-") as scratch:
+            written = _written(recordings, plan, paths, Path(scratch))
+            runs = _read_back(Path(scratch), folder, written)
+            for file in written:
+                file.replace(folder / file.name)
+    except OSError as error:
+        raise InputError(folder, "", None, f"cannot be written: {error.strerror}; choose another folder") from error
+    return Imported(folder, runs)
+
+
+def _written(recordings: Sequence[Recording], plan: Map, paths: Sequence[Path], folder: Path) -> list[Path]:
+    origin = f"imported from {', '.join(path.name for path in paths)}"
+    tables, written = [], []
+    for recording in recordings:
+        file = folder / f"{recording.name}.csv"
+        try:
+            write_run(file, recording.time, recording.recorded, origin, gaps=True)
+        except ValueError as error:  # a time or an infinite value, which no unit mends
+            raise InputError(
+                plan.path, f"run {recording.number + 1}", None, f"has a bad time or value: {error}"
+            ) from error
+        written.append(file)
+        tables.append({"file": file.name, **plan.said_of_runs[recording.number]})
+    description = folder / DESCRIPTION
+    text = [f"# {origin}", *_toml(plan.said)]
+    for table in tables:
+        text += ["", "[[run]]", *_toml(table)]
+    description.write_text("\n".join(text) + "\n", encoding="utf-8")
+    return [*written, description]
+
+
+def _read_back(scratch: Path, folder: Path, written: Sequence[Path]) -> tuple[Run, ...]:
+    try:
+        return read_runs(file for file in written if file.name != DESCRIPTION)
+    except InputError as error:
+        file = folder / Path(error.file).name if Path(error.file).parent == scratch else error.file
+        raise InputError(file, error.field, error.value, error.remedy) from error
+
+
+def _toml(table: Mapping[str, Any], name: str = "") -> list[str]:
+    """Return a table in lines: its values, then the tables in it; within ``[[run]]`` tables stand in one line."""
+    is_run = "file" in table
+    tables = {key: value for key, value in table.items() if isinstance(value, dict) and not is_run}
+    lines = [f"{key} = {_value(value)}" for key, value in table.items() if key not in tables]
+    for key, value in tables.items():
+        dotted = f"{name}.{key}" if name else key
+        inner = _toml(value, dotted)
+        lines += inner if all(isinstance(each, dict) for each in value.values()) else ["", f"[{dotted}]", *inner]
+    return lines
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_value(each)}" for key, each in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    return repr(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False)

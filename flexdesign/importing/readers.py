@@ -1,0 +1,90 @@
+"""Which reader opens which file."""
+
+from __future__ import annotations
+
+import tokenize
+import zipfile
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from flexdesign.errors import InputError
+from flexdesign.importing import binary, delimited
+from flexdesign.importing.contents import Contents, Variable
+from flexdesign.importing.delimited import Dialect
+
+#: By the ending of the file; what has another one is read as a table in text.
+READERS: dict[str, Callable[[Path], dict[str, Variable]]] = {
+    ".mat": binary.matlab,
+    ".h5": binary.hdf5,
+    ".hdf5": binary.hdf5,
+    ".hdf": binary.hdf5,
+    ".tdms": binary.tdms,
+    ".uff": binary.universal,
+    ".unv": binary.universal,
+    ".npy": binary.numpy_array,
+    ".npz": binary.numpy_archive,
+}
+
+
+def look(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Contents:  # noqa: B008
+    """Return what files hold together.
+
+    Parameters
+    ----------
+    paths
+        One or more files.
+    dialect
+        How tables in text are written, as far as it is known.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read as what its ending says, its reader is not installed, or it holds no numbers.
+    """
+    found = []
+    notes: list[str] = []
+    for path in paths:
+        variables, said = _opened(path, dialect)
+        if not variables:
+            raise InputError(path, "", None, "holds no array of real numbers")
+        notes += said
+        found += [(path, name, variable) for name, variable in variables.items()]
+    times = Counter(name for _, name, _ in found)
+    named = {name if times[name] == 1 else f"{path.stem}:{name}": variable for path, name, variable in found}
+    return Contents(tuple(paths), named, tuple(notes))
+
+
+def _opened(path: Path, dialect: Dialect) -> tuple[dict[str, Variable], tuple[str, ...]]:
+    ending = path.suffix.lower()
+    try:
+        with path.open("rb"):  # what the system says is clearer than what libraries make of it
+            pass
+    except OSError as error:
+        raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
+    if ending not in READERS:
+        return delimited.read(path, dialect)
+    try:
+        return READERS[ending](path), ()
+    except InputError:
+        raise
+    except _BROKEN as error:
+        why = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(path, "", None, f"cannot be read as a {ending} file ({why}); save it again") from error
+
+
+#: What the readers raise at files that are cut short or are something else; few have an error of their own.
+_BROKEN = (
+    ArithmeticError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+)

@@ -1,0 +1,95 @@
+"""What files hold, written as a map that only wants completing: what is not known stands there to be replaced."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from flexdesign import columns
+from flexdesign.importing.contents import Contents, Variable
+from flexdesign.runs import ALLOWED
+
+#: Words by which programs call the columns of a run, in small letters; a name that begins with one will do.
+WORDS = {
+    "t": ("t", "time", "zeit"),
+    "u": ("u", "command", "cmd", "input", "dac", "drive", "voltage", "v"),
+    "x": ("x", "y", "position", "pos", "displacement", "disp", "output", "sensor"),
+}
+#: Names of scalars that are a sampling rate in Hz.
+RATES = ("fs", "fsamp", "rate", "sample_rate", "samplerate", "samplingrate", "sampling_rate")
+#: The unit that is written where nothing is known.
+USUAL = {"t": "s", "u": "V", "x": "um"}
+
+
+def template(contents: Contents) -> str:
+    """Return a map as text: what the files hold in comments, then a run with the columns that can be guessed.
+
+    The text is TOML. Guesses are marked; lines that nobody can guess are ``?`` and refused until they are replaced.
+    """
+    lines = [f"# What is in {', '.join(path.name for path in contents.paths)}:", "#"]
+    rows = [_row(name, variable) for name, variable in contents.variables.items()]
+    widths = [max(len(row[k]) for row in rows) for k in range(3)]
+    for row in rows:
+        cells = [cell.ljust(width) for cell, width in zip(row, [*widths, 0], strict=True)]
+        lines.append(f"#   {'  '.join(cells)}".rstrip())
+    lines += ["#", *(f"# {' '.join(note.split())[:110]}" for note in contents.notes)]
+    guesses = _guesses(contents)
+    several = any(np.squeeze(np.empty(v.shape, dtype=bool)).ndim > 1 for v in contents.variables.values())
+    lines += [
+        "# A map: complete it, then flexdesign import FILES --map map.toml -o FOLDER",
+        "",
+        f"title = {json.dumps(contents.paths[0].stem)}",
+    ]
+    has_time = "t" in guesses or any(v.step for v in contents.variables.values())
+    if not has_time:
+        lines.append(f'rate = "{_rate(contents) or "?"}"  # or map a column t')
+    if several:
+        lines.append('axes = ["?", "?"]  # of sample, channel, realisation, period')
+    lines += ["", "[[run]]", f"name = {json.dumps(contents.paths[0].stem)}", '# kind = "multisine"']
+    for column in ("t", "u", "x") if "t" in guesses else ("u", "x"):
+        lines += ["", f"[run.columns.{column}]", *_column(column, guesses.get(column), contents)]
+    return "\n".join(lines) + "\n"
+
+
+def _row(name: str, variable: Variable) -> list[str]:
+    size = "scalar" if int(np.prod(variable.shape)) == 1 else " x ".join(map(str, variable.shape))
+    unit = f"[{variable.unit}]" if variable.unit else "no unit"
+    said = [f"{1 / variable.step:.6g} Hz"] if variable.step else []
+    if int(np.prod(variable.shape)) == 1:
+        said.append(f"= {variable.values().item():.6g}")
+    return [json.dumps(name, ensure_ascii=False), size, unit, "; ".join([*said, variable.note]).strip("; ")]
+
+
+def _guesses(contents: Contents) -> dict[str, str]:
+    """Return the variables that are called as columns are; each for one column."""
+    found: dict[str, str] = {}
+    arrays = [name for name, variable in contents.variables.items() if int(np.prod(variable.shape)) > 1]
+    for column, words in WORDS.items():
+        for name in arrays:
+            last = name.replace(":", "/").replace(".", "/").rpartition("/")[2].lower()
+            begins = [word for word in words if last == word or (len(word) > 1 and last.startswith(word))]
+            if name not in found.values() and (begins or last.partition("_")[0] in words):
+                found[column] = name
+                break
+    return found
+
+
+def _column(column: str, name: str | None, contents: Contents) -> list[str]:
+    variable = contents.variables[name] if name else None
+    lines = [f"variable = {json.dumps(name or '?', ensure_ascii=False)}" + ("  # a guess" if name else "")]
+    try:
+        columns.si_of(variable.unit if variable else "", ALLOWED[column])
+    except ValueError:
+        stands = f"  # the file says {variable.unit!r}" if variable and variable.unit else ""
+        lines.append(f'unit = "?"{stands}' if stands or not variable else f'unit = "?"  # {USUAL[column]}?')
+    if variable and np.squeeze(np.empty(variable.shape, dtype=bool)).ndim > 1:
+        lines.append("channel = 1")
+    return lines
+
+
+def _rate(contents: Contents) -> str:
+    for name, variable in contents.variables.items():
+        if name.replace(":", ".").rpartition(".")[2].lower() in RATES and int(np.prod(variable.shape)) == 1:
+            return f"{variable.values().item():.12g} Hz"
+    return ""

@@ -1,0 +1,10 @@
+"""The noise floor of recorded runs: what no model can predict, measured where nothing but noise should be there.
+
+In this order: quiet stretches, where every command stands still and modes have rung down; the difference of periods,
+where a command repeats itself; the difference of runs with one and the same command. It is never taken from the
+residual of a model, or whitening would swallow the physics that the model lacks.
+"""
+
+from flexdesign.noise_floor.floor import NoiseFloor, noise_floor
+
+__all__ = ["NoiseFloor", "noise_floor"]

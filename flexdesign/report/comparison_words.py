@@ -1,0 +1,142 @@
+"""How a comparison puts into words where a model fails, and how it writes errors and limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from flexdesign import units
+from flexdesign.comparison import Breakdown, Comparison, Part
+from flexdesign.report.identification_report import SHOWN
+
+#: A breakdown with less contrast than this says that all parts are alike.
+ALIKE = 0.1
+
+
+def sentences(found: Comparison) -> list[str]:
+    """Return where the model fails, in up to three sentences: in which runs, at which frequencies, in which region."""
+    if not found.unexplained:
+        return []
+    said = []
+    by_run = found.by("run")
+    if by_run and len(by_run.parts) > 1:
+        if by_run.contrast < ALIKE:
+            said.append("It fails in all runs alike.")
+        else:
+            worst = sorted(by_run.concentrated, key=lambda p: -p.share)
+            names = listed([p.label for p in worst[:3]] + (["others"] if len(worst) > 3 else []))
+            said.append(f"It fails mostly in {names}: {percent(sum(p.share for p in worst))} of the unexplained error.")
+    by_frequency = found.by("frequency")
+    if by_frequency and (band := by_frequency.mostly()):
+        mode = found.model.axes[found.axis].natural_frequency
+        near = f", where the main mode is ({mode:.4g} Hz)" if band[0].lower <= mode < band[-1].upper else ""
+        share = percent(sum(p.share for p in band))
+        said.append(f"It fails mostly {place(by_frequency, band)}{near}: {share}.")
+    regions = [b for b in found.where if b.by not in ("run", "frequency")]
+    strongest = max(regions, key=lambda b: b.contrast * b.covers)
+    if strongest.contrast * strongest.covers < ALIKE:
+        said.append("No position, velocity or voltage is worse than the others.")
+    else:
+        parts = strongest.concentrated
+        share, weight = (sum(getattr(p, key) for p in parts) for key in ("share", "weight"))
+        of = "the error" if strongest.covers > 0.99 else "the error after steps"
+        said.append(
+            f"It fails mostly {place(strongest, parts)}: {percent(share)} of {of}, in {percent(weight)} of the time."
+        )
+    return said
+
+
+def label(breakdown: Breakdown, part: Part) -> str:
+    """Return what a part of a breakdown is called."""
+    if part.label:
+        return part.label
+    if breakdown.si == "Hz" and part.lower == 0:
+        return f"below {limit(part.upper, breakdown.si)}"
+    if breakdown.si == "s" and part.lower == 0:
+        return f"first {limit(part.upper, breakdown.si)}"
+    return between(part.lower, part.upper, breakdown.si)
+
+
+def place(breakdown: Breakdown, parts: Sequence[Part]) -> str:
+    """Return where some parts are, neighbours taken together: ``at positions below -20 um or above 40 um``."""
+    if breakdown.by == "velocity":
+        moves = [p.label for p in parts if p.label != "at rest"]
+        said = [f"moves {' or '.join(moves)}"] if moves else []
+        said += ["is at rest"] if len(moves) < len(parts) else []
+        return f"while the stage {' or '.join(said)}"
+    groups: list[list[Part]] = []
+    for part in parts:
+        if groups and groups[-1][-1].upper == part.lower:
+            groups[-1].append(part)
+        else:
+            groups.append([part])
+    low, high = breakdown.parts[0].lower, breakdown.parts[-1].upper
+    said = []
+    for group in groups:
+        a, b = group[0].lower, group[-1].upper
+        if a == low and b < high:
+            said.append(f"below {limit(b, breakdown.si)}")
+        elif b == high and a > low:
+            said.append(f"above {limit(a, breakdown.si)}")
+        else:
+            said.append(between(a, b, breakdown.si))
+    where = " or ".join(said)
+    if breakdown.si == "s":
+        after = where.replace("below", "in the first").replace("above", "later than")
+        return f"{after} after a step"
+    lead = {"frequency": "", "position": "at positions ", "voltage": "at voltages "}[breakdown.by]
+    if breakdown.by == "frequency" and not said[0].startswith(("below", "above")):
+        lead = "at "
+    return f"{lead}{where}"
+
+
+def limit(value: float, si: str, size: float | None = None) -> str:
+    """Write a limit in a unit that suits it, or that suits another size.
+
+    >>> limit(0.01, "s"), limit(724.08, "Hz"), limit(2e-6, "m", size=1e-4)
+    ('10 ms', '720 Hz', '2 µm')
+    """
+    size = abs(value) if size is None else size
+    if si == "s":
+        unit = "s" if size >= 1 else "ms" if size >= 1e-3 else "us"
+    else:
+        unit = "mV" if si == "V" and 0 < size < 1 else {"m": "um", "rad": "urad"}.get(si, si)
+    number = f"{value / units.factor(unit, si):.{2 if si == 'Hz' else 3}g}"
+    return f"{float(number):g} {sign(unit)}"
+
+
+def between(low: float, high: float, si: str) -> str:
+    """Write a range, its unit once.
+
+    >>> between(-20e-6, 5e-6, "m")
+    '-20 to 5 µm'
+    """
+    size = max(abs(low), abs(high))
+    return f"{limit(low, si, size).partition(' ')[0]} to {limit(high, si, size)}"
+
+
+def error(response: str, value: float, digits: int = 3) -> str:
+    """Write an error in the unit that suits it.
+
+    >>> error("m", 1.754e-6), error("m", 46.4e-9, 2)
+    ('1.75 µm', '46 nm')
+    """
+    small = SHOWN[response][1]
+    finer = {"um": "nm", "mV": "uV", "urad": "nrad"}[small]
+    unit = finer if 0 < abs(value) < 0.1 * units.factor(small, response) else small
+    return units.to_text(value, unit, digits, si=response).replace(unit, sign(unit))
+
+
+def percent(share: float) -> str:
+    """Write a share with two digits; a dash where there is none."""
+    return f"{units.significant(100 * share, 2)} %" if math.isfinite(share) else "–"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Write names as a sentence lists them."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def sign(unit: str) -> str:
+    """Write a unit with the Greek letter for micro."""
+    return unit.replace("u", "µ", 1) if unit.startswith("u") else unit

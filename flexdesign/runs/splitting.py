@@ -1,0 +1,90 @@
+"""Which runs a fit may see, and which judge it, where nobody has said so."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.runs.run import Role, Run
+
+#: The share of the runs that is kept for validation.
+KEPT = 0.25
+#: Blocks into which a single record is split, and which of them judge; both early and late, none at an end.
+BLOCKS, JUDGING = 8, (2, 6)
+#: Samples left out on each side of a border between blocks, as a share of the record: noise has a memory.
+BORDER = 0.005
+#: Fewest samples in a block; a shorter record is not split.
+SHORTEST = 50
+#: A command that spans less than this share of the largest one stands still.
+STILL = 1e-3
+
+
+def split(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """Return runs with roles, so that some judge what the others taught; where somebody chose roles, as they are.
+
+    About a quarter of the runs is kept for validation: one of each kind that was recorded more than once, then a second
+    one, and so on; the last of its kind, and others evenly before it. Runs without a kind count as one kind. A record
+    in which no command moves is never kept: it teaches the noise. Nor is the only run of its kind.
+
+    Where nothing can be kept whole, the longest run is split into `BLOCKS` blocks, two of which judge. Both halves are
+    the whole record, so that it is simulated straight through, and have NaN where the other half counts and at the
+    borders; they are called ``NAME:identify`` and ``NAME:validate``.
+
+    >>> t = np.arange(400.0)
+    >>> seen, kept = split([Run("sine", t, {"u": np.sin(t), "x": np.sin(t)}, {"u": "V", "x": "m"})])
+    >>> seen.name, kept.name, kept.role, int(np.isfinite(kept.measured()).sum())
+    ('sine:identify', 'sine:validate', 'validate', 92)
+    """
+    if any(run.role_is_stated or run.role == "validate" for run in runs):
+        return tuple(runs)
+    moving = [run for run in runs if not _is_quiet(run, runs)]
+    kept = _chosen(moving)
+    if kept:
+        return tuple(replace(run, role="validate") if run.name in kept else run for run in runs)
+    parted = max(moving, key=lambda run: len(run.time), default=None)
+    if parted is None or len(parted.time) < BLOCKS * SHORTEST:
+        return tuple(runs)
+    return tuple(part for run in runs for part in (_blocks(run) if run is parted else (run,)))
+
+
+def _is_quiet(run: Run, runs: Sequence[Run]) -> bool:
+    largest = max(float(np.ptp(each.command(), axis=-1).max()) for each in runs)
+    return float(np.ptp(run.command(), axis=-1).max()) <= STILL * largest
+
+
+def _chosen(moving: Sequence[Run]) -> set[str]:
+    """Return the names of the runs that are kept."""
+    kinds: dict[str, list[str]] = {}
+    for run in moving:
+        kinds.setdefault(run.kind.strip().lower(), []).append(run.name)
+    # The kinds with most runs first; equal ones as they come.
+    order = sorted(kinds.values(), key=len, reverse=True)
+    turns = range(1, max(map(len, order), default=0))
+    served = [kind for turn in turns for kind, names in enumerate(order) if len(names) > turn]
+    many = Counter(served[: max(1, round(KEPT * len(moving)))])
+    return {order[kind][-1 - k * len(order[kind]) // count] for kind, count in many.items() for k in range(count)}
+
+
+def _blocks(run: Run) -> tuple[Run, Run]:
+    """Return the two halves of a record that is judged by blocks."""
+    count = len(run.time)
+    block = np.minimum(np.arange(count) * BLOCKS // count, BLOCKS - 1)
+    judging = np.isin(block, JUDGING)
+    turn = np.flatnonzero(np.diff(judging)) + 1
+    width = max(1, round(BORDER * count))
+    border = np.zeros(count, dtype=bool)
+    for place in turn:
+        border[max(place - width, 0) : place + width] = True
+
+    def half(role: Role, rows: NDArray[np.bool_]) -> Run:
+        gaps = {name: np.where(rows & ~border, run.columns[name], np.nan) for name in run.responses}
+        purpose = {"identify": "identification", "validate": "validation"}[role]
+        said = f"blocks of one record: {np.count_nonzero(rows & ~border)} of {count} samples are for {purpose}"
+        remarks = (*run.remarks, said)
+        return replace(run, name=f"{run.name}:{role}", columns={**run.columns, **gaps}, role=role, remarks=remarks)
+
+    return half("identify", ~judging), half("validate", judging)

@@ -1,0 +1,335 @@
+"""Commands for the bench keep their limits exactly, show what they are for, and come back as runs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from flexdesign import bench, stage_model
+from flexdesign.bench import files
+from flexdesign.bench.acting import inertia
+from flexdesign.bench.limits import GRID, MARGIN
+from flexdesign.bench.suite import ADDED_MASS, BEYOND, PERIODS
+from flexdesign.dynamics.axis_model import AxisDynamics
+from flexdesign.errors import InputError
+from flexdesign.runs import read_runs, write_run
+from flexdesign.stage_model import ActuatorData, AxisModel, ControllerTiming, Driver, StageModel
+
+Run = Callable[..., Any]
+
+FREQUENCY, DAMPING, GAIN = 100.0, 0.03, 2e-6
+
+
+def stage(rate: float = 1000.0, volts: tuple[float, float] | None = (0.0, 100.0), **numbers: Any) -> StageModel:
+    """Return a stage of one axis; linear unless effects are given."""
+    known = {"natural_frequency": FREQUENCY, "damping_ratio": DAMPING, "gain": GAIN, **numbers}
+    actuator = known.pop("actuator", ActuatorData(40e-6, volts))
+    return StageModel({"x": AxisModel(**known, actuator=actuator)}, ControllerTiming(rate), name="bench")
+
+
+def planned(model: StageModel, asked: bench.Asked | None = None, seed: int = 1) -> tuple[bench.Limits, dict[str, Any]]:
+    limits = bench.of_axis(model, "x", asked)
+    commands = bench.suite_of(bench.dynamics(model, "x", limits), limits, seed)
+    return limits, {command.name: command for command in commands}
+
+
+# --- limits -------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=15)
+@given(
+    frequency=st.floats(20.0, 400.0),
+    damping=st.floats(0.005, 1.2),
+    gain=st.sampled_from([2e-6, -0.5e-6]),
+    low=st.sampled_from([-150.0, -20.0, 0.0, 10.0]),
+    width=st.floats(15.0, 250.0),
+    slew=st.one_of(st.just(math.inf), st.floats(3e3, 1e6)),
+    samples=st.floats(4.0, 12.0),
+    amplifier=st.sampled_from([1.0, 15.0, -1.0]),
+)
+def test_random_stages_keep_every_limit(
+    frequency: float, damping: float, gain: float, low: float, width: float, slew: float, samples: float,
+    amplifier: float,
+) -> None:  # fmt: skip
+    """No sample leaves the range, no step between samples the slew limit, by as much as a rounding error."""
+    rate = float(round(samples * frequency))
+    driver = Driver(gain=amplifier, slew=slew * abs(amplifier))
+    ends = sorted((low * amplifier, (low + width) * amplifier))
+    model = stage(rate, tuple(ends), natural_frequency=frequency, damping_ratio=damping, gain=gain, driver=driver)
+    try:
+        limits, commands = planned(model)
+    except InputError as refused:  # a slew limit may leave nothing of a multisine; then the message says so
+        assert "slew" in refused.remedy
+        assume(False)
+    assert (limits.low, limits.high) == pytest.approx((low, low + width), abs=1e-9)
+    for command in commands.values():
+        assert command.volts.min() >= limits.low and command.volts.max() <= limits.high
+        assert np.abs(np.diff(command.volts)).max() <= limits.slew / rate
+        assert command.volts[0] == pytest.approx(limits.home, abs=GRID)
+        assert command.volts[-1] == pytest.approx(limits.home, abs=GRID)
+        assert np.array_equal(np.rint(command.volts / GRID) / round(1 / GRID), command.volts)
+
+
+def test_a_stated_range_slew_and_current_narrow_the_model_s() -> None:
+    actuator = ActuatorData(40e-6, (0.0, 100.0), capacitance=2e-6, count=2)
+    model = stage(actuator=actuator)
+    limits, commands = planned(model, bench.Asked(volts=(10.0, 60.0), current=0.02))
+    assert (limits.low, limits.high, limits.home) == (10.0, 60.0, 10.0)
+    assert limits.slew == pytest.approx(0.02 / 4e-6)  # i = C dv/dt, two stacks in parallel
+    currents = [limits.current(command.slew) for command in commands.values()]
+    assert max(currents) <= 0.02
+    assert max(currents) > 0.019  # the large multisines use what there is
+
+
+def test_the_whole_range_is_used_but_for_its_margin() -> None:
+    _, commands = planned(stage())
+    triangle = commands["triangle_slow"].volts
+    assert triangle.max() == pytest.approx(100.0 * (1 - MARGIN), abs=0.2)  # a turn falls between samples
+    assert commands["hold"].duration > 100.0
+    assert commands["quiet"].duration == pytest.approx(2.0)
+    assert np.ptp(commands["quiet"].volts) == 0.0
+
+
+def test_commands_are_the_same_for_the_same_seed() -> None:
+    model = stage()
+    once, again, other = (planned(model, seed=seed)[1] for seed in (3, 3, 4))
+    assert all(np.array_equal(once[name].volts, again[name].volts) for name in once)
+    assert not np.array_equal(once["multisine_large_a"].volts, other["multisine_large_a"].volts)
+    assert np.array_equal(once["added_mass"].volts, once["multisine_medium_a"].volts)
+
+
+REFUSED: list[tuple[StageModel, bench.Asked, str, str]] = [
+    (stage(), bench.Asked(volts=(-10.0, 50.0)), "--volts", "outside of 0 V to 100 V"),
+    (stage(), bench.Asked(volts=(50.0, 10.0)), "--volts", "the lower one"),
+    (stage(volts=None), bench.Asked(), "axis.x.actuator.voltage_range", "voltage_range ="),
+    (stage(), bench.Asked(current=0.1), "axis.x.actuator.capacitance", "--slew"),
+    (stage(rate=200.0), bench.Asked(), "controller.rate", "sample at 325 Hz or more"),
+    (stage(), bench.Asked(rate=250.0), "--rate", "sample at"),
+    (stage(), bench.Asked(bandwidth=110.0), "--bandwidth", "from 130 Hz to at most 400 Hz"),
+    (stage(), bench.Asked(bandwidth=600.0), "--bandwidth", "from 130 Hz to at most 400 Hz"),
+    (stage(), bench.Asked(slew=1e-3), "--slew", "per sample"),
+]
+
+
+@pytest.mark.parametrize(("model", "asked", "field", "words"), REFUSED)
+def test_what_cannot_be_kept_is_refused(model: StageModel, asked: bench.Asked, field: str, words: str) -> None:
+    with pytest.raises(InputError) as refused:
+        bench.of_axis(model, "x", asked)
+    assert refused.value.field == field
+    assert words in refused.value.remedy
+
+
+def test_a_slew_that_leaves_nothing_of_a_multisine_is_refused() -> None:
+    with pytest.raises(InputError, match="slew limit leaves"):
+        planned(stage(), bench.Asked(slew=50.0))
+
+
+# --- what commands hold -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("frequency", "damping", "rate"), [(100.0, 0.03, 1000.0), (30.0, 0.5, 500.0), (900.0, 0.01, 8e3)]
+)
+def test_multisines_cover_the_resonance_and_nothing_above_the_bandwidth(
+    frequency: float, damping: float, rate: float
+) -> None:
+    limits, commands = planned(stage(rate, natural_frequency=frequency, damping_ratio=damping))
+    for name in ("multisine_small_a", "multisine_medium_b", "multisine_large_a"):
+        command = commands[name]
+        count, end = round(command.cycle * rate), round(command.marks[-1] * rate)
+        kept = command.volts[end - PERIODS * count : end]
+        assert len(command.marks) == PERIODS + 1
+        assert np.array_equal(kept[:count], kept[count:])
+        amplitude = np.abs(np.fft.rfft(kept[:count])) * 2 / count
+        tones = np.flatnonzero(amplitude[1:] > 0.5 * amplitude[1:].max()) + 1
+        hertz = tones / command.cycle
+        assert hertz[0] <= frequency / 20 and hertz[-1] >= 1.3 * frequency
+        assert hertz[-1] <= limits.bandwidth <= 0.4 * rate
+        assert np.array_equal(tones, np.arange(tones[0], tones[-1] + 1))
+        others = np.delete(amplitude, [0, *tones])
+        assert others.max() < GRID  # what rounding to the grid leaves
+        if damping < 0.1:  # several tones within the width of the resonance
+            assert np.sum(np.abs(hertz - frequency) < damping * frequency) >= 3
+        crest = np.ptp(kept) / 2 / kept.std()
+        assert crest < 3.2  # of 30 draws the best; a single one has 3.5 in the mean
+
+
+def test_the_motion_stays_within_the_static_range() -> None:
+    """By the transfer function of a mode, tone by tone: sharing nothing with the simulation that shaped it."""
+    limits, commands = planned(stage(damping_ratio=0.01))
+    command = commands["multisine_large_a"]
+    assert "range of motion" in command.scaled
+    count, end = round(command.cycle * 1000), round(command.marks[-1] * 1000)
+    spectrum = np.fft.rfft(command.volts[end - count : end])
+    ratio = np.fft.rfftfreq(count, 1e-3) / FREQUENCY
+    motion = GAIN * np.fft.irfft(spectrum / (1 - ratio**2 + 0.02j * ratio), count)
+    middle, half = GAIN * limits.middle, 0.5 * GAIN * limits.span
+    # Samples are held, and the first period is no steady state: both change the peak by some percent.
+    assert np.abs(motion - middle).max() < (1 + 2 * BEYOND) * half * 1.1
+    assert np.abs(motion - middle).max() > 0.5 * half
+
+
+def test_triangles_run_at_two_rates() -> None:
+    _, commands = planned(stage())
+    assert commands["triangle_fast"].slew > 6 * commands["triangle_slow"].slew
+
+
+def test_validation_runs_are_of_other_shapes() -> None:
+    _, commands = planned(stage())
+    kinds = {role: {c.kind for c in commands.values() if c.role == role} for role in ("identify", "validate")}
+    assert kinds["validate"] and not kinds["validate"] & kinds["identify"]
+
+
+# --- files --------------------------------------------------------------------------------------------------------
+
+
+def test_files_are_runs_once_a_response_is_added(tmp_path: Path) -> None:
+    model = stage()
+    limits, commands = planned(model)
+    chosen = [commands[name] for name in ("quiet", "multisine_small_a", "staircase", "added_mass", "random_levels")]
+    files.write(tmp_path / "runs", chosen, "x", model.axes["x"], limits, "a bench", 20e-9)
+    for file, command in files.names(chosen).items():
+        write_run(tmp_path / "runs" / file, command.time, {"u [V]": command.volts, "x [um]": GAIN * command.volts})
+    read = read_runs([tmp_path / "runs"])
+    assert [run.name for run in read] == [file.removesuffix(".csv") for file in files.names(chosen)]
+    for run, command in zip(read, chosen, strict=True):
+        assert (run.role, run.between_samples) == (command.role, "hold")
+        assert np.array_equal(run.command(), command.volts)
+        assert run.period == pytest.approx(command.period, rel=1e-9)
+
+
+def test_the_command_files_alone_say_what_is_missing(tmp_path: Path) -> None:
+    model = stage()
+    limits, commands = planned(model)
+    files.write(tmp_path, [commands["quiet"]], "x", model.axes["x"], limits, "a bench")
+    with pytest.raises(InputError, match="no response"):
+        read_runs([tmp_path])
+
+
+def test_the_added_mass_is_suggested_from_the_model_s() -> None:
+    heavy = stage(mass=0.05, stiffness=0.05 * (2 * math.pi * FREQUENCY) ** 2)
+    for model, words in ((heavy, '"5.0 g"'), (stage(), "# conditions")):
+        limits, commands = planned(model)
+        text = files.description({"a.csv": commands["added_mass"]}, "x", model.axes["x"], limits, "", None)
+        assert words in text
+    assert "lowers the resonance by about 5 %" in planned(stage())[1]["added_mass"].note
+    assert math.sqrt(1 / (1 + ADDED_MASS)) == pytest.approx(0.953, abs=1e-3)
+
+
+# --- what tells two effects apart ---------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def menu() -> tuple[AxisDynamics, list[bench.Command]]:
+    model = stage_model.read("lin2019_stage", ["axis.x.damping_ratio=0.0242"])
+    limits = bench.of_axis(model, "x")
+    dynamics = bench.dynamics(model, "x", limits)
+    return dynamics, [*bench.suite_of(dynamics, limits), *bench.elsewhere(dynamics, limits)]
+
+
+@pytest.mark.parametrize(
+    ("pair", "best"),
+    [
+        (("payload_mass", "stiffness_loss"), {"added_mass"}),
+        (("creep", "bouc_wen"), {"hold"}),
+        (("driver_bandwidth", "transport_delay"), {"multisine_large_a", "multisine_large_b", "steps"}),
+    ],
+)
+def test_the_experiment_that_separates_two_effects(
+    menu: tuple[AxisDynamics, list[bench.Command]], pair: tuple[str, str], best: set[str]
+) -> None:
+    found = bench.resolve_effects(menu[0], pair, menu[1], 20e-9)
+    assert found.proposed[0].command.name in best
+    standard = next(each for each in found.separations if each.command.name == "multisine_medium_a")
+    assert found.separations[0].difference > 1.5 * standard.difference  # there they were made alike
+    assert standard.difference == found.alike
+
+
+def test_what_no_experiment_separates_is_said_so(menu: tuple[AxisDynamics, list[bench.Command]]) -> None:
+    """Two couplings to another axis, both in proportion to its motion, are one as long as it is all that is seen."""
+    found = bench.resolve_effects(menu[0], ("abbe_error", "pair_mismatch"), menu[1], 20e-9)
+    assert not found.proposed
+
+
+def test_one_effect_twice_is_refused(menu: tuple[AxisDynamics, list[bench.Command]]) -> None:
+    with pytest.raises(InputError, match="names one effect twice"):
+        bench.resolve_effects(menu[0], ("creep", "creep"), menu[1], 20e-9)
+
+
+def test_mass_and_compliance_follow_from_frequency_and_gain() -> None:
+    """A payload of 20 % weighs 1.2 times as much and gives as before; a loss of 20 % gives 1 / 0.8 times as much."""
+    model = stage()
+    dynamics = bench.dynamics(model, "x", bench.of_axis(model, "x"))
+    payload = bench.on(dynamics, "payload_mass").at(0.2)
+    loss = bench.on(dynamics, "stiffness_loss").at(0.2)
+    assert inertia(payload) == pytest.approx((1.2, 1.0))
+    assert inertia(loss) == pytest.approx((1.0, 1.25))
+
+
+def test_a_known_mass_lowers_the_resonance_as_springs_and_masses_have_it() -> None:
+    """On a stage with a payload of half its mass, a tenth more is 0.1 / 1.5, and the resonance falls by its root."""
+    model, rate = stage(damping_ratio=0.01), 1000.0
+    limits, commands = planned(model)
+    payload = bench.on(bench.dynamics(model, "x", limits), "payload_mass").at(0.5)
+    peaks = []
+    for name in ("multisine_medium_a", "added_mass"):
+        command = commands[name]
+        count, end = round(command.cycle * rate), round(command.marks[-1] * rate)
+        found = np.fft.rfft(bench.reading(payload, command)[end - count : end])
+        sent = np.fft.rfft(command.volts[end - count : end])
+        near = np.arange(round(60 * command.cycle), round(100 * command.cycle))
+        peaks.append(near[np.argmax(np.abs(found[near] / sent[near]))] / command.cycle)
+    apart = 1 / commands["added_mass"].cycle  # a peak is found to the nearest tone
+    assert peaks[0] == pytest.approx(FREQUENCY / math.sqrt(1.5), abs=apart)
+    assert peaks[1] == pytest.approx(FREQUENCY / math.sqrt(1.6), abs=apart)
+
+
+# --- the command --------------------------------------------------------------------------------------------------
+
+
+def test_the_command_writes_files_and_a_report(tmp_path: Path, command_line: Run) -> None:
+    ended = command_line("plan", "lin2019_stage", "--set", "axis.x.damping_ratio=0.03", "--json", "--out", "bench")
+    assert ended.code == 0
+    result = json.loads(ended.stdout)
+    assert result["kind"] == "plan" and result["seed"] == 1
+    written = {path.name for path in (tmp_path / "bench" / "commands").iterdir()}
+    assert written == {"measurements.toml", *(command["file"] for command in result["commands"])}
+    assert {"report.html", "report.md", "result.json", "commands.svg"} <= {
+        p.name for p in (tmp_path / "bench").iterdir()
+    }
+
+
+def test_the_command_resolves(tmp_path: Path, command_line: Run) -> None:
+    ended = command_line(
+        "plan", "lin2019_stage", "--set", "axis.x.damping_ratio=0.03", "--resolve", "payload_mass", "stiffness_loss",
+        "--sensor-noise", "20 nm", "--out", "bench",
+    )  # fmt: skip
+    assert ended.code == 0
+    assert "Added mass tells payload_mass from stiffness_loss best" in " ".join(ended.stdout.split())
+    assert "17_" not in {path.name[:3] for path in (tmp_path / "bench" / "commands").iterdir()}
+    assert any("added_mass" in path.name for path in (tmp_path / "bench" / "commands").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--axis", "q"), "is no axis of the model; it has x, y, z"),
+        (("--slew", "5 mm"), "--slew = 5 mm"),
+        (("--rate", "-5 Hz"), "must be more than zero"),
+        (("--resolve", "creep", "nonsense"), "is not a known effect"),
+        (("--volts", "-20 V", "50 V"), "outside of 0 V to 150 V"),
+    ],
+)
+def test_the_command_refuses(command_line: Run, arguments: tuple[str, ...], words: str) -> None:
+    ended = command_line("plan", "lin2019_stage", *arguments, "--out", "bench")
+    assert (ended.code, ended.stdout) == (2, "")
+    assert words in ended.stderr
+    assert not Path("bench").exists()
