@@ -17,7 +17,7 @@ from flexdesign.evidence.selection import Stand, Step, Trial
 from flexdesign.stage_model import StageModel
 
 if TYPE_CHECKING:
-    from flexdesign.diagnosis.diagnose import Course, Setting
+    from flexdesign.diagnosis.course import Course, Setting
 
 #: What is left counts as noise if its mean square, whitened, is above one by no more than this ...
 ADEQUATE = 0.09

@@ -18,8 +18,8 @@ from flexdesign.evidence.suite import Problem, Slopes
 Array = NDArray[np.float64]
 #: A step that lowers the cost by less than this, or by this share of it, is the last.
 SMALL, SHARE = 0.1, 1e-6
-#: Old slopes serve while a step lowers the cost by at least this share of what they promise.
-KEPT_PROMISE = 0.7
+#: Old slopes serve while a step lowers the cost by about as much as they promise: by a share between these two.
+KEPT_PROMISE = (0.7, 1.5)
 #: Damping: where it begins, and what it is multiplied with after a good and a bad step.
 DAMPING, EASED, RAISED, LARGEST_DAMPING = 1e-3, 0.2, 8.0, 1e8
 #: Damping that no longer matters.
@@ -118,7 +118,7 @@ def solve(
                 damping, eased = UNDAMPED, True  # damping itself may keep promises small along a valley
                 continue
             if promised <= max(SMALL, share * cost):
-                settled = fresh or kept > KEPT_PROMISE
+                settled = fresh or KEPT_PROMISE[0] < kept < KEPT_PROMISE[1]
                 break
             tried = problem.residuals(x + step)
             reached = problem.cost(x + step, tried)
@@ -127,7 +127,7 @@ def solve(
                 x, residuals, cost = x + step, tried, reached
                 damping = max(damping * (EASED if kept > 0.5 else 1.0), UNDAMPED)
                 fresh = False  # slopes of a point that was left
-                if kept < KEPT_PROMISE:
+                if not KEPT_PROMISE[0] < kept < KEPT_PROMISE[1]:
                     break
             elif not fresh:
                 break
