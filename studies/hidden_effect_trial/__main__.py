@@ -1,0 +1,73 @@
+"""The command ``python -m studies.hidden_effect_trial``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from studies.hidden_effect_trial import trial
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the trial, or one case of it, and write the report."""
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.hidden_effect_trial", description="Does the diagnosis name what was hidden?"
+    )
+    parser.add_argument("--only", metavar="KIND", help="none, single, pair, outside, faint, or the name of an effect")
+    parser.add_argument("--cases", type=int, metavar="N", help="only the first so many of what is asked for")
+    parser.add_argument("--ci", action="store_true", help="only the part for continuous integration")
+    parser.add_argument("--case", type=int, metavar="NUMBER", help="one case, again, and what was said of it")
+    parser.add_argument("--draw", action="store_true", help="make the recordings and diagnose nothing")
+    parser.add_argument("--jobs", type=int, help="processes")
+    parser.add_argument("--fresh", action="store_true", help="do again what is done")
+    parser.add_argument("--report", action="store_true", help="only write the report of what is done")
+    parser.add_argument("--out", type=Path, default=trial.OUT, help="folder of what comes of it")
+    given = parser.parse_args(arguments)
+    told = trial.settings()
+    try:
+        if given.case is not None:
+            return _one(given.case, given.out, given.draw)
+        numbers = list(told.ci) if given.ci else told.numbers(given.only, given.cases)
+    except ValueError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    if given.draw:
+        for number in numbers:
+            print(trial.drawn(number, given.out)[0], flush=True)
+        return 0
+    if given.report:
+        outcomes = [outcome for n in numbers if (outcome := trial.kept(n, given.out)) is not None]
+    else:
+        jobs = told.jobs if given.jobs is None else given.jobs
+        outcomes = trial.run(numbers, given.out, jobs, told.seconds, _say, given.fresh)
+    from studies.hidden_effect_trial import report
+
+    for line in report.write(outcomes, given.out):
+        print(line)
+    print(given.out / "report.html")
+    return 0 if all(outcome.found is not None for outcome in outcomes) else 1
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def _one(number: int, out: Path, draw: bool) -> int:
+    folder, answer = trial.drawn(number, out)
+    print(folder)
+    if draw:
+        return 0
+    outcome = trial.one(number, out)
+    print(trial.described(outcome))
+    if outcome.found is not None:
+        floor, error = (1e6 * value for value in (answer.floor, outcome.found.error))
+        print(f"validation error {error:.4g} um, floor {floor:.4g} um, {outcome.found.seconds:.1f} s")
+        for name, (hit, width) in outcome.found.inside.items():
+            print(f"{name}: interval of ±{100 * width:.2g} % {'holds' if hit else 'misses'} the truth")
+    return 0 if outcome.found is not None else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,322 @@
+"""Cases: a stage model that is wrong in a known way, recordings of the stage it means, and the sealed answer.
+
+Case i is always the same: its number says its kind and seeds everything that is drawn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from studies.hidden_effect_trial import bench, confusion, recordings
+from studies.hidden_effect_trial.detection import KNOWN, Complement, State, columns, contribution, strength_for
+from studies.hidden_effect_trial.effects import BY_NAME, CATALOGUE, OUTSIDE, Stage, Values
+from studies.hidden_effect_trial.recordings import PERIOD, Recording
+
+Array = NDArray[np.float64]
+#: The seed of all cases.
+SEED = 20191
+#: First number of each kind; of single and faint cases hundred belong to an effect, of those outside hundred to a kind.
+FIRST = {"none": 10000, "single": 20000, "pair": 30000, "outside": 40000, "faint": 50000}
+#: Effect-to-noise ratios: where an effect shows, where it cannot, and outside the catalogue.
+SHOWN, HIDDEN, STRANGE = (1.0, 30.0), (0.02, 0.1), (3.0, 30.0)
+#: Resolution of the sensor where it is no matter, in strokes.
+FINEST = 1e-6
+#: How many standard deviations a resonance that is a finding lies from what was known.
+FINDING = (4.0, 8.0)
+#: A common delay shows if it is longer than triggers are uncertain [s].
+DELAYS = (0.7e-3, 4e-3)
+#: Effects that change what is known of the resonance, and those that have a way of their own to be drawn.
+RESONANCE = ("payload_mass", "stiffness_loss")
+#: Where faint effects make no sense: these are drawn by themselves, and none of them can be faint but by its number.
+NEVER_FAINT = (*RESONANCE, "bouc_wen", "quantisation")
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A case.
+
+    Parameters
+    ----------
+    number, kind
+        Its number, and "none", "single", "pair", "faint" or "outside".
+    stage, believed
+        The true base, and what the stage model states.
+    lumped
+        Whether the stage model states mass and stiffness, rather than the natural frequency.
+    effects
+        What is hidden, values in SI.
+    runs
+        What was driven.
+    readings
+        What was recorded, with noise [m].
+    noise
+        Root mean square of the noise [m].
+    poles
+        Coefficients of its autoregression.
+    floor
+        Root mean square over the validation runs of what no model can predict [m].
+    ratio
+        Effect to noise, by effect.
+    groups
+        By effect, those in the catalogue that can stand for it on these runs.
+    """
+
+    number: int
+    kind: str
+    stage: Stage
+    believed: Stage
+    lumped: bool
+    effects: Mapping[str, Values]
+    runs: tuple[Recording, ...]
+    readings: tuple[Array, ...]
+    noise: float
+    poles: tuple[float, ...]
+    floor: float
+    ratio: Mapping[str, float] = field(default_factory=dict)
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Its kind and number."""
+        return f"{self.kind}-{self.number}"
+
+
+def kind_of(number: int) -> str:
+    """Return the kind of a case.
+
+    Raises
+    ------
+    ValueError
+        If no case has this number.
+    """
+    kind = next((kind for kind, first in FIRST.items() if first <= number < first + 10000), None)
+    place = number - FIRST[kind] if kind else 0
+    if kind is None or (kind in ("single", "faint") and place >= 100 * len(CATALOGUE)):
+        raise ValueError(f"there is no case {number}")
+    if (kind == "outside" and place >= 100 * len(OUTSIDE)) or (kind == "faint" and hidden_in(number) in NEVER_FAINT):
+        raise ValueError(f"there is no case {number}")
+    return kind
+
+
+def hidden_in(number: int) -> str:
+    """Return the effect that a single, faint or outside case is about."""
+    kinds = OUTSIDE if number // 10000 == 4 else CATALOGUE
+    return kinds[number % 10000 // 100].name
+
+
+def numbers(kind: str, count: int) -> list[int]:
+    """Return the first `count` numbers of a kind; for each effect so many, where a case is about one."""
+    first = FIRST[kind]
+    if kind in ("none", "pair"):
+        return list(range(first, first + count))
+    kinds = [e.name for e in (OUTSIDE if kind == "outside" else CATALOGUE)]
+    about = [i for i, name in enumerate(kinds) if kind != "faint" or name not in NEVER_FAINT]
+    return [first + 100 * i + k for i in about for k in range(count)]
+
+
+def make(number: int) -> Case:
+    """Return a case.
+
+    Raises
+    ------
+    ValueError
+        If no case has this number.
+    """
+    kind = kind_of(number)
+    for attempt in range(50):
+        rng = np.random.default_rng([SEED, number, attempt])
+        found = _attempt(rng, number, kind)
+        if found is not None:
+            return found
+    raise RuntimeError(f"case {number} could not be drawn")
+
+
+def _attempt(rng: np.random.Generator, number: int, kind: str) -> Case | None:
+    stage = _stage(rng)
+    lumped = bool(rng.random() < 0.5)
+    poles, noise = _noise(rng), stage.stroke * float(np.exp(rng.uniform(math.log(1e-4), math.log(1e-3))))
+    names = _names(rng, number, kind)
+    held = False if "rate_dependent_hysteresis" in names else None
+    runs = recordings.draw(rng, stage, held)
+    believed = _believed(rng, stage, names)
+    effects: dict[str, Values] = {}
+    if names:
+        drawn = _effects(rng, kind, names, stage, believed, runs, noise)
+        if drawn is None:
+            return None
+        effects = drawn
+    bare = replace(stage, a=0.0) if "bouc_wen" in effects else stage
+    case = record(rng, bare, believed, effects, runs, noise, poles)
+    case = replace(case, number=number, kind=kind, lumped=lumped)
+    return _judged(case) if effects else case
+
+
+def record(
+    rng: np.random.Generator,
+    stage: Stage,
+    believed: Stage,
+    effects: Mapping[str, Values],
+    runs: tuple[Recording, ...],
+    noise: float,
+    poles: tuple[float, ...],
+) -> Case:
+    """Return a case of what a stage with effects reads in some runs; see `Case` for what is given."""
+    clean = bench.readings(stage, effects, runs)
+    recorded = [y + bench.noise(rng, len(y), noise, poles) for y in clean]
+    step = effects.get("quantisation", {}).get("step", FINEST * stage.stroke)
+    recorded = [step * np.round(y / step) for y in recorded]
+    held_out = [y - x for run, y, x in zip(runs, recorded, clean, strict=True) if run.role == "validate"]
+    floor = float(np.sqrt(np.mean(np.concatenate(held_out) ** 2)))
+    return Case(0, "single", stage, believed, True, effects, runs, tuple(recorded), noise, poles, floor)
+
+
+# --- what is drawn --------------------------------------------------------------------------------------------------
+
+
+def _stage(rng: np.random.Generator) -> Stage:
+    volts = float(rng.choice([60.0, 100.0, 120.0, 150.0]))
+    gain = float(np.exp(rng.uniform(math.log(0.8e-6), math.log(3e-6))))
+    b = rng.uniform(1.0, 2.5) / volts
+    return Stage(
+        gain=gain,
+        omega=2.0 * math.pi * rng.uniform(60.0, 200.0),
+        zeta=rng.uniform(0.02, 0.05),
+        a=gain * rng.uniform(0.12, 0.28),
+        b=b,
+        c=b * rng.uniform(0.05, 0.4),
+        volts=volts,
+    )
+
+
+def _cut(rng: np.random.Generator, sigma: float) -> float:
+    """Return a Gaussian number, cut at two standard deviations."""
+    while abs(value := float(rng.normal())) > 2.0:
+        pass
+    return sigma * value
+
+
+def _believed(rng: np.random.Generator, stage: Stage, names: tuple[str, ...]) -> Stage:
+    """Return what the stage model states: off by what it says of its uncertainty, or by up to a fifth."""
+    off = {name: 1.0 + rng.uniform(-0.2, 0.2) for name in ("zeta", "gain", "a", "b", "c")}
+    off["gain"] = 1.0 + _cut(rng, KNOWN["gain"])
+    off["omega"] = math.sqrt((1.0 + _cut(rng, 0.03)) / (1.0 + _cut(rng, 0.02)))
+    told = {name: getattr(stage, name) * factor for name, factor in off.items()}
+    if "bouc_wen" in names:
+        told["a"] = 0.0
+    return replace(stage, **told)
+
+
+def _noise(rng: np.random.Generator) -> tuple[float, ...]:
+    """Return the coefficients of the noise: none, of one pole, or of a pair that peaks somewhere."""
+    kind = rng.integers(3)
+    if kind == 0:
+        return ()
+    if kind == 1:
+        return (float(1.0 - np.exp(rng.uniform(math.log(0.02), math.log(0.4)))),)
+    radius, angle = rng.uniform(0.5, 0.95), 2.0 * math.pi * PERIOD * rng.uniform(5.0, 200.0)
+    return float(2.0 * radius * math.cos(angle)), float(-(radius**2))
+
+
+def _names(rng: np.random.Generator, number: int, kind: str) -> tuple[str, ...]:
+    if kind == "none":
+        return ()
+    if kind != "pair":
+        return (hidden_in(number),)
+    # Two that are no limits of one another: a resonance that is wrong already takes the bounds of the base.
+    known = [effect.name for effect in CATALOGUE if effect.name != "bouc_wen"]
+    while True:
+        pair = tuple(sorted(str(name) for name in rng.choice(known, 2, replace=False)))
+        if not any(set(pair) <= set(alike) for alike in ALIKE):
+            return pair
+
+
+#: Effects that are so alike that two of them are no pair: on such runs either takes the place of both.
+ALIKE = (
+    ("driver_bandwidth", "sensor_bandwidth", "transport_delay"),
+    ("payload_mass", "stiffness_loss"),
+    ("electrostriction", "stroke_dependent_amplification", "quadratic_stiffness"),
+    ("driver_slew", "driver_bandwidth"),
+    ("prandtl_ishlinskii", "rate_dependent_hysteresis", "asymmetric_hysteresis"),
+    ("mains_hum", "base_motion"),
+)
+
+
+def _effects(
+    rng: np.random.Generator,
+    kind: str,
+    names: tuple[str, ...],
+    stage: Stage,
+    believed: Stage,
+    runs: tuple[Recording, ...],
+    noise: float,
+) -> dict[str, Values] | None:
+    """Return the hidden effects with their values; None if they cannot be as strong as drawn."""
+    low, high = {"faint": HIDDEN, "outside": STRANGE}.get(kind, SHOWN)
+    wanted = {name: float(np.exp(rng.uniform(math.log(low), math.log(high)))) for name in names}
+    found: dict[str, Values] = {}
+    for name in sorted(names, key=lambda name: name not in RESONANCE):  # what changes the resonance comes first
+        hidden = BY_NAME[name]
+        constants = hidden.constants(rng, stage)
+        if own := _own_way(rng, name, constants, stage, believed, wanted[name] * noise, kind):
+            found[name] = own
+            continue
+        complement = Complement(columns(State(stage, found, runs), believed, loops="bouc_wen" not in names))
+        strength = strength_for(wanted[name] * noise, name, constants, stage, found, runs, complement)
+        if strength is None:
+            return None
+        found[name] = strength[0]
+    return found
+
+
+def _own_way(
+    rng: np.random.Generator, name: str, constants: Values, stage: Stage, believed: Stage, wanted: float, kind: str
+) -> Values | None:
+    """Return the values of an effect whose strength is not found by searching."""
+    if name in RESONANCE:
+        # Mass and stiffness beyond what is known of them; the effect lowers the frequency, whichever way it was off.
+        ratio = believed.omega / stage.omega * (1.0 - rng.uniform(*FINDING) * KNOWN["omega"])
+        return {"ratio": ratio**-2 - 1.0 if name == "payload_mass" else 1.0 - ratio**2}
+    if name == "transport_delay" and kind != "faint":
+        return {"delay": float(np.exp(rng.uniform(*np.log(DELAYS))))}
+    if name == "quantisation":
+        return {"step": wanted * math.sqrt(12.0)}
+    return {"a": stage.a, **constants} if name == "bouc_wen" else None
+
+
+# --- what is judged -------------------------------------------------------------------------------------------------
+
+
+def _judged(case: Case) -> Case | None:
+    """Return the case with effect-to-noise ratios and groups; None if what is hidden does not show as it should."""
+    state = State(case.stage, case.effects, case.runs)
+    ratio: dict[str, float] = {}
+    for name in case.effects:
+        if name == "quantisation":
+            ratio[name] = case.effects[name]["step"] / math.sqrt(12.0) / case.noise
+            continue
+        others = {other: values for other, values in case.effects.items() if other != name}
+        part = contribution(case.stage, case.effects, name, case.runs)
+        base = State(case.stage, others, case.runs)
+        if not np.isfinite(part).all():
+            return None
+        loops = "bouc_wen" not in case.effects
+        complement = Complement(columns(base, case.believed, loops))
+        ratio[name] = complement.left(part)[0] / case.noise
+    if case.kind in ("single", "pair") and min(ratio.values()) < SHOWN[0]:
+        return None
+    if case.kind == "faint":
+        return replace(case, ratio=ratio)
+    if case.kind == "outside":
+        _, nearest = confusion.stand_ins(state, next(iter(case.effects)), case.believed, case.noise, polish=False)
+        # Something that an effect of the catalogue explains is not outside it.
+        return replace(case, ratio=ratio) if nearest > max(case.noise, 0.3 * min(ratio.values()) * case.noise) else None
+    groups = {
+        name: confusion.stand_ins(state, name, case.believed, case.noise)[0] if name != "quantisation" else ()
+        for name in case.effects
+    }
+    return replace(case, ratio=ratio, groups=groups)

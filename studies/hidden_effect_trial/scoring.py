@@ -1,0 +1,134 @@
+"""The rule of the trial, and what many cases add up to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from studies.hidden_effect_trial.folder import Answer
+
+#: Verdicts that a diagnosis gives.
+NOTHING, FOUND, UNKNOWN = "nothing-missing", "effects-found", "unknown"
+#: A group may hold so many effects, and no more.
+LARGEST_GROUP = 3
+#: Kinds of cases in which something is to be named, and those in which nothing is.
+NAMED, UNNAMED = ("single", "pair"), ("none", "faint")
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """What the trial looks at in a diagnosis.
+
+    Parameters
+    ----------
+    verdict
+        One of the three words.
+    named
+        Effects that were named.
+    groups
+        Effects that it could not tell apart.
+    floor, error
+        Noise floor and validation error [m]; NaN if it gives none.
+    inside
+        By parameter of what is hidden, whether the 95 % interval holds the truth, and the interval's half width over
+        the true value.
+    seconds
+        How long it took.
+    """
+
+    verdict: str
+    named: tuple[str, ...]
+    groups: tuple[tuple[str, ...], ...]
+    floor: float
+    error: float
+    inside: Mapping[str, tuple[bool, float]]
+    seconds: float
+
+
+def is_right(answer: Answer, found: Diagnosed) -> bool:
+    """Tell whether a verdict is right.
+
+    Every hidden effect is named, alone or in a group of at most three that the data truly cannot separate, and nothing
+    else is; where nothing is missing, or it is too faint to show, nothing is named; what no catalogue holds is unknown.
+
+    >>> from studies.hidden_effect_trial.folder import Answer
+    >>> creep = Answer("c", "single", {"creep": {}}, {"creep": ()}, {"creep": 5.0}, 1e-8, 1e-4)
+    >>> is_right(creep, Diagnosed("effects-found", ("creep",), (), 1e-8, 1e-8, {}, 1.0))
+    True
+    >>> is_right(creep, Diagnosed("effects-found", ("creep", "mains_hum"), (), 1e-8, 1e-8, {}, 1.0))
+    False
+    """
+    if answer.kind in UNNAMED:
+        return found.verdict == NOTHING and not found.named
+    if answer.kind == "outside":
+        return found.verdict == UNKNOWN
+    if found.verdict != FOUND:
+        return False
+    open_effects = set(answer.effects)
+    for name in found.named:
+        group = next((group for group in found.groups if name in group), (name,))
+        meant = [
+            hidden
+            for hidden in open_effects
+            if hidden in group and set(group) <= {hidden, *answer.groups.get(hidden, ())}
+        ]
+        if len(group) > LARGEST_GROUP or not meant:
+            return False
+        open_effects.remove(meant[0])
+    return not open_effects
+
+
+def is_false_alarm(answer: Answer, found: Diagnosed) -> bool:
+    """Tell whether an effect was named where nothing is missing."""
+    return answer.kind in UNNAMED and bool(found.named)
+
+
+def wilson(hits: int, trials: int, z: float = 1.959964) -> tuple[float, float]:
+    """Return the 95 % interval of a rate, after Wilson (1927).
+
+    >>> low, high = wilson(0, 10)  # with no hits the interval is from 0 to z^2 / (n + z^2)
+    >>> low, round(high, 4) == round(1.959964**2 / (10 + 1.959964**2), 4)
+    (0.0, True)
+    """
+    if not trials:
+        return 0.0, 1.0
+    rate, weight = hits / trials, z * z / trials
+    middle = (rate + weight / 2.0) / (1.0 + weight)
+    half = z / (1.0 + weight) * math.sqrt(rate * (1.0 - rate) / trials + weight / (4.0 * trials))
+    return max(middle - half, 0.0), min(middle + half, 1.0)
+
+
+def row_of(answer: Answer) -> str:
+    """Return the row of the confusion matrix that a case belongs to."""
+    return next(iter(answer.effects)) if answer.kind == "single" else answer.kind
+
+
+def columns_of(answer: Answer, found: Diagnosed) -> tuple[str, ...]:
+    """Return the columns of the confusion matrix that a verdict counts in.
+
+    A named effect counts as what was hidden, if it stands in a group with it that the data cannot separate.
+    """
+    if not found.named or found.verdict != FOUND:
+        return (found.verdict,)
+    if answer.kind == "pair":
+        return ("right",) if is_right(answer, found) else ("wrong",)
+    groups = {name: next((group for group in found.groups if name in group), (name,)) for name in found.named}
+    return tuple(next((hidden for hidden in answer.effects if hidden in group), name) for name, group in groups.items())
+
+
+def median(values: Iterable[float]) -> float:
+    """Return the median of what is finite; NaN of nothing."""
+    ordered = sorted(value for value in values if math.isfinite(value))
+    n = len(ordered)
+    return 0.5 * (ordered[(n - 1) // 2] + ordered[n // 2]) if n else math.nan
+
+
+def matrix(judged: Sequence[tuple[Answer, Diagnosed]]) -> dict[str, dict[str, int]]:
+    """Return how often each row of the confusion matrix met each column."""
+    counts: dict[str, dict[str, int]] = {}
+    for answer, found in judged:
+        row = counts.setdefault(row_of(answer), {})
+        for column in columns_of(answer, found):
+            row[column] = row.get(column, 0) + 1
+    return counts

@@ -1,0 +1,45 @@
+"""The one place where the trial meets the package: what `flexdesign.diagnosis` says of a folder of recordings."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from studies.hidden_effect_trial.folder import MODEL, RUNS, Answer
+from studies.hidden_effect_trial.scoring import Diagnosed
+
+
+def diagnose(folder: Path, answer: Answer) -> Diagnosed:
+    """Diagnose a case's folder; the answer serves only to compare intervals with afterwards."""
+    from flexdesign import diagnosis, runs
+    from flexdesign.stage_model import reading
+
+    began = time.perf_counter()
+    found: Any = diagnosis.diagnose(reading.read(folder / MODEL), runs.read_runs([folder / RUNS]), threads=1)
+    seconds = time.perf_counter() - began
+    inside: dict[str, tuple[bool, float]] = {}
+    for named in found.effects:
+        inside |= _inside(named, answer.effects.get(named.name, {}))
+    return Diagnosed(
+        verdict=str(found.verdict),
+        named=tuple(named.name for named in found.effects),
+        groups=tuple(tuple(group) for group in found.confusable),
+        floor=float(found.noise_floor),
+        error=float(found.validation_error),
+        inside=inside,
+        seconds=seconds,
+    )
+
+
+def _inside(named: Any, truth: Mapping[str, float]) -> dict[str, tuple[bool, float]]:
+    """Return for each number of an effect whether its interval holds the truth, and how wide it is."""
+    told = {}
+    for each in getattr(named, "values", ()):
+        key = each.parameter.name.rpartition(".")[2]
+        low, high = each.interval
+        if key in truth and truth[key] and math.isfinite(low) and math.isfinite(high):
+            told[f"{named.name}.{key}"] = (low <= truth[key] <= high, 0.5 * (high - low) / abs(truth[key]))
+    return told

@@ -1,0 +1,232 @@
+"""Running the trial: cases side by side in processes, each leaving one file, so that it goes on where it stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import signal
+import time
+import tomllib
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from studies.hidden_effect_trial import cases
+from studies.hidden_effect_trial import folder as folders
+from studies.hidden_effect_trial.folder import Answer
+from studies.hidden_effect_trial.scoring import Diagnosed
+
+#: The file that says what is run, and the folder of what comes out.
+SETTINGS = Path(__file__).resolve().parent.parent / "hidden_effect_trial.toml"
+OUT = Path("reports/hidden_effect_trial")
+#: What a case is made by; when it changes, cases are made anew.
+_MAKERS = ("kernel", "effects", "recordings", "bench", "detection", "confusion", "cases", "folder")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a case.
+
+    Parameters
+    ----------
+    number
+        Of the case.
+    answer
+        What was hidden.
+    found
+        What was said; None if it could not be diagnosed.
+    error
+        Why not; empty otherwise.
+    source
+        Fingerprint of the package that said it.
+    """
+
+    number: int
+    answer: Answer
+    found: Diagnosed | None
+    error: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What ``hidden_effect_trial.toml`` says: cases by kind, those for continuous integration, processes, seconds."""
+
+    counts: dict[str, int]
+    ci: tuple[int, ...]
+    jobs: int
+    seconds: float
+
+    def numbers(self, only: str | None = None, count: int | None = None) -> list[int]:
+        """Return the numbers of all cases, of one kind or effect, or the first `count` of each kind."""
+        kinds = [kind for kind in self.counts if only in (None, kind)]
+        found = [n for kind in kinds for n in cases.numbers(kind, self.counts[kind])]
+        if not kinds:
+            everything = [n for kind in self.counts for n in cases.numbers(kind, self.counts[kind])]
+            found = [n for n in everything if cases.kind_of(n) not in ("none", "pair") and cases.hidden_in(n) == only]
+        if not found:
+            raise ValueError(f"there is no kind of case and no effect {only}; kinds: {', '.join(self.counts)}")
+        return found[:count] if count is not None else found
+
+
+def settings(path: Path = SETTINGS) -> Settings:
+    """Read the trial's settings."""
+    told = tomllib.loads(path.read_text(encoding="utf-8"))
+    return Settings(told["cases"], tuple(told["ci"]["numbers"]), told["run"]["jobs"], told["run"]["seconds"])
+
+
+def fingerprint(folder: Path, names: Sequence[str] | None = None) -> str:
+    """Return a hash of Python files: of the named ones in a folder, or of all below it."""
+    paths = [folder / f"{name}.py" for name in names] if names else sorted(folder.rglob("*.py"))
+    total = hashlib.sha256()
+    for path in paths:
+        total.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+    return total.hexdigest()[:12]
+
+
+def drawn(number: int, out: Path) -> tuple[Path, Answer]:
+    """Return the folder of a case and its answer; they are made if this version of the trial has not yet."""
+    made = out / "drawn" / fingerprint(Path(__file__).parent, _MAKERS)
+    name = f"{cases.kind_of(number)}-{number}"
+    folder, answer = made / name, made / "answers" / f"{name}.toml"
+    if not answer.is_file():  # written last
+        folders.write(cases.make(number), folder, answer)
+    return folder, folders.read_answer(answer)
+
+
+def one(number: int, out: Path, seconds: float = 0.0) -> Outcome:
+    """Make and diagnose a case, and keep what came of it."""
+    from studies.hidden_effect_trial import subject
+
+    folder, answer = drawn(number, out)
+    found, error = None, ""
+    try:
+        with _no_longer_than(seconds):
+            found = subject.diagnose(folder, answer)
+    except Exception as problem:  # whatever it is, the other cases go on, and the report names it
+        error = f"{type(problem).__name__}: {problem}"
+    outcome = Outcome(number, answer, found, error, source())
+    _keep(outcome, out)
+    return outcome
+
+
+def source() -> str:
+    """Return the fingerprint of the package under trial."""
+    import flexdesign
+
+    return fingerprint(Path(flexdesign.__file__).parent)
+
+
+class _no_longer_than:
+    """Raises TimeoutError in this process after some seconds; 0 for never."""
+
+    def __init__(self, seconds: float) -> None:
+        self.seconds = seconds if hasattr(signal, "SIGALRM") else 0.0
+
+    def __enter__(self) -> None:
+        if self.seconds:
+            signal.signal(signal.SIGALRM, self._late)
+            signal.setitimer(signal.ITIMER_REAL, self.seconds)
+
+    def __exit__(self, *_: object) -> None:
+        if self.seconds:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+    def _late(self, *_: object) -> None:
+        raise TimeoutError(f"took longer than {self.seconds:g} s")
+
+
+def _keep(outcome: Outcome, out: Path) -> None:
+    path = _path(outcome.number, out)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    new = path.with_suffix(f".{os.getpid()}.new")
+    new.write_text(json.dumps(asdict(outcome), indent=1), encoding="utf-8")
+    new.replace(path)
+
+
+def _path(number: int, out: Path) -> Path:
+    return out / "cases" / f"{number}.json"
+
+
+def kept(number: int, out: Path) -> Outcome | None:
+    """Return what came of a case before; None if nothing did, or it was an error."""
+    try:
+        told: dict[str, Any] = json.loads(_path(number, out).read_text(encoding="utf-8"))
+        return _outcome(told) if not told["error"] else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _outcome(told: dict[str, Any]) -> Outcome:
+    answer, found = told["answer"], told["found"]
+    answer["groups"] = {name: tuple(others) for name, others in answer["groups"].items()}
+    found["named"], found["groups"] = tuple(found["named"]), tuple(tuple(group) for group in found["groups"])
+    found["inside"] = {name: (bool(hit), float(width)) for name, (hit, width) in found["inside"].items()}
+    return Outcome(told["number"], Answer(**answer), Diagnosed(**found), told["error"], told["source"])
+
+
+def run(
+    numbers: Sequence[int], out: Path, jobs: int, seconds: float, say: Callable[[str], None], fresh: bool = False
+) -> list[Outcome]:
+    """Run cases in processes, all but those that are done.
+
+    Parameters
+    ----------
+    numbers
+        Of the cases.
+    out
+        Folder of what comes of it.
+    jobs
+        Number of processes.
+    seconds
+        A case that takes longer is an error.
+    say
+        Told of every case that is done, and of the time left.
+    fresh
+        Whether what is done is done again.
+    """
+    from studies.hidden_effect_trial.scoring import is_right
+
+    done = {} if fresh else {n: outcome for n in numbers if (outcome := kept(n, out)) is not None}
+    left = [n for n in numbers if n not in done]
+    if done:
+        say(f"{len(done)} of {len(numbers)} cases are done already")
+    if not left:
+        return [done[n] for n in numbers]
+    # One thread in each process: the linear algebra is small, and the other cores have cases of their own.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[name] = "1"
+    began = time.perf_counter()
+    with ProcessPoolExecutor(max_workers=max(1, jobs), mp_context=get_context("spawn")) as pool:
+        waiting = {pool.submit(one, n, out, seconds): n for n in left}
+        for count, future in enumerate(as_completed(waiting), start=1):
+            outcome = future.result()
+            done[outcome.number] = outcome
+            rest = (time.perf_counter() - began) / count * (len(left) - count)
+            said = outcome.error or (
+                f"{'right' if outcome.found and is_right(outcome.answer, outcome.found) else 'WRONG'}: "
+                f"{described(outcome)}"
+            )
+            name = f"{outcome.answer.kind}-{outcome.number}"
+            say(f"{len(done):4d}/{len(numbers)}  {name:15s} {said}  [{_time(rest)} left]")
+    return [done[n] for n in numbers]
+
+
+def described(outcome: Outcome) -> str:
+    """Return in a line what was hidden and what was said."""
+    hidden = ", ".join(f"{name} at {outcome.answer.ratio.get(name, math.nan):.3g}" for name in outcome.answer.effects)
+    found = outcome.found
+    if found is None:
+        return f"{hidden or 'nothing'} -> {outcome.error}"
+    groups = [" or ".join(next((g for g in found.groups if name in g), (name,))) for name in found.named]
+    return f"{hidden or 'nothing'} -> {found.verdict}{': ' if groups else ''}{' and '.join(groups)}"
+
+
+def _time(seconds: float) -> str:
+    minutes = round(seconds / 60.0)
+    return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min" if minutes else "seconds"
