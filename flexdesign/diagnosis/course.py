@@ -23,15 +23,15 @@ from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.findings import Diagnosis
 from flexdesign.diagnosis.judgement import conclude
 from flexdesign.dynamics.axis_choice import choose_axis
-from flexdesign.dynamics.axis_model import TRIGGER, AxisDynamics, of_axis
+from flexdesign.dynamics.axis_model import CAME_FROM, TRIGGER, AxisDynamics, of_axis
 from flexdesign.errors import InputError
 from flexdesign.evidence.coloured import Coloured
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import MOST, Case, Stand, Step, backward, calibrated, fitted, forward
 from flexdesign.evidence.suite import Suite
-from flexdesign.identification import HYSTERESIS, LINEAR, REST, prior
-from flexdesign.model import Model, Observation
+from flexdesign.identification import HYSTERESIS, LINEAR, prior
+from flexdesign.model import Model, Observation, Parameter
 from flexdesign.noise_floor import NoiseFloor, noise_floor
 from flexdesign.runs import Run, split
 from flexdesign.stage_model import AxisModel, StageModel
@@ -43,10 +43,11 @@ EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
 STEPS, STEPS_SCREENING = 16, 4
 #: An effect must move a held-out prediction by this share of the noise, or of the stroke if that is less.
 OF_NOISE, OF_STROKE = 0.3, 5e-4
-#: How well a record's start is known to begin with: in samples, in shares of the stroke, per response of slow states.
-LATE, HISTORY, SLOW = 0.5, 0.1, 0.002
+#: How little is known of how a record began, one sigma: samples that it was late, share of the largest command where
+#: the voltage had turned, share of the stroke that the mode swings by, and that slow states still move.
+LATE, TURNED, SWINGS, SLOW = 0.5, 0.4, 0.1, 0.002
 #: Slow states that may still relax as a record begins have these time constants [s].
-RELAXING = (0.1, 1.0, 10.0)
+RELAXING = (0.1, 0.4, 1.6, 6.4)
 #: Decades of decay after which a mode has rung down.
 RUNG_DOWN = 3.0
 
@@ -177,8 +178,7 @@ def settle(model: StageModel, runs: Sequence[Run], axis: str | None, tolerance: 
     """Return what is to be diagnosed, with its noise floor."""
     name = choose_axis(model, runs, axis)
     its = model.axes[name]
-    dynamics = AxisDynamics(name, its)
-    seen = tuple(dynamics.comparable(of_axis(run, name, its)) for run in split(runs))
+    seen = tuple(of_axis(run, name, its) for run in split(runs))
     if not any(run.role == "identify" for run in seen):
         raise InputError("command line", "RUNS", None, "all are kept for validation; name a run with role identify")
     rate = 2 * math.pi * its.natural_frequency * min(max(its.damping_ratio, 1e-3), 1.0)
@@ -197,6 +197,13 @@ def _of_blocks(noise: NoiseFloor, runs: Sequence[Run]) -> NoiseFloor:
     return replace(noise, whitening=Coloured(processes), rms={n: noise.rms[r] for n, r in records.items()})
 
 
+def _from_rest(axis: AxisModel) -> AxisModel:
+    """Return an axis that begins as it was never driven; where each run came from is a number of its own."""
+    if "bouc_wen" not in axis.effects:
+        return axis
+    return replace(axis, effects={**axis.effects, "bouc_wen": {**axis.effects["bouc_wen"], "rest": 0.0}})
+
+
 def _known(axis: AxisModel) -> dict[str, tuple[float, float]]:
     return prior(axis, [*LINEAR, *HYSTERESIS[:-1]] if "bouc_wen" in axis.effects else LINEAR)
 
@@ -207,17 +214,21 @@ def _case(model: StageModel, setting: Setting, each: Any, progress: Callable[[st
     stroke = abs(setting.axis.gain * setting.axis.driver.gain) * volts
     exact = float(np.clip(EXACT * setting.floor / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
     dynamics = AxisDynamics(
-        setting.name, setting.axis, volts, tolerance=exact, delay=model.controller.delay, finest=STEPS
-    ).set_apart([run.name for run in setting.runs])
+        setting.name,
+        _from_rest(setting.axis),
+        volts,
+        tolerance=exact,
+        delay=model.controller.delay,
+        finest=STEPS,
+        apart=tuple(run.name for run in setting.runs),
+        bipolar=any(bool(np.min(run.command()) < -0.05 * volts) for run in setting.runs),
+    )
     free = LINEAR + (HYSTERESIS[:-1] if "bouc_wen" in setting.axis.effects else ())
     noise, shapes = setting.noise.whitening, _Starts(setting.axis, stroke)
 
     def known(of: Model) -> Mapping[str, tuple[float, float]]:
-        own: dict[str, tuple[float, float]] = {}
-        for parameter in of.parameters():
-            if parameter.run:
-                own |= _start_of(parameter.name, setting, stroke)
-        return {**setting.known, **own}
+        own = {p.name: _start_of(p, setting, volts) for p in of.parameters() if p.run}
+        return {**setting.known, **{name: about for name, about in own.items() if about}}
 
     return dynamics, Case(
         identify=Suite(setting.of("identify"), noise, shapes),
@@ -232,12 +243,14 @@ def _case(model: StageModel, setting: Setting, each: Any, progress: Callable[[st
     )
 
 
-def _start_of(name: str, setting: Setting, stroke: float) -> dict[str, tuple[float, float]]:
-    run, _, number = name.rpartition(":")
+def _start_of(parameter: Parameter, setting: Setting, volts: float) -> tuple[float, float] | None:
+    """Return what is known of a number of one run: about how late it began, and where the voltage had turned."""
+    run, _, number = parameter.name.rpartition(":")
     if number == TRIGGER:
-        period = next(each.period for each in setting.runs if each.name == run)
-        return {name: (0.0, LATE * period)}
-    return {name: (0.0, HISTORY * stroke)} if number == REST else {}
+        return 0.0, LATE * next(each.period for each in setting.runs if each.name == run)
+    if number in CAME_FROM:
+        return CAME_FROM[number] * volts, TURNED * volts
+    return None
 
 
 @dataclass(frozen=True)
@@ -254,7 +267,7 @@ class _Starts:
         ringing = np.exp(-self.axis.damping_ratio * w * t)
         slow = [np.exp(-t / tau) for tau in RELAXING]
         columns = np.column_stack([np.ones_like(t), ringing * np.cos(w * t), ringing * np.sin(w * t), *slow])
-        sizes = [math.inf, HISTORY * self.stroke, HISTORY * self.stroke, *[SLOW * self.stroke] * len(slow)]
+        sizes = [math.inf, SWINGS * self.stroke, SWINGS * self.stroke, *[SLOW * self.stroke] * len(slow)]
         return columns, np.array(sizes)
 
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
+from itertools import pairwise
 from threading import Lock
 from typing import Any
 
@@ -43,6 +45,10 @@ RINGS = 0.05
 STILL = 0.01
 #: Periods of the mode after which it is taken to have settled, however small its damping.
 LONGEST_LEAD = 1000.0
+#: Where the voltage had turned before a record, as numbers of its own, and in shares of the largest command.
+CAME_FROM = {"turn.1": 0.75, "turn.2": 0.1}
+#: Periods of the mode that a way before a record takes.
+PERIODS_OF_A_WAY = 6.0
 #: How late a record began, as a number of its own; by no more than this [s].
 TRIGGER, LONGEST_TRIGGER = "trigger", 0.02
 
@@ -92,7 +98,10 @@ class AxisDynamics:
     finest
         No more steps in a sample than these, whatever the error.
     apart
-        Names of the runs that have numbers of their own, ``RUN:trigger`` and ``RUN:bouc_wen.rest`` among them.
+        Names of the runs that have numbers of their own: how late the record began, ``RUN:trigger``, and where the
+        voltage had turned before, ``RUN:turn.1`` and ``RUN:turn.2``, from which all hysteresis has its state.
+    bipolar
+        Whether commands of both signs are known.
     own
         These numbers where they differ from those of all runs, SI.
     """
@@ -106,6 +115,7 @@ class AxisDynamics:
     delay: float = 0.0
     finest: int = 1024
     apart: tuple[str, ...] = ()
+    bipolar: bool = False
     own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -137,7 +147,15 @@ class AxisDynamics:
         own = self.own.get(run, {})
         latest = (-LONGEST_TRIGGER, LONGEST_TRIGGER)
         trigger = Parameter(TRIGGER, "s", "ms", "how late the record began", 0.0, 0.0, latest)
-        for p in (*(p for p in common if p.per_run), trigger):
+        range_ = (-self.volts, self.volts) if self.bipolar else (0.0, self.volts)
+        turns = (
+            Parameter(
+                name, "V", "V", "where the voltage had turned before the record", None, share * self.volts, range_
+            )
+            for name, share in CAME_FROM.items()
+        )
+        phases = (p for p in common if p.per_run and p.si == "rad")
+        for p in (*phases, trigger, *turns):
             yield replace(p, name=f"{run}:{p.name}", start=own.get(p.name, p.start), run=run)
 
     def replace(self, values: Mapping[str, float]) -> AxisDynamics:
@@ -272,13 +290,10 @@ class AxisDynamics:
     def _simulated(self, run: Run, steps: int | None) -> Response:
         own = self.own.get(run.name, {})
         command, delay = self.command(run), self.delay + own.get(TRIGGER, 0.0)
-        if delay < 0:  # the record began early: the command acts some samples sooner, and then late
-            early = math.ceil(-delay / run.period)
-            command, delay = np.append(command[early:], np.full(early, command[-1])), delay + early * run.period
-        if command[0] != 0:
-            lead = math.ceil(self._decay(SETTLED, 0.5 * self.first.damping_ratio) / run.period)
-            command = np.concatenate([np.full(lead, command[0]), command])
-        axis = changed(self.axis, {name: value for name, value in own.items() if name != TRIGGER})
+        lead, early = self._lead(run, own, float(command[0])), max(0, math.ceil(-delay / run.period))
+        # A record that began early begins some samples later in a simulation with a longer delay.
+        command, delay = np.concatenate([lead, command, np.full(early, command[-1])]), delay + early * run.period
+        axis = changed(self.axis, {name: value for name, value in own.items() if name not in (TRIGGER, *CAME_FROM)})
         return simulate(
             Stage((self._chain(axis),), limits={self.name: stages.limits(axis)}),
             {self.name: Loop(command)},
@@ -290,6 +305,20 @@ class AxisDynamics:
             most_steps=self.finest,
             disturbances=self._disturbances(axis, run, len(command)),
         )
+
+    def _lead(self, run: Run, own: Mapping[str, float], first: float) -> Array:
+        """Return the command before a record [V].
+
+        A run with numbers of its own comes from rest by way of two turning points, which is where its hysteresis,
+        whatever the law, is from. The ways are so smooth that the mode hardly rings.
+        """
+        if run.name not in self.apart:
+            if first == 0:
+                return np.zeros(0)
+            return np.full(math.ceil(self._decay(SETTLED, 0.5 * self.first.damping_ratio) / run.period), first)
+        turns = [0.0, *(own.get(name, share * self.volts) for name, share in CAME_FROM.items()), first]
+        samples = max(8, math.ceil(PERIODS_OF_A_WAY / (self.first.natural_frequency * run.period)))
+        return np.concatenate([a + (b - a) * smooth_way(samples) for a, b in pairwise(turns)])
 
     def _disturbances(self, axis: AxisModel, run: Run, samples: int) -> Mapping[str, Array]:
         """Return what adds to the reading; nothing does while the stage settles before the record."""
@@ -375,6 +404,19 @@ def of_axis(run: Run, name: str, axis: AxisModel) -> AxisRun:
         raise InputError(run.name, name, f"in {run.si[name]}", remedy)
     command_column(run, name)
     return AxisRun(**{each.name: getattr(run, each.name) for each in fields(run)}, response=name)
+
+
+@cache
+def smooth_way(samples: int) -> Array:
+    """Return a way from zero to one, n values: the integral of Harris's window of four terms.
+
+    A mode that is given six of its periods to follow is left at rest within 1e-4 of the way: F. J. Harris, On the use
+    of windows for harmonic analysis with the discrete Fourier transform, Proc. IEEE 66 (1978).
+    """
+    phase = 2 * math.pi * (np.arange(samples) + 0.5) / samples
+    window = 0.35875 - 0.48829 * np.cos(phase) + 0.14128 * np.cos(2 * phase) - 0.01168 * np.cos(3 * phase)
+    way = np.cumsum(window)
+    return np.asarray(way / way[-1])
 
 
 def _span(values: Array) -> float:
