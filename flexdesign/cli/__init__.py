@@ -18,6 +18,8 @@ from flexdesign.cli import validate as validate
 from flexdesign.cli import simulate as simulate
 from flexdesign.cli import identify as identify
 from flexdesign.cli import compare as compare
+from flexdesign.cli import diagnose as diagnose
+from flexdesign.cli import add as add
 from flexdesign.cli import effects as effects
 from flexdesign.cli import plan as plan
 from flexdesign.cli import import_ as import_

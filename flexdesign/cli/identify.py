@@ -70,7 +70,7 @@ def identify(
         others = {} if model_file else {"stage_model.toml": stage_model.to_toml(found.model)}
         written = [path for path in render.write(folder, document, result, others) if path.suffix != ".svg"]
         if model_file:
-            identification_report.write_model(model_file, found)
+            identification_report.write_model(model_file, found.model)
             written.append(model_file)
     if as_json:
         print_json(result)

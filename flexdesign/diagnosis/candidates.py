@@ -5,11 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 from flexdesign import effects
 from flexdesign.dynamics.axis_model import AxisDynamics
+from flexdesign.dynamics.axis_parameters import of_catalogue
 from flexdesign.evidence.screening import Candidate
 from flexdesign.model import Effect, Model, Parameter
 from flexdesign.stage_model import fields
@@ -67,7 +68,7 @@ def candidates(model: AxisDynamics, more: Sequence[str] = (), lines: Sequence[fl
 def _candidate(model: AxisDynamics, effect: Effect, name: str, number: str | None, lines: Sequence[float]) -> Candidate:
     with_it = {p.name: p for p in model.with_effect(effect, name).parameters()}
     if number is not None:
-        own = [_with_screen(with_it[number], effect.parameters[0])]
+        own = [_with_screen(with_it[number], effect.parameters[0], model)]
     else:
         own = [with_it[f"{name}.{p.name}"] for p in effect.parameters]
     strength = next(p for p in own if p.null is not None)
@@ -86,10 +87,10 @@ def _candidate(model: AxisDynamics, effect: Effect, name: str, number: str | Non
     )
 
 
-def _with_screen(number: Parameter, catalogue: Parameter) -> Parameter:
-    from dataclasses import replace
-
-    return replace(number, screen=catalogue.screen, null=catalogue.null, start=catalogue.start)
+def _with_screen(number: Parameter, catalogue: Parameter, model: AxisDynamics) -> Parameter:
+    """Return a number of driver, sensor or controller with what the catalogue says of the effect that it stands for."""
+    scale = of_catalogue(catalogue, model.stroke, model.volts)
+    return replace(number, screen=tuple(value * scale for value in catalogue.screen), null=catalogue.null)
 
 
 def _trials(own: Sequence[Parameter], strength: Parameter, lines: Sequence[float]) -> tuple[dict[str, float], ...]:

@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 #: Error that a prediction may have, in shares of the noise; and in shares of the stroke, at least and at most.
 EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
 #: Most steps in a sample: for fits, and for screening.
-STEPS, STEPS_SCREENING = 16, 4
+STEPS, STEPS_SCREENING = 16, 8
 #: An effect must move a held-out prediction by this share of the noise, or of the stroke if that is less.
 OF_NOISE, OF_STROKE = 0.3, 5e-4
 #: How little is known of how a record began, one sigma: samples that it was late, share of the largest command where
@@ -165,7 +165,7 @@ def diagnose(
         each: Any = pool.map if threads > 1 else map
         dynamics, case = _case(model, setting, each, progress)
         every = candidates(dynamics, more, [line.frequency for line in setting.noise.lines])
-        course = search(case, dynamics, every, seed)
+        case, course = search(case, dynamics, every, seed)
         progress("looking at what is left")
         left = _rival(case, course.final)
         before = _rival(case, course.calibrated) if course.final.effects else left
@@ -271,24 +271,29 @@ class _Starts:
         return columns, np.array(sizes)
 
 
-def search(case: Case, dynamics: AxisDynamics, every: Sequence[Candidate], seed: int) -> Course:
-    """Calibrate, and add effects while they earn their place."""
+def search(case: Case, dynamics: AxisDynamics, every: Sequence[Candidate], seed: int) -> tuple[Case, Course]:
+    """Calibrate, and add effects while they earn their place; return the case as calibrated, and how it went."""
     case.progress("predicting with the model as it is")
     designed = fitted(replace(case, free=()), dynamics, (), {})
     case.progress("calibrating")
     stand, agreed = calibrated(case, dynamics, seed=seed)
+    if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
+        ringing = _Starts(cast(AxisDynamics, stand.model).axis, dynamics.stroke)
+        case = replace(case, identify=case.identify.with_shapes(ringing), validate=case.validate.with_shapes(ringing))
+        stand = fitted(case, stand.model, (), {})
     if designed is None or stand is None:
         raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
-    base, stands, steps = stand, [], []
+    base, stands, steps = stand, list[Stand](), list[Step]()
     while len(stand.effects) < MOST:
         step = forward(case, stand, every)
         steps.append(step)
         if step.chosen is None:
             break
-        stand = step.chosen.stand
+        stand = backward(case, step.chosen.stand, dynamics, every)
+        if stand.names == (stands[-1] if stands else base).names:  # what was added made itself superfluous
+            break
         stands.append(stand)
-    final = backward(case, stand, dynamics, every)
-    return Course(designed, base, tuple(stands), tuple(steps), final, agreed)
+    return case, Course(designed, base, tuple(stands), tuple(steps), stand, agreed)
 
 
 def _rival(case: Case, stand: Stand) -> Rival:

@@ -47,6 +47,7 @@ STILL = 0.01
 LONGEST_LEAD = 1000.0
 #: Where the voltage had turned before a record, as numbers of its own, and in shares of the largest command.
 CAME_FROM = {"turn.1": 0.75, "turn.2": 0.1}
+TRIED = {"turn.1": (0.5, 0.75, 0.95), "turn.2": (0.0, 0.1, 0.25)}
 #: Periods of the mode that a way before a record takes.
 PERIODS_OF_A_WAY = 6.0
 #: How late a record began, as a number of its own; by no more than this [s].

@@ -50,10 +50,9 @@ def of_effect(
     own = _hysteresis(stroke, volts, exponent).get(name, {})
     made = []
     for p in effect.parameters:
-        scale = (stroke / CATALOGUE_STROKE) ** _power("m", p.si)
-        if p.scale != "inverse":  # limits of the amplifier do not shrink with the command
-            scale *= (volts / CATALOGUE_VOLTS) ** _power("V", p.si)
-        low, high, start = own.get(p.name, (p.plausible[0] * scale, p.plausible[1] * scale, p.start))
+        scale = of_catalogue(p, stroke, volts)
+        allowed = 1.0 if p.scale == "inverse" else scale  # limits of the amplifier do not shrink with the command
+        low, high, start = own.get(p.name, (p.plausible[0] * allowed, p.plausible[1] * allowed, p.start))
         if start is not None and p.name not in own:
             start *= scale
         number, screen = fields[p.name], tuple(value * scale for value in p.screen)
@@ -61,6 +60,14 @@ def of_effect(
         ranged = replace(p, name=f"{name}.{p.name}", plausible=(low, high), start=start, screen=screen, scale=moves)
         made.append(replace(ranged, si=number.si, unit=number.unit))
     return made
+
+
+def of_catalogue(parameter: Parameter, stroke: float, volts: float) -> float:
+    """Return by how much the catalogue's values of a parameter, for its stroke and voltage, are larger on this axis."""
+    return float(
+        (stroke / CATALOGUE_STROKE) ** _power("m", parameter.si)
+        * (volts / CATALOGUE_VOLTS) ** _power("V", parameter.si)
+    )
 
 
 def stroke_of(first: AxisModel, volts: float) -> float:

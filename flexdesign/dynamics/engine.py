@@ -193,6 +193,12 @@ def _command(
     begins = 1.0 - share[0] if segment < timing.segments - 1 else 0.0
     for i in range(3):
         path[place + i] = held + (following - held) * (begins + share[segment] * (step + 0.5 * i) / steps)
+    if inputs.slopes != 0 and index >= 0:  # a cubic with the right slopes at both samples
+        slope, rise = reals(inputs.slopes), following - held
+        before, after = slope[row + index] - rise, slope[row + min(index + 1, inputs.samples - 1)] - rise
+        for i in range(3):
+            f = begins + share[segment] * (step + 0.5 * i) / steps
+            path[place + i] += f * (1.0 - f) * (before * (1.0 - f) - after * f)
 
 
 @inside

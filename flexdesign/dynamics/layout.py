@@ -76,7 +76,8 @@ class Inputs(NamedTuple):
     """What comes from outside, axes by samples.
 
     `given` is the command, or in a closed loop the feedforward. `limits` are the lowest and highest command of each
-    axis; `closed` is 1 where controllers act, at every `every`-th sample.
+    axis; `closed` is 1 where controllers act, at every `every`-th sample. `slopes` are those of a command that is
+    smooth between its samples, per sample; 0 where it is not.
     """
 
     axes: int
@@ -87,6 +88,7 @@ class Inputs(NamedTuple):
     noise: Reals
     closed: Ints
     limits: Reals
+    slopes: Reals
 
 
 class Timing(NamedTuple):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.dynamics.between import slopes, smooth
 from flexdesign.dynamics.layout import Coupling, Inputs, Record
 from flexdesign.model import Controller, Socket
 
@@ -145,7 +146,7 @@ def simulate(
     delay
         How late commands act [s].
     between_samples
-        ``"hold"`` or, in an open loop, ``"linear"``.
+        ``"hold"`` or, in an open loop, ``"linear"`` or ``"smooth"``: see `flexdesign.dynamics.between`.
     oversampling
         How many samples of the response to give for each sampling period, to show what happens between them.
     seed
@@ -163,7 +164,7 @@ def simulate(
     Raises
     ------
     ValueError
-        If lengths differ, a command or reference is not finite, or a loop is closed with linear commands.
+        If lengths differ, a command or reference is not finite, or a loop is closed with commands that are not held.
     """
     inputs = _Inputs(stage, loops, period, delay, between_samples, oversampling, seed, disturbances)
     if substeps is not None:
@@ -229,7 +230,8 @@ class _Inputs:
         lengths = {len(loop.command) for loop in loops.values()}
         if len(lengths) != 1 or not set(loops) <= set(names):
             raise ValueError(f"commands need one length, and axes among {', '.join(names)}")
-        self.is_linear = between_samples == "linear"
+        self.is_smooth = between_samples == "smooth"
+        self.is_linear = between_samples == "linear" or self.is_smooth
         if self.is_linear and any(loop.is_closed for loop in loops.values()):
             raise ValueError("the command of a closed loop is held between samples")
         self.stage, self.delay, self.every = stage, delay, oversampling
@@ -246,6 +248,8 @@ class _Inputs:
         self._disturb(disturbances)
         limits = [stage.limits.get(name, (-math.inf, math.inf)) for name in names]
         self.limits = np.array(limits, dtype=np.float64)
+        within = np.clip(self.given, self.limits[:, :1], self.limits[:, 1:])
+        self.slopes = np.array([slopes(row) for row in within]) if self.is_smooth else None
 
     @staticmethod
     def _reference(loop: Loop) -> Array:
@@ -258,6 +262,8 @@ class _Inputs:
             raise ValueError("a command or reference is not finite")
         last = given.shape[1] - 1
         at = np.arange(last * self.every + 1) / self.every
+        if self.is_smooth and self.every > 1:
+            return np.array([smooth(row, at) for row in given])
         if self.is_linear:
             return np.array([np.interp(at, np.arange(last + 1), row) for row in given])
         return np.ascontiguousarray(given[:, np.floor(at + 1e-9).astype(np.intp)])
@@ -299,6 +305,7 @@ class _Inputs:
             self.noise.ctypes.data,
             keep.ints([loop.is_closed for loop in self.ordered]),
             self.limits.ctypes.data,
+            0 if self.slopes is None else self.slopes.ctypes.data,
         )
         linear = np.eye(axes) if stage.coupling is None else stage.coupling
         quadratic = np.zeros((axes, axes)) if stage.quadratic_coupling is None else stage.quadratic_coupling

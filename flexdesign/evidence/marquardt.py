@@ -1,8 +1,8 @@
 """Least squares for a suite: Marquardt's method on normal equations that are filled record by record.
 
 Marquardt (1963), SIAM J. Appl. Math. 11, 431-441, with the damping of each coordinate in proportion to its own
-curvature; bounds are kept by holding what would leave them. Slopes are dear and residuals cheap, so that steps go on
-with the old slopes while these still predict what happens.
+curvature; bounds are kept by holding what would leave them. Slopes are dear and residuals cheap, so that slopes are
+carried along from step to step (Broyden 1965, Math. Comp. 19, 577-593) while they still predict what happens.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from flexdesign.evidence.suite import Problem, Slopes
 Array = NDArray[np.float64]
 #: A step that lowers the cost by less than this, or by this share of it, is the last.
 SMALL, SHARE = 0.1, 1e-6
-#: Old slopes serve while a step lowers the cost by about as much as they promise: by a share between these two.
-KEPT_PROMISE = (0.7, 1.5)
+#: Slopes that were carried along serve while a step lowers the cost by this share of what they promise, and for so many
+#: steps; they say that nothing is left to be gained if the last one kept its promise so closely.
+LEAST_KEPT, LONGEST, KEPT_PROMISE = 0.1, 12, (0.7, 1.5)
 #: Damping: where it begins, and what it is multiplied with after a good and a bad step.
 DAMPING, EASED, RAISED, LARGEST_DAMPING = 1e-3, 0.2, 8.0, 1e8
 #: Damping that no longer matters.
@@ -82,7 +83,13 @@ Columns = Mapping[str, Sequence[Array | None]]
 
 
 def solve(
-    problem: Problem, start: Array, *, most: int = 30, share: float = SHARE, old: Columns | None = None
+    problem: Problem,
+    start: Array,
+    *,
+    most: int = 30,
+    share: float = SHARE,
+    old: Columns | None = None,
+    exact: bool = True,
 ) -> Solution | None:
     """Return the minimum near a point; None where the model fails there.
 
@@ -98,47 +105,84 @@ def solve(
         A step that promises to lower the cost by less than this share of it is the last.
     old
         Columns of slopes from a fit nearby, see `Problem.slopes`; the search begins with them.
+    exact
+        Whether slopes are found once more at the end.
     """
     where = problem.where
     x = np.clip(start, where.lower, where.upper)
     residuals = problem.residuals(x)
     if residuals is None:
         return None
-    cost, damping, settled, kept = problem.cost(x, residuals), DAMPING, False, 0.0
-    normal, slopes = np.zeros((len(x), len(x))), list[Slopes]()
-    for trial in range(most):
-        slopes = problem.slopes(x, residuals, old if trial == 0 else None)
-        normal = _normal(problem, x, slopes)
-        fresh, eased = trial > 0 or not old, False
-        while True:
-            gradient = _gradient(problem, x, slopes, residuals)
-            step = _step(normal, gradient, damping, x, problem)
-            promised = -float(2 * gradient @ step + step @ normal @ step)
-            if promised <= max(SMALL, share * cost) and not eased:
-                damping, eased = UNDAMPED, True  # damping itself may keep promises small along a valley
-                continue
-            if promised <= max(SMALL, share * cost):
-                settled = fresh or KEPT_PROMISE[0] < kept < KEPT_PROMISE[1]
-                break
-            tried = problem.residuals(x + step)
-            reached = problem.cost(x + step, tried)
-            if tried is not None and reached < cost:
-                kept = (cost - reached) / promised
-                x, residuals, cost = x + step, tried, reached
-                damping = max(damping * (EASED if kept > 0.5 else 1.0), UNDAMPED)
-                fresh = False  # slopes of a point that was left
-                if not KEPT_PROMISE[0] < kept < KEPT_PROMISE[1]:
-                    break
-            elif not fresh:
-                break
-            else:
-                damping = max(damping, 1e-6) * RAISED
-                if damping > LARGEST_DAMPING:
-                    settled = True
-                    break
-        if settled:
+    search = _Search(problem, x, residuals, old)
+    for _ in range(most):
+        if search.descend(max(SMALL, share * search.cost)):
             break
-    return Solution(problem, x, cost, tuple(residuals), tuple(slopes), normal, settled)
+        search.look()
+    else:
+        return search.solution(False)
+    if exact and not search.fresh:
+        search.look()
+    return search.solution(True)
+
+
+class _Search:
+    """Where a search stands: a point, its residuals, and slopes that were found there or carried along."""
+
+    def __init__(self, problem: Problem, x: Array, residuals: list[Array], old: Columns | None) -> None:
+        self.problem, self.x, self.residuals = problem, x, residuals
+        self.cost, self.damping, self.kept = problem.cost(x, residuals), DAMPING, 0.0
+        self.look(old)
+        self.fresh = not old
+
+    def look(self, old: Columns | None = None) -> None:
+        """Find the slopes here."""
+        self.slopes = self.problem.slopes(self.x, self.residuals, old)
+        self.normal = _normal(self.problem, self.x, self.slopes)
+        self.fresh, self.eased = True, False
+
+    def descend(self, enough: float) -> bool:
+        """Take steps while the slopes serve; tell whether less than `enough` is left to be gained."""
+        for _ in range(LONGEST):
+            gradient = _gradient(self.problem, self.x, self.slopes, self.residuals)
+            step = _step(self.normal, gradient, self.damping, self.x, self.problem)
+            promised = -float(2 * gradient @ step + step @ self.normal @ step)
+            if promised <= enough and not self.eased:
+                # Damping itself may keep promises small along a valley.
+                self.damping, self.eased = UNDAMPED, True
+                continue
+            if promised <= enough:
+                return self.fresh or KEPT_PROMISE[0] < self.kept < KEPT_PROMISE[1]
+            tried = self.problem.residuals(self.x + step)
+            reached = self.problem.cost(self.x + step, tried)
+            if tried is not None and reached < self.cost:
+                self._go(step, tried, reached, promised)
+                if self.kept < LEAST_KEPT:
+                    return False
+            elif not self.fresh:
+                return False
+            else:
+                self.damping = max(self.damping, 1e-6) * RAISED
+                if self.damping > LARGEST_DAMPING:
+                    return True
+        return False
+
+    def _go(self, step: Array, tried: list[Array], reached: float, promised: float) -> None:
+        """Take a step, and carry the slopes along so that they explain what it did (Broyden 1965)."""
+        weighted = np.diag(self.normal) * step
+        weighted = weighted / max(float(weighted @ step), 1e-300)
+        for part, before, after in zip(self.slopes, self.residuals, tried, strict=True):
+            missed = after - before - part.matrix @ step[part.places]
+            part.matrix[:] += np.outer(missed, weighted[part.places])
+        self.kept = (self.cost - reached) / promised
+        self.x, self.residuals, self.cost = self.x + step, tried, reached
+        self.damping = max(self.damping * (EASED if self.kept > 0.5 else 1.0), UNDAMPED)
+        self.normal = _normal(self.problem, self.x, self.slopes)
+        self.fresh, self.eased = False, False
+
+    def solution(self, is_settled: bool) -> Solution:
+        """Return where the search stands."""
+        residuals, slopes = tuple(self.residuals), tuple(self.slopes)
+        return Solution(self.problem, self.x, self.cost, residuals, slopes, self.normal, is_settled)
 
 
 def _normal(problem: Problem, x: Array, slopes: Sequence[Slopes]) -> Array:

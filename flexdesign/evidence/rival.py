@@ -62,7 +62,7 @@ def rival(case: Case, stand: Stand, features: Features) -> Rival:
     chosen, gains = _pursuit(gram, promise, float(chdtri(1, LEVEL / max(len(names), 1))))
     if not chosen:
         return Rival({}, 0.0, 0.0, 0.0, {})
-    amounts: Array = np.linalg.solve(gram[np.ix_(chosen, chosen)], promise[chosen])
+    amounts = np.asarray(np.linalg.solve(gram[np.ix_(chosen, chosen)], promise[chosen]), dtype=np.float64)
     gain = float(amounts @ promise[chosen])
     held, moved = _held(case, stand, features, chosen, amounts, inverse @ imitated[:, chosen] @ amounts)
     terms = {names[j]: float(amount) for j, amount in zip(chosen, amounts, strict=True)}

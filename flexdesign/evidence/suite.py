@@ -82,6 +82,10 @@ class Suite:
         #: Norm of the measured data, whitened.
         self.size = float(np.sqrt(sum(part @ part for part in parts))) or 1.0
 
+    def with_shapes(self, shapes: Shapes) -> Suite:
+        """Return the suite with others columns that may add to its observations."""
+        return Suite([record.observation for record in self.records], self.noise, shapes)
+
     @property
     def samples(self) -> int:
         """Number of values present."""

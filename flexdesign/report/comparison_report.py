@@ -101,7 +101,7 @@ def result(found: Comparison) -> dict[str, Any]:
             }
             for run in found.runs
         ],
-        "where": [_breakdown(b, si) for b in found.where],
+        "where": [breakdown_json(b, si) for b in found.where],
         "sentences": words.sentences(found) if found.rms >= NOISE * found.floor else [],
         "made_by": {"model": found.model.name, "versions": versions.installed()},
     }
@@ -190,7 +190,7 @@ def _figures(found: Comparison, run: RunComparison) -> list[Figure]:
     ratio = units.significant(run.ratio, 3)
     caption = f"{run.name} ({run.role}): {words.error(found.response, run.rms)} rms, {ratio} times the noise floor"
     made = [Figure(f"run_{file}", panels([signal, left], "time [s]", labels), caption)]
-    if _shows_a_loop(run, found.model.axes[found.axis].natural_frequency):
+    if shows_a_loop(run, found.model.axes[found.axis].natural_frequency):
         command = run.command[compared]
         loop = [Curve("measured", command, measured), Curve("predicted", command, predicted, dashed=True)]
         drawing = panels([loop], "command [V]", labels[:1], height=3.4)
@@ -198,7 +198,7 @@ def _figures(found: Comparison, run: RunComparison) -> list[Figure]:
     return made
 
 
-def _shows_a_loop(run: RunComparison, frequency: float) -> bool:
+def shows_a_loop(run: RunComparison, frequency: float) -> bool:
     """Tell whether a run's command goes to and fro, slowly against a mode [Hz] but for a few jumps."""
     command, span = run.command, float(np.ptp(run.command))
     period = max(1, round(1 / (frequency * (run.time[1] - run.time[0]))))
@@ -273,7 +273,8 @@ def _table(found: Comparison, breakdown: Breakdown) -> Table:
     return Table([breakdown.by, "of the error", "of the time", "rms in it"], rows, REMARKS.get(breakdown.by, ""))
 
 
-def _breakdown(breakdown: Breakdown, response: str) -> dict[str, Any]:
+def breakdown_json(breakdown: Breakdown, response: str) -> dict[str, Any]:
+    """Return a breakdown as result.json has it."""
     parts = [
         {
             "label": part.label,

@@ -16,7 +16,7 @@ from flexdesign.files import FORMAT
 from flexdesign.identification import Identification, RunMatch
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.simulation_charts import Curve, panels
-from flexdesign.stage_model import to_toml
+from flexdesign.stage_model import StageModel, to_toml
 
 #: In which unit a response is shown, and in which what is left of it.
 SHOWN = {"m": ("um", "um"), "V": ("V", "mV"), "rad": ("urad", "urad")}
@@ -113,8 +113,8 @@ def summary(found: Identification) -> list[str]:
     return said
 
 
-def write_model(path: Path, found: Identification | None) -> None:
-    """Write the fitted stage model, whole or not at all; without one, check that it can be written.
+def write_model(path: Path, model: StageModel | None) -> None:
+    """Write a fitted stage model, whole or not at all; without one, check that it can be written.
 
     Raises
     ------
@@ -125,9 +125,9 @@ def write_model(path: Path, found: Identification | None) -> None:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as scratch:
             if path.is_dir():
                 raise IsADirectoryError(0, "it is a folder")
-            if found:
+            if model:
                 made = Path(scratch) / path.name
-                made.write_text(to_toml(found.model), encoding="utf-8")
+                made.write_text(to_toml(model), encoding="utf-8")
                 made.replace(path)
     except OSError as error:
         remedy = f"cannot be written ({error.strerror or error}); choose another file"

@@ -191,14 +191,15 @@ def test_command_that_is_no_number_is_refused() -> None:
         run(axis(), np.array([0.0, math.nan, 1.0]))
 
 
-def test_closed_loop_cannot_be_linear_between_samples() -> None:
+@pytest.mark.parametrize("between", ["linear", "smooth"])
+def test_the_command_of_a_closed_loop_is_held(between: str) -> None:
     controller = Controller("push", {}, push, lambda values, period: (0.1,))
     with pytest.raises(ValueError, match="held"):
         simulate(
             Stage((axis(),)),
             {"x": Loop(np.zeros(10), np.zeros(10), (controller,))},
             PERIOD,
-            between_samples="linear",
+            between_samples=between,
         )
 
 

@@ -1,0 +1,75 @@
+"""``flexdesign add``: an effect fitted to recorded runs and written into a stage model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
+
+HELP = """Fit one effect to recorded runs, and write it into a stage model.
+
+MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. EFFECT is one
+of `flexdesign effects`, or the path of a file with an effect of your own. RUNS are CSV files or folders of them.
+
+**Examples**
+
+    flexdesign add my_stage.toml creep recordings/ -o my_stage_creeping.toml
+
+    flexdesign add my_stage.toml my_effect.py recordings/ --axis x --json
+
+**What it does:** fits the model's own numbers without and with the effect, and shows the fall of the error on runs that
+no fit has seen; says if the effect is not needed; and simulates a closed loop without and with it.
+
+**What it writes:** the stage model with the effect, to -o; report.html, report.md, result.json and the figures, into
+--out.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+"""
+
+
+@app.command(help=HELP)
+def add(
+    model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
+    effect: Annotated[str, typer.Argument(help="Effect: a name, or the path of a file.")],
+    recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],
+    model_file: Annotated[
+        Path | None,
+        typer.Option("-o", metavar="FILE", help="Where the model goes [default: stage_model.toml in --out]."),
+    ] = None,
+    axis: Annotated[str | None, typer.Option(help="Which axis, where several could be meant.")] = None,
+    overrides: StageOverrides = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the report [default: reports/MODEL_with_EFFECT].", show_default=False),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Add an effect to a stage model and write the report."""
+    from flexdesign import runs, stage_model
+    from flexdesign.diagnosis import adding
+    from flexdesign.report import addition_report, identification_report, render, terminal
+
+    with progress() as say:
+        stage = stage_model.read(model, overrides or [])
+        name = adding.known_effect(effect, "EFFECT")
+        seen = runs.read_runs(recordings)
+        folder = out or Path("reports") / f"{stage.name}_with_{Path(effect).stem}"
+        render.prepare(folder)
+        if model_file:
+            identification_report.write_model(model_file, None)
+        found = adding.add(stage, name, seen, axis=axis, progress=say)
+        loop = adding.in_the_loop(found, say)
+        say("writing")
+        document, result = addition_report.document(found, loop), addition_report.result(found, loop)
+        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(found.model)}
+        written = [path for path in render.write(folder, document, result, others) if path.suffix != ".svg"]
+        if model_file:
+            identification_report.write_model(model_file, found.model)
+            written.append(model_file)
+    if as_json:
+        print_json(result)
+        return
+    terminal.brief(document, addition_report.ladder_of(found), written)

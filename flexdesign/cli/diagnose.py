@@ -1,0 +1,93 @@
+"""``flexdesign diagnose``: which physical effect a stage model lacks, judged by recorded runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
+
+HELP = """Find which physical effect a stage model lacks, from recorded runs.
+
+MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. RUNS are CSV
+files with the columns `t [s]`, `u [V]` and `x [um]`, or folders of them; a `measurements.toml` beside them may say
+which runs are kept for validation (`role = "validate"`).
+
+**Examples**
+
+    flexdesign diagnose my_stage.toml recordings/
+
+    flexdesign diagnose my_stage.toml recordings/ -o my_stage_better.toml --tolerance "20 nm"
+
+    flexdesign diagnose my_stage.toml steps.csv sine.csv --axis x --effect my_effect.py
+
+**What it does:** reads the noise, fits the model's own numbers within what is known of them, screens every effect of
+the catalogue, and adds those that explain more than chance does, on runs that no fit has seen, too.
+
+**What it says:** nothing is missing; or which effects are, with value, unit and 95 % interval, how much each explains,
+what to do about it, and which others these runs cannot tell from it, with the experiment that would; or that something
+is missing that is none of these effects, and what it looks like.
+
+**What it writes:** report.html, report.md, result.json, stage_model.toml and the figures, into --out.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+"""
+
+
+@app.command(help=HELP)
+def diagnose(
+    model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
+    recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],
+    model_file: Annotated[
+        Path | None,
+        typer.Option("-o", metavar="FILE", help="Where the model goes [default: stage_model.toml in --out]."),
+    ] = None,
+    axis: Annotated[str | None, typer.Option(help="Which axis, where several could be meant.")] = None,
+    effect: Annotated[
+        list[str] | None, typer.Option(metavar="PATH", help="A file with an effect of your own, tried with the others.")
+    ] = None,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            help='What an effect must move a prediction by, rms, e.g. "5 nm" [default: 0.05 % of the stroke or 0.3 of '
+            "the noise].",
+            show_default=False,
+        ),
+    ] = None,
+    overrides: StageOverrides = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the report [default: reports/MODEL_diagnosed].", show_default=False),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Diagnose a stage model and write the report."""
+    from flexdesign import diagnosis, runs, stage_model
+    from flexdesign.diagnosis import adding, telling
+    from flexdesign.report import diagnosis_report, identification_report, render, terminal
+
+    with progress() as say:
+        stage = stage_model.read(model, overrides or [])
+        seen = runs.read_runs(recordings)
+        more = adding.own_effects(effect or [])
+        least = adding.tolerance(stage, seen, axis, tolerance)
+        folder = out or Path("reports") / f"{stage.name}_diagnosed"
+        render.prepare(folder)
+        if model_file:
+            identification_report.write_model(model_file, None)
+        found = diagnosis.diagnose(stage, seen, axis=axis, more=more, tolerance=least, progress=say)
+        apart = telling.tellings(found, say)
+        say("writing")
+        better = adding.with_knowledge(found.model, found.axis, adding.values(found), found.runs)
+        document, result = diagnosis_report.document(found, apart), diagnosis_report.result(found, apart)
+        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(better)}
+        written = [path for path in render.write(folder, document, result, others) if path.suffix != ".svg"]
+        if model_file:
+            identification_report.write_model(model_file, better)
+            written.append(model_file)
+    if as_json:
+        print_json(result)
+        return
+    terminal.brief(document, diagnosis_report.ladder_of(found), written)

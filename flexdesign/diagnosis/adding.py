@@ -1,0 +1,344 @@
+"""One effect added to a stage model: fitted, judged on runs that no fit has seen, written with what is known of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from flexdesign import effects, simulation, standard_experiments, units
+from flexdesign.diagnosis import candidates, course, judgement
+from flexdesign.diagnosis.course import Course, Setting
+from flexdesign.diagnosis.findings import Diagnosis, Rung, Value
+from flexdesign.dynamics.axis_choice import choose_axis
+from flexdesign.dynamics.stage import missing
+from flexdesign.errors import InputError
+from flexdesign.evidence.screening import Candidate
+from flexdesign.evidence.selection import Case, Stand, fitted
+from flexdesign.experiments import AS_MODELLED
+from flexdesign.model import OTHER, Disturbance, Term
+from flexdesign.noise_floor import NoiseFloor
+from flexdesign.runs import Run
+from flexdesign.simulation import Simulation
+from flexdesign.stage_model import StageModel, fields
+
+#: Half-width of a 95 % interval, in standard deviations.
+HALF_WIDTH = 1.96
+#: What shows an effect in a closed loop: a step and a sine, under these controllers.
+SHOWN, CONTROLLERS = ("step", "sine"), ("robust", "feedforward + robust")
+#: Not more names of runs than these are written into a source.
+NAMED = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Added:
+    """A stage model with one more effect.
+
+    Parameters
+    ----------
+    name, axis
+        The effect, and the axis it was added to.
+    before, without, model
+        The stage model as it was, with its own numbers fitted, and with the effect.
+    values, calibration
+        The effect's numbers, and the model's own beside it.
+    ladder
+        As designed, recalibrated, with the effect: errors on the runs kept apart [response].
+    noise, noise_floor
+        The noise, and its rms over the runs that judge [response].
+    share
+        Of what recalibration leaves unexplained there (in squares, above the noise): how much the effect explains.
+    reason
+        Why the effect is not needed; empty if it is.
+    runs, remainders
+        The runs with their roles, and what is left of them before and after.
+    seconds
+        How long it took.
+    """
+
+    name: str
+    axis: str
+    before: StageModel
+    without: StageModel
+    model: StageModel
+    values: tuple[Value, ...]
+    calibration: tuple[Value, ...]
+    ladder: tuple[Rung, ...]
+    noise: NoiseFloor
+    noise_floor: float
+    share: float
+    reason: str
+    runs: tuple[Run, ...]
+    remainders: Mapping[str, Mapping[str, object]]
+    seconds: float
+
+
+def add(
+    model: StageModel,
+    effect: str,
+    runs: Sequence[Run],
+    *,
+    axis: str | None = None,
+    threads: int = 2,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Added:
+    """Fit a stage model with one more effect, needed or not, and say whether it is.
+
+    Parameters
+    ----------
+    model
+        The stage model; its uncertainties say how far its numbers may move.
+    effect
+        A name of the catalogue, or the path of a file.
+    runs
+        What was recorded; where nobody chose roles, they are split.
+    axis
+        Which one; may be left out where model and runs leave no choice.
+    threads
+        Simulations at a time.
+    seed
+        Of the sample of starts.
+    progress
+        Told what is being done.
+
+    Raises
+    ------
+    InputError
+        If the effect is unknown, acts on the axis already, needs a column that was not recorded or cannot be simulated;
+        if the axis is ambiguous, a run does not suit it, or no run may be fitted.
+    """
+    began = perf_counter()
+    name = known_effect(effect, "EFFECT")
+    progress("reading the noise")
+    setting = course.settle(model, runs, axis, None)
+    _check(setting, name, model)
+    with ThreadPoolExecutor(threads) as pool:
+        each: Any = pool.map if threads > 1 else map
+        dynamics, case = course._case(model, setting, each, progress)
+        lines = [line.frequency for line in setting.noise.lines]
+        number = fields.ELSEWHERE.get(name)
+        candidate = candidates._candidate(dynamics, effects.find(name), name, number, lines)
+        case, gone = course.search(case, dynamics, [candidate], seed)
+        final, reason = _added(case, gone, candidate)
+    judging = setting.judging
+    errors = [stand.rms(judging) for stand in (gone.designed, gone.calibrated, final)]
+    unexplained = max(errors[1] ** 2 - setting.floor**2, 1e-300)
+    effect_values = judgement._values(final, candidate.free)
+    own_values = judgement._values(final, judgement._own(final))
+    numbers, said = [*own_values, *effect_values], judgement._model(model, setting, final)
+    labels = ("as designed", "recalibrated", f"+ {name}")
+    return Added(
+        name=name,
+        axis=setting.name,
+        before=model,
+        without=judgement._model(model, setting, gone.calibrated),
+        model=with_knowledge(said, setting.name, numbers, setting.runs),
+        values=effect_values,
+        calibration=own_values,
+        ladder=tuple(Rung(label, error) for label, error in zip(labels, errors, strict=True)),
+        noise=setting.noise,
+        noise_floor=setting.floor,
+        share=float(np.clip((errors[1] ** 2 - errors[2] ** 2) / unexplained, 0.0, 1.0)),
+        reason=reason,
+        runs=setting.runs,
+        remainders={"calibrated": gone.calibrated.remainders, "found": final.remainders},
+        seconds=perf_counter() - began,
+    )
+
+
+def _added(case: Case, gone: Course, candidate: Candidate) -> tuple[Stand, str]:
+    """Return the fit with an effect, and why it is not needed."""
+    step = gone.steps[0]
+    if step.trials:
+        best = step.chosen or step.trials[0]
+        return best.stand, best.reason
+    # It promises nothing; its value then says how large it may be at most.
+    for values in candidate.trials:
+        made = fitted(case, case.fine(candidate.add(gone.calibrated.model)), (candidate,), values)
+        if made is not None:
+            return made, "explains no more than chance does"
+    raise InputError("command line", "EFFECT", candidate.name, "cannot be simulated on this axis at any of its values")
+
+
+def _check(setting: Setting, name: str, model: StageModel) -> None:
+    """Refuse an effect that is there, or that the runs cannot show."""
+    number = fields.ELSEWHERE.get(name)
+    numbers = {**setting.axis.numbers, "controller.delay": model.controller.delay}
+    if name in setting.axis.effects or (number and numbers[number] not in (0.0, math.inf)):
+        place = f"{setting.name}.{number}" if number else f"{setting.name}.effects.{name}"
+        remedy = f"acts on axis {setting.name} already (axis.{place}); identify fits its numbers: --free"
+        raise InputError("command line", "EFFECT", name, remedy)
+    for run in setting.runs:
+        if lacking := missing(setting.name, effects.find(name), run.columns):
+            needs = " and ".join("the response of another axis" if c == OTHER else f"a column {c}" for c in lacking)
+            raise InputError(run.name, name, None, f"the effect needs {needs}, which the run lacks; leave the run out")
+
+
+def known_effect(name: str, field: str) -> str:
+    """Return the name under which an effect is found from everywhere, a path as an absolute one.
+
+    Parameters
+    ----------
+    name
+        Of the catalogue, or a path.
+    field
+        Where it was given, for the message.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it has nothing that a fit could move in time.
+    """
+    try:
+        whole = effects.beside(name, Path())
+        effect = effects.find(whole)
+    except ValueError as error:
+        raise InputError("command line", field, name, str(error)) from None
+    if whole not in fields.ELSEWHERE and all(isinstance(face, Term) for face in effect.faces):
+        raise InputError("command line", field, name, "acts on static formulas alone, which no run in time shows")
+    if not any(p.null is not None for p in effect.parameters):
+        raise InputError("command line", field, name, "none of its parameters states a null, at which it is not there")
+    return whole
+
+
+def own_effects(names: Sequence[str]) -> list[str]:
+    """Return effects beside those of the catalogue, as `diagnose` takes them.
+
+    Raises
+    ------
+    InputError
+        If one cannot be used.
+    """
+    whole = [known_effect(name, "--effect") for name in names]
+    return [name for name in dict.fromkeys(whole) if name not in effects.names()]
+
+
+def tolerance(model: StageModel, runs: Sequence[Run], axis: str | None, text: str | None) -> float | None:
+    """Return what an effect must move a prediction by [response]; None if nothing was said.
+
+    Raises
+    ------
+    InputError
+        If it is no positive number with a unit of the response.
+    """
+    if text is None:
+        return None
+    try:
+        value = units.from_text(text, model.axes[choose_axis(model, runs, axis)].response)
+        if not value > 0:
+            raise ValueError("must be more than zero")
+    except ValueError as error:
+        raise InputError("command line", "--tolerance", text, str(error)) from None
+    return value
+
+
+# --- what is known of the numbers --------------------------------------------------------------------------------
+
+
+def values(found: Diagnosis) -> list[Value]:
+    """Return all numbers that a diagnosis fitted, the model's own first."""
+    return [*found.calibration, *(value for named in found.effects for value in named.values)]
+
+
+def with_knowledge(model: StageModel, axis: str, fitted_values: Sequence[Value], runs: Sequence[Run]) -> StageModel:
+    """Return a stage model that says of fitted numbers how well they are known, and from which runs.
+
+    Parameters
+    ----------
+    model, axis
+        The model with the values.
+    fitted_values
+        Numbers with their 95 % intervals; half of one over 1.96 becomes the standard deviation, relative.
+    runs
+        Those of role ``identify`` are named as the source.
+    """
+    its = model.axes[axis]
+    seen = list(dict.fromkeys(run.name.partition(":")[0] for run in runs if run.role == "identify"))
+    others = f" and {len(seen) - NAMED} more" if len(seen) > NAMED else ""
+    source = f"identified from {', '.join(seen[:NAMED])}{others}"
+    known = {v.parameter.name: v for v in fitted_values if v.parameter.name in its.numbers}
+    sigmas = {name: _relative(v) for name, v in known.items()}
+    uncertainty = {name: sigma for name, sigma in its.uncertainty.items() if name not in known}
+    uncertainty |= {name: _rounded(sigma) for name, sigma in sigmas.items() if 0 < sigma < 100}
+    sources = dict(its.sources) | dict.fromkeys(known, source)
+    if its.stiffness is not None and "natural_frequency" in known:
+        sources["mass"] = "from the identified natural frequency and the stiffness"
+        uncertainty.pop("mass", None)
+        if "stiffness" in its.uncertainty:
+            uncertainty["mass"] = _rounded(math.hypot(its.uncertainty["stiffness"], 2 * sigmas["natural_frequency"]))
+    told = replace(its, uncertainty=uncertainty, sources=sources, assumed=its.still_assumed(list(known)))
+    return replace(model, axes={**model.axes, axis: told})
+
+
+def _relative(value: Value) -> float:
+    low, high = value.interval
+    return (high - low) / (2 * HALF_WIDTH * abs(value.value)) if value.value and math.isfinite(high - low) else math.inf
+
+
+def _rounded(relative: float) -> float:
+    """Return two digits, as they come back from a file that has them in percent."""
+    return float(f"{100 * relative:.2g}") * units.factor("%", "1")
+
+
+# --- what it does to the loop ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class InTheLoop:
+    """A closed loop without and with an effect.
+
+    Parameters
+    ----------
+    simulation
+        A step and a sine under controllers that were tuned on the stage without the effect; None if none could be run.
+    reason
+        Why not.
+    """
+
+    simulation: Simulation | None
+    reason: str = ""
+
+
+def in_the_loop(found: Added, progress: Callable[[str], None] = lambda _: None) -> InTheLoop:
+    """Simulate a closed loop on the stage without the effect and with it.
+
+    The controllers are tuned on the recalibrated stage without it, as its owner would have tuned them.
+
+    Parameters
+    ----------
+    found
+        The stage with the effect.
+    progress
+        Told what is being run.
+    """
+    effect = effects.find(found.name)
+    if effect.faces and all(isinstance(face, Disturbance) for face in effect.faces):
+        return InTheLoop(None, "the effect adds to what is read, by a cause of which experiments have no record")
+    without, with_it = (
+        replace(model, axes={found.axis: model.axes[found.axis]}, coupling=type(model.coupling)())
+        for model in (found.without, found.model)
+    )
+    try:
+        plan = standard_experiments.plan(without)
+        wanted = {"controllers": CONTROLLERS, "variants": (AS_MODELLED, variant(found.name))}
+        chosen = [e.model_copy(update=wanted) for e in plan.experiments if e.name.partition(" ")[0] in SHOWN]
+        variants = {AS_MODELLED: without, variant(found.name): with_it}
+        return InTheLoop(simulation.run(without, variants, replace(plan, experiments=tuple(chosen)), progress))
+    except InputError as error:
+        return InTheLoop(None, error.remedy)
+
+
+def variant(name: str) -> str:
+    """Return what the stage with an effect is called.
+
+    >>> variant("mains_hum")
+    'with mains hum'
+    """
+    return f"with {effects.find(name).name.replace('_', ' ')}"

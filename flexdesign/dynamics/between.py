@@ -1,0 +1,52 @@
+"""What a command does between its samples, where it was measured and is smooth: the slopes of a band-limited signal.
+
+A command without content near the Nyquist frequency is determined by its samples. A straight line between them is
+wrong by (w h)^2 / 12 of a sine, 4 % at nine samples in a period; the cubic through the samples with the right slopes is
+wrong by (w h)^4 / 720 on average, 0.04 % there. The slopes come from the ideal differentiator, (-1)^m / m at a distance
+of m samples, within a window of Kaiser (Oppenheim and Schafer, Discrete-Time Signal Processing, section 7.5).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+#: Samples to each side that a slope is made of; and the window's shape: slopes are right within 5e-4 from a twentieth
+#: to four fifths of the Nyquist frequency, and below within 5e-4 of what they are at its tenth.
+REACH, SHAPE = 16, 9.0
+
+
+def slopes(samples: Array) -> Array:
+    """Return the slope at each sample of a band-limited signal, n values per sampling period.
+
+    Beyond both ends the signal is taken to go on point-symmetrically.
+
+    >>> wave = np.sin(0.7 * np.arange(200.0))
+    >>> bool(np.abs(slopes(wave)[50:150] / 0.7 - np.cos(0.7 * np.arange(50.0, 150.0))).max() < 5e-4)
+    True
+    """
+    reach = min(REACH, len(samples) - 1)
+    if reach < 1:
+        return np.zeros(len(samples))
+    m = np.arange(1, reach + 1)
+    weights = -((-1.0) ** m) / m * np.kaiser(2 * reach + 1, SHAPE)[reach + 1 :]
+    longer = np.pad(samples, reach, mode="reflect", reflect_type="odd")
+    return np.asarray(np.convolve(longer, np.concatenate([weights[::-1], [0.0], -weights]), mode="valid"))
+
+
+def smooth(samples: Array, at: Array) -> Array:
+    """Return a band-limited signal between its samples: the cubics through these with the right slopes.
+
+    Parameters
+    ----------
+    samples
+        n values.
+    at
+        Where, in sampling periods from the first sample, from 0 to n - 1.
+    """
+    first = np.minimum(np.floor(at).astype(np.intp), len(samples) - 2)
+    f, slope = at - first, slopes(samples)
+    rise = samples[first + 1] - samples[first]
+    bend = (slope[first] - rise) * (1 - f) - (slope[first + 1] - rise) * f
+    return np.asarray(samples[first] + rise * f + f * (1 - f) * bend)

@@ -1,0 +1,161 @@
+"""The report of an effect that was added to a stage model: what it explains, its numbers, what it does to the loop."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from flexdesign import effects
+from flexdesign.diagnosis.adding import Added, InTheLoop
+from flexdesign.diagnosis.standing import compared
+from flexdesign.experiments import AS_MODELLED
+from flexdesign.files import FORMAT
+from flexdesign.report import comparison_words as words
+from flexdesign.report import diagnosis_report as reports
+from flexdesign.report import diagnosis_words as said
+from flexdesign.report import simulation_figures, simulation_report
+from flexdesign.report.document import Document, Figure, Section, Table
+from flexdesign.simulation import Case, Simulation
+
+#: The controller whose responses are drawn.
+ALONE = "robust"
+#: Less than this is rounding, not a length [m].
+ROUNDING = 1e-12
+
+
+def ladder_of(found: Added) -> Table:
+    """Return the error ladder."""
+    return reports.ladder(found.ladder, found.noise, found.noise_floor, _response(found))
+
+
+def summary(found: Added) -> list[str]:
+    """Return the answer in a few sentences."""
+    name = said.called(found.name)
+    text = [f"{name[:1].upper()}{name[1:]}: {'; '.join(said.quantity(value, short=True) for value in found.values)}."]
+    if found.reason:
+        text.append(f"It is not needed: it {_reason(found.reason)}. The model that is written has it all the same.")
+    else:
+        text.append(f"It explains {words.percent(found.share)} of what recalibration leaves unexplained.")
+    text.append(f"What to do about it: {effects.find(found.name).remedy}.")
+    return text
+
+
+def document(found: Added, loop: InTheLoop) -> Document:
+    """Write the report of an addition.
+
+    Parameters
+    ----------
+    found
+        The stage with the effect.
+    loop
+        What it does to a closed loop.
+    """
+    title = found.before.title or found.before.name
+    name = said.called(found.name)
+    stands = [("recalibrated", compared(found, "calibrated")), (f"with {name}", compared(found, "found"))]
+    kinds, axis = reports.pictures([found.name]), found.before.axes[found.axis]
+    sections = [
+        Section(
+            "The error ladder", [], [ladder_of(found)], [reports.ladder_figure(found, found.ladder, found.noise_floor)]
+        ),
+        Section("Its numbers", _caveats(found), [reports.values_table(found.values)]),
+        Section("In the loop", *_loop(found, loop)),
+        Section(
+            "Where the model fails without it", reports.where_text(stands), [], reports.where_figures(stands, kinds[:2])
+        ),
+        Section("Measured and predicted", [], [], reports.run_figures(stands)),
+        Section("The model's own numbers", [], [reports.numbers_table(axis, found.calibration)]),
+        Section("Noise", reports.noise_text(found.noise, found.noise_floor, _response(found))),
+    ]
+    return Document(f"{title}: {name} added to axis {found.axis}", summary(found), sections)
+
+
+def result(found: Added, loop: InTheLoop) -> dict[str, Any]:
+    """Return result.json's content: every number with its unit, and what made it."""
+    si = _response(found)
+    return {
+        "format": FORMAT,
+        "kind": "addition",
+        "axis": found.axis,
+        "effect": {
+            "name": effects.find(found.name).name,
+            "parameters": [reports.value_json(value) for value in found.values],
+            "share": found.share,
+            "needed": not found.reason,
+            "reason": found.reason or None,
+        },
+        "ladder": reports.ladder_json(found.ladder, si),
+        "noise_floor": reports.noise_json(found.noise, found.noise_floor, si),
+        "where": reports.where_json(found, si),
+        "calibration": [reports.value_json(value) for value in found.calibration],
+        "loop": _loop_json(loop),
+        "made_by": reports.made_by(found),
+    }
+
+
+def loop_table(simulation: Simulation, axis: str) -> Table:
+    """Return what the effect does to a closed loop: every measure without and with it."""
+    rows = []
+    for without, with_it in _pairs(simulation):
+        for name in simulation_report.BRIEF:
+            texts = [_text(case, axis, name) for case in (without, with_it)]
+            if all(texts):
+                asked = without.experiment.name.partition(" ")[0]
+                rows.append([f"{asked}, {without.controller}", simulation_report.WORDS[name], *texts])
+    caption = "The same controllers, tuned on the stage without the effect"
+    return Table(["experiment", "measure", "without", "with"], rows, caption)
+
+
+def _pairs(simulation: Simulation) -> list[tuple[Case, Case]]:
+    """Return the cases without the effect, each with its twin."""
+    twins = {(c.experiment.name, c.controller): c for c in simulation.cases if c.variant != AS_MODELLED}
+    return [
+        (case, twins[case.experiment.name, case.controller])
+        for case in simulation.cases
+        if case.variant == AS_MODELLED and (case.experiment.name, case.controller) in twins
+    ]
+
+
+def _text(case: Case, axis: str, name: str) -> str:
+    """Return a measure of a case; empty if it has none."""
+    quantity = case.measure(axis, name)
+    if quantity is None:
+        return "unstable" if case.response.diverged is not None else ""
+    if not math.isfinite(quantity.value):
+        return "never"
+    return "0" if abs(quantity.value) < (ROUNDING if quantity.si == "m" else 1e-9) else quantity.shown(3)
+
+
+def _loop(found: Added, loop: InTheLoop) -> tuple[list[str], list[Table], list[Figure]]:
+    if loop.simulation is None:
+        return [f"Not simulated: {loop.reason}."], [], []
+    simulation = loop.simulation
+    cautions = [f"{c.controller}, {c.variant}: {text}" for c in simulation.cases for text in c.cautions]
+    skipped = [f"Not run: {s.controller} on {s.variant}: {s.reason}." for s in simulation.skipped]
+    figures = []
+    for experiment in simulation.plan.experiments:
+        alone = [case for case in simulation.of(experiment) if case.controller == ALONE]
+        figures += simulation_figures.draw(experiment, alone) if alone else []
+    text = ["A step of a tenth of the stroke, and a sine of 1 Hz over most of it."]
+    return [*text, *dict.fromkeys([*skipped, *cautions])], [loop_table(simulation, found.axis)], figures
+
+
+def _loop_json(loop: InTheLoop) -> dict[str, Any] | None:
+    if loop.simulation is None:
+        return {"simulated": False, "reason": loop.reason}
+    return {"simulated": True, "cases": simulation_report.result(loop.simulation)["cases"]}
+
+
+def _caveats(found: Added) -> list[str]:
+    effect = effects.find(found.name)
+    doubts = effect.cautions({v.parameter.name.rpartition(".")[2]: v.value for v in found.values})
+    return [effect.physics, *(f"Take care: {doubt}." for doubt in doubts)]
+
+
+def _reason(reason: str) -> str:
+    """Return why an effect is not needed, as the end of a sentence."""
+    return f"explains {reason}" if reason.startswith("no more") else reason.replace("_", " ")
+
+
+def _response(found: Added) -> str:
+    return found.before.axes[found.axis].response

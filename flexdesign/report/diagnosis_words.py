@@ -1,0 +1,142 @@
+"""How a diagnosis is put into words: the verdict, what is missing and by how much, and what to do about it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from flexdesign import effects
+from flexdesign.diagnosis import Diagnosis, Named, Rung, Value
+from flexdesign.diagnosis.telling import Telling
+from flexdesign.evidence import Estimate
+from flexdesign.report import comparison_words as words
+from flexdesign.report import plan_pages
+from flexdesign.runs import Run
+
+#: Half-width of a 95 % interval, in standard deviations.
+HALF_WIDTH = 1.96
+
+
+def called(name: str) -> str:
+    """Return what an effect is called in a sentence.
+
+    >>> called("stress_stiffening")
+    'stress stiffening'
+    """
+    return effects.find(name).name.replace("_", " ")
+
+
+def verdict(found: Diagnosis) -> str:
+    """Return the verdict in a sentence or two."""
+    error, floor = words.error(response(found), found.validation_error), _floor(found)
+    runs = judged_on(found.runs)
+    if found.verdict == "nothing-missing":
+        return f"Nothing is missing. Recalibrated, the model misses {runs} by {error} rms; the noise is {floor}."
+    if found.verdict == "unknown":
+        near = (
+            f" Near, without explaining enough: {words.listed([called(n) for n in found.near])}." if found.near else ""
+        )
+        said = "Something is missing, and it is none of the effects that are known here"
+        return f"{said}: {found.remainder}.{near}" if found.remainder else f"{said}.{near}"
+    names = words.listed([_alternatives(found, named.name) for named in found.effects])
+    return f"Missing: {names}. With it the model misses {runs} by {error} rms; the noise is {floor}."
+
+
+def effect(found: Diagnosis, named: Named) -> str:
+    """Return an effect with its numbers and what it explains, in a sentence."""
+    values = "; ".join(quantity(value, short=True) for value in named.values)
+    name = _sentence(called(named.name))
+    said = f"{name}: {values}" if values else f"{name}: seen in the model's own numbers ({'; '.join(found.conflicts)})"
+    if named.values:
+        said += f". It explains {words.percent(named.share)} of what recalibration leaves unexplained"
+    return f"{said}."
+
+
+def quantity(value: Value, *, short: bool = False) -> str:
+    """Return a number with its 95 % interval."""
+    estimate = estimated(value)
+    name = value.parameter.name.rpartition(".")[2] if short else value.parameter.name
+    return f"{name} {estimate.value_text} (95 %: {estimate.interval_text})"
+
+
+def estimated(value: Value) -> Estimate:
+    """Return a number as an estimate, which knows how many of its digits mean something."""
+    low, high = value.interval
+    width = high - low
+    sigma = width / (2 * HALF_WIDTH) if math.isfinite(width) and width > 0 else None
+    return Estimate(value.parameter, value.value, sigma, value.interval, True)
+
+
+def label(rung: Rung) -> str:
+    """Return what a step of the ladder is called.
+
+    >>> label(Rung("+ creep + mains_hum", 1e-6))
+    '+ creep + mains hum'
+    """
+    return " ".join(Path(word).stem if word.endswith(".py") else word for word in rung.label.split()).replace("_", " ")
+
+
+def apart(group: Sequence[str], tellings: Sequence[Telling]) -> str:
+    """Return that a group cannot be told apart, and what would."""
+    said = f"These runs cannot tell {either([called(name) for name in group])}."
+    for telling in tellings:
+        if telling.group == tuple(group):
+            said += "".join(f" {plan_pages.verdict(resolved)}" for resolved in telling.resolved)
+            said += f" No experiment could be simulated: {telling.reason}." if telling.reason else ""
+    return said
+
+
+def remedies(found: Diagnosis) -> list[str]:
+    """Return what can be done about what was found: compensate, redesign, or live with it."""
+    return [f"What to do about {called(n.name)}: {effects.find(n.name).remedy}." for n in found.effects]
+
+
+def summary(found: Diagnosis, tellings: Sequence[Telling]) -> list[str]:
+    """Return the answer in a few paragraphs."""
+    said = [verdict(found), *(effect(found, named) for named in found.effects)]
+    said += [apart(group, tellings) for group in found.confusable]
+    if found.verdict == "effects-found" and found.remainder:
+        said.append(f"Not all is explained: {found.remainder}.")
+    if found.conflicts and all(named.values for named in found.effects):
+        said.append(f"Beyond what was known of the model: {'; '.join(found.conflicts)}.")
+    said += remedies(found)
+    if found.confidence:
+        said.append(f"Take care: {found.confidence}.")
+    return said
+
+
+def judged_on(runs: Sequence[Run]) -> str:
+    """Return which runs judge, in words."""
+    kept = [run.name for run in runs if run.role == "validate"]
+    if not kept:
+        return "the runs that were fitted (none was kept apart)"
+    return f"{len(kept)} runs that no fit has seen" if len(kept) > 1 else f"{kept[0]}, which no fit has seen"
+
+
+def response(found: Diagnosis) -> str:
+    """Return the SI unit of the response."""
+    return found.before.axes[found.axis].response
+
+
+def either(names: Sequence[str]) -> str:
+    """Return names as what cannot be told apart.
+
+    >>> either(["creep", "drift", "warmth"])
+    'creep from drift or warmth'
+    """
+    return f"{names[0]} from {' or '.join(names[1:])}"
+
+
+def _alternatives(found: Diagnosis, name: str) -> str:
+    group = next((group for group in found.confusable if group[0] == name), (name,))
+    return " or ".join(called(each) for each in group)
+
+
+def _floor(found: Diagnosis) -> str:
+    floor = words.error(response(found), found.noise_floor, 2)
+    return floor if found.noise.known else f"unknown ({floor} guessed)"
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
