@@ -5,6 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 UV_VERSION := 0.13.8
+HIDDEN := studies/hidden_effect_demo
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -14,13 +15,15 @@ help: ## Show this list
 	@echo "make TARGET [PYTHON=python3.12]"
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-demo: $(VENV)/.ready ## Validate the bridge amplifier: report in reports/bridge_amplifier
+demo: $(VENV)/.ready ## Validate the bridge amplifier, then diagnose recordings with a hidden effect
 	$(BIN)/flexdesign validate bridge_amplifier --out reports/bridge_amplifier
+	$(BIN)/flexdesign diagnose $(HIDDEN)/model.toml $(HIDDEN)/runs --out reports/hidden_effect_demo
 
 example: $(VENV)/.ready ## Make the kept example reports anew; README's tables and pictures are theirs
 	$(BIN)/flexdesign validate bridge_amplifier --out reports/examples/bridge_amplifier
 	$(BIN)/flexdesign simulate lin2019_stage lin2019_experiments --out reports/examples/lin2019_experiments
 	$(BIN)/python -m studies.lin2019_gains --out reports/examples/lin2019_gains
+	$(BIN)/flexdesign diagnose $(HIDDEN)/model.toml $(HIDDEN)/runs --out reports/examples/hidden_effect_demo
 
 test: $(VENV)/.ready ## Run the tests, with coverage
 	$(BIN)/python -m pytest --cov

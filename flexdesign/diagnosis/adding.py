@@ -32,6 +32,8 @@ from flexdesign.stage_model import StageModel, fields
 HALF_WIDTH = 1.96
 #: What shows an effect in a closed loop: a step and a sine, under these controllers.
 SHOWN, CONTROLLERS = ("step", "sine"), ("robust", "feedforward + robust")
+#: From so many values an effect is fitted that promises nothing.
+TRIALS = 4
 #: Not more names of runs than these are written into a source.
 NAMED = 4
 
@@ -160,20 +162,24 @@ def _added(case: Case, gone: Course, candidate: Candidate) -> tuple[Stand, str]:
         best = step.chosen or step.trials[0]
         return best.stand, best.reason
     # It promises nothing; its value then says how large it may be at most.
-    for values in candidate.trials:
-        made = fitted(case, case.fine(candidate.add(gone.calibrated.model)), (candidate,), values)
-        if made is not None:
-            return made, "explains no more than chance does"
+    model = case.fine(candidate.add(gone.calibrated.model))
+    tried = [fitted(case, model, (candidate,), values) for values in candidate.trials[:TRIALS]]
+    made = [stand for stand in tried if stand is not None]
+    if made:
+        return min(made, key=lambda stand: stand.cost), "no more than chance gives"
     raise InputError("command line", "EFFECT", candidate.name, "cannot be simulated on this axis at any of its values")
 
 
 def _check(setting: Setting, name: str, model: StageModel) -> None:
     """Refuse an effect that is there, or that the runs cannot show."""
+    if name in candidates.NOISE:
+        remedy = "is noise to a fit, which leaves it out; write sensor.resolution into the model"
+        raise InputError("command line", "EFFECT", name, remedy)
     number = fields.ELSEWHERE.get(name)
     numbers = {**setting.axis.numbers, "controller.delay": model.controller.delay}
     if name in setting.axis.effects or (number and numbers[number] not in (0.0, math.inf)):
         place = f"{setting.name}.{number}" if number else f"{setting.name}.effects.{name}"
-        remedy = f"acts on axis {setting.name} already (axis.{place}); identify fits its numbers: --free"
+        remedy = f"acts on axis {setting.name} already (axis.{place}); identify --free fits its numbers"
         raise InputError("command line", "EFFECT", name, remedy)
     for run in setting.runs:
         if lacking := missing(setting.name, effects.find(name), run.columns):

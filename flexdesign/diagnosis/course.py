@@ -17,6 +17,7 @@ from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.features import Features
@@ -40,7 +41,7 @@ Array = NDArray[np.float64]
 #: Error that a prediction may have, in shares of the noise; and in shares of the stroke, at least and at most.
 EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
 #: Most steps in a sample: for fits, and for screening.
-STEPS, STEPS_SCREENING = 16, 8
+STEPS, STEPS_SCREENING = 16, 4
 #: An effect must move a held-out prediction by this share of the noise, or of the stroke if that is less.
 OF_NOISE, OF_STROKE = 0.3, 5e-4
 #: How little is known of how a record began, one sigma: samples that it was late, share of the largest command where
@@ -161,7 +162,8 @@ def diagnose(
     began = perf_counter()
     progress("reading the noise")
     setting = settle(model, runs, axis, tolerance)
-    with ThreadPoolExecutor(threads) as pool:
+    # Threads of linear algebra would fight with those that simulate; the matrices are small.
+    with threadpool_limits(1), ThreadPoolExecutor(threads) as pool:
         each: Any = pool.map if threads > 1 else map
         dynamics, case = _case(model, setting, each, progress)
         every = candidates(dynamics, more, [line.frequency for line in setting.noise.lines])
@@ -236,7 +238,7 @@ def _case(model: StageModel, setting: Setting, each: Any, progress: Callable[[st
         free=free,
         known=known,
         tolerance=setting.tolerance,
-        coarse=lambda of: cast(AxisDynamics, of).with_steps(STEPS_SCREENING),
+        coarse=lambda of: cast(AxisDynamics, of).with_steps(STEPS_SCREENING, fixed=True),
         fine=lambda of: cast(AxisDynamics, of).with_steps(STEPS),
         each=each,
         progress=progress,

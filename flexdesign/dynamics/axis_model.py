@@ -98,6 +98,8 @@ class AxisDynamics:
         How late commands act [s].
     finest
         No more steps in a sample than these, whatever the error.
+    fixed
+        Whether there are exactly so many, which saves finding out.
     apart
         Names of the runs that have numbers of their own: how late the record began, ``RUN:trigger``, and where the
         voltage had turned before, ``RUN:turn.1`` and ``RUN:turn.2``, from which all hysteresis has its state.
@@ -115,6 +117,7 @@ class AxisDynamics:
     steps: Steps = field(default_factory=Steps, repr=False)
     delay: float = 0.0
     finest: int = 1024
+    fixed: bool = False
     apart: tuple[str, ...] = ()
     bipolar: bool = False
     own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -178,9 +181,9 @@ class AxisDynamics:
         """Return the model with steps found anew at its present values, perhaps for another tolerance."""
         return replace(self, tolerance=tolerance or self.tolerance, steps=Steps(self.axis, self.delay))
 
-    def with_steps(self, finest: int) -> AxisDynamics:
-        """Return the model with steps found anew, no more than so many in a sample."""
-        return replace(self, finest=finest, steps=Steps())
+    def with_steps(self, finest: int, *, fixed: bool = False) -> AxisDynamics:
+        """Return the model with steps found anew, no more than so many in a sample; or exactly so many."""
+        return replace(self, finest=finest, fixed=fixed, steps=Steps())
 
     def with_effect(self, effect: Effect, name: str = "") -> AxisDynamics:
         """Return the model with an effect added, at its start values scaled to this stroke.
@@ -233,6 +236,8 @@ class AxisDynamics:
 
     def steps_for(self, run: Run) -> int:
         """Return the number of steps in a sample: with a margin what the first values need."""
+        if self.fixed:
+            return self.finest
 
         def find() -> int:
             first = replace(self, axis=self.steps.at or self.axis, delay=self.steps.delay)

@@ -25,6 +25,8 @@ from flexdesign.model import Model
 Array = NDArray[np.float64]
 #: Effects that are refitted after a screening, pairs among them; trials of each from which a fit begins.
 SHORTLIST, PAIRS, BEGINNINGS = 7, 2, 2
+#: A candidate that promises less than this share of what the best one does cannot win at this step.
+FAINT = 0.1
 #: A second beginning is tried where it promises this share of the first.
 SECOND_BEST = 0.5
 #: A first fit finds slopes so often, and ends where a step lowers the cost by less than this share.
@@ -43,8 +45,11 @@ ANEW = 3
 BETTER = 0.98
 #: Starts of the calibration end where a step lowers the cost by less than this share; the best is then refined.
 CALIBRATION_SHARE = 1e-4
+#: A first start that leaves less than this times the noise's mean square needs no others; others find slopes so often,
+#: and agree if their costs differ by no more than this share.
+GOOD, FOLLOWED, AGREED = 1.5, 8, 0.01
 #: Points of a sample from which the best become starts of the calibration.
-SAMPLED = 32
+SAMPLED = 16
 #: No more effects than these are added.
 MOST = 4
 
@@ -162,9 +167,11 @@ def calibrated(case: Case, model: Model, starts: int = 4, seed: int = 0) -> tupl
     """
     first = fitted(case, model, (), {}, share=CALIBRATION_SHARE, exact=False)
     found = [] if first is None else [first]
+    if first is not None and _scale(first) < GOOD:  # no other minimum can be deeper by much
+        return first, 1
     for values in _sampled(case, model, starts - 1, seed):
         case.progress(f"calibrating: start {len(found) + 1}")
-        made = fitted(case, model, (), values, share=CALIBRATION_SHARE, exact=False)
+        made = fitted(case, model, (), values, share=CALIBRATION_SHARE, most=FOLLOWED, exact=False)
         if made is not None:
             found.append(made)
             best = min(found, key=lambda stand: stand.cost)
@@ -177,7 +184,7 @@ def calibrated(case: Case, model: Model, starts: int = 4, seed: int = 0) -> tupl
 
 
 def _agreed(found: Sequence[Stand], best: Stand) -> int:
-    return sum(stand.cost <= best.cost + 1.0 + 1e-3 * best.cost for stand in found)
+    return sum(stand.cost <= (1 + AGREED) * best.cost for stand in found)
 
 
 def _sampled(case: Case, model: Model, count: int, seed: int) -> Iterator[dict[str, float]]:
@@ -402,7 +409,8 @@ def refitted(case: Case, stand: Stand, base: Model, effects: tuple[Candidate, ..
     for effect in effects:
         model = effect.add(model)
     present = {parameter.name: parameter.start for parameter in stand.model.parameters()}
-    names = {parameter.name for parameter in model.parameters()}
+    dropped = {name for effect in stand.effects if effect not in effects for name in effect.free}
+    names = {parameter.name for parameter in model.parameters()} - dropped
     values = {name: value for name, value in present.items() if name in names and value is not None}
     return fitted(case, model, effects, values)
 
@@ -412,6 +420,8 @@ def _shortlist(screening: Screening, needed: float) -> list[tuple[Direction, ...
     found: list[tuple[Direction, ...]] = []
     best = screening.best()
     for directions in best[:SHORTLIST]:
+        if directions[0].drop < FAINT * best[0][0].drop:
+            break
         enough = max(0.5 * needed, SECOND_BEST * directions[0].drop)
         found += [(direction,) for direction in directions[:BEGINNINGS] if direction.drop > enough]
     most = best[0][0].drop if best else 0.0

@@ -5,20 +5,23 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from flexdesign import effects
-from flexdesign.diagnosis.adding import Added, InTheLoop
+import numpy as np
+
+from flexdesign import effects, units
+from flexdesign.diagnosis.adding import Added, InTheLoop, variant
 from flexdesign.diagnosis.standing import compared
 from flexdesign.experiments import AS_MODELLED
 from flexdesign.files import FORMAT
 from flexdesign.report import comparison_words as words
 from flexdesign.report import diagnosis_report as reports
 from flexdesign.report import diagnosis_words as said
-from flexdesign.report import simulation_figures, simulation_report
+from flexdesign.report import simulation_report
 from flexdesign.report.document import Document, Figure, Section, Table
+from flexdesign.report.identification_report import SHOWN
+from flexdesign.report.simulation_charts import Curve, panels
 from flexdesign.simulation import Case, Simulation
+from flexdesign.trajectory import Step
 
-#: The controller whose responses are drawn.
-ALONE = "robust"
 #: Less than this is rounding, not a length [m].
 ROUNDING = 1e-12
 
@@ -132,12 +135,49 @@ def _loop(found: Added, loop: InTheLoop) -> tuple[list[str], list[Table], list[F
     simulation = loop.simulation
     cautions = [f"{c.controller}, {c.variant}: {text}" for c in simulation.cases for text in c.cautions]
     skipped = [f"Not run: {s.controller} on {s.variant}: {s.reason}." for s in simulation.skipped]
-    figures = []
-    for experiment in simulation.plan.experiments:
-        alone = [case for case in simulation.of(experiment) if case.controller == ALONE]
-        figures += simulation_figures.draw(experiment, alone) if alone else []
+    figures = [_side_by_side(found, pair) for pair in _telling(simulation, found.axis)]
     text = ["A step of a tenth of the stroke, and a sine of 1 Hz over most of it."]
     return [*text, *dict.fromkeys([*skipped, *cautions])], [loop_table(simulation, found.axis)], figures
+
+
+def _telling(simulation: Simulation, axis: str) -> list[tuple[Case, Case]]:
+    """Return of each experiment the controller under which the effect moves the stage most."""
+    chosen: dict[str, tuple[float, tuple[Case, Case]]] = {}
+    for pair in _pairs(simulation):
+        motions = [case.response.motion[case.row(axis)] for case in pair]
+        count = min(map(len, motions))
+        moved = float(np.max(np.abs(motions[1][:count] - motions[0][:count])))
+        name = pair[0].experiment.name
+        if name not in chosen or moved > chosen[name][0]:
+            chosen[name] = moved, pair
+    return [pair for _, pair in chosen.values()]
+
+
+def _side_by_side(found: Added, pair: tuple[Case, Case]) -> Figure:
+    """Draw the motion without and with the effect, and how far each is from what was asked for."""
+    si = _response(found)
+    large = SHOWN[si][0]
+    scale, unit, first = units.factor(large, si), words.sign(large), pair[0]
+    names = ("without", variant(found.name))
+    motions, errors = [], []
+    for name, case in zip(names, pair, strict=True):
+        row, time = case.row(found.axis), case.response.time
+        motion, asked = case.response.motion[row], case.reference[row][: len(time)]
+        motions.append(Curve(name, time, motion / scale))
+        errors.append(Curve(name, time, (motion - asked) / scale))
+    time = first.response.time
+    motions.append(Curve("reference", time, first.reference[first.row(found.axis)][: len(time)] / scale, dashed=True))
+    labels = [f"{found.axis} [{unit}]", f"motion − reference [{unit}]"]
+    asked_for = first.experiment.name.partition(" ")[0]
+    drawn = panels([motions, errors], "time [s]", labels, limits=_closely(first))
+    caption = f"{asked_for.capitalize()} under {first.controller}, on the stage without the effect and with it"
+    return Figure(f"loop_{asked_for}.svg", drawn, caption)
+
+
+def _closely(case: Case) -> tuple[float, float] | None:
+    """Return what part of a step is worth looking at; the whole of anything else."""
+    shape = case.experiment.trajectory
+    return (max(0.0, shape.wait - 0.01), shape.wait + min(shape.hold, 0.15)) if isinstance(shape, Step) else None
 
 
 def _loop_json(loop: InTheLoop) -> dict[str, Any] | None:

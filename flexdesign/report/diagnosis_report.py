@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexdesign import effects, units, versions
+from flexdesign.bench import Resolved
 from flexdesign.bench.signature import named as speaks_of
 from flexdesign.comparison import Comparison, RunComparison
 from flexdesign.diagnosis import Diagnosis, Named, Rung, Tried, Value
@@ -38,11 +39,11 @@ SHOWS = {
     "position": "Residual over position, mean and middle 80 %: two branches mean memory or lag, one a nonlinearity",
     "steps": "Residual after steps, over the logarithm of time: creep is a straight line, a lag dies away",
     "spectrum": "Spectra, means over the runs: where the residual is above the noise floor, something is missing",
-    "shares": "Shares of the unexplained error, and of the time: where a bar is longer than its tick, the model is worse "
-    "than elsewhere",
+    "shares": "Shares of the unexplained error, and of the time: where a bar is longer than its tick, the model is "
+    "worse than elsewhere",
 }
-#: Runs that are drawn one by one.
-DRAWN = 4
+#: Runs that are drawn one by one, and experiments that are listed as telling two effects apart.
+DRAWN, PROPOSED = 4, 8
 
 
 def ladder_of(found: Diagnosis) -> Table:
@@ -257,9 +258,11 @@ def noise_text(noise: NoiseFloor, floor: float, si: str) -> list[str]:
         error = words.percent(noise.relative_error)
         known = f", known to {error} (one standard error)" if math.isfinite(noise.relative_error) else ""
         first = f"{value} rms, from {noise.source}{known}."
-    lines = [f"{line.frequency:.4g} Hz ({words.error(si, line.amplitude, 2)})" for line in noise.lines]
-    swings = f"Where it should be quiet, the response swings at {words.listed(lines)}; this is no noise."
-    return [first, *([swings] if lines else []), *(f"{remark[:1].upper()}{remark[1:]}." for remark in noise.remarks)]
+    remarks = [f"{remark[:1].upper()}{remark[1:]}." for remark in noise.remarks]
+    if noise.lines:
+        lines = [f"{line.frequency:.4g} Hz ({words.error(si, line.amplitude, 2)})" for line in noise.lines]
+        remarks.insert(0, f"Where it should be quiet, the response swings at {words.listed(lines)}; this is no noise.")
+    return [first, *remarks]
 
 
 def values_table(values: Sequence[Value]) -> Table:
@@ -420,8 +423,15 @@ def _apart(found: Diagnosis, tellings: Sequence[Telling]) -> list[Section]:
         f"Commands for the bench: flexdesign plan MODEL --resolve {' '.join(effect.name for effect in pair.effects)}"
         for pair in pairs
     ]
-    tables = [plan_pages.separations(pair) for pair in pairs]
+    tables = [_separations(pair) for pair in pairs]
     return [Section("What these runs cannot tell apart", text, tables)]
+
+
+def _separations(pair: Resolved) -> Table:
+    """Return the experiments that tell two effects apart best."""
+    whole = plan_pages.separations(pair)
+    caption = f"What tells {said.either([said.called(effect.name) for effect in pair.effects])}"
+    return Table(whole.columns, whole.rows[:PROPOSED], caption)
 
 
 def _left(found: Diagnosis) -> list[Section]:

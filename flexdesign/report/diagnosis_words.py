@@ -6,12 +6,13 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from flexdesign import effects
+from flexdesign import effects, units
+from flexdesign.bench import Resolved
 from flexdesign.diagnosis import Diagnosis, Named, Rung, Value
+from flexdesign.diagnosis.standing import compared
 from flexdesign.diagnosis.telling import Telling
 from flexdesign.evidence import Estimate
 from flexdesign.report import comparison_words as words
-from flexdesign.report import plan_pages
 from flexdesign.runs import Run
 
 #: Half-width of a 95 % interval, in standard deviations.
@@ -39,8 +40,9 @@ def verdict(found: Diagnosis) -> str:
         )
         said = "Something is missing, and it is none of the effects that are known here"
         return f"{said}: {found.remainder}.{near}" if found.remainder else f"{said}.{near}"
-    names = words.listed([_alternatives(found, named.name) for named in found.effects])
-    return f"Missing: {names}. With it the model misses {runs} by {error} rms; the noise is {floor}."
+    names = [_alternatives(found, named.name) for named in found.effects]
+    missing, it = ("; " if found.confusable else ", ").join(names), "them" if len(names) > 1 else "it"
+    return f"Missing: {missing}. With {it} the model misses {runs} by {error} rms; the noise is {floor}."
 
 
 def effect(found: Diagnosis, named: Named) -> str:
@@ -82,7 +84,7 @@ def apart(group: Sequence[str], tellings: Sequence[Telling]) -> str:
     said = f"These runs cannot tell {either([called(name) for name in group])}."
     for telling in tellings:
         if telling.group == tuple(group):
-            said += "".join(f" {plan_pages.verdict(resolved)}" for resolved in telling.resolved)
+            said += "".join(f" {_would(resolved)}" for resolved in telling.resolved)
             said += f" No experiment could be simulated: {telling.reason}." if telling.reason else ""
     return said
 
@@ -96,6 +98,8 @@ def summary(found: Diagnosis, tellings: Sequence[Telling]) -> list[str]:
     """Return the answer in a few paragraphs."""
     said = [verdict(found), *(effect(found, named) for named in found.effects)]
     said += [apart(group, tellings) for group in found.confusable]
+    if found.verdict == "unknown":
+        said.append(f"What it looks like: {' '.join(words.sentences(compared(found, 'found')))}")
     if found.verdict == "effects-found" and found.remainder:
         said.append(f"Not all is explained: {found.remainder}.")
     if found.conflicts and all(named.values for named in found.effects):
@@ -126,6 +130,24 @@ def either(names: Sequence[str]) -> str:
     'creep from drift or warmth'
     """
     return f"{names[0]} from {' or '.join(names[1:])}"
+
+
+def _would(resolved: Resolved) -> str:
+    """Return which experiments would tell two effects apart, by how many times the noise."""
+    other = called(resolved.effects[1].name)
+    if not resolved.proposed:
+        most = max((each.over_noise for each in resolved.separations), default=0.0)
+        return (
+            f"No experiment of the menu shows {other} apart by more than {units.significant(most, 2)} times the noise: "
+            "record longer, average, or use a better sensor."
+        )
+    told = [
+        f"{each.command.name.replace('_', ' ')} {units.significant(each.over_noise, 2)}"
+        + (f" ({each.command.note})" if each.command.note else "")
+        for each in resolved.proposed
+    ]
+    pair = either([called(effect.name) for effect in resolved.effects])
+    return f"What would tell {pair}, and by how many times the noise the readings differ: {', '.join(told)}."
 
 
 def _alternatives(found: Diagnosis, name: str) -> str:
