@@ -120,7 +120,14 @@ def test_where_it_failed_is_where_the_effect_acts() -> None:
 
 def test_words_are_those_of_a_mechanical_engineer() -> None:
     said = " ".join(diagnosis_words.summary(diagnosed(), ()))
-    for part in ("Missing: stress stiffening.", "1/mm^2 (95 %:", "explains", "What to do", "folded guides", "noise is"):
+    for part in (
+        "Missing: stress stiffening.",
+        "1/mm^2 (95 %:",
+        "explains",
+        "What to do about it",
+        "folded guides",
+        "noise is",
+    ):
         assert part in said
     assert "_" not in said
 

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from pathlib import Path
 
+from flexdesign import cli, comparison, runs, stage_model, units
 from flexdesign.model import Quantity
+from flexdesign.report import comparison_words as words
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
-EXAMPLE = json.loads((ROOT / "reports" / "examples" / "bridge_amplifier" / "result.json").read_text())
+WORDS = " ".join(README.split())
+EXAMPLES = ROOT / "reports" / "examples"
+EXAMPLE = json.loads((EXAMPLES / "bridge_amplifier" / "result.json").read_text())
+DIAGNOSIS = json.loads((EXAMPLES / "hidden_effect_demo" / "result.json").read_text())
+DEMO = ROOT / "studies" / "hidden_effect_demo"
 
 
 def test_table_is_the_example_report() -> None:
@@ -24,6 +31,47 @@ def test_table_is_the_example_report() -> None:
         for analytic in found["analytic"].values():
             assert Quantity("", analytic["value"], "1", "").shown() in row
             assert f"{100 * analytic['error']:+.1f}" in row
+
+
+def test_ladder_is_the_example_diagnosis() -> None:
+    floor = DIAGNOSIS["noise_floor"]
+    for rung in DIAGNOSIS["ladder"]:
+        label, error = rung["label"].replace("_", " "), rung["error"]
+        row = next(line for line in README.splitlines() if line.startswith(f"{label} "))
+        shown = f"{words.error(error['unit'], error['value'])} {units.significant(error['value'] / floor['value'], 3)}"
+        assert " ".join(row.split()) == f"{label} {shown}"
+    assert f"noise floor: {floor['source']} {words.error(floor['unit'], floor['value'], 2)} 1" in WORDS
+
+
+def test_named_effect_is_the_example_diagnosis() -> None:
+    assert DIAGNOSIS["verdict"] == "effects-found"
+    (effect,) = DIAGNOSIS["effects"]
+    name = effect["name"].replace("_", " ")
+    assert f"Missing: {name}. With it" in WORDS
+    assert f"{name.capitalize()}: {effect['parameters'][0]['text']}. It explains" in WORDS
+    assert f"explains {words.percent(effect['share'])} of what" in WORDS
+    assert f"What to do about it: {effect['remedy']}." in WORDS
+    error = DIAGNOSIS["validation_error"]
+    floor = DIAGNOSIS["noise_floor"]["value"]
+    said = f"by {words.error(error['unit'], error['value'])} rms; the noise is {words.error(error['unit'], floor, 2)}."
+    assert said in WORDS
+    # What was hidden, from the file that the diagnosis never reads.
+    low, high = effect["parameters"][0]["interval"]
+    assert low < tomllib.loads((DEMO / "answer.toml").read_text())["effects"][effect["name"]]["cubic"] < high
+
+
+def test_the_demo_misses_by_what_is_said() -> None:
+    found = comparison.compare(stage_model.read(str(DEMO / "model.toml"), []), runs.read_runs([DEMO / "runs"]))
+    assert f"misses them by {units.significant(found.rms / found.floor, 3)} times the noise" in WORDS
+
+
+def test_verbs_exist() -> None:
+    known = {verb.name for verb in cli.app.registered_commands if verb.name}
+    known |= {verb.callback.__name__ for verb in cli.app.registered_commands if verb.callback}
+    blocks = re.findall(r"```sh\n(.*?)```", README, re.S)
+    shown = [verb for block in blocks for verb in re.findall(r"^flexdesign (\w+)", block, re.M)]
+    assert len(set(shown)) >= 9
+    assert set(shown) <= known
 
 
 def test_linked_files_exist() -> None:

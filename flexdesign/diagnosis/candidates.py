@@ -17,6 +17,8 @@ from flexdesign.stage_model import fields
 
 #: Effects that only move a number of the model itself: a recalibration beyond what was known names them.
 IMITATED = ("payload_mass", "stiffness_loss", "sensor_gain")
+#: The one among them that a known mass tells from the others.
+LOADED = "payload_mass"
 #: Readings in whole steps are noise to a fit.
 NOISE = ("quantisation",)
 #: Not more trials than these for one effect.
@@ -41,7 +43,9 @@ class Adder:
         return cast(AxisDynamics, model).with_effect(self.effect, self.name)
 
 
-def candidates(model: AxisDynamics, more: Sequence[str] = (), lines: Sequence[float] = ()) -> tuple[Candidate, ...]:
+def candidates(
+    model: AxisDynamics, more: Sequence[str] = (), lines: Sequence[float] = (), *, loaded: bool = False
+) -> tuple[Candidate, ...]:
     """Return every effect of the catalogue that the axis does not have.
 
     Parameters
@@ -52,10 +56,13 @@ def candidates(model: AxisDynamics, more: Sequence[str] = (), lines: Sequence[fl
         Paths of further effects.
     lines
         Frequencies [Hz] of sinusoids that were seen in quiet records.
+    loaded
+        Whether some runs carry a known mass: then the table's own mass shows.
     """
     made = []
+    left_out = (*(name for name in IMITATED if not (loaded and name == LOADED)), *NOISE)
     for name in (*effects.names(), *more):
-        if name in (*IMITATED, *NOISE) or name in model.axis.effects:
+        if name in left_out or name in model.axis.effects:
             continue
         number = fields.ELSEWHERE.get(name)
         present = {p.name: p.start for p in model.parameters()}

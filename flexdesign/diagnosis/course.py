@@ -46,7 +46,7 @@ STEPS, STEPS_SCREENING = 16, 4
 OF_NOISE, OF_STROKE = 0.3, 5e-4
 #: How little is known of how a record began, one sigma: samples that it was late, share of the largest command where
 #: the voltage had turned, share of the stroke that the mode swings by, and that slow states still move.
-LATE, TURNED, SWINGS, SLOW = 0.5, 0.4, 0.1, 0.002
+LATE, TURNED, SWINGS, SLOW = 0.3, 0.4, 0.1, 0.002
 #: Slow states that may still relax as a record begins have these time constants [s].
 RELAXING = (0.1, 0.4, 1.6, 6.4)
 #: Decades of decay after which a mode has rung down.
@@ -103,6 +103,11 @@ class Setting:
     noise: NoiseFloor
     tolerance: float
     known: Mapping[str, tuple[float, float]]
+
+    @property
+    def is_loaded(self) -> bool:
+        """Whether some runs carry a known mass on an axis whose mass is known."""
+        return self.axis.mass is not None and any(run.payload for run in self.runs)
 
     def of(self, role: str) -> list[Run]:
         """Return the runs of a role."""
@@ -166,7 +171,8 @@ def diagnose(
     with threadpool_limits(1), ThreadPoolExecutor(threads) as pool:
         each: Any = pool.map if threads > 1 else map
         dynamics, case = _case(model, setting, each, progress)
-        every = candidates(dynamics, more, [line.frequency for line in setting.noise.lines])
+        lines = [line.frequency for line in setting.noise.lines]
+        every = candidates(dynamics, more, lines, loaded=setting.is_loaded)
         case, course = search(case, dynamics, every, seed)
         progress("looking at what is left")
         left = _rival(case, course.final)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from flexdesign.diagnosis.conflicts import HALF_WIDTH, Conflict, conflicts
 from flexdesign.diagnosis.findings import Diagnosis, Named, Rung, Tried, Value, Verdict
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.evidence.coordinates import value
@@ -25,17 +26,8 @@ ADEQUATE = 0.09
 ERRORS = 3.5
 #: Effects explain enough where what is left is no more than this share of what was unexplained (in squares).
 EXPLAINED = 0.10
-#: A number that the fit moves by more standard deviations of what was known than this is a finding.
-CONFLICT = 3.0
 #: Not more effects than these make a group that the runs cannot tell apart.
 LARGEST_GROUP = 3
-#: Half-width of a 95 % interval, in standard deviations.
-HALF_WIDTH = 1.96
-#: What a number that moved too far can stand for, where it fell and where it rose.
-STANDS_FOR = {
-    "natural_frequency": (("payload_mass", "stiffness_loss"), ()),
-    "gain": (("sensor_gain",), ("sensor_gain",)),
-}
 
 
 @dataclass(frozen=True)
@@ -89,26 +81,27 @@ def conclude(model: StageModel, setting: Setting, course: Course, before: Rival,
     """
     final = course.final
     verdict, doubt = _verdict(setting, course, before, left)
-    conflicts, implied = _conflicts(setting, final) if verdict != "unknown" else ((), ())
+    moved = conflicts(setting, final)
+    implied = [conflict for conflict in moved if conflict.named is not None and verdict != "unknown"]
     effects = tuple(_named(setting, course, name) for name in final.names)
     groups = _groups(course)
     if implied:
         verdict = "effects-found"
-        effects = (*effects, *(Named(group[0], (), 0.0) for group in implied))
-        groups = (*groups, *(group for group in implied if len(group) > 1))
+        effects = (*effects, *(conflict.named for conflict in implied if conflict.named))
+        groups = (*groups, *(conflict.group for conflict in implied if len(conflict.group) > 1))
     known = verdict == "effects-found"
     return Diagnosis(
         verdict=verdict,
         axis=setting.name,
         before=model,
-        model=_model(model, setting, final if known else course.calibrated),
+        model=_model(model, setting, final if known else course.calibrated, implied),
         effects=effects if known else (),
         confusable=groups if known else (),
         near=final.names if verdict == "unknown" else (),
         candidates=_tried(course.steps),
         ladder=_ladder(setting, course),
         calibration=_values(course.final, _own(course.final)),
-        conflicts=conflicts,
+        conflicts=tuple(conflict.words for conflict in moved),
         noise=setting.noise,
         noise_floor=setting.floor,
         validation_error=final.rms(setting.judging),
@@ -145,22 +138,6 @@ def _in_words(final: Remainder, left: Rival) -> str:
         return f"{share}; no smooth function of position, velocity, voltage or time explains it"
     best = sorted(left.shares, key=lambda name: -left.shares[name])[:3]
     return f"{share}; of smooth functions these explain most: {', '.join(best)}"
-
-
-def _conflicts(setting: Setting, stand: Stand) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Return the numbers that moved beyond what was known, in words, and the effects they can stand for."""
-    where = stand.solution.problem.where
-    values = where.values(stand.solution.x)
-    said, implied = [], []
-    for name, (middle, sigma) in setting.known.items():
-        far = (values[name] - middle) / sigma
-        if abs(far) <= CONFLICT:
-            continue
-        said.append(f"{name} {100 * (values[name] / middle - 1):+.1f} %, {abs(far):.1f} standard deviations")
-        group = STANDS_FOR.get(name, ((), ()))[0 if far < 0 else 1]
-        if group:
-            implied.append(group)
-    return tuple(said), tuple(implied)
 
 
 def _named(setting: Setting, course: Course, name: str) -> Named:
@@ -231,8 +208,10 @@ def _ladder(setting: Setting, course: Course) -> tuple[Rung, ...]:
     return tuple(rungs)
 
 
-def _model(model: StageModel, setting: Setting, stand: Stand) -> StageModel:
-    """Return the stage model with what was fitted."""
+def _model(model: StageModel, setting: Setting, stand: Stand, implied: Sequence[Conflict] = ()) -> StageModel:
+    """Return the stage model with what was fitted, and with what its numbers stand for that moved too far."""
     dynamics = cast(AxisDynamics, stand.model)
+    for conflict in implied:
+        dynamics = conflict.written(dynamics)
     axes = {**model.axes, setting.name: dynamics.axis}
     return replace(model, axes=axes, controller=replace(model.controller, delay=dynamics.delay))

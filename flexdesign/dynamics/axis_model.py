@@ -300,6 +300,7 @@ class AxisDynamics:
         # A record that began early begins some samples later in a simulation with a longer delay.
         command, delay = np.concatenate([lead, command, np.full(early, command[-1])]), delay + early * run.period
         axis = changed(self.axis, {name: value for name, value in own.items() if name not in (TRIGGER, *CAME_FROM)})
+        axis = self._loaded(axis, run.payload)
         return simulate(
             Stage((self._chain(axis),), limits={self.name: stages.limits(axis)}),
             {self.name: Loop(command)},
@@ -310,6 +311,20 @@ class AxisDynamics:
             substeps=steps,
             most_steps=self.finest,
             disturbances=self._disturbances(axis, run, len(command)),
+        )
+
+    def _loaded(self, axis: AxisModel, payload: float) -> AxisModel:
+        """Return the axis with a known mass added [kg]; without a mass of its own nobody knows what that does."""
+        if payload == 0 or self.first.mass is None:
+            return axis
+        extra = axis.effects.get("payload_mass", {}).get("ratio", 0.0)
+        slower = 1 / math.sqrt(1 + payload / (self.first.mass * (1 + extra)))
+        return changed(
+            axis,
+            {
+                "natural_frequency": slower * axis.natural_frequency,
+                "damping_ratio": slower * axis.damping_ratio,
+            },
         )
 
     def _lead(self, run: Run, own: Mapping[str, float], first: float) -> Array:

@@ -27,9 +27,12 @@ from flexdesign.model import Model
 
 Array = NDArray[np.float64]
 #: An effect of which the free numbers leave less than this, in squares, is one that they can imitate.
-OWN = 1e-4
+OWN = 1e-8
 #: A promise counts only if the strength that it needs is no more than this many times the trial's.
 FARTHEST = 300.0
+#: A move larger than this, in standard deviations of the noise, is made smaller where the free numbers imitate it but for
+#: less than this share of its square.
+LARGE, IMITATED = 3.0, 0.2
 #: Draws of chance, and the share of them above which a promise is more than chance.
 DRAWS, LEVEL = 4000, 0.01
 
@@ -144,7 +147,7 @@ class Screening:
         found = problem.each(lambda trial: self._tried(*trial), trials)
         self.directions = [direction for direction in found if direction is not None]
 
-    def _tried(self, candidate: Candidate, values: Mapping[str, float]) -> Direction | None:
+    def _tried(self, candidate: Candidate, values: Mapping[str, float], small: bool = False) -> Direction | None:
         try:
             with np.errstate(all="ignore"):
                 model = self.coarse(candidate.add(self.model))
@@ -153,7 +156,18 @@ class Screening:
                 move = self._move(model.replace(values))
         except (ArithmeticError, InputError):
             return None
-        return None if move is None else self._direction(candidate, values, np.concatenate(move))
+        if move is None:
+            return None
+        whole = np.concatenate(move)
+        size = math.sqrt(float(whole @ whole) / len(whole))
+        if size > LARGE and not candidate.is_limit and candidate.strength in values and not small:
+            # What the free numbers imitate is taken out to first order: for that the move must be small.
+            less = {**values, candidate.strength: values[candidate.strength] * LARGE / size}
+            found = self._direction(candidate, values, whole)
+            if found is None or found.own < IMITATED * float(whole @ whole):
+                return self._tried(candidate, less, small=True)
+            return found
+        return self._direction(candidate, values, whole)
 
     def _move(self, model: Model) -> list[Array] | None:
         suite, moves = self.solution.problem.suite, []

@@ -126,8 +126,11 @@ class Stand:
 
     @property
     def seen_cost(self) -> float:
-        """Sum of squares of what the fit saw, whitened, without what was known."""
-        return float(sum(part @ part for part in self.solution.residuals))
+        """Sum of squares of what the fit saw, whitened, and of how oddly runs began; not of the model's own numbers."""
+        problem = self.solution.problem
+        of_runs = {parameter.name for parameter in problem.where.parameters if parameter.run}
+        odd = problem.before(self.solution.x)[[name in of_runs for name in problem.where.known]]
+        return float(sum(part @ part for part in self.solution.residuals) + odd @ odd)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -457,9 +460,7 @@ def _trial(case: Case, before: Stand, after: Stand, names: tuple[str, ...], need
     # Judged by the data alone: an effect is not needed because it lets a number stay where it was thought to be.
     gain, held = before.seen_cost - after.seen_cost, before.held_cost - after.held_cost
     kept_apart = [record.observation.name for record in (case.validate.records or case.identify.records)]
-    moved = float(
-        np.sqrt(np.nanmean(np.concatenate([(before.remainders[n] - after.remainders[n]) ** 2 for n in kept_apart])))
-    )
+    moved = _moved(case.validate if case.validate.records else case.identify, before, after)
     scale = max(_scale(after), 1.0)
     reason = ""
     if gain < needed * scale * len(names):
@@ -471,6 +472,24 @@ def _trial(case: Case, before: Stand, after: Stand, names: tuple[str, ...], need
     elif after.at_bound():
         reason = f"{' and '.join(after.at_bound())} at the end of what is plausible"
     return Trial(names, after, gain, held, moved, after.rms(kept_apart), needed * scale, reason)
+
+
+def _moved(suite: Suite, before: Stand, after: Stand) -> float:
+    """Return by how much two stands differ in what they predict of new runs, rms [response]; offsets are free.
+
+    New runs begin where the old ones did, but in time: a delay that every run has is not the runs' own.
+    """
+    squares, count = 0.0, 0
+    models = [stand.model.replace(_in_time(stand.model)) for stand in (before, after)]
+    for record in suite.records:
+        first, second = (np.asarray(model.predict(record.observation)) for model in models)
+        difference = (second - first)[record.present]
+        squares, count = squares + float(np.sum((difference - np.mean(difference)) ** 2)), count + len(difference)
+    return math.sqrt(squares / count)
+
+
+def _in_time(model: Model) -> dict[str, float]:
+    return {p.name: p.null for p in model.parameters() if p.run and p.null is not None}
 
 
 def _scale(stand: Stand) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 from flexdesign import effects, units
 from flexdesign.bench import Resolved
@@ -17,15 +16,23 @@ from flexdesign.runs import Run
 
 #: Half-width of a 95 % interval, in standard deviations.
 HALF_WIDTH = 1.96
+#: Effects that are called after people.
+PROPER = {
+    "abbe_error": "Abbe error",
+    "bouc_wen": "Bouc-Wen hysteresis",
+    "coulomb_friction": "Coulomb friction",
+    "prandtl_ishlinskii": "Prandtl-Ishlinskii hysteresis",
+}
 
 
 def called(name: str) -> str:
     """Return what an effect is called in a sentence.
 
-    >>> called("stress_stiffening")
-    'stress stiffening'
+    >>> called("stress_stiffening"), called("bouc_wen")
+    ('stress stiffening', 'Bouc-Wen hysteresis')
     """
-    return effects.find(name).name.replace("_", " ")
+    own = effects.find(name).name
+    return PROPER.get(own, own.replace("_", " "))
 
 
 def verdict(found: Diagnosis) -> str:
@@ -46,13 +53,15 @@ def verdict(found: Diagnosis) -> str:
 
 
 def effect(found: Diagnosis, named: Named) -> str:
-    """Return an effect with its numbers and what it explains, in a sentence."""
+    """Return an effect with its numbers, what it explains and what to do about it, in some sentences."""
     values = "; ".join(quantity(value, short=True) for value in named.values)
     name = _sentence(called(named.name))
     said = f"{name}: {values}" if values else f"{name}: seen in the model's own numbers ({'; '.join(found.conflicts)})"
     if named.values:
-        said += f". It explains {words.percent(named.share)} of what recalibration leaves unexplained"
-    return f"{said}."
+        others = _beside(found, named.name)
+        it = f"Together with {words.listed([called(other) for other in others])} it" if others else "It"
+        said += f". {it} explains {words.percent(named.share)} of what recalibration leaves unexplained"
+    return f"{said}. What to do about it: {effects.find(named.name).remedy}."
 
 
 def quantity(value: Value, *, short: bool = False) -> str:
@@ -76,7 +85,9 @@ def label(rung: Rung) -> str:
     >>> label(Rung("+ creep + mains_hum", 1e-6))
     '+ creep + mains hum'
     """
-    return " ".join(Path(word).stem if word.endswith(".py") else word for word in rung.label.split()).replace("_", " ")
+    if not rung.label.startswith("+ "):
+        return rung.label
+    return " ".join(f"+ {called(name)}" for name in rung.label.removeprefix("+ ").split(" + "))
 
 
 def apart(group: Sequence[str], tellings: Sequence[Telling]) -> str:
@@ -89,11 +100,6 @@ def apart(group: Sequence[str], tellings: Sequence[Telling]) -> str:
     return said
 
 
-def remedies(found: Diagnosis) -> list[str]:
-    """Return what can be done about what was found: compensate, redesign, or live with it."""
-    return [f"What to do about {called(n.name)}: {effects.find(n.name).remedy}." for n in found.effects]
-
-
 def summary(found: Diagnosis, tellings: Sequence[Telling]) -> list[str]:
     """Return the answer in a few paragraphs."""
     said = [verdict(found), *(effect(found, named) for named in found.effects)]
@@ -104,7 +110,6 @@ def summary(found: Diagnosis, tellings: Sequence[Telling]) -> list[str]:
         said.append(f"Not all is explained: {found.remainder}.")
     if found.conflicts and all(named.values for named in found.effects):
         said.append(f"Beyond what was known of the model: {'; '.join(found.conflicts)}.")
-    said += remedies(found)
     if found.confidence:
         said.append(f"Take care: {found.confidence}.")
     return said
@@ -148,6 +153,12 @@ def _would(resolved: Resolved) -> str:
     ]
     pair = either([called(effect.name) for effect in resolved.effects])
     return f"What would tell {pair}, and by how many times the noise the readings differ: {', '.join(told)}."
+
+
+def _beside(found: Diagnosis, name: str) -> list[str]:
+    """Return the effects that were added in one step with another."""
+    steps = [tried.names for tried in found.candidates if tried.outcome == "added" and name in tried.names]
+    return [other for names in steps for other in names if other != name]
 
 
 def _alternatives(found: Diagnosis, name: str) -> str:

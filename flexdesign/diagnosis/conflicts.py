@@ -1,0 +1,146 @@
+"""Numbers that the runs move beyond what was known of them, and the physics that such a move stands for.
+
+A natural frequency that is far below what mass and stiffness give, each known to a few percent, is a payload or a soft
+support; a gain beyond its uncertainty is a sensor out of calibration; runs that all begin late share a delay. The
+prediction is the same either way: what was known decides, and not the runs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from flexdesign import effects
+from flexdesign.diagnosis.candidates import LOADED
+from flexdesign.diagnosis.findings import Named, Value
+from flexdesign.dynamics.axis_model import TRIGGER, AxisDynamics
+from flexdesign.dynamics.axis_parameters import DELAY
+from flexdesign.evidence.coordinates import value
+from flexdesign.evidence.selection import Stand
+from flexdesign.model import Parameter
+
+if TYPE_CHECKING:
+    from flexdesign.diagnosis.course import Setting
+
+#: A number that the fit moves by more standard deviations of what was known than this is a finding.
+CONFLICT = 3.0
+#: Half-width of a 95 % interval, in standard deviations.
+HALF_WIDTH = 1.96
+#: A run shows how late it began where that is known better afterwards, by this factor.
+SHOWN = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Conflict:
+    """A number that moved too far.
+
+    Parameters
+    ----------
+    words
+        Which, by how much, and how surely.
+    group
+        Effects that it can stand for; empty if none is known.
+    named
+        The first of these with its value; None if there is none.
+    written
+        Returns the model with the effect in it and the number back where it was known to be.
+    """
+
+    words: str
+    group: tuple[str, ...]
+    named: Named | None
+    written: Callable[[AxisDynamics], AxisDynamics]
+
+
+def conflicts(setting: Setting, stand: Stand) -> tuple[Conflict, ...]:
+    """Return the numbers that moved beyond what was known of them."""
+    where, covariance = stand.solution.problem.where, stand.solution.covariance
+    values, found = where.values(stand.solution.x), []
+    for name, (middle, sigma) in setting.known.items():
+        j = where.names.index(name)
+        ratio, far = values[name] / middle, (values[name] - middle) / sigma
+        if abs(far) <= CONFLICT:
+            continue
+        words = f"{name} {100 * (ratio - 1):+.1f} %, {abs(far):.1f} standard deviations of what was known"
+        spread = HALF_WIDTH * math.sqrt(max(float(covariance[j, j]), 0.0))
+        x = float(stand.solution.x[j])
+        ends = [value(where.parameters[j], end) / middle for end in (x - spread, x + spread)]
+        if name == "natural_frequency" and far < 0:
+            found.append(_softer(setting, words, ratio, sorted(ends)))
+        elif name == "gain":
+            found.append(_louder(setting, words, ratio, sorted(ends)))
+        else:
+            found.append(Conflict(words, (), None, lambda model: model))
+    late = _late(setting, stand)
+    return (*found, late) if late else tuple(found)
+
+
+def _softer(setting: Setting, words: str, ratio: float, ends: list[float]) -> Conflict:
+    """Return what a lower natural frequency stands for: more mass, or less stiffness."""
+    if setting.is_loaded:  # a known mass would have shown that the table's own is another
+        name, numbers = "stiffness_loss", [1 - r**2 for r in (ratio, *reversed(ends))]
+    else:
+        name, numbers = LOADED, [r**-2 - 1 for r in (ratio, *reversed(ends))]
+    group = (name,) if setting.is_loaded else (LOADED, "stiffness_loss")
+    axis = setting.axis
+
+    def written(model: AxisDynamics) -> AxisDynamics:
+        faster = {
+            "natural_frequency": axis.natural_frequency,
+            "damping_ratio": model.axis.damping_ratio * (1 / ratio if name == LOADED else ratio),
+        }
+        if name != LOADED:
+            faster["gain"] = model.axis.gain * ratio**2
+        return _with(model.replace(faster), name, {"ratio": numbers[0]})
+
+    return Conflict(words, group, _named(name, "ratio", numbers), written)
+
+
+def _louder(setting: Setting, words: str, ratio: float, ends: list[float]) -> Conflict:
+    """Return what another gain stands for: that of the sensor, the amplifier, or the stack."""
+    numbers, axis = [r - 1 for r in (ratio, *ends)], setting.axis
+
+    def written(model: AxisDynamics) -> AxisDynamics:
+        return _with(model.replace({"gain": axis.gain}), "sensor_gain", {"error": numbers[0]})
+
+    return Conflict(words, ("sensor_gain",), _named("sensor_gain", "error", numbers), written)
+
+
+def _late(setting: Setting, stand: Stand) -> Conflict | None:
+    """Return what it means that all runs began late: a delay that none of them has of its own."""
+    where = stand.solution.problem.where
+    sigma = np.sqrt(np.maximum(np.diag(stand.solution.covariance), 0.0))
+    late, jitter = [], 0.0
+    for j, parameter in enumerate(where.parameters):
+        before = where.known.get(parameter.name, (0.0, math.inf))[1]
+        if parameter.name.endswith(f":{TRIGGER}") and sigma[j] < SHOWN * before:
+            late.append(float(stand.solution.x[j]))
+            jitter = max(jitter, before)
+    if len(late) < 2:
+        return None
+    mean, error = float(np.mean(late)), jitter / math.sqrt(len(late))
+    if mean <= CONFLICT * error:
+        return None
+    # Runs that jitter less than was feared tell their common delay better.
+    error = float(np.std(late, ddof=1)) / math.sqrt(len(late))
+    words = f"all runs began late, by {1e3 * mean:.3g} ms in the mean"
+    parameter = next(p for p in stand.model.parameters() if p.name == DELAY)
+    total = cast(AxisDynamics, stand.model).delay + mean
+    interval = (total - HALF_WIDTH * error, total + HALF_WIDTH * error)
+    named = Named("transport_delay", (Value(parameter, total, interval),), 0.0)
+    return Conflict(words, ("transport_delay",), named, lambda model: model.replace({DELAY: total}))
+
+
+def _with(model: AxisDynamics, name: str, values: Mapping[str, float]) -> AxisDynamics:
+    acting = {**model.axis.effects, name: dict(values)}
+    return replace(model, axis=replace(model.axis, effects=acting))
+
+
+def _named(name: str, key: str, numbers: list[float]) -> Named:
+    parameter: Parameter = next(p for p in effects.find(name).parameters if p.name == key)
+    low, high = sorted(numbers[1:])
+    return Named(name, (Value(replace(parameter, name=f"{name}.{key}"), numbers[0], (low, high)),), 0.0)
