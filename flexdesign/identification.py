@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 
 from flexdesign import effects, evidence, units
 from flexdesign.dynamics.axis_choice import checked_numbers, choose_axis
-from flexdesign.dynamics.axis_model import DELAY, AxisDynamics, of_axis
+from flexdesign.dynamics.axis_model import AxisDynamics
+from flexdesign.dynamics.axis_parameters import DELAY
+from flexdesign.dynamics.axis_run import of_axis
 from flexdesign.errors import InputError
 from flexdesign.evidence import Estimate, Fit, Starts
 from flexdesign.runs import Role, Run

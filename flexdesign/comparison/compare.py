@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from flexdesign.comparison.where import Breakdown, where
 from flexdesign.dynamics.axis_choice import choose_axis
-from flexdesign.dynamics.axis_model import AxisDynamics, of_axis
+from flexdesign.dynamics.axis_model import AxisDynamics
+from flexdesign.dynamics.axis_run import of_axis
 from flexdesign.errors import InputError
 from flexdesign.noise_floor import NoiseFloor, noise_floor
 from flexdesign.runs import Role, Run, suspicions

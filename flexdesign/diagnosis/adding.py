@@ -20,7 +20,7 @@ from flexdesign.dynamics.axis_choice import choose_axis
 from flexdesign.dynamics.stage import missing
 from flexdesign.errors import InputError
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import Case, Stand, fitted
+from flexdesign.evidence.stand import Case, Stand, fitted
 from flexdesign.experiments import AS_MODELLED
 from flexdesign.model import OTHER, Disturbance, Term
 from flexdesign.noise_floor import NoiseFloor

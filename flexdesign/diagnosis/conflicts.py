@@ -20,7 +20,7 @@ from flexdesign.diagnosis.findings import Named, Value
 from flexdesign.dynamics.axis_model import TRIGGER, AxisDynamics
 from flexdesign.dynamics.axis_parameters import DELAY
 from flexdesign.evidence.coordinates import value
-from flexdesign.evidence.selection import Stand
+from flexdesign.evidence.stand import Stand
 from flexdesign.model import Parameter
 
 if TYPE_CHECKING:

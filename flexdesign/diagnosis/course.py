@@ -24,12 +24,14 @@ from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.findings import Diagnosis
 from flexdesign.diagnosis.judgement import conclude
 from flexdesign.dynamics.axis_choice import choose_axis
-from flexdesign.dynamics.axis_model import CAME_FROM, TRIGGER, AxisDynamics, of_axis
+from flexdesign.dynamics.axis_model import CAME_FROM, TRIGGER, AxisDynamics
+from flexdesign.dynamics.axis_run import of_axis
 from flexdesign.errors import InputError
 from flexdesign.evidence.coloured import Coloured
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import MOST, Case, Stand, Step, backward, calibrated, fitted, forward
+from flexdesign.evidence.selection import MOST, Step, backward, forward
+from flexdesign.evidence.stand import Case, Stand, calibrated, fitted
 from flexdesign.evidence.suite import Suite
 from flexdesign.identification import HYSTERESIS, LINEAR, prior
 from flexdesign.model import Model, Observation, Parameter

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import pairwise
 from threading import Lock
@@ -22,11 +22,12 @@ from flexdesign import effects
 from flexdesign.dynamics import axis_parameters
 from flexdesign.dynamics import stage as stages
 from flexdesign.dynamics.axis_parameters import DELAY
+from flexdesign.dynamics.axis_run import command_column
 from flexdesign.dynamics.chain import AxisChain
 from flexdesign.dynamics.simulate import Loop, Response, Stage, simulate
 from flexdesign.errors import InputError, suggest
 from flexdesign.model import Effect, Observation, Parameter
-from flexdesign.runs import AXES, Run
+from flexdesign.runs import Run
 from flexdesign.stage_model import AxisModel
 from flexdesign.stage_model import fields as units_of
 
@@ -386,47 +387,6 @@ def changed(axis: AxisModel, values: Mapping[str, float]) -> AxisModel:
     return replace(axis, **own, modes=modes, driver=driver, sensor=sensor, effects=acting)
 
 
-@dataclass(frozen=True, eq=False)
-class AxisRun(Run):
-    """What a run holds of one axis, an `Observation` of n values; other columns are there for what disturbs it.
-
-    Parameters
-    ----------
-    response
-        Column of the response.
-    """
-
-    response: str = ""
-
-    def command(self) -> Array:
-        """Return the command of this axis [V], n values."""
-        return self.columns[command_column(self, self.response)]
-
-    def measured(self) -> Array:
-        """Return the response of this axis, n values."""
-        return self.columns[self.response]
-
-
-def of_axis(run: Run, name: str, axis: AxisModel) -> AxisRun:
-    """Return a run as seen by one axis: its command and its response.
-
-    Raises
-    ------
-    InputError
-        If the axis is none that runs know, or the run lacks its command or response, or has it in another unit.
-    """
-    if name not in AXES:
-        raise InputError("model", f"axis.{name}", None, f"runs hold the axes {', '.join(AXES)}; name it one of these")
-    if name not in run.responses:
-        there = f"there is {', '.join(run.responses)}"
-        raise InputError(run.name, name, None, f"the run has no response of axis {name}; {there}: leave the run out")
-    if run.si[name] != axis.response:
-        remedy = f"the model's axis {name} responds in {axis.response} (the unit of its gain); correct one of the two"
-        raise InputError(run.name, name, f"in {run.si[name]}", remedy)
-    command_column(run, name)
-    return AxisRun(**{each.name: getattr(run, each.name) for each in fields(run)}, response=name)
-
-
 @cache
 def smooth_way(samples: int) -> Array:
     """Return a way from zero to one, n values: the integral of Harris's window of four terms.
@@ -443,18 +403,3 @@ def smooth_way(samples: int) -> Array:
 def _span(values: Array) -> float:
     present = values[np.isfinite(values)]
     return float(np.ptp(present)) if present.size else 0.0
-
-
-def command_column(run: Run, name: str) -> str:
-    """Return the name of the column that commands an axis: u, or ux and so on.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
-    for column in ("u", f"u{name}"):
-        if column in run.columns:
-            return column
-    there = f"there is {', '.join(run.commands)}"
-    raise InputError(run.name, f"u{name}", None, f"the run has no command of axis {name}; {there}: leave the run out")

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from flexdesign.evidence.selection import Case, Stand
+from flexdesign.evidence.stand import Case, Stand
 from flexdesign.evidence.suite import Suite
 from flexdesign.model import Observation
 

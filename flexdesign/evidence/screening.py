@@ -30,8 +30,8 @@ Array = NDArray[np.float64]
 OWN = 1e-8
 #: A promise counts only if the strength that it needs is no more than this many times the trial's.
 FARTHEST = 300.0
-#: A move larger than this, in standard deviations of the noise, is made smaller where the free numbers imitate it but for
-#: less than this share of its square.
+#: A move larger than this, in standard deviations of the noise, is made smaller where the free numbers imitate it and
+#: leave less than this share of its square.
 LARGE, IMITATED = 3.0, 0.2
 #: Draws of chance, and the share of them above which a promise is more than chance.
 DRAWS, LEVEL = 4000, 0.01

@@ -1,4 +1,4 @@
-"""Which effects earn a place in a model: forward in ones and twos, back again, each exchanged for its rivals.
+"""Which effects earn a place in a model: forward in ones and twos, and back again.
 
 An effect is judged by what it leaves after all free numbers are fitted anew with it: of the runs that the fit saw, by
 the fall of the cost against what chance gives; of those it did not see, by the fall of the cost and by how far it moves
@@ -7,22 +7,17 @@ the prediction. Of these runs, too, where each began is fitted, and nothing else
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flexdesign.evidence.coordinates import Coordinates, coordinates
-from flexdesign.evidence.marquardt import SHARE, Columns, Solution, solve
-from flexdesign.evidence.residuals import Map
+from flexdesign.evidence.marquardt import SHARE
 from flexdesign.evidence.screening import Candidate, Direction, Screening
-from flexdesign.evidence.suite import Problem, Record, Suite
+from flexdesign.evidence.stand import Case, Stand, begun_anew, fitted, moved, refitted
 from flexdesign.model import Model
 
-Array = NDArray[np.float64]
 #: Effects that are refitted after a screening, pairs among them; trials of each from which a fit begins.
 SHORTLIST, PAIRS, BEGINNINGS = 7, 2, 2
 #: A candidate that promises less than this share of what the best one does cannot win at this step.
@@ -35,222 +30,16 @@ FIRST, FIRST_SHARE = 3, 1e-3
 WITHIN_REACH = 0.5
 #: An effect must lower the cost by this many times what chance makes of the whole catalogue.
 SURE = 2.0
+#: What chance makes of a catalogue of about this size; an effect stays in the model where it is worth that.
+PLAIN_CHANCE = 15.0
 #: Two answers are one if their costs differ by less than this, in multiples of the noise's variance.
 ALIKE = 12.0
 #: A model misses the runs by far where it leaves this many times the mean square of the noise.
 GROSS = 30.0
 #: A fit is begun anew so often where runs seem to have come from elsewhere.
 ANEW = 3
-#: A run begins elsewhere where that lowers its misfit to less than this share.
-BETTER = 0.98
-#: Starts of the calibration end where a step lowers the cost by less than this share; the best is then refined.
-CALIBRATION_SHARE = 1e-4
-#: A first start that leaves less than this times the noise's mean square needs no others; others find slopes so often,
-#: and agree if their costs differ by no more than this share.
-GOOD, FOLLOWED, AGREED = 1.5, 8, 0.01
-#: Points of a sample from which the best become starts of the calibration.
-SAMPLED = 16
 #: No more effects than these are added.
 MOST = 4
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """What a diagnosis is about.
-
-    Parameters
-    ----------
-    identify, validate
-        Runs that a fit may see, and runs kept apart.
-    free
-        Names of the numbers of the model itself that are fitted.
-    known
-        Returns what was known of a model's numbers: value and standard deviation, SI, by name.
-    tolerance
-        What an effect must at least move a held-out prediction, rms [response].
-    coarse, fine
-        Make a model that predicts less exactly and faster, for screening; and one that predicts exactly.
-    each
-        Maps simulations, over threads perhaps.
-    progress
-        Told what is being done.
-    """
-
-    identify: Suite
-    validate: Suite
-    free: tuple[str, ...]
-    known: Callable[[Model], Mapping[str, tuple[float, float]]]
-    tolerance: float
-    coarse: Callable[[Model], Model] = lambda model: model
-    fine: Callable[[Model], Model] = lambda model: model
-    each: Map = map
-    progress: Callable[[str], None] = lambda _: None
-
-    def coordinates(self, model: Model, free: Sequence[str], suite: Suite) -> Coordinates:
-        """Return free numbers and those of each run as coordinates."""
-        runs = {record.observation.name for record in suite.records}
-        own = [parameter.name for parameter in model.parameters() if parameter.run in runs]
-        names = [*free, *own]
-        known = {name: about for name, about in self.known(model).items() if name in names}
-        return coordinates(model, names, known)
-
-
-@dataclass(frozen=True, eq=False)
-class Stand:
-    """A model with some effects, fitted and judged.
-
-    Parameters
-    ----------
-    effects
-        What was added, in this order.
-    solution
-        The fit to the runs that it may see.
-    model
-        The fitted model; where each held-out run began is fitted as well.
-    held_cost
-        Sum of squares of the held-out runs, whitened.
-    predictions, remainders
-        Of every run, by name: prediction with the run's own offset, and measured less that; n values, SI.
-    """
-
-    effects: tuple[Candidate, ...]
-    solution: Solution
-    model: Model
-    held_cost: float
-    remainders: Mapping[str, Array]
-
-    @property
-    def cost(self) -> float:
-        """Sum of squares of what the fit saw, whitened, and of what was known."""
-        return self.solution.cost
-
-    @property
-    def seen_cost(self) -> float:
-        """Sum of squares of what the fit saw, whitened, and of how oddly runs began; not of the model's own numbers."""
-        problem = self.solution.problem
-        of_runs = {parameter.name for parameter in problem.where.parameters if parameter.run}
-        odd = problem.before(self.solution.x)[[name in of_runs for name in problem.where.known]]
-        return float(sum(part @ part for part in self.solution.residuals) + odd @ odd)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the effects."""
-        return tuple(effect.name for effect in self.effects)
-
-    def rms(self, runs: Sequence[str]) -> float:
-        """Return the root mean square of what is left of some runs [response]."""
-        left = np.concatenate([self.remainders[name] for name in runs])
-        return float(np.sqrt(np.nanmean(left**2)))
-
-    @property
-    def total(self) -> float:
-        """What candidates are ranked by: cost of all runs, and the price of the numbers (Schwarz 1978)."""
-        numbers = sum(len(effect.free) for effect in self.effects)
-        return self.cost + self.held_cost + numbers * math.log(self.solution.problem.suite.samples)
-
-    def at_bound(self) -> list[str]:
-        """Return the numbers of effects that the fit pushes to the end of what is plausible."""
-        where, free = self.solution.problem.where, {name for effect in self.effects for name in effect.free}
-        found = []
-        for j, parameter in enumerate(where.parameters):
-            if parameter.name not in free:
-                continue
-            value = where.values(self.solution.x)[parameter.name]
-            ends = [end for end in (where.lower[j], where.upper[j]) if math.isfinite(end)]
-            if parameter.null != value and any(math.isclose(self.solution.x[j], e, rel_tol=1e-6) for e in ends):
-                found.append(parameter.name)
-        return found
-
-
-def calibrated(case: Case, model: Model, starts: int = 4, seed: int = 0) -> tuple[Stand | None, int]:
-    """Fit the model as it is from several starts; return the best, and how many ended there.
-
-    The first start is the model's own values; the others are the best of a sample of what is plausible or known. The
-    search ends early when two agree.
-    """
-    first = fitted(case, model, (), {}, share=CALIBRATION_SHARE, exact=False)
-    found = [] if first is None else [first]
-    if first is not None and _scale(first) < GOOD:  # no other minimum can be deeper by much
-        return first, 1
-    for values in _sampled(case, model, starts - 1, seed):
-        case.progress(f"calibrating: start {len(found) + 1}")
-        made = fitted(case, model, (), values, share=CALIBRATION_SHARE, most=FOLLOWED, exact=False)
-        if made is not None:
-            found.append(made)
-            best = min(found, key=lambda stand: stand.cost)
-            if _agreed(found, best) > 1:
-                return best, _agreed(found, best)
-    if not found:
-        return None, 0
-    best = min(found, key=lambda stand: stand.cost)
-    return best, _agreed(found, best)
-
-
-def _agreed(found: Sequence[Stand], best: Stand) -> int:
-    return sum(stand.cost <= (1 + AGREED) * best.cost for stand in found)
-
-
-def _sampled(case: Case, model: Model, count: int, seed: int) -> Iterator[dict[str, float]]:
-    """Yield values of the free numbers, the best of a sample."""
-    from scipy.stats.qmc import Sobol
-
-    where = case.coordinates(model, case.free, case.identify)
-    shared = [j for j, parameter in enumerate(where.parameters) if not parameter.run]
-    problem = Problem(case.identify, model, where, case.each)
-    low, high = where.sampled()
-    tried = []
-    for unit in Sobol(len(shared), rng=np.random.default_rng(seed)).random(SAMPLED):
-        x = where.start.copy()
-        x[shared] = low[shared] + unit * (high - low)[shared]
-        tried.append((problem.cost(x, problem.residuals(x)), x))
-    tried.sort(key=lambda pair: pair[0])
-    for cost, x in tried[:count]:
-        if math.isfinite(cost):
-            yield where.values(x)
-
-
-def fitted(
-    case: Case,
-    model: Model,
-    effects: tuple[Candidate, ...],
-    start: Mapping[str, float],
-    *,
-    old: Columns | None = None,
-    most: int = 20,
-    share: float = SHARE,
-    exact: bool = True,
-) -> Stand | None:
-    """Fit a model that has some effects, and judge it on the runs kept apart; None where it cannot be simulated.
-
-    Parameters
-    ----------
-    start
-        Values from which it begins, where they are not those of the model.
-    old, most, share, exact
-        See `flexdesign.evidence.marquardt.solve`.
-    """
-    begun = model.replace(start)
-    free = [*case.free, *(name for effect in effects for name in effect.free)]
-    where = case.coordinates(begun, free, case.identify)
-    problem = Problem(case.identify, begun, where, case.each)
-    solution = solve(problem, where.start, most=most, share=share, old=old, exact=exact)
-    return None if solution is None else judged(case, solution, effects)
-
-
-def judged(case: Case, solution: Solution, effects: tuple[Candidate, ...]) -> Stand | None:
-    """Judge a fit on the runs kept apart: where each began is found, and what is left of all."""
-    model = solution.problem.at(solution.x)
-    held = 0.0
-    if case.validate.records:
-        where = case.coordinates(model, (), case.validate)
-        beginning = solve(Problem(case.validate, model, where, case.each), where.start)
-        if beginning is None:
-            return None
-        model, held = beginning.problem.at(beginning.x), beginning.cost
-    records = [(suite, record) for suite in (case.identify, case.validate) for record in suite.records]
-    left = case.each(lambda pair: pair[0].remainder(pair[1], np.asarray(model.predict(pair[1].observation))), records)
-    names = [record.observation.name for _, record in records]
-    return Stand(effects, solution, model, held, dict(zip(names, left, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,7 +100,7 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     screening = Screening(stand.solution, left, case.coarse)
     needed = SURE * screening.chance()
     attempts = list[tuple[tuple[str, ...], Stand]]()
-    for beginning in _shortlist(screening, needed * _scale(stand)):
+    for beginning in _shortlist(screening, needed * stand.scale):
         names = tuple(direction.candidate.name for direction in beginning)
         case.progress(f"trying {' and '.join((*stand.names, *names))}")
         if (made := _extended(case, stand, beginning)) is not None:
@@ -361,37 +150,11 @@ def _ended(case: Case, stand: Stand) -> Stand:
     return best or stand
 
 
-def begun_anew(suite: Suite, model: Model) -> Model:
-    """Return a model whose runs begin where it fits them best: where they are, or at one of the values to be tried.
-
-    A fit may be caught where a run seems to have come from elsewhere, which is a matter of that run alone.
-    """
-    own = [parameter for parameter in model.parameters() if parameter.run]
-    names = sorted({parameter.name.rpartition(":")[2] for parameter in own if parameter.screen})
-    grids = {p.name.rpartition(":")[2]: p.screen for p in own if p.screen}
-    best = {record.observation.name: (_misfit(suite, model, record), dict[str, float]()) for record in suite.records}
-    for values in itertools.product(*(grids[name] for name in names)):
-        changes = dict(zip(names, values, strict=True))
-        tried = model.replace({p.name: changes.get(p.name.rpartition(":")[2], 0.0) for p in own if p.si != "rad"})
-        for record in suite.records:
-            run = record.observation.name
-            if (misfit := _misfit(suite, tried, record)) < best[run][0] * BETTER:
-                new = {p.name: changes.get(p.name.rpartition(":")[2], 0.0) for p in own if p.run == run}
-                best[run] = misfit, {name: value for name, value in new.items() if not name.endswith("phase")}
-    changed = {name: value for _, new in best.values() for name, value in new.items()}
-    return model.replace(changed) if changed else model
-
-
-def _misfit(suite: Suite, model: Model, record: Record) -> float:
-    residual = suite.residual(record, np.asarray(model.predict(record.observation)))
-    return math.inf if residual is None else float(residual @ residual)
-
-
 def is_alike(a: Stand, b: Stand) -> bool:
     """Tell whether the runs cannot tell two answers apart."""
     if len(a.effects) != len(b.effects):
         return False
-    allowed = ALIKE * max(_scale(a), 1.0)
+    allowed = ALIKE * max(a.scale, 1.0)
     return (b.cost + b.held_cost) - (a.cost + a.held_cost) < allowed
 
 
@@ -400,22 +163,10 @@ def backward(case: Case, stand: Stand, base: Model, candidates: Sequence[Candida
     for effect in stand.effects:
         rest = tuple(other for other in stand.effects if other.name != effect.name)
         without = refitted(case, stand, base, rest)
-        needed = SURE * _enough(case) * max(_scale(stand), 1.0)
+        needed = SURE * PLAIN_CHANCE * max(stand.scale, 1.0)
         if without is not None and without.cost - stand.cost < needed:
             return backward(case, without, base, candidates)
     return stand
-
-
-def refitted(case: Case, stand: Stand, base: Model, effects: tuple[Candidate, ...]) -> Stand | None:
-    """Fit the model with some of a stand's effects, from the values that it has."""
-    model = base
-    for effect in effects:
-        model = effect.add(model)
-    present = {parameter.name: parameter.start for parameter in stand.model.parameters()}
-    dropped = {name for effect in stand.effects if effect not in effects for name in effect.free}
-    names = {parameter.name for parameter in model.parameters()} - dropped
-    values = {name: value for name, value in present.items() if name in names and value is not None}
-    return fitted(case, model, effects, values)
 
 
 def _shortlist(screening: Screening, needed: float) -> list[tuple[Direction, ...]]:
@@ -448,7 +199,7 @@ def _extended(case: Case, stand: Stand, beginning: Sequence[Direction]) -> Stand
     start = {name: float(np.clip(value, *bounds.get(name, (-math.inf, math.inf)))) for name, value in start.items()}
     # A limit moves the prediction so far that slopes of the model without it mislead; and where the model missed the
     # runs by far, it also misled about where they came from.
-    gross = _scale(stand) > GROSS
+    gross = stand.scale > GROSS
     if gross:
         start |= {p.name: p.screen[len(p.screen) // 2] for p in model.parameters() if p.run and p.screen}
     known = None if gross or any(candidate.is_limit for candidate in added) else old
@@ -460,42 +211,15 @@ def _trial(case: Case, before: Stand, after: Stand, names: tuple[str, ...], need
     # Judged by the data alone: an effect is not needed because it lets a number stay where it was thought to be.
     gain, held = before.seen_cost - after.seen_cost, before.held_cost - after.held_cost
     kept_apart = [record.observation.name for record in (case.validate.records or case.identify.records)]
-    moved = _moved(case.validate if case.validate.records else case.identify, before, after)
-    scale = max(_scale(after), 1.0)
+    far = moved(case.validate if case.validate.records else case.identify, before, after)
+    scale = max(after.scale, 1.0)
     reason = ""
     if gain < needed * scale * len(names):
         reason = "no more than chance gives"
     elif case.validate.records and held <= 0:
         reason = "does not help on the runs kept apart"
-    elif moved < case.tolerance:
+    elif far < case.tolerance:
         reason = "moves the prediction by less than the tolerance"
     elif after.at_bound():
         reason = f"{' and '.join(after.at_bound())} at the end of what is plausible"
-    return Trial(names, after, gain, held, moved, after.rms(kept_apart), needed * scale, reason)
-
-
-def _moved(suite: Suite, before: Stand, after: Stand) -> float:
-    """Return by how much two stands differ in what they predict of new runs, rms [response]; offsets are free.
-
-    New runs begin where the old ones did, but in time: a delay that every run has is not the runs' own.
-    """
-    squares, count = 0.0, 0
-    models = [stand.model.replace(_in_time(stand.model)) for stand in (before, after)]
-    for record in suite.records:
-        first, second = (np.asarray(model.predict(record.observation)) for model in models)
-        difference = (second - first)[record.present]
-        squares, count = squares + float(np.sum((difference - np.mean(difference)) ** 2)), count + len(difference)
-    return math.sqrt(squares / count)
-
-
-def _in_time(model: Model) -> dict[str, float]:
-    return {p.name: p.null for p in model.parameters() if p.run and p.null is not None}
-
-
-def _scale(stand: Stand) -> float:
-    """Return the mean square of what the fit leaves, whitened: one where only noise is left."""
-    return stand.cost / stand.solution.problem.suite.samples
-
-
-def _enough(case: Case) -> float:
-    return 15.0
+    return Trial(names, after, gain, held, far, after.rms(kept_apart), needed * scale, reason)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexdesign import effects, units, versions
 from flexdesign.bench import Resolved
@@ -28,6 +29,8 @@ from flexdesign.report.identification_report import SHOWN
 from flexdesign.report.residual_charts import Bars, Trace
 from flexdesign.stage_model import AxisModel
 
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 #: Pictures of what is left, by the experiments that an effect says reveal it; the first is for those that say nothing.
 PICTURES = {
     "position": ("triangle", "staircase", "push"),
@@ -42,6 +45,8 @@ SHOWS = {
     "shares": "Shares of the unexplained error, and of the time: where a bar is longer than its tick, the model is "
     "worse than elsewhere",
 }
+#: Of a run that is drawn over its command the last so many spans: two loops.
+TURNS = 4
 #: Runs that are drawn one by one, and experiments that are listed as telling two effects apart.
 DRAWN, PROPOSED = 4, 8
 
@@ -348,12 +353,18 @@ def _loops(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
     if slow is None:
         return []
     runs = [next(run for run in stand.runs if run.name == slow) for _, stand in stands]
-    there = np.logical_and.reduce([np.isfinite(run.measured) for run in runs])
+    there = np.logical_and.reduce([np.isfinite(run.measured) for run in runs]) & _last_turns(runs[0].command)
     small = SHOWN[first.response][1]
     scale = units.factor(small, first.response)
     left = [(name, run.residual[there] / scale) for (name, _), run in zip(stands, runs, strict=True)]
     drawn = drawings.loop(runs[0].command[there], left, f"left [{words.sign(small)}]")
-    return [Figure("loop.svg", drawn, f"{slow}: what is left over the command; a loop means memory")]
+    return [Figure("loop.svg", drawn, f"{slow}, its end: what is left over the command; a loop means memory")]
+
+
+def _last_turns(command: Array) -> Flags:
+    """Return which samples are the end of a command, over which it moves by a few times its span."""
+    left = np.cumsum(np.abs(np.diff(command, append=command[-1]))[::-1])[::-1]
+    return np.asarray(left <= TURNS * np.ptp(command))
 
 
 def _bars(stand: Comparison) -> list[Bars]:

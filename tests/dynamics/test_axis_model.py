@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from flexdesign import effects
-from flexdesign.dynamics.axis_model import DELAY, AxisDynamics, changed, command_column, of_axis
+from flexdesign.dynamics.axis_model import DELAY, AxisDynamics, changed
+from flexdesign.dynamics.axis_run import command_column, of_axis
 from flexdesign.effects.bouc_wen import advance
 from flexdesign.errors import InputError
 from flexdesign.runs import Run

@@ -1,0 +1,70 @@
+"""A recorded run as seen by one axis: its command and its response."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.errors import InputError
+from flexdesign.runs import AXES, Run
+from flexdesign.stage_model import AxisModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class AxisRun(Run):
+    """What a run holds of one axis, an `Observation` of n values; other columns are there for what disturbs it.
+
+    Parameters
+    ----------
+    response
+        Column of the response.
+    """
+
+    response: str = ""
+
+    def command(self) -> Array:
+        """Return the command of this axis [V], n values."""
+        return self.columns[command_column(self, self.response)]
+
+    def measured(self) -> Array:
+        """Return the response of this axis, n values."""
+        return self.columns[self.response]
+
+
+def of_axis(run: Run, name: str, axis: AxisModel) -> AxisRun:
+    """Return a run as seen by one axis: its command and its response.
+
+    Raises
+    ------
+    InputError
+        If the axis is none that runs know, or the run lacks its command or response, or has it in another unit.
+    """
+    if name not in AXES:
+        raise InputError("model", f"axis.{name}", None, f"runs hold the axes {', '.join(AXES)}; name it one of these")
+    if name not in run.responses:
+        there = f"there is {', '.join(run.responses)}"
+        raise InputError(run.name, name, None, f"the run has no response of axis {name}; {there}: leave the run out")
+    if run.si[name] != axis.response:
+        remedy = f"the model's axis {name} responds in {axis.response} (the unit of its gain); correct one of the two"
+        raise InputError(run.name, name, f"in {run.si[name]}", remedy)
+    command_column(run, name)
+    return AxisRun(**{each.name: getattr(run, each.name) for each in fields(run)}, response=name)
+
+
+def command_column(run: Run, name: str) -> str:
+    """Return the name of the column that commands an axis: u, or ux and so on.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    for column in ("u", f"u{name}"):
+        if column in run.columns:
+            return column
+    there = f"there is {', '.join(run.commands)}"
+    raise InputError(run.name, f"u{name}", None, f"the run has no command of axis {name}; {there}: leave the run out")
