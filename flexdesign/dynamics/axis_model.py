@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 from itertools import pairwise
 from threading import Lock
 from typing import Any
@@ -22,7 +21,7 @@ from flexdesign import effects
 from flexdesign.dynamics import axis_parameters
 from flexdesign.dynamics import stage as stages
 from flexdesign.dynamics.axis_parameters import DELAY
-from flexdesign.dynamics.axis_run import command_column
+from flexdesign.dynamics.axis_run import command_column, smooth_way
 from flexdesign.dynamics.chain import AxisChain
 from flexdesign.dynamics.simulate import Loop, Response, Stage, simulate
 from flexdesign.errors import InputError, suggest
@@ -385,19 +384,6 @@ def changed(axis: AxisModel, values: Mapping[str, float]) -> AxisModel:
     driver, sensor = (replace(getattr(axis, key), **tables.pop(key, {})) for key in ("driver", "sensor"))
     acting = {name: {**given, **tables.get(name, {})} for name, given in axis.effects.items()}
     return replace(axis, **own, modes=modes, driver=driver, sensor=sensor, effects=acting)
-
-
-@cache
-def smooth_way(samples: int) -> Array:
-    """Return a way from zero to one, n values: the integral of Harris's window of four terms.
-
-    A mode that is given six of its periods to follow is left at rest within 1e-4 of the way: F. J. Harris, On the use
-    of windows for harmonic analysis with the discrete Fourier transform, Proc. IEEE 66 (1978).
-    """
-    phase = 2 * math.pi * (np.arange(samples) + 0.5) / samples
-    window = 0.35875 - 0.48829 * np.cos(phase) + 0.14128 * np.cos(2 * phase) - 0.01168 * np.cos(3 * phase)
-    way = np.cumsum(window)
-    return np.asarray(way / way[-1])
 
 
 def _span(values: Array) -> float:
