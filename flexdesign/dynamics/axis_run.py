@@ -1,4 +1,4 @@
-"""A recorded run as seen by one axis: its command and its response; and ways by which a stage came to where it began."""
+"""A recorded run as seen by one axis: its command and its response; and ways by which a record comes to its start."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ SECOND_BEST = 0.5
 #: A first fit finds slopes so often, and ends where a step lowers the cost by less than this share.
 FIRST, FIRST_SHARE = 3, 1e-3
 #: A first fit is carried to its end where it lowers the cost by this share of what the best one does.
-WITHIN_REACH = 0.5
+WITHIN_REACH = 0.7
 #: An effect must lower the cost by this many times what chance makes of the whole catalogue.
 SURE = 2.0
 #: What chance makes of a catalogue of about this size; an effect stays in the model where it is worth that.
