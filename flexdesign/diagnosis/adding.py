@@ -123,24 +123,24 @@ def add(
     _check(setting, name, model)
     with ThreadPoolExecutor(threads) as pool:
         each: Any = pool.map if threads > 1 else map
-        dynamics, case = course._case(model, setting, each, progress)
+        dynamics, case = course.case_of(model, setting, each, progress)
         lines = [line.frequency for line in setting.noise.lines]
         number = fields.ELSEWHERE.get(name)
-        candidate = candidates._candidate(dynamics, effects.find(name), name, number, lines)
+        candidate = candidates.candidate_of(dynamics, effects.find(name), name, number, lines)
         case, gone = course.search(case, dynamics, [candidate], seed)
         final, reason = _added(case, gone, candidate)
     judging = setting.judging
     errors = [stand.rms(judging) for stand in (gone.designed, gone.calibrated, final)]
     unexplained = max(errors[1] ** 2 - setting.floor**2, 1e-300)
-    effect_values = judgement._values(final, candidate.free)
-    own_values = judgement._values(final, judgement._own(final))
-    numbers, said = [*own_values, *effect_values], judgement._model(model, setting, final)
+    effect_values = judgement.values_of(final, candidate.free)
+    own_values = judgement.values_of(final, judgement.own_numbers(final))
+    numbers, said = [*own_values, *effect_values], judgement.model_of(model, setting, final)
     labels = ("as designed", "recalibrated", f"+ {name}")
     return Added(
         name=name,
         axis=setting.name,
         before=model,
-        without=judgement._model(model, setting, gone.calibrated),
+        without=judgement.model_of(model, setting, gone.calibrated),
         model=with_knowledge(said, setting.name, numbers, setting.runs),
         values=effect_values,
         calibration=own_values,

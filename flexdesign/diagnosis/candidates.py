@@ -68,11 +68,26 @@ def candidates(
         present = {p.name: p.start for p in model.parameters()}
         if number is not None and present[number] not in (0.0, math.inf):
             continue
-        made.append(_candidate(model, effects.find(name), name, number, lines))
+        made.append(candidate_of(model, effects.find(name), name, number, lines))
     return tuple(made)
 
 
-def _candidate(model: AxisDynamics, effect: Effect, name: str, number: str | None, lines: Sequence[float]) -> Candidate:
+def candidate_of(
+    model: AxisDynamics, effect: Effect, name: str, number: str | None, lines: Sequence[float]
+) -> Candidate:
+    """Return one effect as a candidate.
+
+    Parameters
+    ----------
+    model
+        The axis, without the effect.
+    effect, name
+        The effect, and the name under which `flexdesign.effects.find` has it.
+    number
+        The number of driver, sensor or controller that it stands for, if any.
+    lines
+        Frequencies [Hz] of sinusoids that were seen in quiet records.
+    """
     with_it = {p.name: p for p in model.with_effect(effect, name).parameters()}
     if number is not None:
         own = [_with_screen(with_it[number], effect.parameters[0], model)]

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 CONFLICT = 3.0
 #: Half-width of a 95 % interval, in standard deviations.
 HALF_WIDTH = 1.96
+#: Steps of a reading are coarse where they are this many times the noise, which rounding alone makes 0.29 of them; and
+#: real where readings take no more levels than this share of their number, each within this share of a step.
+COARSE, MOST_LEVELS, ON_THE_GRID = 1.2, 0.5, 0.05
 #: A run shows how late it began where that is known better afterwards, by this factor.
 SHOWN = 0.5
 
@@ -75,8 +78,8 @@ def conflicts(setting: Setting, stand: Stand) -> tuple[Conflict, ...]:
             found.append(_louder(setting, words, ratio, sorted(ends)))
         else:
             found.append(Conflict(words, (), None, lambda model: model))
-    late = _late(setting, stand)
-    return (*found, late) if late else tuple(found)
+    more = (_late(setting, stand), _stepped(setting))
+    return (*found, *(conflict for conflict in more if conflict is not None))
 
 
 def _softer(setting: Setting, words: str, ratio: float, ends: list[float]) -> Conflict:
@@ -133,6 +136,27 @@ def _late(setting: Setting, stand: Stand) -> Conflict | None:
     interval = (total - HALF_WIDTH * error, total + HALF_WIDTH * error)
     named = Named("transport_delay", (Value(parameter, total, interval),), 0.0)
     return Conflict(words, ("transport_delay",), named, lambda model: model.replace({DELAY: total}))
+
+
+def _stepped(setting: Setting) -> Conflict | None:
+    """Return what it means that readings come in whole steps, larger than noise and the stated resolution."""
+    seen = np.concatenate([run.measured() for run in setting.runs])
+    levels = np.unique(seen[np.isfinite(seen)])
+    gaps = np.diff(levels)
+    step = float(np.median(gaps)) if len(gaps) else 0.0
+    rounding = setting.noise.rms[setting.runs[0].name]
+    if step <= max(COARSE * rounding, 2 * setting.axis.sensor.resolution) or len(levels) > MOST_LEVELS * len(seen):
+        return None
+    if np.abs(gaps / step - np.round(gaps / step)).max() > ON_THE_GRID:
+        return None
+    p = effects.find("quantisation").parameters[0]
+    error = ON_THE_GRID * step / max(len(levels), 1)
+    named = Named("quantisation", (Value(p, step, (step - error, step + error)),), 0.0)
+
+    def written(model: AxisDynamics) -> AxisDynamics:
+        return replace(model, axis=replace(model.axis, sensor=replace(model.axis.sensor, resolution=step)))
+
+    return Conflict("readings come in whole steps", ("quantisation",), named, written)
 
 
 def _with(model: AxisDynamics, name: str, values: Mapping[str, float]) -> AxisDynamics:

@@ -172,7 +172,7 @@ def diagnose(
     # Threads of linear algebra would fight with those that simulate; the matrices are small.
     with threadpool_limits(1), ThreadPoolExecutor(threads) as pool:
         each: Any = pool.map if threads > 1 else map
-        dynamics, case = _case(model, setting, each, progress)
+        dynamics, case = case_of(model, setting, each, progress)
         lines = [line.frequency for line in setting.noise.lines]
         every = candidates(dynamics, more, lines, loaded=setting.is_loaded)
         case, course = search(case, dynamics, every, seed)
@@ -218,7 +218,9 @@ def _known(axis: AxisModel) -> dict[str, tuple[float, float]]:
     return prior(axis, [*LINEAR, *HYSTERESIS[:-1]] if "bouc_wen" in axis.effects else LINEAR)
 
 
-def _case(model: StageModel, setting: Setting, each: Any, progress: Callable[[str], None]) -> tuple[AxisDynamics, Case]:
+def case_of(
+    model: StageModel, setting: Setting, each: Any, progress: Callable[[str], None]
+) -> tuple[AxisDynamics, Case]:
     """Return the model of the axis, with numbers of its own for each run, and what it is confronted with."""
     volts = max(float(np.abs(run.command()).max()) for run in setting.runs) or 1.0
     stroke = abs(setting.axis.gain * setting.axis.driver.gain) * volts

@@ -95,13 +95,13 @@ def conclude(model: StageModel, setting: Setting, course: Course, before: Rival,
         verdict=verdict,
         axis=setting.name,
         before=model,
-        model=_model(model, setting, final if known else course.calibrated, implied),
+        model=model_of(model, setting, final if known else course.calibrated, implied),
         effects=effects if known else (),
         confusable=groups if known else (),
         near=final.names if verdict == "unknown" else (),
         candidates=_tried(course.steps),
         ladder=_ladder(setting, course),
-        calibration=_values(course.final, _own(course.final)),
+        calibration=values_of(course.final, own_numbers(course.final)),
         conflicts=tuple(conflict.words for conflict in moved),
         noise=setting.noise,
         noise_floor=setting.floor,
@@ -148,10 +148,10 @@ def _named(setting: Setting, course: Course, name: str) -> Named:
     place = next((i for i, stand in enumerate(course.stands) if name in stand.names), len(course.stands) - 1)
     before, after = errors[place] ** 2, errors[place + 1] ** 2
     unexplained = max(errors[0] ** 2 - setting.floor**2, 1e-300)
-    return Named(name, _values(final, effect.free), min((before - after) / unexplained, 1.0))
+    return Named(name, values_of(final, effect.free), min((before - after) / unexplained, 1.0))
 
 
-def _values(stand: Stand, names: Sequence[str]) -> tuple[Value, ...]:
+def values_of(stand: Stand, names: Sequence[str]) -> tuple[Value, ...]:
     """Return fitted numbers with their intervals."""
     where, x = stand.solution.problem.where, stand.solution.x
     scale = max(stand.cost / stand.solution.problem.suite.samples, 1.0)
@@ -165,7 +165,7 @@ def _values(stand: Stand, names: Sequence[str]) -> tuple[Value, ...]:
     return tuple(found)
 
 
-def _own(stand: Stand) -> list[str]:
+def own_numbers(stand: Stand) -> list[str]:
     """Return the free numbers that belong to the model itself."""
     of_effects = {name for effect in stand.effects for name in effect.free}
     return [p.name for p in stand.solution.problem.where.parameters if not p.run and p.name not in of_effects]
@@ -209,7 +209,7 @@ def _ladder(setting: Setting, course: Course) -> tuple[Rung, ...]:
     return tuple(rungs)
 
 
-def _model(model: StageModel, setting: Setting, stand: Stand, implied: Sequence[Conflict] = ()) -> StageModel:
+def model_of(model: StageModel, setting: Setting, stand: Stand, implied: Sequence[Conflict] = ()) -> StageModel:
     """Return the stage model with what was fitted, and with what its numbers stand for that moved too far."""
     dynamics = cast(AxisDynamics, stand.model)
     for conflict in implied:

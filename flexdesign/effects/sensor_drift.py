@@ -22,7 +22,7 @@ EFFECT = Effect(
     reveal="a quiet record of some minutes: a straight line",
     remedy="let it warm up, keep the temperature, take a reference reading now and then",
     reference="A. J. Fleming, A review of nanometer resolution position sensors, Sens. Actuators A 190 (2013)",
-    parameters=(Parameter("rate", "m/s", "nm/s", "change of the reading per time", 0.0, 1e-8, (-1e-6, 1e-6)),),
+    parameters=(Parameter("rate", "m/s", "nm/s", "change of the reading per time", 0.0, 1e-8, (-5e-6, 5e-6)),),
     faces=(Disturbance(reading),),
     confused_with=("creep", "thermal_expansion"),
 )

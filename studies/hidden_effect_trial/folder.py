@@ -141,10 +141,13 @@ def read_answer(path: Path) -> Answer:
     told: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
     groups = {name: tuple(others) for name, others in told["confusable"].items()}
     um = 1e-6
+    effects = {name: dict(values) for name, values in told.get("effects", {}).items()}
+    if "electrostriction" in effects:  # the package states it as displacement per voltage squared [m/V^2]
+        effects["electrostriction"]["quadratic"] *= told["base"]["gain"]
     return Answer(
         told["case"],
         told["kind"],
-        told.get("effects", {}),
+        effects,
         groups,
         told["effect_to_noise"],
         told["floor"] * um,

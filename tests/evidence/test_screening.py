@@ -1,0 +1,353 @@
+"""Screening beside fits that are written out: what is promised, what chance makes, phases, and what can be imitated."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+import pytest
+from scipy.stats import binom, chi2
+
+from flexdesign.evidence.coloured import Coloured, Process
+from flexdesign.evidence.coordinates import coordinates
+from flexdesign.evidence.marquardt import Solution, solve
+from flexdesign.evidence.noise import White, Whitening
+from flexdesign.evidence.screening import FARTHEST, LEVEL, Candidate, Screening
+from flexdesign.evidence.suite import Problem, Suite
+from flexdesign.model import Effect, Observation, Parameter
+from tests.evidence.toys import Array, Run, parameter
+
+Shape = Callable[[Mapping[str, float], Any], Array]
+N = 60
+NAMES = ("one", "two", "three")
+SLOW = Process.from_coefficients(np.array([1.0, -0.9]), 0.3)
+
+
+@dataclass(frozen=True, eq=False)
+class Sum:
+    """A sum of shapes: what a fit of strengths must find follows from linear algebra alone."""
+
+    shapes: tuple[Shape, ...] = ()
+    every: tuple[Parameter, ...] = ()
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self.every
+
+    def replace(self, values: Mapping[str, float]) -> Sum:
+        assert set(values) <= {p.name for p in self.every}
+        return Sum(self.shapes, tuple(dataclasses.replace(p, start=values.get(p.name, p.start)) for p in self.every))
+
+    def with_effect(self, effect: Effect) -> Sum:
+        raise NotImplementedError
+
+    def predict(self, observation: Any) -> Array:
+        v = {p.name: float(p.start or 0.0) for p in self.every}
+        return np.sum([np.zeros(len(observation.t)), *(shape(v, observation) for shape in self.shapes)], axis=0)
+
+    def plus(self, shape: Shape, *more: Parameter) -> Sum:
+        return Sum((*self.shapes, shape), (*self.every, *more))
+
+
+def column(run: Any, name: str) -> Array:
+    """The same random numbers whenever they are asked for."""
+    return np.random.default_rng([crc32(run.name.encode()), crc32(name.encode())]).standard_normal(len(run.t))
+
+
+def strength(name: str, start: float = 0.0, low: float = -1e3, high: float = 1e3, **more: Any) -> Parameter:
+    return parameter(name, start, low, high, null=0.0, **more)
+
+
+def linear(name: str, made_of: Mapping[str, float] | None = None) -> Shape:
+    """A strength times a mixture of random columns, by default its own."""
+    mixture = made_of or {name: 1.0}
+    return lambda v, run: v[name] * np.sum([share * column(run, c) for c, share in mixture.items()], axis=0)
+
+
+def candidate(name: str, made_of: Mapping[str, float] | None = None, trial: float = 0.1, **more: Any) -> Candidate:
+    """An effect that is linear in its strength."""
+    low, high = more.pop("between", (-1e3, 1e3))
+    number = strength(name, 0.0, low, high)
+    return Candidate(
+        name, lambda model: _sum(model).plus(linear(name, made_of), number), name, (name,), ({name: trial},), **more
+    )
+
+
+def _sum(model: Any) -> Sum:
+    assert isinstance(model, Sum)
+    return model
+
+
+def base(*names: str, start: float = 0.0) -> Sum:
+    model = Sum()
+    for name in names:
+        model = model.plus(linear(name), strength(name, start))
+    return model
+
+
+def runs(data: Callable[[Run], Array], names: Sequence[str] = NAMES, n: int = N) -> list[Run]:
+    blank = [Run(name, np.arange(n) / n, np.zeros(n)) for name in names]
+    return [dataclasses.replace(run, data=data(run)) for run in blank]
+
+
+def offset(observation: Observation) -> tuple[Array, Array]:
+    return np.ones((len(observation.measured()), 1)), np.array([math.inf])
+
+
+def columns(model: Sum, observed: Sequence[Run], names: Sequence[str], of: Whitening) -> Array:
+    """Whitened columns of a linear model with an offset for each run, those of the offsets first."""
+    made = []
+    for i, run in enumerate(observed):
+        shifts = np.zeros((len(run.t), len(observed)))
+        shifts[:, i] = 1.0
+        own = [model.replace({n: float(n == name) for n in names}).predict(run) for name in names]
+        made.append(of.whiten(run, np.column_stack([shifts, *own])))
+    return np.vstack(made)
+
+
+def least(matrix: Array, right: Array) -> float:
+    """The least sum of squares."""
+    return float(np.sum((right - matrix @ np.linalg.lstsq(matrix, right)[0]) ** 2))
+
+
+def data_of(observed: Sequence[Run], of: Whitening) -> Array:
+    return np.concatenate([of.whiten(run, run.data[:, None])[:, 0] for run in observed])
+
+
+def solution(model: Sum, observed: Sequence[Run], of: Whitening, **known: tuple[float, float]) -> Solution:
+    """A fit that begins where linear algebra ends, so that no tolerance of a search is left in it."""
+    names = [p.name for p in model.parameters()]
+    matrix, right = columns(model, observed, names, of), data_of(observed, of)
+    rows = [[0.0] * len(observed) + [float(n == name) / sigma for n in names] for name, (_, sigma) in known.items()]
+    matrix = np.vstack([matrix, *rows]) if rows else matrix
+    right = np.append(right, [middle / sigma for middle, sigma in known.values()])
+    best = np.linalg.lstsq(matrix, right)[0][len(observed) :]
+    begun = model.replace(dict(zip(names, best, strict=True)))
+    found = solve(Problem(Suite(observed, of, offset), begun, coordinates(begun, names, known)), best)
+    assert found is not None
+    return found
+
+
+# --- promises -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("of", [White(0.3), Coloured(SLOW)], ids=["white", "slow"])
+def test_a_promise_is_the_fall_of_the_cost(of: Whitening) -> None:
+    """Where all is linear the score statistic is exact, whatever the trial's strength."""
+    rng = np.random.default_rng(0)
+    model = base("p", "q")
+    observed = runs(lambda run: 2 * column(run, "p") + 0.3 * column(run, "x") + 0.3 * rng.standard_normal(N))
+    found = [candidate("x", trial=0.02), candidate("y", {"x": 0.5, "p": 2.0, "y": 1.0}, trial=5.0, signed=True)]
+    screening = Screening(solution(model, observed, of), found)
+    before = columns(model, observed, ["p", "q"], of)
+    right = data_of(observed, of)
+    for effect in found:
+        (direction,) = [d for d in screening.directions if d.candidate is effect]
+        with_it = columns(_sum(effect.add(model)), observed, ["p", "q", effect.name], of)
+        fall = least(before, right) - least(with_it, right)
+        amount = np.linalg.lstsq(with_it, right)[0][-1]
+        assert direction.drop == pytest.approx(fall, rel=1e-3)  # slopes by forward differences
+        assert direction.start[effect.name] == pytest.approx(amount, rel=1e-3)
+
+
+def test_what_was_known_of_a_number_limits_what_it_can_imitate() -> None:
+    """An effect that is the gain over again: the harder the gain is held, the more of it is the effect's own."""
+    rng = np.random.default_rng(1)
+    observed = runs(lambda run: 1.5 * column(run, "p") + 0.1 * rng.standard_normal(N))
+    twin, of = candidate("twin", {"p": 1.0}), White(0.1)
+    assert not Screening(solution(base("p"), observed, of), [twin]).directions
+    held = solution(base("p"), observed, of, p=(1.0, 0.01))
+    (direction,) = Screening(held, [twin]).directions
+    # With it the gain goes back to what was known of it, and what that cost is what is promised.
+    free = solution(base("p"), observed, of)
+    assert direction.drop == pytest.approx(held.cost - free.cost, rel=1e-3)
+
+
+def test_a_pair_promises_what_both_together_bring() -> None:
+    rng = np.random.default_rng(2)
+    model, of = base("p"), White(0.5)
+    observed = runs(lambda run: column(run, "x") - 0.5 * column(run, "y") + 0.5 * rng.standard_normal(N))
+    pair = [candidate("x", signed=True), candidate("y", {"x": 1.0, "y": 1.0}, signed=True)]
+    ((promise, a, b),) = Screening(solution(model, observed, of), pair).pairs()
+    assert {a.candidate.name, b.candidate.name} == {"x", "y"}
+    both = _sum(pair[1].add(pair[0].add(model)))
+    right = data_of(observed, of)
+    fall = least(columns(model, observed, ["p"], of), right) - least(columns(both, observed, ["p", "x", "y"], of), right)
+    assert promise == pytest.approx(fall, rel=1e-3)
+
+
+def test_a_strength_of_the_wrong_sign_promises_nothing() -> None:
+    observed, of = runs(lambda run: -column(run, "x")), White(0.1)
+    one = Screening(solution(base("p"), observed, of), [candidate("x")])
+    assert one.directions[0].drop == 0
+    assert one.best() == []
+    either = Screening(solution(base("p"), observed, of), [candidate("x", signed=True)])
+    assert either.directions[0].start["x"] == pytest.approx(-1.0, rel=1e-3)
+    assert [[d.candidate.name for d in ds] for ds in either.best()] == [["x"]]
+
+
+def test_a_strength_too_far_from_the_trial_promises_nothing() -> None:
+    for amount, is_far in ((0.9 * FARTHEST, False), (1.1 * FARTHEST, True)):
+        observed = runs(lambda run: 0.01 * amount * column(run, "x"))  # noqa: B023
+        (direction,) = Screening(solution(base("p"), observed, White(0.1)), [candidate("x", trial=0.01)]).directions
+        assert direction.amount == pytest.approx(amount, rel=1e-3)
+        assert (direction.drop == 0) is is_far
+
+
+def test_an_effect_with_a_threshold_is_found_by_its_grid() -> None:
+    """A limit at infinity has no slope. Of the limits that are tried the one next to the truth promises most."""
+
+    def clipped(v: Mapping[str, float], run: Any) -> Array:
+        ramp = 3 * run.t
+        return np.minimum(ramp, v["cap"]) - ramp
+
+    number = parameter("cap", math.inf, 0.1, 10.0, null=math.inf, scale="inverse")
+    cap = Candidate(
+        "cap",
+        lambda model: _sum(model).plus(clipped, number),
+        "cap",
+        ("cap",),
+        tuple({"cap": c} for c in (0.5, 1.0, 1.5, 2.0, 2.5)),
+        is_limit=True,
+    )
+    model = Sum().plus(lambda v, run: v["k"] * run.t, strength("k", 3.0))
+    observed = runs(lambda run: np.minimum(3 * run.t, 1.6))
+    screening = Screening(solution(model, observed, White(0.01)), [cap, candidate("x")])
+    best = screening.best()[0]
+    assert best[0].candidate is cap
+    assert best[0].start == {"cap": 1.5}
+    assert [d.drop for d in best] == sorted((d.drop for d in best), reverse=True)
+
+
+def test_what_base_numbers_imitate_gives_no_direction() -> None:
+    """Nor does what an offset imitates, what has no influence, and what fails."""
+    observed = runs(lambda run: column(run, "p"))
+
+    def bad(v: Mapping[str, float], run: Any) -> Array:
+        raise ZeroDivisionError
+
+    def constant(v: Mapping[str, float], run: Any) -> Array:
+        return np.full(len(run.t), v["constant"])
+
+    def wild(v: Mapping[str, float], run: Any) -> Array:
+        return np.where(run.t > 0.5, np.nan, v["wild"])
+
+    def of(name: str, shape: Shape) -> Candidate:
+        return Candidate(
+            name, lambda model: _sum(model).plus(shape, strength(name)), name, (name,), ({name: 1.0},), signed=True
+        )
+
+    every = [
+        candidate("mixture", {"p": 1.0, "q": -2.0}),
+        candidate("nearly", {"p": 1.0, "x": 1e-3}),  # 1e-6 of it, in squares, is its own
+        candidate("idle", {"x": 0.0}),
+        of("constant", constant),
+        of("bad", bad),
+        of("wild", wild),
+        candidate("hardly", {"p": 1.0, "x": 0.1}),  # 1e-2 of it
+    ]
+    screening = Screening(solution(base("p", "q"), observed, White(0.1)), every)
+    assert [d.candidate.name for d in screening.directions] == ["hardly"]
+
+
+# --- a sinusoid -----------------------------------------------------------------------------------------------------
+
+
+def hum(frequency: float = 5.0) -> Candidate:
+    def shape(v: Mapping[str, float], run: Any) -> Array:
+        phase = v[f"{run.name}:hum.phase"]
+        return v["hum.size"] * np.sin(2 * math.pi * v["hum.frequency"] * run.t + phase)
+
+    numbers = [strength("hum.size", 0.0, 0.0, 10.0), parameter("hum.frequency", frequency, 1.0, 20.0)]
+    phases = [parameter(f"{n}:hum.phase", 0.0, -math.pi, math.pi, si="rad", unit="rad", run=n) for n in NAMES]
+    trials = tuple({"hum.size": 0.1, "hum.frequency": f} for f in (frequency, 7.0))
+    return Candidate(
+        "hum",
+        lambda model: _sum(model).plus(shape, *numbers, *phases),
+        "hum.size",
+        ("hum.size", "hum.frequency"),
+        trials,
+        "hum.phase",
+    )
+
+
+def test_a_sinusoid_has_a_phase_in_each_run() -> None:
+    """The fall is that of a sine and a cosine in each run; less what as many columns do by chance."""
+    rng, phases = np.random.default_rng(3), dict(zip(NAMES, (0.3, 2.5, -2.0), strict=True))
+    observed = runs(
+        lambda run: column(run, "p") + 0.5 * np.sin(10 * math.pi * run.t + phases[run.name]) + rng.normal(0, 0.1, N)
+    )
+    of = White(0.1)
+    screening = Screening(solution(base("p"), observed, of), [hum()])
+    best = screening.best()[0][0]
+    before = columns(base("p"), observed, ["p"], of)
+    waves = []
+    for i in range(len(observed)):
+        for wave in (np.sin, np.cos):
+            parts = [wave(10 * math.pi * run.t) / 0.1 * (k == i) for k, run in enumerate(observed)]
+            waves.append(np.concatenate(parts))
+    right = data_of(observed, of)
+    fall = least(before, right) - least(np.column_stack([before, *waves]), right)
+    assert best.columns == 6
+    assert best.drop == pytest.approx(fall - (chi2.isf(LEVEL, 6) - chi2.isf(LEVEL, 1)), rel=1e-3)
+    # A phase is known to sigma / size * root of 2 / N, which is 0.037; four times that.
+    assert {n: best.start[f"{n}:hum.phase"] for n in NAMES} == pytest.approx(phases, abs=0.15)
+    assert best.start["hum.frequency"] == 5.0
+    assert best.start["hum.size"] == pytest.approx(0.5, abs=4 * 0.1 * math.sqrt(2 / (3 * N)))
+
+
+# --- chance ---------------------------------------------------------------------------------------------------------
+
+
+def catalogue(seed: int, count: int = 8) -> list[Candidate]:
+    """Effects that look much alike: the cosines between them are 0.8; some can have one sign only."""
+    return [candidate(f"{seed}.{i}", {f"{seed}": 2.0, f"{seed}.{i}": 1.0}, signed=i % 2 == 0) for i in range(count)]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_one_case_in_a_hundred_promises_more_than_chance(seed: int) -> None:
+    """With 40 000 draws of noise, whose quantiles come from the columns themselves.
+
+    The threshold is that of 4000 draws, so that its level is uncertain by the root of 0.01 * 0.99 / 4000, 0.0016; four
+    times that. As if effects were strangers to each other it would be lower by a third: a level of 0.006 or less.
+    """
+    of, effects = White(1.0), catalogue(seed)
+    observed = runs(lambda run: np.zeros(N))
+    screening = Screening(solution(base("p"), observed, of), effects)
+    moves = np.array([d.move for d in screening.directions])
+    slopes = np.concatenate([part.matrix for part in screening.solution.slopes])
+    own = moves - (slopes @ np.linalg.lstsq(slopes, moves.T)[0]).T
+    own /= np.linalg.norm(own, axis=1, keepdims=True)
+    scores = np.random.default_rng(9).standard_normal((40_000, own.shape[1])) @ own.T
+    one_sided = np.array([not d.candidate.signed for d in screening.directions])
+    scores = np.where(one_sided, np.maximum(scores, 0), scores)
+    share = np.mean((scores**2).max(axis=1) > screening.chance())
+    assert share == pytest.approx(LEVEL, abs=4 * math.sqrt(LEVEL * (1 - LEVEL) * (1 / 4000 + 1 / 40_000)))
+
+
+def test_chance_holds_for_whole_screenings() -> None:
+    """Of 500 records of noise, each with a catalogue of its own, as many as a binomial with 0.01 allows.
+
+    Both ends at 1 in 1000: none to 13. That far fewer would be too many to be told from 500 draws is what the test
+    before is for; a threshold without the catalogue, that of one effect, would let 20 through, and here it does.
+    """
+    rng, of, larger, alone = np.random.default_rng(4), White(1.0), 0, 0
+    for seed in range(500):
+        observed = runs(lambda run: rng.standard_normal(N), NAMES[:1])
+        screening = Screening(solution(base("p"), observed, of), catalogue(seed, 6))
+        most = max((d.drop for d in screening.directions), default=0.0)
+        larger += most > screening.chance()
+        alone += most > chi2.isf(LEVEL, 1)
+    assert binom.ppf(1e-3, 500, LEVEL) <= larger <= binom.ppf(1 - 1e-3, 500, LEVEL)
+    assert alone > binom.ppf(1 - 1e-3, 500, LEVEL)
+
+
+def test_without_effects_chance_is_that_of_one() -> None:
+    screening = Screening(solution(base("p"), runs(lambda run: column(run, "p")), White(1.0)), [])
+    assert screening.chance() == pytest.approx(chi2.isf(0.01, 1))
+    assert screening.best() == []
+    assert screening.pairs() == []
