@@ -26,7 +26,7 @@ ADEQUATE = 0.09
 #: ... and by no more than so many standard errors, of chance and of the noise level together.
 ERRORS = 3.5
 #: Effects explain enough where what is left is no more than this share of what was unexplained (in squares).
-EXPLAINED = 0.10
+EXPLAINED = 0.01
 #: Not more effects than these make a group that the runs cannot tell apart.
 LARGEST_GROUP = 3
 

@@ -17,7 +17,7 @@ from flexdesign.evidence.coloured import Coloured, Process
 from flexdesign.evidence.coordinates import coordinates
 from flexdesign.evidence.marquardt import Solution, solve
 from flexdesign.evidence.noise import White, Whitening
-from flexdesign.evidence.screening import FARTHEST, LEVEL, Candidate, Screening
+from flexdesign.evidence.screening import FARTHEST, LEVEL, OWN, Candidate, Screening
 from flexdesign.evidence.suite import Problem, Suite
 from flexdesign.model import Effect, Observation, Parameter
 from tests.evidence.toys import Array, Run, parameter
@@ -243,12 +243,12 @@ def test_what_base_numbers_imitate_gives_no_direction() -> None:
 
     every = [
         candidate("mixture", {"p": 1.0, "q": -2.0}),
-        candidate("nearly", {"p": 1.0, "x": 1e-3}),  # 1e-6 of it, in squares, is its own
+        candidate("nearly", {"p": 1.0, "x": 0.1 * math.sqrt(OWN)}),
         candidate("idle", {"x": 0.0}),
         of("constant", constant),
         of("bad", bad),
         of("wild", wild),
-        candidate("hardly", {"p": 1.0, "x": 0.1}),  # 1e-2 of it
+        candidate("hardly", {"p": 1.0, "x": 10 * math.sqrt(OWN)}),
     ]
     screening = Screening(solution(base("p", "q"), observed, White(0.1)), every)
     assert [d.candidate.name for d in screening.directions] == ["hardly"]
