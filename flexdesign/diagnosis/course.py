@@ -233,6 +233,7 @@ def case_of(
         delay=model.controller.delay,
         finest=STEPS,
         apart=tuple(run.name for run in setting.runs),
+        highest=0.5 / max(run.period for run in setting.runs),
         bipolar=any(bool(np.min(run.command()) < -0.05 * volts) for run in setting.runs),
     )
     free = LINEAR + (HYSTERESIS[:-1] if "bouc_wen" in setting.axis.effects else ())

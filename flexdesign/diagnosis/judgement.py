@@ -214,5 +214,9 @@ def model_of(model: StageModel, setting: Setting, stand: Stand, implied: Sequenc
     dynamics = cast(AxisDynamics, stand.model)
     for conflict in implied:
         dynamics = conflict.written(dynamics)
-    axes = {**model.axes, setting.name: dynamics.axis}
+    axis = dynamics.axis
+    rested = setting.axis.effects.get("bouc_wen", {}).get("rest")
+    if rested:  # where a stage rests in simulations is not for records to say, each of which begins elsewhere
+        axis = replace(axis, effects={**axis.effects, "bouc_wen": {**axis.effects["bouc_wen"], "rest": rested}})
+    axes = {**model.axes, setting.name: axis}
     return replace(model, axes=axes, controller=replace(model.controller, delay=dynamics.delay))

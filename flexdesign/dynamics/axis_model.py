@@ -21,7 +21,7 @@ from flexdesign import effects
 from flexdesign.dynamics import axis_parameters
 from flexdesign.dynamics import stage as stages
 from flexdesign.dynamics.axis_parameters import DELAY
-from flexdesign.dynamics.axis_run import command_column, smooth_way
+from flexdesign.dynamics.axis_run import command_column, smooth_way, span
 from flexdesign.dynamics.chain import AxisChain
 from flexdesign.dynamics.simulate import Loop, Response, Stage, simulate
 from flexdesign.errors import InputError, suggest
@@ -105,6 +105,8 @@ class AxisDynamics:
         voltage had turned before, ``RUN:turn.1`` and ``RUN:turn.2``, from which all hysteresis has its state.
     bipolar
         Whether commands of both signs are known.
+    highest
+        Highest frequency that the samples show [Hz]; an effect may have none above.
     own
         These numbers where they differ from those of all runs, SI.
     """
@@ -120,6 +122,7 @@ class AxisDynamics:
     fixed: bool = False
     apart: tuple[str, ...] = ()
     bipolar: bool = False
+    highest: float = math.inf
     own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -143,8 +146,16 @@ class AxisDynamics:
         """
         numbers = {**self.axis.numbers, DELAY: self.delay}
         every = axis_parameters.of(self.first, self.axis, self.volts)
-        made = [replace(p, start=numbers.get(p.name, p.start)) for p in every]
+        made = [replace(p, start=numbers.get(p.name, p.start), **self._shown(p)) for p in every]
         return (*made, *(mine for run in self.apart for mine in self._of_run(run, made)))
+
+    def _shown(self, parameter: Parameter) -> dict[str, Any]:
+        """Return ranges without frequencies of effects that the samples cannot show."""
+        owner, _, number = parameter.name.rpartition(".")
+        if number != "frequency" or owner.startswith("modes") or math.isinf(self.highest):
+            return {}
+        tried = tuple(value for value in parameter.screen if value < self.highest)
+        return {"plausible": (parameter.plausible[0], self.highest), "screen": tried}
 
     def _of_run(self, run: str, common: Sequence[Parameter]) -> Iterator[Parameter]:
         """Yield the numbers that a run has for itself; where it has none of its own they are those of all runs."""
@@ -265,9 +276,9 @@ class AxisDynamics:
         """
         command, response, mode = self.command(run), run.measured(), self.first
         period = max(1, math.ceil(1 / (mode.natural_frequency * run.period)))
-        span, rings = float(np.ptp(command)), _span(response[: period + 1]) > RINGS * _span(response)
-        stands = float(np.ptp(command[: period + 1])) <= STILL * span
-        if (abs(command[0]) <= 1e-3 * span and not stands) or (stands and not rings):
+        reach, rings = float(np.ptp(command)), span(response[: period + 1]) > RINGS * span(response)
+        stands = float(np.ptp(command[: period + 1])) <= STILL * reach
+        if (abs(command[0]) <= 1e-3 * reach and not stands) or (stands and not rings):
             return 0
         lasts = self._decay(1e-3, mode.damping_ratio) + self.delay
         return min(math.ceil(lasts / run.period), len(command) // 2)
@@ -342,7 +353,7 @@ class AxisDynamics:
         return np.concatenate([a + (b - a) * smooth_way(samples) for a, b in pairwise(turns)])
 
     def _disturbances(self, axis: AxisModel, run: Run, samples: int) -> Mapping[str, Array]:
-        """Return what adds to the reading; nothing does while the stage settles before the record."""
+        """Return what adds to the reading; nothing does before the record."""
         added = stages.disturbance(self.name, axis, run.columns, run.time)
         return {} if added is None else {self.name: np.concatenate([np.zeros(samples - len(added)), added])}
 
@@ -384,8 +395,3 @@ def changed(axis: AxisModel, values: Mapping[str, float]) -> AxisModel:
     driver, sensor = (replace(getattr(axis, key), **tables.pop(key, {})) for key in ("driver", "sensor"))
     acting = {name: {**given, **tables.get(name, {})} for name, given in axis.effects.items()}
     return replace(axis, **own, modes=modes, driver=driver, sensor=sensor, effects=acting)
-
-
-def _span(values: Array) -> float:
-    present = values[np.isfinite(values)]
-    return float(np.ptp(present)) if present.size else 0.0

@@ -83,3 +83,9 @@ def smooth_way(samples: int) -> Array:
     window = 0.35875 - 0.48829 * np.cos(phase) + 0.14128 * np.cos(2 * phase) - 0.01168 * np.cos(3 * phase)
     way = np.cumsum(window)
     return np.asarray(way / way[-1])
+
+
+def span(values: Array) -> float:
+    """Return how far values reach, those that are no numbers left out."""
+    present = values[np.isfinite(values)]
+    return float(np.ptp(present)) if present.size else 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,8 @@ from flexdesign.dynamics.layout import Forces, Layout, Modes, Moves, State, Tick
 from flexdesign.model import Block, Controller, Disturbance, Effect, Socket
 from flexdesign.model.effect import Values
 
+#: Numbers for which a chain has room in one array: several times what one of the catalogue needs.
+ROOM = 1024
 #: Sockets before the mechanics, in the order of the signal.
 UPSTREAM = (Socket.COMMAND, Socket.DRIVER, Socket.HYSTERESIS, Socket.ACTUATOR)
 
@@ -55,9 +57,14 @@ class AxisChain:
     effects: tuple[tuple[Effect, Mapping[str, float]], ...] = ()
     amplifier: float = 1.0
 
+    @cached_property
+    def acting(self) -> list[tuple[Effect, Values]]:
+        """The effects that are not at null with their values, by name."""
+        return by_name(self.effects)
+
     def blocks(self, *sockets: Socket) -> list[tuple[Block, Values]]:
         """Return the blocks of some sockets with their values, by name of their effect."""
-        faces = ((face, values) for effect, values in by_name(self.effects) for face in effect.faces)
+        faces = ((face, values) for effect, values in self.acting for face in effect.faces)
         return [(face, values) for face, values in faces if isinstance(face, Block) and face.socket in sockets]
 
     def disturbance(
@@ -73,7 +80,7 @@ class AxisChain:
             Columns, n values each; an effect that needs one that is not there adds nothing.
         """
         there, total = recorded or {}, None
-        for effect, values in by_name(self.effects):
+        for effect, values in self.acting:
             for face in effect.faces:
                 if isinstance(face, Disturbance) and set(face.columns) <= set(there):
                     added = face.reading(values, there, time)
@@ -181,22 +188,39 @@ def _passage(mode: Oscillator, step: float) -> tuple[float, ...]:
 
 
 class Keeper:
-    """Makes arrays and gives their addresses."""
+    """Keeps numbers and gives their addresses; most fit into two arrays, as making one costs more than filling it."""
 
     def __init__(self) -> None:
         self.kept: list[NDArray[Any]] = []
+        self._reals, self._ints = _Room(np.zeros(ROOM), self.kept), _Room(np.zeros(ROOM, dtype=np.int64), self.kept)
 
     def reals(self, numbers: Sequence[float] | NDArray[np.float64]) -> int:
         """Keep numbers, at least one; return their address."""
-        return self._keep(np.array([*numbers, 0.0]))
+        return self._reals.keep(numbers)
 
     def ints(self, numbers: Sequence[int] | NDArray[np.int64]) -> int:
         """Keep whole numbers; return their address."""
-        return self._keep(np.array([*numbers, 0], dtype=np.int64))
+        return self._ints.keep(numbers)
 
-    def _keep(self, array: NDArray[Any]) -> int:
-        self.kept.append(array)
-        return int(array.ctypes.data)
+
+class _Room:
+    """An array that is filled from its beginning; what does not fit gets an array of its own."""
+
+    def __init__(self, array: NDArray[Any], kept: list[NDArray[Any]]) -> None:
+        self.array, self.kept, self.used, self.address = array, kept, 0, int(array.ctypes.data)
+        kept.append(array)
+
+    def keep(self, numbers: Sequence[float] | NDArray[Any]) -> int:
+        """Put numbers and a zero behind them into the array; return their address."""
+        first, last = self.used, self.used + len(numbers)
+        if last < len(self.array):
+            self.array[first:last] = numbers
+            self.used = last + 1
+            return self.address + self.array.itemsize * first
+        own = np.zeros(len(numbers) + 1, dtype=self.array.dtype)
+        own[:-1] = numbers
+        self.kept.append(own)
+        return int(own.ctypes.data)
 
 
 class _Moves:

@@ -244,7 +244,8 @@ class _Inputs:
         self.count = self.given.shape[1]
         generator = np.random.default_rng(seed)
         sizes = np.array([[stage.noise.get(name, 0.0)] for name in names])
-        self.noise = sizes * generator.standard_normal((len(names), self.count))
+        shape = (len(names), self.count)
+        self.noise = sizes * generator.standard_normal(shape) if sizes.any() else np.zeros(shape)
         self._disturb(disturbances)
         limits = [stage.limits.get(name, (-math.inf, math.inf)) for name in names]
         self.limits = np.array(limits, dtype=np.float64)
@@ -260,9 +261,11 @@ class _Inputs:
         given = np.array(rows, dtype=np.float64)
         if not np.isfinite(given).all():
             raise ValueError("a command or reference is not finite")
+        if self.every == 1:
+            return given
         last = given.shape[1] - 1
         at = np.arange(last * self.every + 1) / self.every
-        if self.is_smooth and self.every > 1:
+        if self.is_smooth:
             return np.array([smooth(row, at) for row in given])
         if self.is_linear:
             return np.array([np.interp(at, np.arange(last + 1), row) for row in given])
@@ -309,7 +312,7 @@ class _Inputs:
         )
         linear = np.eye(axes) if stage.coupling is None else stage.coupling
         quadratic = np.zeros((axes, axes)) if stage.quadratic_coupling is None else stage.quadratic_coupling
-        record = np.zeros((6, axes, self.count))
+        record = np.empty((6, axes, self.count))  # what the engine fills in is all that is read
         done = engine.run(
             inputs,
             laid_out.timing,

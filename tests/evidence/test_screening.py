@@ -176,7 +176,9 @@ def test_a_pair_promises_what_both_together_bring() -> None:
     assert {a.candidate.name, b.candidate.name} == {"x", "y"}
     both = _sum(pair[1].add(pair[0].add(model)))
     right = data_of(observed, of)
-    fall = least(columns(model, observed, ["p"], of), right) - least(columns(both, observed, ["p", "x", "y"], of), right)
+    fall = least(columns(model, observed, ["p"], of), right) - least(
+        columns(both, observed, ["p", "x", "y"], of), right
+    )
     assert promise == pytest.approx(fall, rel=1e-3)
 
 

@@ -1,0 +1,273 @@
+"""Selection on sums of random columns: right effects, right pairs, nothing in noise, and why others are refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexdesign.evidence.noise import White
+from flexdesign.evidence.screening import Candidate
+from flexdesign.evidence.selection import ALIKE, Step, backward, forward
+from flexdesign.evidence.stand import Case, Stand, begun_anew, calibrated, fitted
+from flexdesign.evidence.suite import Suite
+from tests.evidence.test_screening import NAMES, N, Sum, base, candidate, column, columns, least, offset, strength
+from tests.evidence.toys import Array, Run, parameter
+
+SIGMA = 0.1
+HELD = ("kept", "apart")
+EFFECTS = ("a", "b", "c", "d", "e", "f")
+
+
+def stage() -> Sum:
+    """Two numbers that are known to exist, and one of each run."""
+    own = [parameter(f"{name}:own", 0.0, -10.0, 10.0, run=name) for name in (*NAMES, *HELD)]
+    return base("p", "q").plus(lambda v, run: v[f"{run.name}:own"] * column(run, "own"), *own)
+
+
+def recorded(truth: Mapping[str, float], seed: int = 0, names: Sequence[str] = NAMES) -> list[Run]:
+    rng = np.random.default_rng([seed, len(names)])
+
+    def data(name: str) -> Array:
+        run = Run(name, np.arange(N) / N, None)
+        amounts = {"p": 2.0, "q": -1.0, "own": rng.normal(), **truth}
+        total = sum((amount * column(run, c) for c, amount in amounts.items()), start=rng.normal() * np.ones(N))
+        return np.asarray(total + SIGMA * rng.standard_normal(N))
+
+    return [Run(name, np.arange(N) / N, data(name)) for name in names]
+
+
+def case(truth: Mapping[str, float], seed: int = 0, tolerance: float = 1e-3, held: Any = None, **known: Any) -> Case:
+    """Three runs for the fit and two kept apart, in which the truth may be another."""
+    noise = White(SIGMA)
+    kept = recorded(truth if held is None else held, seed, HELD)
+    return Case(
+        Suite(recorded(truth, seed), noise, offset), Suite(kept, noise, offset), ("p", "q"), lambda _: known, tolerance
+    )
+
+
+def calibrated_stand(about: Case) -> Stand:
+    found = fitted(about, stage(), (), {})
+    assert found is not None
+    return found
+
+
+def effects(**more: Candidate) -> list[Candidate]:
+    return [more.get(name, candidate(name, signed=True)) for name in EFFECTS]
+
+
+def reasons(step: Step) -> dict[tuple[str, ...], str]:
+    return {trial.names: trial.reason for trial in step.trials}
+
+
+# --- forward --------------------------------------------------------------------------------------------------------
+
+
+def test_the_right_one_of_six_is_added_and_nothing_after_it() -> None:
+    about = case({"d": 0.3})
+    before = calibrated_stand(about)
+    step = forward(about, before, effects())
+    assert step.chosen is not None and step.chosen.names == ("d",)
+    assert step.alike == ()
+    after = step.chosen.stand
+    # 180 values with noise 0.1 tell a strength to 0.1 / root of 180; four times that.
+    assert after.solution.problem.where.values(after.solution.x)["d"] == pytest.approx(
+        0.3, abs=4 * SIGMA / math.sqrt(180)
+    )
+    assert forward(about, after, effects()).chosen is None
+
+
+def test_gains_are_falls_of_the_cost() -> None:
+    """By linear algebra, of the runs that were fitted; what runs kept apart leave is close to noise afterwards."""
+    about = case({"d": 0.3})
+    step = forward(about, calibrated_stand(about), effects())
+    assert step.chosen is not None
+    observed, noise = [record.observation for record in about.identify.records], White(SIGMA)
+    owns = [f"{name}:own" for name in NAMES]
+    right = np.concatenate([run.measured() / SIGMA for run in observed])
+    model = stage()
+    with_it = candidate("d").add(model)
+    assert isinstance(with_it, Sum)
+    costs = [
+        least(columns(model, observed, ["p", "q", *owns], noise), right),  # type: ignore[arg-type]
+        least(columns(with_it, observed, ["p", "q", *owns, "d"], noise), right),  # type: ignore[arg-type]
+    ]
+    assert step.chosen.gain == pytest.approx(costs[0] - costs[1], rel=1e-3)
+    kept = 2 * N
+    # Six numbers were fitted elsewhere, two offsets and two own ones here; chi-squared to four standard errors.
+    assert abs(step.chosen.stand.held_cost - kept) < 4 * math.sqrt(2 * kept) + 10
+    assert step.chosen.held_gain == pytest.approx(0.3**2 / SIGMA**2 * kept, rel=0.3)
+    assert step.chosen.moved == pytest.approx(0.3, rel=0.2)
+    assert step.chosen.error == pytest.approx(SIGMA, rel=0.3)
+
+
+def test_two_effects_are_found_one_after_the_other() -> None:
+    about = case({"b": 0.3, "e": -0.2})
+    stand, found = calibrated_stand(about), list[str]()
+    while (step := forward(about, stand, effects())).chosen is not None:
+        stand, found = step.chosen.stand, [*found, *step.chosen.names]
+    assert sorted(found) == ["b", "e"]
+
+
+def test_a_pair_that_shows_only_together_is_found() -> None:
+    """Two effects that nearly cancel: what either explains alone is small, and of the wrong sign for one."""
+    one, two = candidate("a", {"g": 3.0, "h": 0.5}), candidate("b", {"g": -3.0, "h": 0.5})
+    about = case({"h": 0.15})
+    step = forward(about, calibrated_stand(about), effects(a=one, b=two))
+    assert step.chosen is not None and set(step.chosen.names) == {"a", "b"}
+    values = step.chosen.stand.solution.problem.where.values(step.chosen.stand.solution.x)
+    assert [values["a"], values["b"]] == pytest.approx([0.15, 0.15], abs=0.06)  # sigma of each is 0.015
+
+
+def test_nothing_is_found_in_noise() -> None:
+    """An effect must do twice what chance does in one case of a hundred, so that of 25 cases none should have any."""
+    for seed in range(25):
+        about = case({}, seed)
+        assert forward(about, calibrated_stand(about), effects()).chosen is None
+
+
+def test_of_two_that_explain_alike_the_one_with_fewer_numbers_is_added() -> None:
+    """The price of a number is the logarithm of the number of values (Schwarz 1978); the other one is told."""
+    twin = candidate("e", {"d": 1.0}, signed=True)
+    loose = dataclasses.replace(
+        twin,
+        add=lambda model: twin.add(model).plus(lambda v, run: v["e.more"] * column(run, "more"), strength("e.more")),  # type: ignore[attr-defined]
+        free=("e", "e.more"),
+        trials=({"e": 0.1, "e.more": 0.0},),
+    )
+    about = case({"d": 0.3})
+    step = forward(about, calibrated_stand(about), effects(e=loose))
+    assert step.chosen is not None and step.chosen.names == ("d",)
+    assert [trial.names for trial in step.alike] == [("e",)]
+    rival = step.alike[0].stand
+    assert rival.cost <= step.chosen.stand.cost + ALIKE
+    price = (rival.total - rival.cost - rival.held_cost) - (
+        step.chosen.stand.total - step.chosen.stand.cost - step.chosen.stand.held_cost
+    )
+    assert price == pytest.approx(math.log(3 * N))
+
+
+# --- why effects are refused ----------------------------------------------------------------------------------------
+
+
+def test_a_value_at_the_end_of_what_is_plausible_is_refused() -> None:
+    about = case({"d": 0.3})
+    step = forward(about, calibrated_stand(about), effects(d=candidate("d", between=(0.0, 0.2))))
+    assert step.chosen is None
+    assert reasons(step)["d",] == "d at the end of what is plausible"
+
+
+def test_what_does_not_help_on_runs_kept_apart_is_refused() -> None:
+    about = case({"d": 0.3}, held={"d": -0.3})
+    step = forward(about, calibrated_stand(about), effects())
+    assert step.chosen is None
+    assert reasons(step)["d",] == "does not help on the runs kept apart"
+
+
+def test_what_moves_less_than_the_tolerance_is_refused() -> None:
+    about = case({"d": 0.3}, tolerance=0.5)
+    step = forward(about, calibrated_stand(about), effects())
+    assert step.chosen is None
+    assert reasons(step)["d",] == "moves the prediction by less than the tolerance"
+
+
+def test_what_only_lets_a_number_stay_where_it_was_known_to_be_is_refused() -> None:
+    """The gain is 2 and was known to be 1: an effect that is the gain over again explains no data."""
+    about = case({}, p=(1.0, 0.1))
+    before = calibrated_stand(about)
+    assert before.solution.problem.where.values(before.solution.x)["p"] == pytest.approx(2.0, abs=0.1)
+    assert before.cost - before.seen_cost > 80
+    step = forward(about, before, effects(d=candidate("d", {"p": 1.0, "d": 0.05})))
+    assert step.chosen is None or "d" not in step.chosen.names
+
+
+# --- back, and anew -------------------------------------------------------------------------------------------------
+
+
+def with_effects(about: Case, added: Sequence[Candidate]) -> Stand:
+    model: Any = stage()
+    for effect in added:
+        model = effect.add(model)
+    found = fitted(about, model, tuple(added), {})
+    assert found is not None
+    return found
+
+
+def test_an_effect_that_others_made_superfluous_is_dropped() -> None:
+    """`a` came first, as a mixture of both; with `b` and `c` in the model nothing is left for it to explain."""
+    mixture = candidate("a", {"b": 1.0, "c": 1.0, "a": 0.5}, signed=True)
+    about, every = case({"b": 0.3, "c": 0.2}), effects(a=mixture)
+    stand = with_effects(about, every[:3])
+    left = backward(about, stand, stage(), every)
+    assert left.names == ("b", "c")
+    assert left.cost - stand.cost < 15  # chi-squared of one number
+    assert {p.name for p in left.model.parameters()}.isdisjoint({"a"})
+
+
+def test_effects_that_are_needed_stay() -> None:
+    about, every = case({"b": 0.3, "c": 0.2}), effects()
+    stand = with_effects(about, every[1:3])
+    assert backward(about, stand, stage(), every) is stand
+
+
+def test_a_run_begins_where_it_fits_best() -> None:
+    """The prediction hangs on the start of each run by a cosine, so that a fit of it is caught in its own valley."""
+
+    def from_start(v: Mapping[str, float], run: Any) -> Array:
+        return np.asarray(np.cos(2 * math.pi * v[f"{run.name}:turn"]) * column(run, "p"))
+
+    screen = (0.1, 0.5, 0.9)
+    own = [
+        parameter(f"{n}:turn", start, 0.0, 1.0, run=n, screen=screen)
+        for n, start in zip(NAMES, (0.0, 0.45, 0.9), strict=True)
+    ]
+    model = Sum().plus(from_start, *own)
+    truth = model.replace({"one:turn": 0.5, "two:turn": 0.4, "three:turn": 0.9})
+    observed = [Run(name, np.arange(N) / N, None) for name in NAMES]
+    observed = [dataclasses.replace(run, data=truth.predict(run)) for run in observed]
+    begun = begun_anew(Suite(observed, White(SIGMA), offset), model)
+    assert {p.name: p.start for p in begun.parameters()} == {"one:turn": 0.5, "two:turn": 0.45, "three:turn": 0.9}
+    assert begun_anew(Suite(observed, White(SIGMA), offset), truth) is truth
+
+
+# --- calibration ----------------------------------------------------------------------------------------------------
+
+
+def tone(start: float) -> tuple[Sum, Case]:
+    """A tone of five periods: the cost has a false minimum for every period more or less."""
+
+    def shape(v: Mapping[str, float], run: Any) -> Array:
+        return np.asarray(v["size"] * np.sin(2 * math.pi * v["f"] * run.t) + 0 * v[f"{run.name}:own"])
+
+    own = [parameter(f"{name}:own", 0.0, -1.0, 1.0, run=name) for name in (*NAMES, *HELD)]
+    model = Sum().plus(shape, parameter("size", 1.0, 0.1, 3.0), parameter("f", start, 4.0, 8.0), *own)
+    truth, rng = model.replace({"size": 1.5, "f": 5.3}), np.random.default_rng(0)
+
+    def suite(names: Sequence[str]) -> Suite:
+        blank = [Run(name, np.arange(N) / N, None) for name in names]
+        made = [dataclasses.replace(r, data=truth.predict(r) + SIGMA * rng.standard_normal(N)) for r in blank]
+        return Suite(made, White(SIGMA), offset)
+
+    return model, Case(suite(NAMES), suite(HELD), ("size", "f"), lambda _: {}, 1e-3)
+
+
+@pytest.mark.parametrize(("start", "starts"), [(5.2, 1), (7.3, 2)])
+def test_calibration_finds_the_best_minimum(start: float, starts: int) -> None:
+    """A first start that leaves noise alone is enough; else two must agree."""
+    model, about = tone(start)
+    said = list[str]()
+    stand, agreed = calibrated(dataclasses.replace(about, progress=said.append), model)
+    assert stand is not None
+    assert stand.solution.problem.where.values(stand.solution.x)["f"] == pytest.approx(5.3, abs=0.01)
+    assert agreed == starts
+    assert bool(said) is (starts > 1)
+
+
+def test_calibration_of_a_model_that_always_fails_is_none() -> None:
+    model, about = tone(5.0)
+    fails = model.plus(lambda v, run: np.full(len(run.t), np.nan))
+    assert calibrated(about, fails) == (None, 0)
