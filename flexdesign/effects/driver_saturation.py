@@ -39,7 +39,7 @@ EFFECT = Effect(
             90.0,
             (0.1, 1e4),
             "inverse",
-            screen=(50.0, 65.0, 75.0, 82.0, 88.0, 92.0, 95.0, 97.0, 98.5, 99.3),
+            screen=(55.0, 70.0, 82.0, 90.0, 94.0, 97.0, 98.5, 99.3),
         ),
     ),
     faces=(Block(Socket.DRIVER, mode="replace", constants=constants, move=move),),

@@ -125,7 +125,7 @@ def solution(model: Sum, observed: Sequence[Run], of: Whitening, **known: tuple[
     rows = [[0.0] * len(observed) + [float(n == name) / sigma for n in names] for name, (_, sigma) in known.items()]
     matrix = np.vstack([matrix, *rows]) if rows else matrix
     right = np.append(right, [middle / sigma for middle, sigma in known.values()])
-    best = np.linalg.lstsq(matrix, right)[0][len(observed) :]
+    best = np.asarray(np.linalg.lstsq(matrix, right)[0][len(observed) :], dtype=np.float64)
     begun = model.replace(dict(zip(names, best, strict=True)))
     found = solve(Problem(Suite(observed, of, offset), begun, coordinates(begun, names, known)), best)
     assert found is not None

@@ -209,7 +209,7 @@ def test_known_slopes_are_taken_as_they_are() -> None:
     assert isinstance(model, Staged)
     residuals = found.residuals(x)
     assert residuals is not None
-    mine = {
+    mine: dict[str, list[Array | None]] = {
         "f": [np.full(len(part), float(i)) for i, part in enumerate(residuals)],
         "two:phi": [None, 5 * residuals[1], None],
     }
