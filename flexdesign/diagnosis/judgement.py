@@ -188,7 +188,11 @@ def _tried(steps: Sequence[Step]) -> tuple[Tried, ...]:
     for step in steps:
         for trial in step.trials:
             beside = trial.stand.names[: len(trial.stand.names) - len(trial.names)]
-            outcome = "added" if trial is step.chosen else trial.reason or _not_chosen(step, trial)
+            outcome = (
+                "added"
+                if step.chosen and trial.names == step.chosen.names
+                else trial.reason or _not_chosen(step, trial)
+            )
             evidence = trial.gain / trial.needed if trial.needed else 0.0
             found.append(Tried(trial.names, beside, trial.error, evidence, outcome))
     return tuple(found)

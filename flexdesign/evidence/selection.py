@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexdesign.evidence.marquardt import SHARE
 from flexdesign.evidence.screening import Candidate, Direction, Screening
 from flexdesign.evidence.stand import Case, Stand, begun_anew, fitted, moved, refitted
 from flexdesign.model import Model
@@ -26,7 +25,9 @@ FAINT = 0.1
 SECOND_BEST = 0.5
 #: A first fit finds slopes so often, and ends where a step lowers the cost by less than this share.
 FIRST, FIRST_SHARE = 3, 1e-3
-#: A first fit is carried to its end where it lowers the cost by this share of what the best one does.
+#: What is near the best is fitted further, finding slopes so often; only what is chosen is carried to its end.
+SECOND, SECOND_SHARE = 6, 1e-5
+#: A first fit is fitted further where it lowers the cost by this share of what the best one does.
 WITHIN_REACH = 0.7
 #: An effect must lower the cost by this many times what chance makes of the whole catalogue.
 SURE = 2.0
@@ -36,10 +37,10 @@ PLAIN_CHANCE = 15.0
 ALIKE = 12.0
 #: A model misses the runs by far where it leaves this many times the mean square of the noise.
 GROSS = 30.0
-#: A fit is begun anew so often where runs seem to have come from elsewhere.
-ANEW = 3
+#: Fits are tried so often where runs seem to have come from elsewhere, while that lowers the cost by this share.
+ANEW, ANEW_SHARE = 2, 0.01
 #: No more effects than these are added.
-MOST = 4
+MOST = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,13 +116,23 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     singles = [trial for trial in accepted if len(trial.names) == 1]
     if len(best.names) == 2 and singles and singles[0].stand.total - best.stand.total < best.needed:
         best = singles[0]
-    return Step(best, tuple(trials), tuple(t for t in accepted if t is not best and is_alike(best.stand, t.stand)))
+    best = _polished(case, stand, best)
+    return Step(
+        best, tuple(trials), tuple(t for t in accepted if t.names != best.names and is_alike(best.stand, t.stand))
+    )
+
+
+def _polished(case: Case, before: Stand, trial: Trial) -> Trial:
+    """Return a trial with its fit carried to the end."""
+    stand = trial.stand
+    ended = fitted(case, stand.model, stand.effects, {}, old=stand.solution.columns())
+    return trial if ended is None else _trial(case, before, ended, trial.names, trial.needed / max(stand.scale, 1.0))
 
 
 def _refined(
     case: Case, before: Stand, attempts: Sequence[tuple[tuple[str, ...], Stand]]
 ) -> Iterator[tuple[tuple[str, ...], Stand]]:
-    """Yield the best attempt of each candidate, those within reach of the best of all fitted to the end."""
+    """Yield the best attempt of each candidate, those within reach of the best of all fitted further."""
     best: dict[tuple[str, ...], Stand] = {}
     for names, made in attempts:
         if names not in best or made.cost < best[names].cost:
@@ -132,19 +143,19 @@ def _refined(
             yield names, made
             continue
         case.progress(f"fitting with {' and '.join((*before.names, *names))}")
-        yield names, _ended(case, made)
+        yield names, _further(case, made)
 
 
-def _ended(case: Case, stand: Stand) -> Stand:
-    """Return a first fit carried to its end; where a run seems to have come from elsewhere it is fitted again."""
+def _further(case: Case, stand: Stand) -> Stand:
+    """Return a first fit carried further; where a run seems to have come from elsewhere it is fitted again."""
     best: Stand | None = None
     model, old = case.fine(stand.solution.problem.at(stand.solution.x)), stand.solution.columns()
     for _ in range(ANEW):
         moved = begun_anew(case.identify, model)
         if best is not None and moved is model:
             break
-        made = fitted(case, moved, stand.effects, {}, old=old)
-        if made is None or (best is not None and made.cost > best.cost - SHARE * best.cost):
+        made = fitted(case, moved, stand.effects, {}, old=old, most=SECOND, share=SECOND_SHARE)
+        if made is None or (best is not None and made.cost > (1 - ANEW_SHARE) * best.cost):
             break
         best, model, old = made, made.model, made.solution.columns()
     return best or stand
