@@ -122,7 +122,9 @@ def _trials(own: Sequence[Parameter], strength: Parameter, lines: Sequence[float
             continue
         values = list(p.screen) if p.screen and (p is not strength or p.null == math.inf) else []
         if lines and p.si == "Hz":
-            values += list(lines)
+            values += [line for line in lines if p.is_plausible(line)]
+        low, high = p.plausible
+        values = sorted({min(max(value, low), high) for value in values})
         start = p.start if p.start is not None else 0.0
         grids.append([(p.name, value) for value in values or [start]])
     return tuple(dict(trial) for trial in itertools.islice(itertools.product(*grids), MOST_TRIALS))

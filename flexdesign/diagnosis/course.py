@@ -304,6 +304,8 @@ def search(case: Case, dynamics: AxisDynamics, every: Sequence[Candidate], seed:
             break
         stand = backward(case, step.chosen.stand, dynamics, every)
         if stand.names == (stands[-1] if stands else base).names:  # what was added made itself superfluous
+            base = base if stands else min(base, stand, key=lambda each: each.cost)
+            stand = stands[-1] if stands else base
             break
         stands.append(stand)
     return case, Course(designed, base, tuple(stands), tuple(steps), stand, agreed)

@@ -115,14 +115,11 @@ def solve(
         return None
     search = _Search(problem, x, residuals, old)
     for _ in range(most):
-        if search.descend(max(SMALL, share * search.cost)):
-            break
+        # Slopes that were carried along may promise too little: where it counts, those found here have the last word.
+        if search.descend(share) and (search.fresh or not exact):
+            return search.solution(True)
         search.look()
-    else:
-        return search.solution(False)
-    if exact and not search.fresh:
-        search.look()
-    return search.solution(True)
+    return search.solution(False)
 
 
 class _Search:
@@ -140,9 +137,10 @@ class _Search:
         self.normal = _normal(self.problem, self.x, self.slopes)
         self.fresh, self.eased = True, False
 
-    def descend(self, enough: float) -> bool:
-        """Take steps while the slopes serve; tell whether less than `enough` is left to be gained."""
+    def descend(self, share: float) -> bool:
+        """Take steps while the slopes serve; tell whether less than this share of the cost is left to be gained."""
         for _ in range(LONGEST):
+            enough = max(SMALL, share * self.cost)
             gradient = _gradient(self.problem, self.x, self.slopes, self.residuals)
             step = _step(self.normal, gradient, self.damping, self.x, self.problem)
             promised = -float(2 * gradient @ step + step @ self.normal @ step)

@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 Features = Callable[[Observation, Array], Mapping[str, Array]]
 #: No more terms than these, and none that chance makes in one of a thousand cases.
 MOST, LEVEL = 10, 1e-3
+#: A function of which the model's own numbers leave less than this, in squares, is one that they can imitate.
+OWN = 1e-4
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,8 @@ def rival(case: Case, stand: Stand, features: Features) -> Rival:
     inverse = solution.covariance
     gram = seen.T @ seen - imitated.T @ inverse @ imitated
     promise = seen.T @ np.concatenate(solution.residuals)
-    chosen, gains = _pursuit(gram, promise, float(chdtri(1, LEVEL / max(len(names), 1))))
+    own = np.diag(gram) > OWN * np.sum(seen**2, axis=0)
+    chosen, gains = _pursuit(gram, promise, own, float(chdtri(1, LEVEL / max(len(names), 1))))
     if not chosen:
         return Rival({}, 0.0, 0.0, 0.0, {})
     amounts = np.asarray(np.linalg.solve(gram[np.ix_(chosen, chosen)], promise[chosen]), dtype=np.float64)
@@ -79,13 +82,13 @@ def _columns(suite: Suite, stand: Stand, features: Features) -> tuple[list[str],
     return names, np.vstack(parts)
 
 
-def _pursuit(gram: Array, promise: Array, needed: float) -> tuple[list[int], list[float]]:
+def _pursuit(gram: Array, promise: Array, own: NDArray[np.bool_], needed: float) -> tuple[list[int], list[float]]:
     chosen, gains, before = list[int](), list[float](), 0.0
     size = np.diag(gram).copy()
     for _ in range(MOST):
         best, reached = -1, before
         for j in range(len(promise)):
-            if j in chosen or size[j] <= 0:
+            if j in chosen or not own[j]:
                 continue
             trial = [*chosen, j]
             inner = gram[np.ix_(trial, trial)]

@@ -28,6 +28,8 @@ from flexdesign.model import Model
 Array = NDArray[np.float64]
 #: An effect of which the free numbers leave less than this, in squares, is one that they can imitate.
 OWN = 1e-8
+#: A move smaller than this, in shares of the data, is rounding.
+ROUNDING = 1e-12
 #: A promise counts only if the strength that it needs is no more than this many times the trial's.
 FARTHEST = 300.0
 #: A move larger than this, in standard deviations of the noise, is made smaller where the free numbers imitate it and
@@ -183,7 +185,7 @@ class Screening:
         imitated = self._imitated(move[:, None])[:, 0]
         whole = float(move @ move)
         own = whole - float(imitated @ self.inverse @ imitated)
-        if whole == 0 or own < OWN * whole:
+        if whole <= (ROUNDING * self.solution.problem.suite.size) ** 2 or own < OWN * whole:
             return None
         return Direction(candidate, values, move, imitated, own, float(move @ self.residual))
 
