@@ -1,9 +1,8 @@
 """Real recordings of others, where they are at hand: what a diagnosis must find in them, and how far it must come.
 
 They may not be kept with the project. `FLEXDESIGN_RECORDINGS` names their folder; else ``shared/data`` beside the
-checkout is looked at. The oscillator is that of T. Wigren and J. Schoukens, Three free data sets for development and
-benchmarking in nonlinear system identification, European Control Conference (2013); the actuator that of
-doi:10.1063/5.0146134.
+checkout is looked at. The oscillator is the electronic one of T. Wigren and J. Schoukens, technical report 2013-006,
+Uppsala University; the actuator that of doi:10.1063/5.0146134.
 """
 
 from __future__ import annotations
@@ -58,7 +57,7 @@ def actuator(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
 
 @pytest.mark.slow
 def test_cubic_stiffness_is_found_and_nothing_that_is_not_there(oscillator: Diagnosis) -> None:
-    # The circuit is built as a mode with a cubic; a small quadratic term is known of it, too.
+    # A small quadratic term beside it lowers the error of both runs kept apart, by half.
     names = {effect.name for effect in oscillator.effects}
     assert oscillator.verdict == "effects-found"
     assert "stress_stiffening" in names and names <= {"stress_stiffening", "quadratic_stiffness"}
@@ -94,7 +93,8 @@ def test_cycles_kept_apart_are_predicted(actuator: Diagnosis) -> None:
     span = np.nanmax([np.nanmax(run.measured()) for run in actuator.runs]) - np.nanmin(
         [np.nanmin(run.measured()) for run in actuator.runs]
     )
-    assert actuator.validation_error / span < 0.0017  # published with slow states; with hysteresis alone 0.66 %
+    # Published: 0.66 % with a Bouc-Wen loop, 0.35 % with richer operators; measured here 0.16 %, of which noise 0.12 %.
+    assert actuator.validation_error / span < 0.0035
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ from flexdesign.diagnosis.standing import compared
 from flexdesign.experiments import AS_MODELLED
 from flexdesign.files import FORMAT
 from flexdesign.report import comparison_words as words
+from flexdesign.report import diagnosis_figures as figures
 from flexdesign.report import diagnosis_report as reports
 from flexdesign.report import diagnosis_words as said
 from flexdesign.report import simulation_report
@@ -56,17 +57,17 @@ def document(found: Added, loop: InTheLoop) -> Document:
     title = found.before.title or found.before.name
     name = said.called(found.name)
     stands = [("recalibrated", compared(found, "calibrated")), (f"with {name}", compared(found, "found"))]
-    kinds, axis = reports.pictures([found.name]), found.before.axes[found.axis]
+    kinds, axis = figures.pictures([found.name]), found.before.axes[found.axis]
     sections = [
         Section(
-            "The error ladder", [], [ladder_of(found)], [reports.ladder_figure(found, found.ladder, found.noise_floor)]
+            "The error ladder", [], [ladder_of(found)], [figures.ladder_figure(found, found.ladder, found.noise_floor)]
         ),
         Section("Its numbers", _caveats(found), [reports.values_table(found.values)]),
         Section("In the loop", *_loop(found, loop)),
         Section(
-            "Where the model fails without it", reports.where_text(stands), [], reports.where_figures(stands, kinds[:2])
+            "Where the model fails without it", figures.where_text(stands), [], figures.where_figures(stands, kinds[:2])
         ),
-        Section("Measured and predicted", [], [], reports.run_figures(stands)),
+        Section("Measured and predicted", [], [], figures.run_figures(stands)),
         Section("The model's own numbers", [], [reports.numbers_table(axis, found.calibration)]),
         Section("Noise", reports.noise_text(found.noise, found.noise_floor, _response(found))),
     ]
