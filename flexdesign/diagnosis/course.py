@@ -48,7 +48,7 @@ STEPS, STEPS_SCREENING = 16, 4
 OF_NOISE, OF_STROKE = 0.3, 5e-4
 #: How little is known of how a record began, one sigma: samples that it was late, share of the largest command where
 #: the voltage had turned, share of the stroke that the mode swings by, and that slow states still move.
-LATE, TURNED, SWINGS, SLOW = 0.3, 0.4, 0.1, 0.02
+LATE, TURNED, SWINGS, SLOW = 0.3, 0.4, 0.1, 0.01
 #: Slow states that may still relax as a record begins have these time constants [s].
 RELAXING = (0.1, 0.4, 1.6, 6.4, 25.6)
 #: Decades of decay after which a mode has rung down.

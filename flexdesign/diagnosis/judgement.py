@@ -199,7 +199,8 @@ def _tried(steps: Sequence[Step]) -> tuple[Tried, ...]:
 
 
 def _not_chosen(step: Step, trial: Trial) -> str:
-    return "these runs cannot tell it from what was added" if trial in step.alike else "explains less"
+    is_alike = any(trial.names == other.names for other in step.alike)
+    return "these runs cannot tell it from what was added" if is_alike else "explains less"
 
 
 def _ladder(setting: Setting, course: Course) -> tuple[Rung, ...]:

@@ -33,6 +33,9 @@ WITHIN_REACH = 0.7
 SURE = 2.0
 #: What chance makes of a catalogue of about this size; an effect stays in the model where it is worth that.
 PLAIN_CHANCE = 15.0
+#: Rivals whose cost is higher by no more than this share of what the best one gains are carried to the end with it, and
+#: no more than so many.
+NEAR, RIVALS = 0.02, 3
 #: Two answers are one if their costs differ by less than this, in multiples of the noise's variance.
 ALIKE = 12.0
 #: A model misses the runs by far where it leaves this many times the mean square of the noise.
@@ -116,10 +119,9 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     singles = [trial for trial in accepted if len(trial.names) == 1]
     if len(best.names) == 2 and singles and singles[0].stand.total - best.stand.total < best.needed:
         best = singles[0]
-    best = _polished(case, stand, best)
-    return Step(
-        best, tuple(trials), tuple(t for t in accepted if t.names != best.names and is_alike(best.stand, t.stand))
-    )
+    near = [t for t in accepted if t is not best and t.stand.total - best.stand.total < max(NEAR * best.gain, ALIKE)]
+    best, *rivals = (_polished(case, stand, trial) for trial in (best, *near[:RIVALS]))
+    return Step(best, tuple(trials), tuple(trial for trial in rivals if is_alike(best.stand, trial.stand)))
 
 
 def _polished(case: Case, before: Stand, trial: Trial) -> Trial:
