@@ -20,7 +20,7 @@ from flexdesign import effects, evidence, units
 from flexdesign.dynamics.axis_choice import checked_numbers, choose_axis
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_parameters import DELAY
-from flexdesign.dynamics.axis_run import of_axis
+from flexdesign.dynamics.axis_run import doubts, of_axis
 from flexdesign.errors import InputError
 from flexdesign.evidence import Estimate, Fit, Starts
 from flexdesign.runs import Role, Run
@@ -118,6 +118,8 @@ class Identification:
         Root mean square error of the model as it was, by run [response].
     seconds
         How long it took.
+    doubts
+        What is doubtful about the units of runs, in sentences.
     """
 
     before: StageModel
@@ -132,6 +134,7 @@ class Identification:
     before_errors: Mapping[str, float]
     evaluations: int
     seconds: float
+    doubts: tuple[str, ...] = ()
 
     @property
     def response(self) -> str:
@@ -201,6 +204,7 @@ def identify(
         before_errors={run.name: _match(start, run, ()).rms for run in observed},
         evaluations=search.evaluations,
         seconds=perf_counter() - began,
+        doubts=tuple(doubts(seen)),
     )
 
 
@@ -322,7 +326,7 @@ def _remarks(full: Run, run: Run, dynamics: AxisDynamics) -> tuple[str, ...]:
         said.append(
             f"the command was moving as the record began: the first {skipped * run.period:.3g} s are not compared"
         )
-    said += full.remarks
+    said += run.remarks
     if full.closed_loop or any(name in full.columns for name in ("r", f"r{dynamics.name}")):
         said.append("recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit")
     others = [name for name in full.commands if name not in ("u", f"u{dynamics.name}") and np.ptp(full.columns[name])]

@@ -14,8 +14,9 @@ from flexdesign.control import feedforward
 from flexdesign.control import pid as pids
 from flexdesign.control.margins import Margins, margins
 from flexdesign.control.sampled_loop import open_loop
+from flexdesign.dynamics import disturbed
 from flexdesign.dynamics import stage as stages
-from flexdesign.dynamics.simulate import Loop, Response, simulate
+from flexdesign.dynamics.simulate import Loop, Response
 from flexdesign.errors import InputError
 from flexdesign.experiments import AS_MODELLED, Experiment, Plan, Published, pieces
 from flexdesign.loop_design import Designer, plant
@@ -214,7 +215,8 @@ def _case(
         loops[name] = Loop(command, asked if controllers else None, tuple(controllers))
     fastest = max(mode.frequency for axis in stages.stage(truth).axes for mode in axis.modes)
     finer = max(1, math.ceil(SAMPLES_PER_PERIOD * fastest * period))
-    response = simulate(stages.stage(truth), loops, period, delay=delay, oversampling=finer)
+    cautions += [f"{name}: {text}" for name in experiment.axes for text in disturbed.left_out(truth, name)]
+    response = disturbed.run(truth, loops, period, delay=delay, oversampling=finer)
     reference = _on_response(experiment, list(truth.axes), response, period / finer)
     cautions += _ran(response, list(truth.axes), experiment)
     measured, unmeasured = measuring.measure(

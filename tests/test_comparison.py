@@ -23,7 +23,7 @@ from flexdesign.evidence.coloured import Coloured, Process
 from flexdesign.noise_floor import NoiseFloor
 from flexdesign.report import comparison_report, comparison_words, render
 from flexdesign.runs import Run, write_run
-from flexdesign.stage_model import AxisModel, StageModel, to_toml
+from flexdesign.stage_model import AxisModel, Driver, StageModel, to_toml
 
 Array = NDArray[np.float64]
 PERIOD, NOISE = 1e-3, 40e-9
@@ -104,6 +104,29 @@ def test_every_run_has_an_offset_of_its_own_and_what_to_keep_in_mind() -> None:
     assert np.isfinite(first.measured).all() and np.isnan(second.measured[:100]).all()
     assert second.rms == pytest.approx(NOISE, rel=0.06)
     assert any("not compared" in remark for remark in second.remarks)
+
+
+def test_units_wrong_by_a_thousand_end_it_or_are_said_first() -> None:
+    run = recorded("sine", sine())
+    wrong = replace(run, columns={**run.columns, "x": 1e-3 * run.columns["x"]})
+    with pytest.raises(InputError, match=r"sine: column x = .* is a thousandth of .* the unit of x or of u"):
+        compare(model(), [recorded("steps", steps()), wrong])
+    dead = replace(run, columns={**run.columns, "x": NOISE * np.random.default_rng(2).standard_normal(len(run.time))})
+    found = compare(model(), [recorded("steps", steps()), dead])
+    assert comparison_report.summary(found)[0].startswith("Take care: sine: x spans ")
+    assert any("is its unit right" in remark for remark in comparison_report.result(found)["runs"][1]["remarks"])
+
+
+def test_the_voltage_at_the_stack_is_what_counts() -> None:
+    """An amplifier of 20 Hz is not in the model, and need not be: its output was recorded."""
+    slow = replace(AXIS, driver=Driver(bandwidth=20.0))
+    run = recorded("sine", sine(2.0), slow)
+    voltage = AxisDynamics("x", slow, 100.0, tolerance=1e-8)._simulated(run, None).voltage[0]
+    known = replace(run, columns={**run.columns, "v": voltage}, si={**run.si, "v": "V"}, name="known")
+    told, other = compare(model(), [run, known]).runs
+    assert other.rms == pytest.approx(NOISE, rel=0.06) and told.rms > 10 * NOISE
+    assert not any("moved too" in remark for remark in other.remarks)
+    assert any("v, the voltage at the stack, drives the model" in remark for remark in other.remarks)
 
 
 def test_a_model_without_numbers_for_a_run_is_refused() -> None:

@@ -284,9 +284,26 @@ def test_the_loop_is_simulated_without_and_with_the_effect() -> None:
 
 
 def test_what_has_no_cause_in_experiments_is_not_simulated() -> None:
-    loop = adding.in_the_loop(replace(added(), name="mains_hum"))
-    assert loop.simulation is None
-    assert "no record" in loop.reason
+    for name, needs in (("thermal_expansion", "a record of T"), ("abbe_error", "another axis that moves")):
+        loop = adding.in_the_loop(replace(added(), name=name))
+        assert loop.simulation is None
+        assert needs in loop.reason
+
+
+def test_what_a_sensor_picks_up_moves_a_closed_loop() -> None:
+    """A slow hum is taken for motion: the loop moves against it, all of it, and a feedforward does not."""
+    hum, quiet = {"mains_hum": {"amplitude": 1e-6, "frequency": 2.0, "phase": 0.0}}, added().without
+    axis = quiet.axes["x"]
+    humming = replace(quiet, axes={"x": replace(axis, effects={**axis.effects, **hum})})
+    loop = adding.in_the_loop(replace(added(), name="mains_hum", model=humming))
+    assert loop.simulation is not None
+    steps = {
+        case.variant: case.response.motion[0]
+        for case in loop.simulation.cases
+        if (case.experiment.name, case.controller) == ("sine x", "robust")
+    }
+    moved = steps["with mains hum"] - steps["as modelled"]
+    assert np.max(np.abs(moved)) == pytest.approx(1e-6, rel=0.2)
 
 
 # --- the commands ---------------------------------------------------------------------------------------------------
@@ -319,6 +336,7 @@ def test_add_takes_an_effect_of_ones_own(tmp_path: Path) -> None:
     told = CliRunner().invoke(app, arguments)
     assert told.exit_code == 0, told.output
     assert "My guides: cubic 0.76" in told.stdout
+    assert '[axis.x.effects."my_guides.py"]' in model.read_text() and str(tmp_path) not in model.read_text()
     (name,) = set(stage_model.read(str(model), []).axes["x"].effects) - {"bouc_wen"}
     assert effects.find(name).name == "my_guides"
     result = json.loads((out / "result.json").read_text())

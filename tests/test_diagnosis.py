@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter, lsim
 
 from flexdesign import effects
-from flexdesign.diagnosis import Diagnosis, diagnose
+from flexdesign.diagnosis import Diagnosis, adding, course, diagnose
 from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.course import Course, Setting, case_of
 from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.judgement import ADEQUATE, ERRORS, EXPLAINED, conclude, remainder
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_run import of_axis
+from flexdesign.errors import InputError
 from flexdesign.evidence.coloured import Coloured, Process
 from flexdesign.evidence.marquardt import Solution
 from flexdesign.evidence.rival import Rival
@@ -305,6 +306,25 @@ def test_candidates_are_the_catalogue_without_what_the_axis_has() -> None:
     assert "payload_mass" in [c.name for c in candidates(model, loaded=True)]
     filtered = replace(model, axis=replace(model.axis, driver=replace(model.axis.driver, bandwidth=500.0)))
     assert set(names) - {c.name for c in candidates(filtered)} == {"driver_bandwidth"}
+
+
+def test_what_acts_ahead_of_the_stack_is_no_candidate_where_its_voltage_is_known() -> None:
+    model = AxisDynamics("x", AXIS, 75.0)
+    ahead = {c.name for c in candidates(model)} - {c.name for c in candidates(model, at_stack=True)}
+    assert ahead == {"driver_bandwidth", "driver_saturation", "driver_slew", "transport_delay"}
+    t = PERIOD * np.arange(400)
+    command = 50 * np.sin(20 * t)
+    sent = Run("sent", t, {"u": command, "x": 2e-6 * command}, {"u": "V", "x": "m"}, "hold")
+    quiet = replace(sent, name="quiet", columns={"u": 0 * t, "x": np.random.default_rng(0).normal(0, NOISE, 400)})
+    monitored = replace(sent, name="monitored", columns={**sent.columns, "v": command}, si={**sent.si, "v": "V"})
+    stage = StageModel({"x": AXIS})
+    assert course.settle(stage, [quiet, monitored], "x", None).is_at_stack
+    assert not course.settle(stage, [quiet, sent, monitored], "x", None).is_at_stack
+    with pytest.raises(InputError, match="driver_slew: acts ahead of the stack"):
+        adding.add(stage, "driver_slew", [quiet, monitored])
+    wrong = replace(sent, columns={**sent.columns, "x": 1e3 * sent.columns["x"]})
+    with pytest.raises(InputError, match=r"sent:identify: column x = .* a thousand times"):
+        course.settle(stage, [quiet, wrong], "x", None)
 
 
 def test_trials_are_values_that_a_fit_may_have() -> None:

@@ -293,9 +293,10 @@ def test_the_written_model_says_what_was_identified(tmp_path: Path) -> None:
 
 
 def quiet(columns: Mapping[str, str], name: str = "run", **more: Any) -> Run:
-    """A run whose columns are all sines, by name with their unit."""
+    """A run whose columns are all sines, by name with their unit: of 1 V, 2 um ..."""
     t = PERIOD * np.arange(100)
-    return Run(name, t, {key: np.sin(40 * t) for key in columns}, dict(columns), **more)
+    made = {key: (2e-6 if si == "m" else 1.0) * np.sin(40 * t) for key, si in columns.items()}
+    return Run(name, t, made, dict(columns), **more)
 
 
 XY = {"ux": "V", "uy": "V", "x": "m", "y": "m"}
@@ -327,6 +328,12 @@ XY = {"ux": "V", "uy": "V", "x": "m", "y": "m"}
         (stage(START), [quiet({"u": "V", "x": "m"})], {"free": ["gain", "gain"]}, "names a number twice"),
         (stage(START), [quiet({"u": "V", "x": "m"})], {"free": []}, "name what is to be fitted"),
         (stage(START), [quiet({"u": "V", "x": "m"}, role="validate")], {}, "all are kept for validation"),
+        (
+            stage(replace(START, gain=2e-9)),
+            [quiet({"u": "V", "x": "m"})],
+            {},
+            "run: column x = .* is a thousand times .* correct the unit of x or of u",
+        ),
     ],
 )
 def test_refusals(model: StageModel, seen: list[Run], more: dict[str, Any], words: str) -> None:
@@ -346,6 +353,26 @@ def test_remarks_say_what_to_keep_in_mind_about_a_run() -> None:
     said = " ".join(identify(stage(limited), [run], free=["gain"], starts=1).runs[0].remarks)
     for words in ("closed loop", "uy moved too", "beyond the limits"):
         assert words in said
+
+
+def test_a_known_mass_on_the_table_is_part_of_the_prediction() -> None:
+    """16.7 g on 50 g take the resonance down by the root of 4/3; without a mass nobody knows, and that is said."""
+    light = replace(TRUTH, mass=0.05, stiffness=0.05 * (2 * np.pi * TRUTH.natural_frequency) ** 2, effects={})
+    load = 0.05 / 3
+    slower = np.sqrt(3 / 4)
+    heavy = replace(TRUTH, natural_frequency=slower * 118.3, damping_ratio=slower * TRUTH.damping_ratio, effects={})
+    command = np.repeat([0.0, 40.0, 90.0, 20.0], 300)
+    plain, loaded = recorded(command, light), recorded(command, heavy, seed=1, name="loaded", payload=load)
+    start = replace(light, natural_frequency=117.0, stiffness=0.05 * (2 * np.pi * 117.0) ** 2)
+    found = identify(stage(start), [plain, loaded], starts=1)
+    assert found.model.axes["x"].natural_frequency == pytest.approx(118.3, rel=5e-3)
+    alone = identify(stage(light), [replace(loaded, role="identify")], starts=1)
+    assert alone.model.axes["x"].natural_frequency == pytest.approx(118.3, rel=1e-4)
+    assert alone.runs[0].rms == pytest.approx(NOISE, rel=0.1)
+    unknown = replace(light, mass=None, stiffness=None)
+    said = identify(stage(unknown), [loaded], starts=1)
+    assert said.model.axes["x"].natural_frequency == pytest.approx(slower * 118.3, rel=1e-4)
+    assert any("carries 16.7 g" in remark for remark in said.runs[0].remarks)
 
 
 # --- command line -----------------------------------------------------------------------------------------------------

@@ -105,6 +105,16 @@ def test_motion_that_couples_is_what_ratio_and_square_make_of_it(tmp_path: Path)
     assert measured(case, "coupling", "y") == pytest.approx(0.015 + 0.02e3 * 100e-6, rel=2e-4)
 
 
+def test_what_a_sensor_sees_of_another_axis_is_part_of_the_loop(tmp_path: Path) -> None:
+    """An integrating controller of y holds its reading, so that y moves by the share of x the other way."""
+    model = LINEAR + RANGE + '\n[axis.y]\nnatural_frequency = "100 Hz"\ndamping_ratio = 0.1\ngain = "2 um/V"\n'
+    model += '\n[axis.y.effects.abbe_error]\nlinear = "5 %"\n'
+    model += '\n[axis.y.effects.thermal_expansion]\ncoefficient = "1 um/K"\n'
+    case = simulated(tmp_path, model, experiment(STEP, 'controllers = ["robust"]', axes='["x", "y"]')).cases[0]
+    assert case.response.motion[:, -1] == pytest.approx([10e-6, 9.5e-6], rel=1e-3)
+    assert any("y: thermal expansion needs a record of T" in said for said in case.cautions)
+
+
 def test_a_slow_sine_spans_the_gain_times_the_voltage(tmp_path: Path) -> None:
     """Without hysteresis the loop is as wide as its phase: 2 zeta f/f0 of the resonance, pi f T of the held command."""
     case = simulated(tmp_path, LINEAR, experiment(SINE)).cases[0]
@@ -368,7 +378,9 @@ def test_an_override_reaches_model_and_study(inputs: Path, command_line: Run) ->
     assert "mine" in (folder / "report.md").read_text(encoding="utf-8").splitlines()[0]
 
 
-@pytest.mark.parametrize("where", ["simulation.simulate", "report.simulation_figures.draw", "report.render.to_html"])
+@pytest.mark.parametrize(
+    "where", ["simulation.disturbed.run", "report.simulation_figures.draw", "report.render.to_html"]
+)
 def test_an_interruption_leaves_what_was_there(
     inputs: Path, command_line: Run, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:

@@ -209,6 +209,26 @@ def with_own_effect(folder: Path, start: float, name: str = "my_effect.py") -> P
     return written(folder, changed(text, 'mass = "weighed"', f'"{name}.size" = "guessed"'))
 
 
+def test_a_tree_of_a_model_and_its_effect_may_move(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A model in reports/, its effect in effects/: the way between both is written where one works above them."""
+    project = tmp_path / "project"
+    (project / "reports").mkdir(parents=True)
+    model = stage_model.read(with_own_effect(project / "effects", 0.25))
+    elsewhere = stage_model.to_toml(model, project / "reports")
+    assert str(project / "effects") in elsewhere  # one works above all: nothing says where the tree ends
+    monkeypatch.chdir(project)
+    text = stage_model.to_toml(model, Path("reports"))
+    assert str(tmp_path) not in text and '"../effects/my_effect.py.size" = "3 %"' in text
+    written(project / "reports", text)
+    monkeypatch.chdir(tmp_path)
+    project.rename(tmp_path / "moved")
+    (tmp_path / "moved" / "effects" / "my_effect.py").write_text(OWN.format(start=0.75))
+    own = str((tmp_path / "moved" / "effects" / "my_effect.py").resolve())
+    moved = stage_model.read(tmp_path / "moved" / "reports" / "stage.toml").axes["x"]
+    assert moved.effects[own] == {"size": 0.25} and own in moved.assumed
+    assert moved.uncertainty[f"{own}.size"] == pytest.approx(0.03) and moved.sources[f"{own}.size"] == "guessed"
+
+
 def test_an_effect_by_its_path_lies_beside_the_stage_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of two files of one name each model takes its own, also where it is written elsewhere and read from elsewhere."""
     for name, start in (("one", 0.25), ("two", 0.5)):
@@ -221,6 +241,9 @@ def test_an_effect_by_its_path_lies_beside_the_stage_model(tmp_path: Path, monke
         assert own in axis.assumed and axis.sources[f"{own}.size"] == "guessed"
         (tmp_path / "elsewhere").mkdir(exist_ok=True)
         assert stage_model.read(written(tmp_path / "elsewhere", stage_model.to_toml(model))).axes == model.axes
+        beside = stage_model.to_toml(model, path.parent)
+        assert str(tmp_path) not in beside and '[axis.x.effects."my_effect.py"]' in beside
+        assert stage_model.read(written(path.parent, beside)).axes == model.axes
     for name, start in (("one", 0.25), ("two", 0.5)):  # a relative path is that of the folder one works in
         monkeypatch.chdir(tmp_path / name)
         assert effects.find("my_effect.py").parameters[0].start == start

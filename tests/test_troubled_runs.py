@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from flexdesign.errors import InputError
-from flexdesign.runs import Run, read_run, read_runs, split, suspicions, write_run
+from flexdesign.runs import Run, read_run, read_runs, refuse_wrong_units, split, suspicions, write_run
 
 Array = NDArray[np.float64]
 T = 1e-3 * np.arange(2000)
@@ -344,6 +344,26 @@ def test_units_wrong_by_a_thousand_are_suspected(factor: float, words: str) -> N
 def test_a_resonance_or_a_stiff_stage_is_not_suspected(factor: float) -> None:
     assert suspicions(made(75 * sine(), factor * 75 * 2e-6 * sine()), gain=2e-6) == ()
     assert suspicions(made(0 * T, 1e-9 * sine()), gain=2e-6) == ()
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(1e3, "a thousand times the 0.300 mm"), (1e-3, "a thousandth of the 0.300 mm")]
+)
+def test_units_wrong_by_a_thousand_are_refused_where_the_response_follows(factor: float, words: str) -> None:
+    with pytest.raises(InputError) as refused:
+        refuse_wrong_units(made(75 * sine(), factor * 75 * 2e-6 * sine()), 2e-6, "x")
+    assert (refused.value.file, refused.value.field) == ("run", "column x")
+    assert words in str(refused.value) and "correct the unit of x or of u" in refused.value.remedy
+
+
+def test_a_small_response_that_does_not_follow_is_not_refused() -> None:
+    """Far above a resonance it is small and against the command; of a dead sensor it is noise."""
+    noise = 1e-7 * np.random.default_rng(0).standard_normal(len(T))
+    for response in (-1e-3 * 75 * 2e-6 * sine(), noise):
+        run = made(75 * sine(), response)
+        refuse_wrong_units(run, 2e-6, "x")
+        assert suspicions(run, 2e-6, "x")
+    refuse_wrong_units(made(0 * T, noise), 2e-6, "x")
 
 
 # --- measurements.toml

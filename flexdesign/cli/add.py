@@ -64,7 +64,7 @@ def add(
         loop = adding.in_the_loop(found, say)
         say("writing")
         document, result = addition_report.document(found, loop), addition_report.result(found, loop)
-        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(found.model)}
+        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(found.model, folder)}
         written = [path for path in render.write(folder, document, result, others) if path.suffix != ".svg"]
         if model_file:
             identification_report.write_model(model_file, found.model)

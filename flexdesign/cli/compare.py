@@ -13,7 +13,7 @@ HELP = """Compare a stage model with recorded runs: by how much it fails, and wh
 
 MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. RUNS are CSV
 files with the columns `t [s]`, `u [V]` and `x [um]`, or folders of them. Nothing is fitted: each run is predicted with
-the model as it is.
+the model as it is, driven by the voltage at the stack where a column `v [V]` holds it.
 
 **Examples**
 

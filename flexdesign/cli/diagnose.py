@@ -82,7 +82,7 @@ def diagnose(
         say("writing")
         better = adding.with_knowledge(found.model, found.axis, adding.values(found), found.runs)
         document, result = diagnosis_report.document(found, apart), diagnosis_report.result(found, apart)
-        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(better)}
+        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(better, folder)}
         written = [path for path in render.write(folder, document, result, others) if path.suffix != ".svg"]
         if model_file:
             identification_report.write_model(model_file, better)

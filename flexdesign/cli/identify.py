@@ -67,7 +67,7 @@ def identify(
         found = identification.identify(stage, seen, axis=axis, free=names, progress=say)
         say("writing")
         document, result = identification_report.document(found), identification_report.result(found)
-        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(found.model)}
+        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(found.model, folder)}
         written = [path for path in render.write(folder, document, result, others) if path.suffix != ".svg"]
         if model_file:
             identification_report.write_model(model_file, found.model)

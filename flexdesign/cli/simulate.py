@@ -65,7 +65,7 @@ def simulate(
         say("writing")
         document = simulation_report.document(found)
         result = simulation_report.result(found)
-        others = {"stage_model.toml": stage_model.to_toml(found.model)}
+        others = {"stage_model.toml": stage_model.to_toml(found.model, folder)}
         written = render.write(folder, document, result, others)
         if with_runs:
             simulation_report.write_runs(found, folder / "runs")

@@ -16,7 +16,7 @@ from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_run import of_axis
 from flexdesign.errors import InputError
 from flexdesign.noise_floor import NoiseFloor, noise_floor
-from flexdesign.runs import Role, Run, suspicions
+from flexdesign.runs import Role, Run
 from flexdesign.stage_model import AxisModel, StageModel
 
 Array = NDArray[np.float64]
@@ -222,13 +222,13 @@ def _compared(dynamics: AxisDynamics, run: Run, floor: float, stroke: float) -> 
 
 
 def _remarks(dynamics: AxisDynamics, run: Run) -> tuple[str, ...]:
-    said = [*run.remarks, *suspicions(run, dynamics.axis.gain * dynamics.axis.driver.gain, dynamics.name)]
+    said = list(run.remarks)
     skipped = dynamics.unknown_start(run)
     if skipped:
         said.append(
             f"the command was moving as the record began: the first {skipped * run.period:.3g} s are not compared"
         )
-    others = [name for name in run.commands if run.columns[name] is not run.command() and np.ptp(run.columns[name])]
+    others = [name for name in run.commands if name not in ("u", f"u{dynamics.name}") and np.ptp(run.columns[name])]
     if others:
         said.append(f"{' and '.join(others)} moved too; what that does to this axis is left in the residual")
     cut = dynamics.cut(run)

@@ -17,6 +17,7 @@ from flexdesign.diagnosis import candidates, course, judgement
 from flexdesign.diagnosis.course import Course, Setting
 from flexdesign.diagnosis.findings import Diagnosis, Rung, Value
 from flexdesign.dynamics.axis_choice import choose_axis
+from flexdesign.dynamics.axis_run import acts_ahead_of_stack
 from flexdesign.dynamics.stage import missing
 from flexdesign.errors import InputError
 from flexdesign.evidence.screening import Candidate
@@ -181,6 +182,9 @@ def _check(setting: Setting, name: str, model: StageModel) -> None:
         place = f"{setting.name}.{number}" if number else f"{setting.name}.effects.{name}"
         remedy = f"acts on axis {setting.name} already (axis.{place}); identify --free fits its numbers"
         raise InputError("command line", "EFFECT", name, remedy)
+    if setting.is_at_stack and acts_ahead_of_stack(effects.find(name)):
+        remedy = "acts ahead of the stack, and these runs know the voltage at the stack: none of it is left to show"
+        raise InputError("command line", "EFFECT", name, remedy)
     for run in setting.runs:
         if lacking := missing(setting.name, effects.find(name), run.columns):
             needs = " and ".join("the response of another axis" if c == OTHER else f"a column {c}" for c in lacking)
@@ -325,8 +329,10 @@ def in_the_loop(found: Added, progress: Callable[[str], None] = lambda _: None) 
         Told what is being run.
     """
     effect = effects.find(found.name)
-    if effect.faces and all(isinstance(face, Disturbance) for face in effect.faces):
-        return InTheLoop(None, "the effect adds to what is read, by a cause of which experiments have no record")
+    lacking = missing(found.axis, effect, {found.axis: np.zeros(0)})
+    if lacking and all(isinstance(face, Disturbance) for face in effect.faces):
+        needs = " and ".join("another axis that moves" if each == OTHER else f"a record of {each}" for each in lacking)
+        return InTheLoop(None, f"the effect needs {needs}, which these experiments do not have")
     without, with_it = (
         replace(model, axes={found.axis: model.axes[found.axis]}, coupling=type(model.coupling)())
         for model in (found.without, found.model)

@@ -11,6 +11,7 @@ from typing import cast
 from flexdesign import effects
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_parameters import of_catalogue
+from flexdesign.dynamics.axis_run import acts_ahead_of_stack
 from flexdesign.evidence.screening import Candidate
 from flexdesign.model import Effect, Model, Parameter
 from flexdesign.stage_model import fields
@@ -44,7 +45,12 @@ class Adder:
 
 
 def candidates(
-    model: AxisDynamics, more: Sequence[str] = (), lines: Sequence[float] = (), *, loaded: bool = False
+    model: AxisDynamics,
+    more: Sequence[str] = (),
+    lines: Sequence[float] = (),
+    *,
+    loaded: bool = False,
+    at_stack: bool = False,
 ) -> tuple[Candidate, ...]:
     """Return every effect of the catalogue that the axis does not have.
 
@@ -58,11 +64,13 @@ def candidates(
         Frequencies [Hz] of sinusoids that were seen in quiet records.
     loaded
         Whether some runs carry a known mass: then the table's own mass shows.
+    at_stack
+        Whether all runs know the voltage at the stack: then nothing ahead of it shows.
     """
     made = []
     left_out = (*(name for name in IMITATED if not (loaded and name == LOADED)), *NOISE)
     for name in (*effects.names(), *more):
-        if name in left_out or name in model.axis.effects:
+        if name in left_out or name in model.axis.effects or (at_stack and acts_ahead_of_stack(effects.find(name))):
             continue
         number = fields.ELSEWHERE.get(name)
         present = {p.name: p.start for p in model.parameters()}

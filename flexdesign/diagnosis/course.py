@@ -25,7 +25,7 @@ from flexdesign.diagnosis.findings import Diagnosis
 from flexdesign.diagnosis.judgement import conclude
 from flexdesign.dynamics.axis_choice import choose_axis
 from flexdesign.dynamics.axis_model import CAME_FROM, TRIGGER, AxisDynamics
-from flexdesign.dynamics.axis_run import of_axis
+from flexdesign.dynamics.axis_run import is_at_stack, of_axis
 from flexdesign.errors import InputError
 from flexdesign.evidence.coloured import Coloured
 from flexdesign.evidence.rival import Rival, rival
@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 #: Error that a prediction may have, in shares of the noise; and in shares of the stroke, at least and at most.
 EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
 #: Most steps in a sample: for fits, and for screening.
-STEPS, STEPS_SCREENING = 16, 4
+STEPS, STEPS_SCREENING = 16, 2
 #: An effect must move a held-out prediction by this share of the noise, or of the stroke if that is less.
 OF_NOISE, OF_STROKE = 0.3, 5e-4
 #: How little is known of how a record began, one sigma: samples that it was late, share of the largest command where
@@ -51,6 +51,12 @@ OF_NOISE, OF_STROKE = 0.3, 5e-4
 LATE, TURNED, SWINGS, SLOW = 0.3, 0.4, 0.1, 0.01
 #: Slow states that may still relax as a record begins have these time constants [s].
 RELAXING = (0.1, 0.4, 1.6, 6.4, 25.6)
+#: A measured command is taken as smooth if that lowers the cost by so many times what a sample leaves on average.
+SMOOTHER = 20.0
+#: What is said of such a run.
+SMOOTH = "the command is taken as smooth between its samples, which fits better than straight lines"
+#: Where the noise is unknown, an effect must explain this share of what was unexplained (in squares).
+LEAST = 1e-3
 #: Decades of decay after which a mode has rung down.
 RUNG_DOWN = 3.0
 
@@ -110,6 +116,12 @@ class Setting:
     def is_loaded(self) -> bool:
         """Whether some runs carry a known mass on an axis whose mass is known."""
         return self.axis.mass is not None and any(run.payload for run in self.runs)
+
+    @property
+    def is_at_stack(self) -> bool:
+        """Whether the voltage at the stack is known of every run that moves."""
+        moving = [run for run in self.runs if np.ptp(run.command())]
+        return bool(moving) and all(is_at_stack(run) for run in moving)
 
     def of(self, role: str) -> list[Run]:
         """Return the runs of a role."""
@@ -172,10 +184,11 @@ def diagnose(
     # Threads of linear algebra would fight with those that simulate; the matrices are small.
     with threadpool_limits(1), ThreadPoolExecutor(threads) as pool:
         each: Any = pool.map if threads > 1 else map
+        setting = with_better_between(model, setting, each, progress)
         dynamics, case = case_of(model, setting, each, progress)
         lines = [line.frequency for line in setting.noise.lines]
-        every = candidates(dynamics, more, lines, loaded=setting.is_loaded)
-        case, course = search(case, dynamics, every, seed)
+        every = candidates(dynamics, more, lines, loaded=setting.is_loaded, at_stack=setting.is_at_stack)
+        case, course = search(case, dynamics, every, seed, noise_is_known=setting.noise.known)
         progress("looking at what is left")
         left = _rival(case, course.final)
         before = _rival(case, course.calibrated) if course.final.effects else left
@@ -198,6 +211,31 @@ def settle(model: StageModel, runs: Sequence[Run], axis: str | None, tolerance: 
     volts = max(float(np.abs(run.command()).max()) for run in seen) or 1.0
     least = min(OF_NOISE * first.floor, OF_STROKE * abs(its.gain * its.driver.gain) * volts)
     return replace(first, tolerance=least if tolerance is None else tolerance)
+
+
+def with_better_between(model: StageModel, setting: Setting, each: Any, progress: Callable[[str], None]) -> Setting:
+    """Return the setting with measured commands smooth between their samples, if nobody said and that fits better.
+
+    Straight lines make a sine of frequency w smaller by (w h)^2 / 12, which would pass for a lag or a further mode.
+    """
+    unsaid = [run for run in setting.runs if run.command_is != "dac" and not run.between_is_stated]
+    if not unsaid:
+        return setting
+    progress("asking what commands do between their samples")
+    smooth = tuple(
+        replace(run, between_samples="smooth", remarks=(*run.remarks, SMOOTH)) if run in unsaid else run
+        for run in setting.runs
+    )
+    tried = [setting, replace(setting, runs=smooth)]
+    stands = []
+    for each_setting in tried:
+        dynamics, case = case_of(model, each_setting, each, lambda _: None)
+        stands.append(fitted(case, dynamics, (), {}, exact=False))
+    straight, curved = stands
+    if straight is None or curved is None:
+        return setting
+    scale = max(straight.scale, 1.0)
+    return tried[1] if curved.cost < straight.cost - SMOOTHER * scale else setting
 
 
 def _of_blocks(noise: NoiseFloor, runs: Sequence[Run]) -> NoiseFloor:
@@ -253,6 +291,7 @@ def case_of(
         fine=lambda of: cast(AxisDynamics, of).with_steps(STEPS),
         each=each,
         progress=progress,
+        designed={name: setting.axis.numbers[name] for name in free},
     )
 
 
@@ -284,7 +323,9 @@ class _Starts:
         return columns, np.array(sizes)
 
 
-def search(case: Case, dynamics: AxisDynamics, every: Sequence[Candidate], seed: int) -> tuple[Case, Course]:
+def search(
+    case: Case, dynamics: AxisDynamics, every: Sequence[Candidate], seed: int, *, noise_is_known: bool = True
+) -> tuple[Case, Course]:
     """Calibrate, and add effects while they earn their place; return the case as calibrated, and how it went."""
     case.progress("predicting with the model as it is")
     designed = fitted(replace(case, free=()), dynamics, (), {})
@@ -296,6 +337,8 @@ def search(case: Case, dynamics: AxisDynamics, every: Sequence[Candidate], seed:
         stand = fitted(case, stand.model, (), {})
     if designed is None or stand is None:
         raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
+    if not noise_is_known:  # then nothing says at which size of what is left it would be noise
+        case = replace(case, least=LEAST * stand.seen_cost)
     base, stands, steps = stand, list[Stand](), list[Step]()
     while len(stand.effects) < MOST:
         step = forward(case, stand, every)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from threading import Lock
 from typing import Any
@@ -20,12 +21,12 @@ from numpy.typing import NDArray
 from flexdesign import effects
 from flexdesign.dynamics import axis_parameters
 from flexdesign.dynamics import stage as stages
-from flexdesign.dynamics.axis_parameters import DELAY
-from flexdesign.dynamics.axis_run import command_column, smooth_way, span
+from flexdesign.dynamics.axis_parameters import DELAY, changed
+from flexdesign.dynamics.axis_run import behind_amplifier, command_of, is_at_stack, smooth_way, span
 from flexdesign.dynamics.chain import AxisChain
 from flexdesign.dynamics.simulate import Loop, Response, Stage, simulate
 from flexdesign.errors import InputError, suggest
-from flexdesign.model import Effect, Observation, Parameter
+from flexdesign.model import Block, Effect, Observation, Parameter
 from flexdesign.runs import Run
 from flexdesign.stage_model import AxisModel
 from flexdesign.stage_model import fields as units_of
@@ -47,9 +48,13 @@ STILL = 0.01
 LONGEST_LEAD = 1000.0
 #: Where the voltage had turned before a record, as numbers of its own, and in shares of the largest command.
 CAME_FROM = {"turn.1": 0.75, "turn.2": 0.1}
+#: Where a search tries them, where commands have one sign, and where they have both.
 TRIED = {"turn.1": (0.5, 0.75, 0.95), "turn.2": (0.0, 0.1, 0.25)}
+TRIED_BOTH = {"turn.1": (-0.95, -0.5, 0.5, 0.95), "turn.2": (-0.25, 0.0, 0.25)}
 #: Periods of the mode that a way before a record takes.
 PERIODS_OF_A_WAY = 6.0
+#: A mode that was known to be beyond what the samples show may be this much higher still.
+BEYOND = 1.2
 #: How late a record began, as a number of its own; by no more than this [s].
 TRIGGER, LONGEST_TRIGGER = "trigger", 0.02
 
@@ -150,7 +155,13 @@ class AxisDynamics:
         return (*made, *(mine for run in self.apart for mine in self._of_run(run, made)))
 
     def _shown(self, parameter: Parameter) -> dict[str, Any]:
-        """Return ranges without frequencies of effects that the samples cannot show."""
+        """Return ranges without frequencies that the samples cannot show.
+
+        An undamped mode at the sampling rate would remember every step of a held command, and pass for hysteresis.
+        """
+        if parameter.name == "natural_frequency":
+            low, high = parameter.plausible
+            return {"plausible": (low, min(high, max(self.highest, BEYOND * self.first.natural_frequency)))}
         owner, _, number = parameter.name.rpartition(".")
         if number != "frequency" or owner.startswith("modes") or math.isinf(self.highest):
             return {}
@@ -163,15 +174,18 @@ class AxisDynamics:
         latest = (-LONGEST_TRIGGER, LONGEST_TRIGGER)
         trigger = Parameter(TRIGGER, "s", "ms", "how late the record began", 0.0, 0.0, latest)
         range_ = (-self.volts, self.volts) if self.bipolar else (0.0, self.volts)
+        tried = TRIED_BOTH if self.bipolar else TRIED
+        meaning = "where the voltage had turned before the record"
         turns = (
-            Parameter(
-                name, "V", "V", "where the voltage had turned before the record", None, share * self.volts, range_
-            )
+            Parameter(name, "V", "V", meaning, None, share * self.volts, range_, screen=self._shares(tried[name]))
             for name, share in CAME_FROM.items()
         )
         phases = (p for p in common if p.per_run and p.si == "rad")
-        for p in (*phases, trigger, *turns):
+        for p in (*phases, trigger, *(turns if self._remembers else ())):
             yield replace(p, name=f"{run}:{p.name}", start=own.get(p.name, p.start), run=run)
+
+    def _shares(self, shares: Iterable[float]) -> tuple[float, ...]:
+        return tuple(share * self.volts for share in shares)
 
     def replace(self, values: Mapping[str, float]) -> AxisDynamics:
         """Return the model with some values changed, SI; a new natural frequency keeps the stiffness."""
@@ -293,8 +307,8 @@ class AxisDynamics:
         return replace(run, columns={**run.columns, self.name: response})
 
     def command(self, run: Run) -> Array:
-        """Return the command of this axis in a run [V]."""
-        return run.columns[command_column(run, self.name)]
+        """Return the command of this axis in a run [V], see `flexdesign.dynamics.axis_run.command_of`."""
+        return command_of(run, self.name, self.axis.driver.gain)
 
     # --- simulation ----------------------------------------------------------------------------------------------
 
@@ -306,14 +320,16 @@ class AxisDynamics:
 
     def _simulated(self, run: Run, steps: int | None) -> Response:
         own = self.own.get(run.name, {})
-        command, delay = self.command(run), self.delay + own.get(TRIGGER, 0.0)
+        at_stack = is_at_stack(run)
+        command, delay = self.command(run), (0.0 if at_stack else self.delay) + own.get(TRIGGER, 0.0)
         lead, early = self._lead(run, own, float(command[0])), max(0, math.ceil(-delay / run.period))
         # A record that began early begins some samples later in a simulation with a longer delay.
         command, delay = np.concatenate([lead, command, np.full(early, command[-1])]), delay + early * run.period
-        axis = changed(self.axis, {name: value for name, value in own.items() if name not in (TRIGGER, *CAME_FROM)})
-        axis = self._loaded(axis, run.payload)
+        more = {name: value for name, value in own.items() if name not in (TRIGGER, *CAME_FROM)}
+        axis = self._loaded(changed(self.axis, more) if more else self.axis, run.payload)
+        axis, limits = (behind_amplifier(axis), {}) if at_stack else (axis, {self.name: stages.limits(axis)})
         return simulate(
-            Stage((self._chain(axis),), limits={self.name: stages.limits(axis)}),
+            Stage((self._chain if axis is self.axis else self._chain_of(axis),), limits=limits),
             {self.name: Loop(command)},
             run.period,
             delay=delay,
@@ -363,35 +379,17 @@ class AxisDynamics:
         longest = LONGEST_LEAD / self.first.natural_frequency
         return min(-math.log(share) / rate, longest) if rate > 0 else longest
 
-    def _chain(self, axis: AxisModel) -> AxisChain:
+    @cached_property
+    def _remembers(self) -> bool:
+        """Whether an effect has a memory of where the voltage had turned; that of modes and filters is short."""
+        faces = (face for name in self.axis.effects for face in effects.find(name).faces)
+        return any(isinstance(face, Block) and bool(face.states or face.memory) for face in faces)
+
+    @cached_property
+    def _chain(self) -> AxisChain:
+        return self._chain_of(self.axis)
+
+    def _chain_of(self, axis: AxisModel) -> AxisChain:
         # Readings in whole steps would hide small changes of a value from a fit; the rounding is noise to it.
         smooth = replace(axis, sensor=replace(axis.sensor, resolution=0.0))
         return stages.chain(self.name, smooth)
-
-
-def changed(axis: AxisModel, values: Mapping[str, float]) -> AxisModel:
-    """Return an axis with some of its numbers replaced, by their dotted names, SI.
-
-    A new natural frequency keeps the stiffness and changes the mass; of a further mode all numbers are its own.
-
-    Raises
-    ------
-    KeyError
-        If the axis has no such number.
-    """
-    own: dict[str, Any] = {}
-    tables: dict[str, dict[str, float]] = {}
-    for name, value in values.items():
-        table, _, key = name.rpartition(".")
-        if name not in axis.numbers and table not in axis.effects:
-            raise KeyError(name)
-        if table:
-            tables.setdefault(table, {})[key] = value
-        else:
-            own[name] = value
-    if axis.stiffness is not None and "natural_frequency" in own:
-        own["mass"] = axis.stiffness / (2 * math.pi * own["natural_frequency"]) ** 2
-    modes = tuple(replace(mode, **tables.pop(f"modes.{i}", {})) for i, mode in enumerate(axis.modes, start=1))
-    driver, sensor = (replace(getattr(axis, key), **tables.pop(key, {})) for key in ("driver", "sensor"))
-    acting = {name: {**given, **tables.get(name, {})} for name, given in axis.effects.items()}
-    return replace(axis, **own, modes=modes, driver=driver, sensor=sensor, effects=acting)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 from flexdesign import effects
 from flexdesign.model import Effect, Parameter
@@ -140,3 +141,31 @@ def _power(base: str, si: str) -> int:
         for found in re.finditer(rf"\b{base}\b(?:\^(\d+))?", part):
             total += sign * int(found[1] or 1)
     return total
+
+
+def changed(axis: AxisModel, values: Mapping[str, float]) -> AxisModel:
+    """Return an axis with some of its numbers replaced, by their dotted names, SI.
+
+    A new natural frequency keeps the stiffness and changes the mass; of a further mode all numbers are its own.
+
+    Raises
+    ------
+    KeyError
+        If the axis has no such number.
+    """
+    own: dict[str, Any] = {}
+    tables: dict[str, dict[str, float]] = {}
+    for name, value in values.items():
+        table, _, key = name.rpartition(".")
+        if name not in axis.numbers and table not in axis.effects:
+            raise KeyError(name)
+        if table:
+            tables.setdefault(table, {})[key] = value
+        else:
+            own[name] = value
+    if axis.stiffness is not None and "natural_frequency" in own:
+        own["mass"] = axis.stiffness / (2 * math.pi * own["natural_frequency"]) ** 2
+    modes = tuple(replace(mode, **tables.pop(f"modes.{i}", {})) for i, mode in enumerate(axis.modes, start=1))
+    driver, sensor = (replace(getattr(axis, key), **tables.pop(key, {})) for key in ("driver", "sensor"))
+    acting = {name: {**given, **tables.get(name, {})} for name, given in axis.effects.items()}
+    return replace(axis, **own, modes=modes, driver=driver, sensor=sensor, effects=acting)

@@ -14,6 +14,7 @@ import pkgutil
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from typing import cast
 
 from flexdesign.errors import suggest
 from flexdesign.model import Effect
@@ -48,7 +49,7 @@ def find(name: str) -> Effect:
         If there is none; the message says what there is.
     """
     if name in _own():
-        found = importlib.import_module(f"{__name__}.{name}").EFFECT
+        return _shipped(name)
     elif name in _added():
         found = _from_package(_added()[name])
     elif name.endswith(".py"):
@@ -60,6 +61,11 @@ def find(name: str) -> Effect:
     if name in _added() and found.name != name:
         raise ValueError(f"is called {found.name} by itself; the entry point needs that name")
     return found
+
+
+@cache
+def _shipped(name: str) -> Effect:
+    return cast(Effect, importlib.import_module(f"{__name__}.{name}").EFFECT)
 
 
 def beside(name: str, folder: Path) -> str:

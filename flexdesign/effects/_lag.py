@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 from flexdesign.model.effect import Floats, Values
 
@@ -13,6 +14,7 @@ def constants(values: Values, step: float) -> tuple[float, ...]:
     return *to(rate, step, 0.5), *to(rate, step, 1.0), rate * step
 
 
+@lru_cache(maxsize=4096)
 def to(rate: float, step: float, until: float) -> tuple[float, float, float, float]:
     """Return transition and weights of y' = rate (u - y) over a part of a step, u a parabola over the whole.
 

@@ -118,7 +118,9 @@ def _held(
     if not suite.records:
         return 0.0, 0.0
     where, x, step = stand.solution.problem.where, stand.solution.x, 1e-3
-    shared = {n: v for n, v in where.values(x + step * moves).items() if ":" not in n}
+    # A sum that the model's own numbers can imitate asks for moves without end: these stay where they are plausible.
+    moved = np.clip(x + step * moves, np.maximum(where.lower, x - 1.0), np.minimum(where.upper, x + 1.0))
+    shared = {n: v for n, v in where.values(moved).items() if ":" not in n}
     nudged = stand.model.replace(shared)
     gained, squares, count = 0.0, 0.0, 0
     for record in suite.records:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexdesign.evidence.screening import Candidate, Direction, Screening
-from flexdesign.evidence.stand import Case, Stand, begun_anew, fitted, moved, refitted
+from flexdesign.evidence.stand import FOLLOWED, Case, Stand, begun_anew, fitted, moved, refitted
 from flexdesign.model import Model
 
 #: Effects that are refitted after a screening, pairs among them; trials of each from which a fit begins.
@@ -40,6 +40,9 @@ NEAR, RIVALS = 0.02, 3
 ALIKE = 12.0
 #: A model misses the runs by far where it leaves this many times the mean square of the noise.
 GROSS = 30.0
+#: Its own numbers make up for what it lacks where one of which nothing was known differs by this share from what it was
+#: designed to be. So many effects are refitted there.
+CHANGED, LONG_LIST = 0.3, 12
 #: Fits are tried so often where runs seem to have come from elsewhere, while that lowers the cost by this share.
 ANEW, ANEW_SHARE = 2, 0.01
 #: No more effects than these are added.
@@ -102,12 +105,12 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     left = [candidate for candidate in candidates if candidate.name not in stand.names]
     case.progress("screening the catalogue" if not stand.effects else f"screening beside {', '.join(stand.names)}")
     screening = Screening(stand.solution, left, case.coarse)
-    needed = SURE * screening.chance()
+    needed, strained = SURE * screening.chance(), _is_strained(case, stand)
     attempts = list[tuple[tuple[str, ...], Stand]]()
-    for beginning in _shortlist(screening, needed * stand.scale):
+    for beginning in _shortlist(screening, max(needed * stand.scale, case.least), is_strained=strained):
         names = tuple(direction.candidate.name for direction in beginning)
         case.progress(f"trying {' and '.join((*stand.names, *names))}")
-        if (made := _extended(case, stand, beginning)) is not None:
+        if (made := _extended(case, stand, beginning, is_strained=strained)) is not None:
             attempts.append((names, made))
     trials = [_trial(case, stand, made, names, needed) for names, made in _refined(case, stand, attempts)]
     trials.sort(key=lambda trial: trial.stand.total)
@@ -119,14 +122,21 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     singles = [trial for trial in accepted if len(trial.names) == 1]
     if len(best.names) == 2 and singles and singles[0].stand.total - best.stand.total < best.needed:
         best = singles[0]
-    near = [t for t in accepted if t is not best and t.stand.total - best.stand.total < max(NEAR * best.gain, ALIKE)]
+    reach = max(NEAR * best.gain, ALIKE)
+    near = [t for t in accepted if t is not best and len(t.names) == len(best.names) and _behind(t, best) < reach]
     best, *rivals = (_polished(case, stand, trial) for trial in (best, *near[:RIVALS]))
     return Step(best, tuple(trials), tuple(trial for trial in rivals if is_alike(best.stand, trial.stand)))
 
 
+def _behind(trial: Trial, best: Trial) -> float:
+    return trial.stand.total - best.stand.total
+
+
 def _polished(case: Case, before: Stand, trial: Trial) -> Trial:
-    """Return a trial with its fit carried to the end."""
+    """Return a trial with its fit carried to the end; one that misses the runs by far is not worth it."""
     stand = trial.stand
+    if stand.scale > GROSS:
+        return trial
     ended = fitted(case, stand.model, stand.effects, {}, old=stand.solution.columns())
     return trial if ended is None else _trial(case, before, ended, trial.names, trial.needed / max(stand.scale, 1.0))
 
@@ -182,12 +192,26 @@ def backward(case: Case, stand: Stand, base: Model, candidates: Sequence[Candida
     return stand
 
 
-def _shortlist(screening: Screening, needed: float) -> list[tuple[Direction, ...]]:
+def _is_strained(case: Case, stand: Stand) -> bool:
+    """Tell whether the model misses the runs by far, with numbers that nothing held where they were thought to be."""
+    if stand.scale <= GROSS:
+        return False
+    where = stand.solution.problem.where
+    values = where.values(stand.solution.x)
+    return any(
+        abs(values[name] - designed) > CHANGED * abs(designed)
+        for name, designed in case.designed.items()
+        if name not in where.known
+    )
+
+
+def _shortlist(screening: Screening, needed: float, *, is_strained: bool) -> list[tuple[Direction, ...]]:
     """Return from where fits begin: the best trials of each candidate, and of pairs."""
     found: list[tuple[Direction, ...]] = []
     best = screening.best()
-    for directions in best[:SHORTLIST]:
-        if directions[0].drop < FAINT * best[0][0].drop:
+    # Where the model's own numbers made up for what it lacks, promises say little.
+    for directions in best[: LONG_LIST if is_strained else SHORTLIST]:
+        if directions[0].drop < FAINT * best[0][0].drop and not is_strained:
             break
         enough = max(0.5 * needed, SECOND_BEST * directions[0].drop)
         found += [(direction,) for direction in directions[:BEGINNINGS] if direction.drop > enough]
@@ -196,7 +220,7 @@ def _shortlist(screening: Screening, needed: float) -> list[tuple[Direction, ...
     return found
 
 
-def _extended(case: Case, stand: Stand, beginning: Sequence[Direction]) -> Stand | None:
+def _extended(case: Case, stand: Stand, beginning: Sequence[Direction], *, is_strained: bool) -> Stand | None:
     """Return a first fit with further effects, coarse, from the slopes that are known."""
     model, start, old = stand.model, dict[str, float](), dict(stand.solution.columns())
     ends = np.cumsum([record.rows for record in case.identify.records])[:-1]
@@ -216,8 +240,14 @@ def _extended(case: Case, stand: Stand, beginning: Sequence[Direction]) -> Stand
     if gross:
         start |= {p.name: p.screen[len(p.screen) // 2] for p in model.parameters() if p.run and p.screen}
     known = None if gross or any(candidate.is_limit for candidate in added) else old
-    together = (*stand.effects, *added)
-    return fitted(case, case.coarse(model), together, start, old=known, most=FIRST, share=FIRST_SHARE, exact=False)
+    together, coarse = (*stand.effects, *added), case.coarse(model)
+    made = fitted(case, coarse, together, start, old=known, most=FIRST, share=FIRST_SHARE, exact=False)
+    if not is_strained:
+        return made
+    # There its own numbers, too, made up for what it lacked: they begin where they were thought to be.
+    anew = begun_anew(case.identify, coarse.replace({**start, **case.designed}))
+    other = fitted(case, anew, together, {}, most=FOLLOWED, share=FIRST_SHARE, exact=False)
+    return min((each for each in (made, other) if each is not None), key=lambda each: each.cost, default=None)
 
 
 def _trial(case: Case, before: Stand, after: Stand, names: tuple[str, ...], needed: float) -> Trial:
@@ -229,6 +259,8 @@ def _trial(case: Case, before: Stand, after: Stand, names: tuple[str, ...], need
     reason = ""
     if gain < needed * scale * len(names):
         reason = "no more than chance gives"
+    elif gain < case.least:
+        reason = "explains too little to be told from what else is unknown"
     elif case.validate.records and held <= 0:
         reason = "does not help on the runs kept apart"
     elif far < case.tolerance:

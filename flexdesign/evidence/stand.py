@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ CALIBRATION_SHARE = 1e-4
 #: A first start that leaves less than this times the noise's mean square needs no others; others find slopes so often,
 #: and agree if their costs differ by no more than this share.
 GOOD, FOLLOWED, AGREED = 1.5, 8, 0.01
+#: Where a run kept apart began is found when a step lowers the cost by less than this share.
+HELD_SHARE = 1e-5
 #: Points of a sample from which the best become starts of the calibration.
 SAMPLED = 16
 
@@ -49,6 +51,10 @@ class Case:
         Maps simulations, over threads perhaps.
     progress
         Told what is being done.
+    designed
+        Values of the free numbers before anything was fitted, SI.
+    least
+        By how much an effect must lower the cost of what the fit sees, whatever chance gives.
     """
 
     identify: Suite
@@ -60,6 +66,8 @@ class Case:
     fine: Callable[[Model], Model] = lambda model: model
     each: Map = map
     progress: Callable[[str], None] = lambda _: None
+    designed: Mapping[str, float] = field(default_factory=dict)
+    least: float = 0.0
 
     def coordinates(self, model: Model, free: Sequence[str], suite: Suite) -> Coordinates:
         """Return free numbers and those of each run as coordinates."""
@@ -214,16 +222,18 @@ def fitted(
     where = case.coordinates(begun, free, case.identify)
     problem = Problem(case.identify, begun, where, case.each)
     solution = solve(problem, where.start, most=most, share=share, old=old, exact=exact)
-    return None if solution is None else judged(case, solution, effects)
+    return None if solution is None else judged(case, solution, effects, share)
 
 
-def judged(case: Case, solution: Solution, effects: tuple[Candidate, ...]) -> Stand | None:
+def judged(case: Case, solution: Solution, effects: tuple[Candidate, ...], share: float = SHARE) -> Stand | None:
     """Judge a fit on the runs kept apart: where each began is found, and what is left of all."""
     model = solution.problem.at(solution.x)
     held = 0.0
     if case.validate.records:
         where = case.coordinates(model, (), case.validate)
-        beginning = solve(Problem(case.validate, model, where, case.each), where.start)
+        # What is known of these numbers comes from nowhere else, so that their slopes are not asked for again.
+        problem = Problem(case.validate, model, where, case.each)
+        beginning = solve(problem, where.start, share=max(share, HELD_SHARE), exact=False)
         if beginning is None:
             return None
         model, held = beginning.problem.at(beginning.x), beginning.cost

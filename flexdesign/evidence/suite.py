@@ -197,6 +197,20 @@ class Problem:
         before = self.before(x)
         return float(sum(part @ part for part in residuals) + before @ before)
 
+    def _moved_models(self, x: Array, places: Sequence[int], steps: Array) -> dict[int, Model]:
+        """Return for some coordinates the model with that one moved; those of different runs are moved together."""
+        groups = dict[tuple[str, str | int], list[int]]()
+        for j in places:
+            parameter = self.where.parameters[j]
+            run, _, number = parameter.name.rpartition(":")
+            groups.setdefault(("run", number) if run == parameter.run != "" else ("all", j), []).append(j)
+        models = dict[int, Model]()
+        for together in groups.values():
+            to = x.copy()
+            to[together] += steps[together]
+            models |= dict.fromkeys(together, self.at(to))
+        return models
+
     def slopes(
         self, x: Array, residuals: Sequence[Array], old: Mapping[str, Sequence[Array | None]] | None = None
     ) -> list[Slopes]:
@@ -212,7 +226,7 @@ class Problem:
         old = old or {}
         fresh = [j for j, name in enumerate(self.where.names) if name not in old]
         forward = np.where(x + self.steps <= self.where.upper, 1.0, -1.0)
-        models = {j: self.at(_moved(x, j, forward[j] * self.steps[j])) for j in fresh}
+        models = self._moved_models(x, fresh, forward * self.steps)
         pairs = [(r, int(j)) for r, places in enumerate(self.places) for j in places if int(j) in models]
         parts = list(self.each(lambda pair: self._residual(models[pair[1]], self.suite.records[pair[0]]), pairs))
         moved, columns = np.zeros(len(x)), dict[tuple[int, int], Array]()
@@ -232,9 +246,3 @@ class Problem:
             Slopes(places, np.array([columns[r, int(j)] for j in places]).reshape(len(places), -1).T)
             for r, places in enumerate(self.places)
         ]
-
-
-def _moved(x: Array, j: int, step: float) -> Array:
-    to = x.copy()
-    to[j] += step
-    return to

@@ -10,6 +10,7 @@ import numpy as np
 from flexdesign import effects, units
 from flexdesign.diagnosis.adding import Added, InTheLoop, variant
 from flexdesign.diagnosis.standing import compared
+from flexdesign.dynamics.axis_run import doubts
 from flexdesign.experiments import AS_MODELLED
 from flexdesign.files import FORMAT
 from flexdesign.report import comparison_words as words
@@ -41,7 +42,7 @@ def summary(found: Added) -> list[str]:
     else:
         text.append(f"It explains {words.percent(found.share)} of what recalibration leaves unexplained.")
     text.append(f"What to do about it: {effects.find(found.name).remedy}.")
-    return text
+    return [*doubts(found.runs), *text]
 
 
 def document(found: Added, loop: InTheLoop) -> Document:

@@ -10,6 +10,7 @@ import numpy as np
 
 from flexdesign import units, versions
 from flexdesign.comparison import Breakdown, Comparison, RunComparison
+from flexdesign.dynamics.axis_run import doubts
 from flexdesign.files import FORMAT
 from flexdesign.report import comparison_words as words
 from flexdesign.report import residual_charts as charts
@@ -54,7 +55,7 @@ def summary(found: Comparison) -> list[str]:
     rms, floor = words.error(found.response, found.rms), words.error(found.response, found.floor, 2)
     share = words.percent(found.rms / found.runs[0].stroke if found.runs[0].stroke else math.nan)
     count = f"{len(found.runs)} runs" if len(found.runs) > 1 else found.runs[0].name
-    said = [f"The model misses {count} by {rms} rms, {share} of the stroke. {_noise(found)}"]
+    said = [*doubts(found.observed), f"The model misses {count} by {rms} rms, {share} of the stroke. {_noise(found)}"]
     if found.rms < NOISE * found.floor:
         noise = f"the noise ({floor})" if found.noise.known else "no more than what may be noise"
         said.append(f"That is {noise}: nothing in these runs says that the model fails.")

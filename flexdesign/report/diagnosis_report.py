@@ -120,6 +120,7 @@ def result(found: Diagnosis, tellings: Sequence[Telling]) -> dict[str, Any]:
         "calibration": [value_json(value) for value in found.calibration],
         "conflicts": list(found.conflicts),
         "confidence": found.confidence,
+        "remarks": {run.name: list(run.remarks) for run in found.runs if run.remarks},
         "made_by": made_by(found),
         "simulations": found.evaluations,
     }
@@ -229,10 +230,12 @@ def _ladder_text(found: Diagnosis) -> list[str]:
 
 
 def _runs_text(found: Diagnosis) -> list[str]:
+    every = [f"{run.name.partition(':')[0]}: {remark}." for run in found.runs for remark in run.remarks]
+    remarks = list(dict.fromkeys(every))  # the halves of one record say the same
     kept = [run for run in found.runs if run.role == "validate"]
     if not kept:
-        return ["No run was kept apart, so that these runs judge what they were fitted to."]
-    return ["Runs that no fit has seen; of each only how it began was fitted."]
+        return ["No run was kept apart, so that these runs judge what they were fitted to.", *remarks]
+    return ["Runs that no fit has seen; of each only how it began was fitted.", *remarks]
 
 
 def _effect(named: Named) -> Section:

@@ -10,6 +10,7 @@ from flexdesign.bench import Resolved
 from flexdesign.diagnosis import Diagnosis, Named, Rung, Value
 from flexdesign.diagnosis.standing import compared
 from flexdesign.diagnosis.telling import Telling
+from flexdesign.dynamics.axis_run import doubts
 from flexdesign.evidence import Estimate
 from flexdesign.report import comparison_words as words
 from flexdesign.runs import Run
@@ -102,7 +103,7 @@ def apart(group: Sequence[str], tellings: Sequence[Telling]) -> str:
 
 def summary(found: Diagnosis, tellings: Sequence[Telling]) -> list[str]:
     """Return the answer in a few paragraphs."""
-    said = [verdict(found), *(effect(found, named) for named in found.effects)]
+    said = [*doubts(found.runs), verdict(found), *(effect(found, named) for named in found.effects)]
     said += [apart(group, tellings) for group in found.confusable]
     if found.verdict == "unknown":
         said.append(f"What it looks like: {' '.join(words.sentences(compared(found, 'found')))}")

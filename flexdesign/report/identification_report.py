@@ -102,7 +102,7 @@ def summary(found: Identification) -> list[str]:
     text = f"{_listed([e.name for e in found.estimates])} fitted to {_listed([run.name for run in seen])}: "
     text += f"what is left is {_range(found, seen)}"
     text += f"; of runs that the fit did not see, {_range(found, kept)}." if kept else "."
-    said = [text]
+    said = [*found.doubts, text]
     if "bouc_wen" not in found.before.axes[found.axis].effects:
         said.append("The model has no hysteresis, and none was fitted.")
     if found.held:
@@ -127,7 +127,7 @@ def write_model(path: Path, model: StageModel | None) -> None:
                 raise IsADirectoryError(0, "it is a folder")
             if model:
                 made = Path(scratch) / path.name
-                made.write_text(to_toml(model), encoding="utf-8")
+                made.write_text(to_toml(model, path.parent), encoding="utf-8")
                 made.replace(path)
     except OSError as error:
         remedy = f"cannot be written ({error.strerror or error}); choose another file"

@@ -368,4 +368,4 @@ def write_runs(simulation: Simulation, folder: Path) -> None:
         tables.append(f'[[run]]\nfile = "{name}"\nbetween_samples = "hold"\n')
     (folder / "measurements.toml").write_text("\n".join(tables), encoding="utf-8")
     for name, variant in simulation.variants.items():
-        (folder / f"stage_model_{stem(name)}.toml").write_text(to_toml(variant), encoding="utf-8")
+        (folder / f"stage_model_{stem(name)}.toml").write_text(to_toml(variant, folder), encoding="utf-8")

@@ -11,7 +11,7 @@ from flexdesign.runs.description import Measurements, read_measurements
 from flexdesign.runs.reading import ALLOWED, FEWEST, read_run, read_runs, write_run
 from flexdesign.runs.run import AXES, COMMANDS, Array, Between, CommandIs, Role, Run, Sensor
 from flexdesign.runs.splitting import split
-from flexdesign.runs.suspicion import suspicions
+from flexdesign.runs.suspicion import refuse_wrong_units, suspicions
 
 __all__ = [
     "ALLOWED",
@@ -29,6 +29,7 @@ __all__ = [
     "read_measurements",
     "read_run",
     "read_runs",
+    "refuse_wrong_units",
     "split",
     "suspicions",
     "write_run",

@@ -8,7 +8,7 @@
     scale = 20                            # the monitor shows a twentieth of the voltage
     bias = "0 V"                          # added after scaling
     limits = ["0 V", "150 V"]             # what the bench allows, after scaling
-    between_samples = "hold"
+    between_samples = "hold"              # or "linear", or "smooth": a measured command without its highest frequencies
     [sensors.x]
     noise = "2 nm"
     range = ["0 um", "100 um"]
@@ -173,7 +173,7 @@ class Setup(files.Table):
     bias: Annotated[float, BeforeValidator(_volts)] = 0.0
     limits: Annotated[Any, _span(_volts, 'limits = ["0 V", "150 V"]')] = None
     closed_loop: bool | None = None
-    between_samples: Annotated[Between, _one_of(*get_args(Between))] = "linear"
+    between_samples: Annotated[Between | None, _one_of(*get_args(Between))] = None
     sensors: SensorTables = SensorTables()
     run: Any = None
 

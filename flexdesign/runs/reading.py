@@ -62,7 +62,8 @@ def read_run(path: str | Path) -> Run:
 def _run(sheet: Sheet, measurements: Measurements, said: RunSettings) -> Run:
     setup = measurements.setup
     sensors = _sensors(sheet, measurements)
-    between = said.between_samples or setup.between_samples
+    stated = said.between_samples or setup.between_samples
+    between = stated or "linear"
     _enough(sheet.path, len(sheet.lines))
     sheet, out_of_order = clock.in_order(sheet)
     _enough(sheet.path, len(sheet.lines))
@@ -92,6 +93,7 @@ def _run(sheet: Sheet, measurements: Measurements, said: RunSettings) -> Run:
         axis=setup.axis,
         sensors=sensors,
         role_is_stated=said.role is not None,
+        between_is_stated=stated is not None,
         remarks=(*out_of_order, *unbelievable, *uneven, *left_out, *bridges, *_beyond(commands, setup.limits)),
     )
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Role = Literal["identify", "validate"]
-Between = Literal["linear", "hold"]
+Between = Literal["linear", "hold", "smooth"]
 CommandIs = Literal["dac", "stack", "monitor"]
 
 #: Axes in their order, and the column of each one's command.
@@ -57,7 +57,8 @@ class Run:
     si
         SI unit of each column.
     between_samples
-        What the command does between its samples: goes straight to the next (``linear``), or waits (``hold``).
+        What the command does between its samples: goes straight to the next (``linear``), waits (``hold``), or goes as
+        a signal without content near the Nyquist frequency must (``smooth``).
     role
         Whether a fit may see it.
     kind
@@ -78,8 +79,8 @@ class Run:
         The axis that a command named ``u`` drives; None if nobody said.
     sensors
         What is known of the sensors, by column.
-    role_is_stated
-        Whether somebody chose the role; `split` leaves such runs alone.
+    role_is_stated, between_is_stated
+        Whether somebody chose the role, `split` leaves such runs alone; or said what happens between samples.
     remarks
         What was wrong with the recording, where, and what was done about it.
     """
@@ -99,6 +100,7 @@ class Run:
     axis: str | None = None
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     role_is_stated: bool = False
+    between_is_stated: bool = False
     remarks: tuple[str, ...] = ()
 
     @property

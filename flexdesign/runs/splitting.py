@@ -15,6 +15,8 @@ from flexdesign.runs.run import Role, Run
 KEPT = 0.25
 #: Blocks into which a single record is split, and which of them judge; both early and late, none at an end.
 BLOCKS, JUDGING = 8, (2, 6)
+#: A block with a step of the command this many times the largest step of those that teach is the only one of its kind.
+ONLY = 2.0
 #: Samples left out on each side of a border between blocks, as a share of the record: noise has a memory.
 BORDER = 0.005
 #: Fewest samples in a block; a shorter record is not split.
@@ -30,7 +32,8 @@ def split(runs: Sequence[Run]) -> tuple[Run, ...]:
     one, and so on; the last of its kind, and others evenly before it. Runs without a kind count as one kind. A record
     in which no command moves is never kept: it teaches the noise. Nor is the only run of its kind.
 
-    Where nothing can be kept whole, the longest run is split into `BLOCKS` blocks, two of which judge. Both halves are
+    Where nothing can be kept whole, the longest run is split into `BLOCKS` blocks, two of which judge: moving ones, but
+    not the one with the only step, for which the next one judges. Both halves are
     the whole record, so that it is simulated straight through, and have NaN where the other half counts and at the
     borders; they are called ``NAME:identify`` and ``NAME:validate``.
 
@@ -69,11 +72,27 @@ def _chosen(moving: Sequence[Run]) -> set[str]:
     return {order[kind][-1 - k * len(order[kind]) // count] for kind, count in many.items() for k in range(count)}
 
 
+def _judging(commands: NDArray[np.float64], block: NDArray[np.intp]) -> list[int]:
+    """Return the blocks that judge: `JUDGING`, or the next one where one stands still or is the only one of its kind.
+
+    A step is all that shows how a stage rings, and much of what tells a lag from hysteresis: what teaches must have it.
+    """
+    steps = np.abs(np.diff(commands, axis=1, prepend=commands[:, :1])).max(axis=0)
+    largest = np.array([steps[block == k].max() for k in range(BLOCKS)])
+    spans = np.array([np.ptp(commands[:, block == k], axis=1).max() for k in range(BLOCKS)])
+    chosen = list(JUDGING)
+    for place, k in enumerate(JUDGING):
+        others = np.delete(largest, chosen)
+        if spans[k] <= STILL * spans.max() or largest[k] > ONLY * others.max():
+            chosen[place] = k + 1
+    return chosen
+
+
 def _blocks(run: Run) -> tuple[Run, Run]:
     """Return the two halves of a record that is judged by blocks."""
     count = len(run.time)
     block = np.minimum(np.arange(count) * BLOCKS // count, BLOCKS - 1)
-    judging = np.isin(block, JUDGING)
+    judging = np.isin(block, _judging(np.atleast_2d(run.command()), block))
     turn = np.flatnonzero(np.diff(judging)) + 1
     width = max(1, round(BORDER * count))
     border = np.zeros(count, dtype=bool)

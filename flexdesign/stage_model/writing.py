@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import fields as members
+from pathlib import Path
 
 from flexdesign import units
 from flexdesign.files import FORMAT
@@ -26,24 +28,49 @@ _COMMENTS = {
 }
 
 
-def to_toml(model: StageModel) -> str:
+def to_toml(model: StageModel, folder: Path | None = None) -> str:
     """Return a stage model as a file that `read` takes, every number with its unit.
 
     A number is written with as few digits as give it back, and with seven at most: what people wrote comes back as they
     wrote it, what was computed within a relative 1e-6.
+
+    Parameters
+    ----------
+    model
+        The stage model.
+    folder
+        Where the file will lie. An effect in a file of the same tree, below this folder or with it below the working
+        directory, is then named by the way to it from here, so that the tree can move; any other by its whole path.
     """
     lines = [_HEADING, f"format = {FORMAT}"]
     words = {"title": model.title, "source": model.source}
     lines += [f"{key} = {_TEXT.write(text)}" for key, text in words.items() if text]
     for name, axis in model.axes.items():
-        lines += _axis(f"axis.{name}", axis)
+        lines += _axis(f"axis.{name}", axis, _ways(axis, folder))
     lines += _table("controller", model.controller, fields.CONTROLLER)
     responses = {name: axis.response for name, axis in model.axes.items()}
     lines += _coupling(model.coupling, responses)
     return "\n".join(lines) + "\n"
 
 
-def _axis(place: str, axis: AxisModel) -> Iterator[str]:
+def _ways(axis: AxisModel, folder: Path | None) -> dict[str, str]:
+    """Return the ways from a folder to those effects of an axis that are files of the same tree, by their names."""
+    if folder is None:
+        return {}
+    here, work = folder.resolve(), Path().resolve()
+    trees = [here, work] if here.is_relative_to(work) else [here]
+    files = {name: Path(name) for name in axis.effects if name.endswith(".py")}
+    within = {name: file for name, file in files.items() if any(file.is_relative_to(tree) for tree in trees)}
+    return {name: Path(os.path.relpath(file, here)).as_posix() for name, file in within.items()}
+
+
+def _named(name: str, ways: Mapping[str, str]) -> str:
+    """Return the name of an effect or of one of its numbers with the way to its file, if it has one."""
+    owner = next((owner for owner in ways if name == owner or name.startswith(f"{owner}.")), "")
+    return ways[owner] + name[len(owner) :] if owner else name
+
+
+def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]:
     gain = fields.axis(axis.response)["gain"]
     yield from ("", f"[{place}]")
     for name, text in _numbers(axis):
@@ -58,11 +85,12 @@ def _axis(place: str, axis: AxisModel) -> Iterator[str]:
         yield f'hysteresis = {{ model = "bouc-wen", {", ".join(f"{k} = {v}" for k, v in values.items())} }}'
     if axis.uncertainty:
         relative = ", ".join(
-            f"{_key(name, '.')} = {fields.RELATIVE.write(value)}" for name, value in axis.uncertainty.items()
+            f"{_key(_named(name, ways), '.')} = {fields.RELATIVE.write(value)}"
+            for name, value in axis.uncertainty.items()
         )
         yield f"uncertainty = {{ {relative} }}    # relative, 1 sigma"
     if axis.assumed:
-        yield f"assumed = [{', '.join(_TEXT.write(name) for name in axis.assumed)}]"
+        yield f"assumed = [{', '.join(_TEXT.write(_named(name, ways)) for name in axis.assumed)}]"
     for mode in axis.modes:
         yield from _table(place + ".modes", mode, fields.MODE, "[[{}]]")
     for key in ("actuator", "driver", "sensor"):
@@ -70,11 +98,11 @@ def _axis(place: str, axis: AxisModel) -> Iterator[str]:
         yield from _table(f"{place}.{key}", getattr(axis, key), known)
     for name, effect in axis.effects.items():
         if name != "bouc_wen":
-            yield from ("", f"[{place}.effects.{_key(name)}]")
+            yield from ("", f"[{place}.effects.{_key(_named(name, ways))}]")
             yield from (f"{key} = {text}" for key, text in _effect(name, effect, axis.response).items())
     if axis.sources:
         yield from ("", f"[{place}.sources]")
-        yield from (f"{_key(name)} = {_TEXT.write(text)}" for name, text in axis.sources.items())
+        yield from (f"{_key(_named(name, ways))} = {_TEXT.write(text)}" for name, text in axis.sources.items())
 
 
 def _numbers(axis: AxisModel) -> Iterator[tuple[str, str]]:

@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 
 from flexdesign import effects
-from flexdesign.dynamics.axis_model import DELAY, AxisDynamics, changed
-from flexdesign.dynamics.axis_run import command_column, of_axis
+from flexdesign.dynamics import stage as stages
+from flexdesign.dynamics.axis_model import DELAY, AxisDynamics
+from flexdesign.dynamics.axis_parameters import changed
+from flexdesign.dynamics.axis_run import command_column, doubts, of_axis
+from flexdesign.dynamics.simulate import Loop, Response, Stage, simulate
 from flexdesign.effects.bouc_wen import advance
 from flexdesign.errors import InputError
 from flexdesign.runs import Run
-from flexdesign.stage_model import AxisModel, Mode, Sensor
+from flexdesign.stage_model import AxisModel, Driver, Mode, Sensor
 from flexdesign.stage_model.axis import lumped_frequency
 
 PERIOD = 1e-3
@@ -218,6 +221,71 @@ def test_a_run_comes_from_where_the_voltage_had_turned() -> None:
     for start, end in ((0.0, 80.0), (80.0, 0.0)):
         h = advance(h, start, end, *LOOP.values())
     assert found == pytest.approx(np.full(60, -h), abs=2e-4 * 160e-6) and abs(h) > 1e-6
+
+
+# --- the voltage at the stack -----------------------------------------------------------------------------------------
+
+#: An amplifier that lags by 4 ms, limps behind steps and cuts at 90 V.
+SLOW = Driver(gain=15.0, bandwidth=40.0, slew=4000.0, limits=(0.0, 90.0))
+
+
+def through_the_amplifier() -> Response:
+    """The engine by hand: commands up to 8 V, 120 V without limits, 2 ms late."""
+    axis = replace(FULL, driver=SLOW)
+    limits = {"x": stages.limits(axis)}
+    chain = Stage((stages.chain("x", axis),), limits=limits)
+    return simulate(chain, {"x": Loop(wave() / 15)}, PERIOD, delay=2e-3, between_samples="linear", tolerance=1e-8)
+
+
+@pytest.mark.parametrize("known", ["v", "stack", "monitor"])
+def test_the_voltage_at_the_stack_drives_the_model_whatever_the_amplifier_did(known: Any) -> None:
+    """Straight lines between samples of the voltage leave (w h)^2 / 12 of it at 5 Hz, and kinks at the limit: 1e-3."""
+    real = through_the_amplifier()
+    columns = {"u": wave() / 15, "v": real.voltage[0]} if known == "v" else {"u": real.voltage[0]}
+    seen = run(columns.pop("u"), real.reading[0], "hold" if known == "v" else "linear", **columns)
+    seen = seen if known == "v" else replace(seen, command_is=known)
+    axis = replace(FULL, sensor=Sensor())
+    errors = []
+    for driver, delay in ((SLOW, 2e-3), (Driver(gain=15.0), 0.0)):
+        mine = replace(axis, driver=driver)
+        its = of_axis(seen, "x", mine)
+        model = AxisDynamics("x", mine, 8.0, delay=delay)
+        errors.append(float(np.abs(model.predict(its) - real.reading[0]).max() / np.ptp(real.reading[0])))
+        assert its.command() == pytest.approx(real.voltage[0] / 15) and model.cut(its) == 0.0
+    assert max(errors) < 1e-3 and errors[0] == errors[1]
+    ideal = replace(axis, driver=Driver(gain=15.0))
+    from_commands = AxisDynamics("x", ideal, 8.0).predict(run(wave() / 15))
+    assert np.abs(from_commands - real.reading[0]).max() > 0.1 * np.ptp(real.reading[0])
+
+
+def test_the_number_sent_to_the_amplifier_goes_through_it() -> None:
+    real = through_the_amplifier()
+    model = AxisDynamics("x", replace(FULL, driver=SLOW, sensor=Sensor()), 8.0, delay=2e-3)
+    found = model.predict(of_axis(run(wave() / 15, real.reading[0]), "x", model.axis))
+    assert found == pytest.approx(real.reading[0], abs=6e-8)  # half a step of the sensor, and a little
+
+
+@pytest.mark.parametrize(
+    ("voltage", "words"),
+    [(np.where(wave() > 100, np.nan, wave()), "has gaps"), (wave() / 20, "0.05 times the command, and 1 times")],
+)
+def test_a_voltage_that_cannot_be_used_leaves_the_command_in_its_place(voltage: Any, words: str) -> None:
+    seen = of_axis(run(wave(), 2e-6 * wave(), v=voltage), "x", PLAIN)
+    assert np.array_equal(seen.command(), wave()) and seen.command_is == "dac"
+    assert any(words in remark and "u drives" in remark for remark in seen.remarks)
+
+
+def test_a_measured_voltage_is_not_held() -> None:
+    seen = of_axis(run(wave(), 2e-6 * wave(), "hold", v=wave()), "x", PLAIN)
+    assert (seen.between_samples, seen.command_is, seen.driven_by) == ("linear", "stack", "v")
+
+
+def test_units_wrong_by_a_thousand_are_refused_unless_the_gain_is_a_guess() -> None:
+    wrong = run(wave(), 2e-3 * wave())
+    with pytest.raises(InputError, match=r"column x = 240 mm peak to peak: is a thousand times the 0\.240 mm"):
+        of_axis(wrong, "x", PLAIN)
+    (doubt,) = doubts([of_axis(wrong, "x", replace(PLAIN, assumed=("gain",)))])
+    assert doubt.startswith("Take care: run: x spans 240 mm")
 
 
 # --- runs of several axes ---------------------------------------------------------------------------------------------
