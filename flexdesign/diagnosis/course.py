@@ -32,7 +32,7 @@ from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import MOST, Step, backward, forward
 from flexdesign.evidence.stand import Case, Stand, calibrated, fitted
-from flexdesign.evidence.suite import Suite
+from flexdesign.evidence.suite import Problem, Suite
 from flexdesign.identification import HYSTERESIS, LINEAR, prior
 from flexdesign.model import Model, Observation, Parameter
 from flexdesign.noise_floor import NoiseFloor, noise_floor
@@ -49,6 +49,11 @@ OF_NOISE, OF_STROKE = 0.3, 5e-4
 #: How little is known of how a record began, one sigma: samples that it was late, share of the largest command where
 #: the voltage had turned, share of the stroke that the mode swings by, and that slow states still move.
 LATE, TURNED, SWINGS, SLOW = 0.3, 0.4, 0.1, 0.01
+#: A run is no later than so many standard deviations, in the model as it was designed and where one record is all there
+#: is: it would be late by many samples for the lag that the model lacks. Several that are all late share a delay.
+BELIEVED = 4.0
+#: Before the first fit, delays are tried up to this one [s], at so many periods of the mode from each other.
+LATEST, IN_TIME = 0.012, 0.125
 #: Slow states that may still relax as a record begins have these time constants [s].
 RELAXING = (0.1, 0.4, 1.6, 6.4, 25.6)
 #: A measured command is taken as smooth if that lowers the cost by so many times what a sample leaves on average.
@@ -122,6 +127,11 @@ class Setting:
         """Whether the voltage at the stack is known of every run that moves."""
         moving = [run for run in self.runs if np.ptp(run.command())]
         return bool(moving) and all(is_at_stack(run) for run in moving)
+
+    @property
+    def is_one_record(self) -> bool:
+        """Whether no more than one run that moves teaches: then its own delay is not told from one that all have."""
+        return sum(bool(np.ptp(run.command())) for run in self.of("identify")) < 2
 
     def of(self, role: str) -> list[Run]:
         """Return the runs of a role."""
@@ -291,7 +301,8 @@ def case_of(
         fine=lambda of: cast(AxisDynamics, of).with_steps(STEPS),
         each=each,
         progress=progress,
-        designed={name: setting.axis.numbers[name] for name in free},
+        designed={name: setting.axis.numbers[name] for name in LINEAR},
+        believed=BELIEVED if setting.is_one_record else math.inf,
     )
 
 
@@ -323,14 +334,34 @@ class _Starts:
         return columns, np.array(sizes)
 
 
+def in_time(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
+    """Return the model with all runs as late as the data ask for, if that is more than slopes would find.
+
+    From half a period of the mode on, a fit that begins without delay goes the wrong way.
+    """
+    if not math.isinf(case.believed):
+        return dynamics
+
+    def cost(late: float) -> float:
+        model = dynamics.replace({f"{run}:{TRIGGER}": late for run in dynamics.apart})
+        where = case.coordinates(model, (), case.identify)
+        problem = Problem(case.identify, model, where, case.each)
+        return math.inf if (left := problem.residuals(where.start)) is None else float(sum(e @ e for e in left))
+
+    step = IN_TIME / dynamics.first.natural_frequency
+    costs = {late: cost(late) for late in np.arange(0.0, LATEST, step).tolist()}
+    best = min(costs, key=lambda late: costs[late])
+    return dynamics.replace({f"{run}:{TRIGGER}": best for run in dynamics.apart}) if best > step else dynamics
+
+
 def search(
     case: Case, dynamics: AxisDynamics, every: Sequence[Candidate], seed: int, *, noise_is_known: bool = True
 ) -> tuple[Case, Course]:
     """Calibrate, and add effects while they earn their place; return the case as calibrated, and how it went."""
     case.progress("predicting with the model as it is")
-    designed = fitted(replace(case, free=()), dynamics, (), {})
+    designed = fitted(replace(case, free=(), believed=BELIEVED), dynamics, (), {})
     case.progress("calibrating")
-    stand, agreed = calibrated(case, dynamics, seed=seed)
+    stand, agreed = calibrated(case, in_time(case, dynamics), seed=seed)
     if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
         ringing = _Starts(cast(AxisDynamics, stand.model).axis, dynamics.stroke)
         case = replace(case, identify=case.identify.with_shapes(ringing), validate=case.validate.with_shapes(ringing))

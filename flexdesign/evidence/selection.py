@@ -20,9 +20,9 @@ from flexdesign.model import Model
 #: Effects that are refitted after a screening, pairs among them; trials of each from which a fit begins.
 SHORTLIST, PAIRS, BEGINNINGS = 7, 2, 2
 #: A candidate that promises less than this share of what the best one does cannot win at this step.
-FAINT = 0.1
+FAINT = 0.2
 #: A second beginning is tried where it promises this share of the first.
-SECOND_BEST = 0.5
+SECOND_BEST = 0.7
 #: A first fit finds slopes so often, and ends where a step lowers the cost by less than this share.
 FIRST, FIRST_SHARE = 3, 1e-3
 #: What is near the best is fitted further, finding slopes so often; only what is chosen is carried to its end.
@@ -33,6 +33,8 @@ WITHIN_REACH = 0.7
 SURE = 2.0
 #: What chance makes of a catalogue of about this size; an effect stays in the model where it is worth that.
 PLAIN_CHANCE = 15.0
+#: Beside an effect whose strength, squared, is worth so many times that, no fit without it is tried.
+FIRM = 20.0
 #: Rivals whose cost is higher by no more than this share of what the best one gains are carried to the end with it, and
 #: no more than so many.
 NEAR, RIVALS = 0.02, 3
@@ -184,12 +186,23 @@ def is_alike(a: Stand, b: Stand) -> bool:
 def backward(case: Case, stand: Stand, base: Model, candidates: Sequence[Candidate]) -> Stand:
     """Return the stand without effects that no longer earn their place beside the others."""
     for effect in stand.effects:
+        if _is_firm(stand, effect):
+            continue
         rest = tuple(other for other in stand.effects if other.name != effect.name)
         without = refitted(case, stand, base, rest)
         needed = SURE * PLAIN_CHANCE * max(stand.scale, 1.0)
         if without is not None and without.cost - stand.cost < needed:
             return backward(case, without, base, candidates)
     return stand
+
+
+def _is_firm(stand: Stand, effect: Candidate) -> bool:
+    """Tell whether an effect is so many standard deviations from null that a fit without it says nothing new."""
+    where, x = stand.solution.problem.where, stand.solution.x
+    j = where.names.index(effect.strength)
+    variance = where.slopes(x)[j] ** 2 * stand.solution.covariance[j, j]
+    worth = FIRM * SURE * PLAIN_CHANCE * max(stand.scale, 1.0)
+    return not effect.is_limit and where.values(x)[effect.strength] ** 2 > worth * variance
 
 
 def _is_strained(case: Case, stand: Stand) -> bool:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.evidence.coordinates import Coordinates, coordinates
+from flexdesign.evidence.coordinates import Coordinates, coordinate, coordinates
 from flexdesign.evidence.marquardt import SHARE, Columns, Solution, solve
 from flexdesign.evidence.residuals import Map
 from flexdesign.evidence.screening import Candidate
@@ -55,6 +55,8 @@ class Case:
         Values of the free numbers before anything was fitted, SI.
     least
         By how much an effect must lower the cost of what the fit sees, whatever chance gives.
+    believed
+        How many standard deviations from what is known of it a number of one run may be.
     """
 
     identify: Suite
@@ -68,6 +70,7 @@ class Case:
     progress: Callable[[str], None] = lambda _: None
     designed: Mapping[str, float] = field(default_factory=dict)
     least: float = 0.0
+    believed: float = math.inf
 
     def coordinates(self, model: Model, free: Sequence[str], suite: Suite) -> Coordinates:
         """Return free numbers and those of each run as coordinates."""
@@ -75,7 +78,18 @@ class Case:
         own = [parameter.name for parameter in model.parameters() if parameter.run in runs]
         names = [*free, *own]
         known = {name: about for name, about in self.known(model).items() if name in names}
-        return coordinates(model, names, known)
+        return _near(coordinates(model, names, known), self.believed)
+
+
+def _near(where: Coordinates, believed: float) -> Coordinates:
+    """Return coordinates with numbers of one run no more than so many standard deviations from what is known."""
+    lower, upper = where.lower.copy(), where.upper.copy()
+    for j, parameter in enumerate(where.parameters):
+        if parameter.run and parameter.name in where.known:
+            middle, sigma = where.known[parameter.name]
+            lower[j] = max(lower[j], coordinate(parameter, middle - believed * sigma))
+            upper[j] = min(upper[j], coordinate(parameter, middle + believed * sigma))
+    return replace(where, lower=lower, upper=upper, start=np.clip(where.start, lower, upper))
 
 
 @dataclass(frozen=True, eq=False)
