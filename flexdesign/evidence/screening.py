@@ -263,7 +263,8 @@ class Screening:
                 continue
             p, q = a.promise / math.sqrt(a.own), b.promise / math.sqrt(b.own)
             of_a, of_b = (p - cosine * q) / (1 - cosine**2), (q - cosine * p) / (1 - cosine**2)
-            if (of_a > 0 or a.candidate.signed) and (of_b > 0 or b.candidate.signed):
+            far = max(abs(of_a) / math.sqrt(a.own), abs(of_b) / math.sqrt(b.own)) > FARTHEST
+            if not far and (of_a > 0 or a.candidate.signed) and (of_b > 0 or b.candidate.signed):
                 made.append((of_a * p + of_b * q, a, b))
         made.sort(key=lambda pair: -pair[0])
         seen, kept = set[frozenset[str]](), []

@@ -20,6 +20,8 @@ from flexdesign.evidence.residuals import LARGEST, MOVED, SMALLEST, STEP, Map
 from flexdesign.model import Model, Observation
 
 Array = NDArray[np.float64]
+#: A combination of columns so small, beside the largest, is hidden.
+HIDDEN = 1e-10
 #: Columns that add to what was measured of an observation (samples by k), and how large each may be [response].
 Shapes = Callable[[Observation], tuple[Array, Array]]
 
@@ -39,7 +41,7 @@ class Record:
     columns
         What may add to it: n by k, SI.
     basis
-        Orthonormal basis of these columns, whitened, with a row for what is known of each: n + k by k.
+        Orthonormal basis of these columns, whitened, with a row for what is known of each: n + k by k or fewer.
     amounts
         Takes a vector of length n + k to the k amounts of the columns that it holds.
     """
@@ -116,9 +118,13 @@ class Suite:
             raise InputError("runs", observation.name, None, "holds no finite value")
         whitened = self.noise.whiten(observation, columns * present[:, None]) * present[:, None]
         stacked = np.vstack([whitened, np.diag(1 / sizes)])
-        basis, mixing = np.linalg.qr(stacked)
-        # A column that a gap hides, or that others make up, has no amount of its own.
-        amounts = np.linalg.pinv(mixing, rcond=1e-10) @ basis.T
+        # A column that a gap hides, or that others make up, takes nothing out and has no amount of its own.
+        lengths = np.linalg.norm(stacked, axis=0)
+        unit = stacked / np.where(lengths > 0, lengths, 1.0)
+        left, singular, right = np.linalg.svd(unit, full_matrices=False)
+        kept = singular > HIDDEN * singular.max(initial=0.0)
+        basis = left[:, kept]
+        amounts = (right[kept].T / singular[kept]) @ basis.T / np.where(lengths > 0, lengths, 1.0)[:, None]
         return Record(observation, np.where(present, measured, 0.0), present, columns, basis, amounts)
 
     def _whitened(self, observation: Observation, present: NDArray[np.bool_], difference: Array) -> Array:
@@ -197,6 +203,12 @@ class Problem:
         before = self.before(x)
         return float(sum(part @ part for part in residuals) + before @ before)
 
+    def _moved(self, x: Array, pairs: Sequence[tuple[int, int]], forward: Array) -> dict[tuple[int, int], Array | None]:
+        """Return the residual of each record with one coordinate moved by its step; None where the model fails."""
+        models = self._moved_models(x, sorted({j for _, j in pairs}), forward * self.steps)
+        found = self.each(lambda pair: self._residual(models[pair[1]], self.suite.records[pair[0]]), pairs)
+        return dict(zip(pairs, found, strict=True))
+
     def _moved_models(self, x: Array, places: Sequence[int], steps: Array) -> dict[int, Model]:
         """Return for some coordinates the model with that one moved; those of different runs are moved together."""
         groups = dict[tuple[str, str | int], list[int]]()
@@ -226,11 +238,14 @@ class Problem:
         old = old or {}
         fresh = [j for j, name in enumerate(self.where.names) if name not in old]
         forward = np.where(x + self.steps <= self.where.upper, 1.0, -1.0)
-        models = self._moved_models(x, fresh, forward * self.steps)
-        pairs = [(r, int(j)) for r, places in enumerate(self.places) for j in places if int(j) in models]
-        parts = list(self.each(lambda pair: self._residual(models[pair[1]], self.suite.records[pair[0]]), pairs))
+        pairs = [(r, int(j)) for r, places in enumerate(self.places) for j in places if int(j) in fresh]
+        parts = self._moved(x, pairs, forward)
+        if failed := {j for (_, j), part in parts.items() if part is None}:
+            # On the other side the model may not fail; where it does on both, nothing is known of this slope.
+            forward[list(failed)] *= -1.0
+            parts |= self._moved(x, [pair for pair in pairs if pair[1] in failed], forward)
         moved, columns = np.zeros(len(x)), dict[tuple[int, int], Array]()
-        for (r, j), part in zip(pairs, parts, strict=True):
+        for (r, j), part in parts.items():
             column = np.zeros_like(residuals[r]) if part is None else (part - residuals[r]) * forward[j]
             moved[j] += column @ column
             columns[r, j] = column / self.steps[j]

@@ -121,6 +121,21 @@ def test_gaps_stay_empty(shapes: Shapes) -> None:
     assert suite.residual(suite.records[0], wild) is None
 
 
+def test_an_unbounded_column_that_a_gap_hides_takes_nothing_out() -> None:
+    """It acts where nothing was measured: the residual is that without it, and its amount is none."""
+    data = np.sin(T)
+    data[:40] = np.nan
+
+    def early(observation: Observation) -> tuple[Array, Array]:
+        return np.where(np.arange(len(T)) < 40, 1.0, 0.0)[:, None], np.array([np.inf])
+
+    with_it, without = (Suite([Run("run", T, data)], White(0.5), shapes) for shapes in (early, nothing))
+    residuals = [suite.residual(suite.records[0], np.zeros(len(T))) for suite in (with_it, without)]
+    assert residuals[0] is not None and residuals[1] is not None
+    assert residuals[0][: len(T)] == pytest.approx(residuals[1])
+    assert with_it.remainder(with_it.records[0], np.zeros(len(T)))[40:] == pytest.approx(data[40:])
+
+
 def test_a_record_without_values_is_refused() -> None:
     with pytest.raises(InputError, match="no finite value"):
         Suite([Run("empty", T, np.full(len(T), np.nan))], White(1.0), offset)
@@ -230,6 +245,17 @@ def test_at_a_bound_differences_look_inwards() -> None:
         return np.asarray(v["k"] * t)
 
     model = Toy(line, (parameter("k", 2.0, 0.0, 2.0),))
+    found = Problem(Suite([Run("run", T, np.zeros(len(T)))], White(0.5), nothing), model, coordinates(model, ["k"], {}))
+    residuals = found.residuals(found.where.start)
+    assert residuals is not None
+    assert found.slopes(found.where.start, residuals)[0].matrix[:, 0] == pytest.approx(-T / 0.5)
+
+
+def test_where_a_model_fails_on_one_side_the_slope_is_looked_for_on_the_other() -> None:
+    def line(v: Any, t: Array) -> Array:
+        return np.asarray(v["k"] * t if v["k"] <= 2.0 else np.full(len(t), np.nan))
+
+    model = Toy(line, (parameter("k", 2.0, 0.0, 10.0),))
     found = Problem(Suite([Run("run", T, np.zeros(len(T)))], White(0.5), nothing), model, coordinates(model, ["k"], {}))
     residuals = found.residuals(found.where.start)
     assert residuals is not None
