@@ -49,7 +49,7 @@ LONGEST_LEAD = 1000.0
 #: Where the voltage had turned before a record, as numbers of its own, and in shares of the largest command.
 CAME_FROM = {"turn.1": 0.75, "turn.2": 0.1}
 #: Where a search tries them, where commands have one sign, and where they have both.
-TRIED = {"turn.1": (0.5, 0.75, 0.95), "turn.2": (0.0, 0.1, 0.25)}
+TRIED = {"turn.1": (0.5, 0.75, 0.95), "turn.2": (-0.25, 0.0, 0.1, 0.25)}
 TRIED_BOTH = {"turn.1": (-0.95, -0.5, 0.5, 0.95), "turn.2": (-0.25, 0.0, 0.25)}
 #: Periods of the mode that a way before a record takes.
 PERIODS_OF_A_WAY = 6.0
@@ -173,7 +173,7 @@ class AxisDynamics:
         own = self.own.get(run, {})
         latest = (-LONGEST_TRIGGER, LONGEST_TRIGGER)
         trigger = Parameter(TRIGGER, "s", "ms", "how late the record began", 0.0, 0.0, latest)
-        range_ = (-self.volts, self.volts) if self.bipolar else (0.0, self.volts)
+        range_ = (-self.volts, self.volts)  # also where commands have one sign: nobody knows how a stage came to rest
         tried = TRIED_BOTH if self.bipolar else TRIED
         meaning = "where the voltage had turned before the record"
         turns = (
@@ -256,8 +256,7 @@ class AxisDynamics:
         """
         if not isinstance(observation, Run):
             raise TypeError("an axis predicts runs")
-        reading, _ = self._reading(observation, self.steps_for(observation))
-        return reading
+        return self._reading(observation, self.steps_for(observation))
 
     def steps_for(self, run: Run) -> int:
         """Return the number of steps in a sample: with a margin what the first values need."""
@@ -274,12 +273,12 @@ class AxisDynamics:
     def integration_error(self, run: Run) -> float:
         """Return by how much the prediction changes with twice as many steps, rms [response]."""
         steps = self.steps_for(run)
-        coarse, fine = (self._reading(run, count)[0] for count in (steps, 2 * steps))
+        coarse, fine = (self._reading(run, count) for count in (steps, 2 * steps))
         return float(np.sqrt(np.mean((fine - coarse) ** 2)))
 
     def cut(self, run: Run) -> float:
         """Return how much the limits cut off the recorded command at most [V]."""
-        return self._reading(run, self.steps_for(run))[1]
+        return float(np.abs(self.command(run) - self._limited(run)).max())
 
     def unknown_start(self, run: Run) -> int:
         """Return how many samples at the start of a run depend on what happened before; zero if it begins settled.
@@ -312,24 +311,29 @@ class AxisDynamics:
 
     # --- simulation ----------------------------------------------------------------------------------------------
 
-    def _reading(self, run: Run, steps: int) -> tuple[Array, float]:
+    def _reading(self, run: Run, steps: int) -> Array:
         found = self._simulated(run, steps)
         if found.diverged is not None:
-            return np.full(len(run.time), np.nan), math.nan
-        return found.reading[0, -len(run.time) :], float(np.abs(found.cut).max())
+            return np.full(len(run.time), np.nan)
+        return found.reading[0, -len(run.time) :]
+
+    def _limited(self, run: Run) -> Array:
+        """Return the command of a run within the limits; none act on what was measured behind them."""
+        return self.command(run) if is_at_stack(run) else np.clip(self.command(run), *stages.limits(self.axis))
 
     def _simulated(self, run: Run, steps: int | None) -> Response:
         own = self.own.get(run.name, {})
         at_stack = is_at_stack(run)
-        command, delay = self.command(run), (0.0 if at_stack else self.delay) + own.get(TRIGGER, 0.0)
+        # Where a stage came from before a record, which is all hysteresis, may lie beyond the limits of the record.
+        command, delay = self._limited(run), (0.0 if at_stack else self.delay) + own.get(TRIGGER, 0.0)
         lead, early = self._lead(run, own, float(command[0])), max(0, math.ceil(-delay / run.period))
         # A record that began early begins some samples later in a simulation with a longer delay.
         command, delay = np.concatenate([lead, command, np.full(early, command[-1])]), delay + early * run.period
         more = {name: value for name, value in own.items() if name not in (TRIGGER, *CAME_FROM)}
         axis = self._loaded(changed(self.axis, more) if more else self.axis, run.payload)
-        axis, limits = (behind_amplifier(axis), {}) if at_stack else (axis, {self.name: stages.limits(axis)})
+        axis = behind_amplifier(axis) if at_stack else axis
         return simulate(
-            Stage((self._chain if axis is self.axis else self._chain_of(axis),), limits=limits),
+            Stage((self._chain if axis is self.axis else self._chain_of(axis),)),
             {self.name: Loop(command)},
             run.period,
             delay=delay,

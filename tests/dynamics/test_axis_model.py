@@ -77,7 +77,7 @@ def test_integration_error_stays_below_the_tolerance(between: Any) -> None:
     """Against 16 times as many steps, with hysteresis and two modes; 1e-7 of the span is promised."""
     seen = run(wave(), between=between)
     model = AxisDynamics("x", FULL)
-    fine, _ = model._reading(seen, 16 * model.steps_for(seen))
+    fine = model._reading(seen, 16 * model.steps_for(seen))
     assert np.abs(model.predict(seen) - fine).max() < 1e-7 * np.ptp(fine)
     assert model.integration_error(seen) < 1e-7 * np.ptp(fine)
 
@@ -211,6 +211,18 @@ def test_a_run_may_have_numbers_of_its_own() -> None:
     early = model.replace({"run:trigger": -3 * PERIOD}).predict(seen)
     assert early[:-3] == pytest.approx(plain[3:], abs=span)
     assert np.array_equal(model.replace({"other:trigger": 3 * PERIOD}).predict(seen), plain)
+
+
+def test_a_run_may_come_from_beyond_the_limits_of_its_command() -> None:
+    """Nobody knows how a stage came to rest: hysteresis of either sign at zero volts, and the record cut off as ever."""
+    still = run(np.zeros(50))
+    limited = replace(FULL, driver=Driver(limits=(0.0, 100.0)), sensor=Sensor())
+    model = AxisDynamics("x", limited).set_apart(["run"])
+    rests = [model.replace({"run:turn.1": 75.0, "run:turn.2": turn}).predict(still)[-1] for turn in (-60.0, 60.0)]
+    assert min(rests) < -0.5e-6 and max(rests) > 0.5e-6
+    over = run(wave() - 5.0)
+    assert model.cut(over) == pytest.approx(15.0)  # 5 V below zero, and 15 V above 100
+    assert model.predict(over) == pytest.approx(model.predict(run(np.clip(wave() - 5.0, 0.0, 100.0))))
 
 
 def test_a_run_comes_from_where_the_voltage_had_turned() -> None:
