@@ -19,12 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from flexdesign.diagnosis.beginning import Beginning, begins_otherwise, begun_like, in_time, known_of_start
 from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.findings import Diagnosis
 from flexdesign.diagnosis.judgement import conclude
 from flexdesign.dynamics.axis_choice import choose_axis
-from flexdesign.dynamics.axis_model import CAME_FROM, TRIGGER, AxisDynamics
+from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_run import is_at_stack, of_axis
 from flexdesign.errors import InputError
 from flexdesign.evidence.coloured import Coloured
@@ -32,9 +33,9 @@ from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import MOST, Step, backward, forward
 from flexdesign.evidence.stand import Case, Stand, calibrated, fitted
-from flexdesign.evidence.suite import Problem, Suite
+from flexdesign.evidence.suite import Suite
 from flexdesign.identification import HYSTERESIS, LINEAR, prior
-from flexdesign.model import Model, Observation, Parameter
+from flexdesign.model import Model
 from flexdesign.noise_floor import NoiseFloor, noise_floor
 from flexdesign.runs import Run, split
 from flexdesign.stage_model import AxisModel, StageModel
@@ -46,16 +47,9 @@ EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
 STEPS, STEPS_SCREENING = 16, 2
 #: An effect must move a held-out prediction by this share of the noise, or of the stroke if that is less.
 OF_NOISE, OF_STROKE = 0.3, 5e-4
-#: How little is known of how a record began, one sigma: samples that it was late, share of the largest command where
-#: the voltage had turned, share of the stroke that the mode swings by, and that slow states still move.
-LATE, TURNED, SWINGS, SLOW = 0.3, 0.4, 0.1, 0.01
 #: A run is no later than so many standard deviations, in the model as it was designed and where one record is all there
 #: is: it would be late by many samples for the lag that the model lacks. Several that are all late share a delay.
 BELIEVED = 4.0
-#: Before the first fit, delays are tried up to this one [s], at so many periods of the mode from each other.
-LATEST, IN_TIME = 0.012, 0.125
-#: Slow states that may still relax as a record begins have these time constants [s].
-RELAXING = (0.1, 0.4, 1.6, 6.4, 25.6)
 #: A measured command is taken as smooth if that lowers the cost by so many times what a sample leaves on average.
 SMOOTHER = 20.0
 #: What is said of such a run.
@@ -285,10 +279,10 @@ def case_of(
         bipolar=any(bool(np.min(run.command()) < -0.05 * volts) for run in setting.runs),
     )
     free = LINEAR + (HYSTERESIS[:-1] if "bouc_wen" in setting.axis.effects else ())
-    noise, shapes = setting.noise.whitening, _Starts(setting.axis, stroke)
+    noise, shapes = setting.noise.whitening, Beginning(setting.axis, stroke)
 
     def known(of: Model) -> Mapping[str, tuple[float, float]]:
-        own = {p.name: _start_of(p, setting, volts) for p in of.parameters() if p.run}
+        own = {p.name: known_of_start(p, setting.runs, volts) for p in of.parameters() if p.run}
         return {**setting.known, **{name: about for name, about in own.items() if about}}
 
     return dynamics, Case(
@@ -306,54 +300,6 @@ def case_of(
     )
 
 
-def _start_of(parameter: Parameter, setting: Setting, volts: float) -> tuple[float, float] | None:
-    """Return what is known of a number of one run: about how late it began, and where the voltage had turned."""
-    run, _, number = parameter.name.rpartition(":")
-    if number == TRIGGER:
-        return 0.0, LATE * next(each.period for each in setting.runs if each.name == run)
-    if number in CAME_FROM:
-        return CAME_FROM[number] * volts, TURNED * volts
-    return None
-
-
-@dataclass(frozen=True)
-class _Starts:
-    """What adds to a record because of how it began: an offset, a mode that rings, slow states that relax."""
-
-    axis: AxisModel
-    stroke: float
-
-    def __call__(self, observation: Observation) -> tuple[Array, Array]:
-        run = cast(Run, observation)
-        t = run.time - run.time[0]
-        w = 2 * math.pi * self.axis.natural_frequency
-        ringing = np.exp(-self.axis.damping_ratio * w * t)
-        slow = [np.exp(-t / tau) for tau in RELAXING]
-        columns = np.column_stack([np.ones_like(t), ringing * np.cos(w * t), ringing * np.sin(w * t), *slow])
-        sizes = [math.inf, SWINGS * self.stroke, SWINGS * self.stroke, *[SLOW * self.stroke] * len(slow)]
-        return columns, np.array(sizes)
-
-
-def in_time(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
-    """Return the model with all runs as late as the data ask for, if that is more than slopes would find.
-
-    From half a period of the mode on, a fit that begins without delay goes the wrong way.
-    """
-    if not math.isinf(case.believed):
-        return dynamics
-
-    def cost(late: float) -> float:
-        model = dynamics.replace({f"{run}:{TRIGGER}": late for run in dynamics.apart})
-        where = case.coordinates(model, (), case.identify)
-        problem = Problem(case.identify, model, where, case.each)
-        return math.inf if (left := problem.residuals(where.start)) is None else float(sum(e @ e for e in left))
-
-    step = IN_TIME / dynamics.first.natural_frequency
-    costs = {late: cost(late) for late in np.arange(0.0, LATEST, step).tolist()}
-    best = min(costs, key=lambda late: costs[late])
-    return dynamics.replace({f"{run}:{TRIGGER}": best for run in dynamics.apart}) if best > step else dynamics
-
-
 def search(
     case: Case, dynamics: AxisDynamics, every: Sequence[Candidate], seed: int, *, noise_is_known: bool = True
 ) -> tuple[Case, Course]:
@@ -363,8 +309,7 @@ def search(
     case.progress("calibrating")
     stand, agreed = calibrated(case, in_time(case, dynamics), seed=seed)
     if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
-        ringing = _Starts(cast(AxisDynamics, stand.model).axis, dynamics.stroke)
-        case = replace(case, identify=case.identify.with_shapes(ringing), validate=case.validate.with_shapes(ringing))
+        case = begun_like(case, cast(AxisDynamics, stand.model))
         stand = fitted(case, stand.model, (), {})
     if designed is None or stand is None:
         raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
@@ -381,9 +326,14 @@ def search(
             base = base if stands else min(base, stand, key=lambda each: each.cost)
             stand = stands[-1] if stands else base
             break
+        present = cast(AxisDynamics, stand.model)
+        if begins_otherwise(cast(AxisDynamics, (stands[-1] if stands else base).model), present):
+            case = begun_like(case, present)
+            stand = fitted(case, stand.model, stand.effects, {}) or stand
         stands.append(stand)
     return case, Course(designed, base, tuple(stands), tuple(steps), stand, agreed)
 
 
 def _rival(case: Case, stand: Stand) -> Rival:
-    return rival(case, stand, Features(cast(AxisDynamics, stand.model)))
+    seen = stand.solution.problem.suite  # records may begin in more ways in a later stand
+    return rival(replace(case, identify=seen), stand, Features(cast(AxisDynamics, stand.model)))

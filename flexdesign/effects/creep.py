@@ -10,11 +10,16 @@ from flexdesign.model.effect import Floats, Values
 DECADES = 4
 
 
+def time_constants(t0: float) -> list[float]:
+    """Return the time constants of its states, from the shortest on [s]."""
+    return [t0 * 10.0**decade for decade in range(DECADES)]
+
+
 def constants(values: Values, step: float) -> tuple[float, ...]:
     """Return for each state its strength, then transition and weights to the middle and to the end of a step."""
     numbers: list[float] = []
-    for decade in range(DECADES):
-        rate = 1.0 / (values["t0"] * 10.0**decade)
+    for tau in time_constants(values["t0"]):
+        rate = 1.0 / tau
         numbers += [values["per_decade"], *_lag.to(rate, step, 0.5), *_lag.to(rate, step, 1.0)]
     return tuple(numbers)
 
