@@ -47,20 +47,11 @@ class Actuator(Table):
         return float(1 / (1 / self.stiffness + 1 / self.contact_stiffness))
 
 
-class _MaterialTable(Table):
-    name: str
-    youngs_modulus: in_si("Pa", 1e6, 2e12)  # type: ignore[valid-type]
-    poissons_ratio: in_si("1", 0.0, 0.495)  # type: ignore[valid-type]
-    density: in_si("kg/m^3", 50.0, 3e4)  # type: ignore[valid-type]
-    yield_strength: in_si("Pa", 1e6, 2e10)  # type: ignore[valid-type]
-    source: str = ""
-
-
 class _DesignFile(Table):
     format: int
     part: str
     dimensions: dict[str, Any]
-    material: Any
+    material: Any  # a name, a file or a table: see flexdesign.materials
     title: str = ""
     provenance: str = ""
     actuator: Actuator | None = None
@@ -172,7 +163,7 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
         file=path,
         part_class=part_class,
         dimensions=dimensions,
-        material=_material(checked.material, path),
+        material=materials.find(checked.material, path),
         actuator=checked.actuator,
     )
     try:
@@ -199,15 +190,3 @@ def _dimensions(part_class: type[part.Part], given: Mapping[str, Any], path: Pat
         except ValueError as error:
             raise InputError(path, f"dimensions.{p.name}", as_written(given[p.name]), str(error)) from None
     return values
-
-
-def _material(given: object, path: Path) -> Material:
-    if isinstance(given, Mapping):
-        return Material(**check(_MaterialTable, given, path, "material").model_dump())
-    if not isinstance(given, str):
-        remedy = 'expected a name, such as "Al 7075-T6", or a [material] table'
-        raise InputError(path, "material", as_written(given), remedy)
-    if given not in materials.LIBRARY:
-        remedy = f"is not in the library{suggest(given, list(materials.LIBRARY))} (or give a [material] table)"
-        raise InputError(path, "material", as_written(given), remedy)
-    return materials.LIBRARY[given]

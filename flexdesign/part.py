@@ -92,7 +92,10 @@ class Part(Protocol):
         """Return the planes in which geometry *and* ports mirror onto themselves; empty if there are none."""
 
     def prismatic(self) -> Axis | None:
-        """Return the axis along which the part is an extrusion, if it is one."""
+        """Return the axis along which the part is an extrusion, or None; without this method it is none.
+
+        Such a part is meshed by layers, many times sooner at the same accuracy. What is extruded is read off the solid.
+        """
 
     def formulas(
         self, material: Material, actuator_stiffness: float | None, output_load: float | None
@@ -166,8 +169,8 @@ def load(name: str, folder: Path | None = None) -> type[Part]:
         raise InputError(path, cls.__name__, None, f"the part lacks {', '.join(f'{m}()' for m in missing)}; add it")
     if not _all_are(cls.dimensions, Parameter):
         raise InputError(path, f"{cls.__name__}.dimensions", None, "must be a tuple of flexdesign.model.Parameter")
-    for method in METHODS:
-        function = inspect.getattr_static(cls, method)
+    for method in (*METHODS, "prismatic"):
+        function = inspect.getattr_static(cls, method, None)
         if inspect.isfunction(function):
             setattr(cls, method, _guarded(function, f"{cls.__name__}.{method}()", path))
     return cls
@@ -181,7 +184,7 @@ def examine(part: Part) -> None:
     InputError
         If ports, linkage or symmetry cannot be used, or one of them fails.
     """
-    ports, linkage, planes = part.ports(), part.linkage(), part.symmetry()
+    ports, linkage, planes, axis = part.ports(), part.linkage(), part.symmetry(), extrusion_axis(part)
 
     def require(fact: bool, method: str, value: object, remedy: str) -> None:
         if not fact:
@@ -203,6 +206,7 @@ def examine(part: Part) -> None:
         sizes = (hinge.length, hinge.thickness, hinge.width)
         require(all(0 < size < math.inf for size in sizes), "linkage", sizes, f"{hinge.name} has no size")
     require(_all_are(planes, SymmetryPlane), "symmetry", None, "must return a tuple of flexdesign.part.SymmetryPlane")
+    require(axis in ("x", "y", "z", None), "prismatic", axis, "the axis must be x, y or z, or None")
     axes = [plane.axis for plane in planes]
     for plane in planes:
         require(plane.axis in ("x", "y", "z"), "symmetry", plane.axis, "the axis must be x, y or z")
@@ -211,6 +215,12 @@ def examine(part: Part) -> None:
             require(name in names, "symmetry", name, f"swaps a port that does not exist{suggest(name, names)}")
         held = [port.name for port in ports if port.role == "ground" and port.name in plane.swaps]
         require(not held, "symmetry", ", ".join(held), "a ground port must be its own mirror image")
+
+
+def extrusion_axis(part: Part) -> Axis | None:
+    """Return the axis along which a part declares itself an extrusion, or None."""
+    declared: Callable[[], Axis | None] | None = getattr(part, "prismatic", None)
+    return declared() if declared is not None else None
 
 
 def file_of(part: type[Part]) -> Path:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from flexdesign.design import Design
-from flexdesign.fem import resultants
+from flexdesign.fem import resultants, stress
 from flexdesign.fem.analysis import ModeRecord, Solution
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.statics import PortCompliance
@@ -18,8 +19,6 @@ from flexdesign.stage_model import ActuatorData, AxisModel, ControllerTiming, St
 from flexdesign.stage_model import Mode as StageMode
 from flexdesign.study import Study
 
-#: Source of a quantity that has no limit for vanishing element size.
-UNBOUNDED = "FEM, finest mesh; at a sharp root it grows without bound as the mesh is refined"
 #: Samples of the proposed controller for a period of the fastest mode.
 SAMPLES_PER_PERIOD = 20
 #: A damping ratio to begin with, where nothing is known.
@@ -166,8 +165,15 @@ def _images(section: resultants.Section, body: Domain) -> int:
     return int(np.prod([1 if abs(section.member.centre[plane.index]) < 1e-12 else 2 for plane in body.planes]))
 
 
-def stage_model(design: Design, found: Mapping[str, Quantity], solution: Solution) -> StageModel | None:
+def stage_model(
+    design: Design,
+    found: Mapping[str, Quantity],
+    solution: Solution,
+    effects: Mapping[str, Mapping[str, float]] | None = None,
+) -> StageModel | None:
     """Return the stage model that the quantities, by key, and a solution with modes give; None without an actuator.
+
+    What large displacements do comes as `effects`, with their values.
 
     The main mode is the one that carries most of the response to the actuator. The mass is lumped: with all of the
     stiffness it gives that mode its frequency. A second mode that carries a fair part of the response goes in beside
@@ -199,6 +205,7 @@ def stage_model(design: Design, found: Mapping[str, Quantity], solution: Solutio
         ),
         input_stiffness=k_in.value,
         amplification=ratio.value,
+        effects=dict(effects or {}),
         uncertainty={name: float(f"{value:.2g}") for name, value in relative.items()} | {"damping_ratio": 1.0},
         assumed=("damping_ratio", *(f"modes.{i}.damping_ratio" for i in range(1, len(modes) + 1))),
         sources=_sources(stroke, share, modes, voltage),
@@ -245,6 +252,24 @@ def _sources(
     return sources
 
 
+def energy_shares(solution: Solution) -> dict[str, dict[str, float]]:
+    """Return which part of the strain energy each region holds, for the load cases of `compliance_shares`.
+
+    With the input held, a unit output force comes with the input force -C12 / C11.
+    """
+    c = solution.compliance
+    cases = {
+        "K_in_output_free": (1.0, 0.0),
+        "K_out_input_free": (0.0, 1.0),
+        "K_out_input_held": (-c.c12 / c.c11, 1.0),
+    }
+    shares = {}
+    for key, (a, b) in cases.items():
+        held = {region: a * a * u + 2 * a * b * v + b * b * w for region, (u, v, w) in solution.energies.items()}
+        shares[key] = {region: energy / sum(held.values()) for region, energy in held.items()}
+    return shares
+
+
 def stated_force(study: Study, solution: Solution) -> tuple[float, str]:
     """Return the actuator force at which stress is stated [N], preload included, and how it comes about."""
     actuator, stroke, compliance = study.design.actuator, study.output.stroke, solution.compliance
@@ -259,24 +284,81 @@ def stated_force(study: Study, solution: Solution) -> tuple[float, str]:
 
 
 def stresses(study: Study, solution: Solution) -> list[Quantity]:
-    """Return nominal and peak stress of the hinges at the stated force, and how far from yield they are.
-
-    The peak is sought within one thickness of the hinges: other edges of the solid and the rim of the held face have
-    singularities of their own, which say nothing of the design.
-    """
+    """Return the nominal stress of the hinges at the stated force, and how far it is from yield and fatigue."""
     force, boundary = stated_force(study, solution)
+    nominal = max(section.nominal_stress for section in solution.input_sections if section.member.kind == "hinge")
+    found = [Quantity("hinge_stress", force * nominal, "Pa", "MPa", boundary)]
+    return found + _margins(study, solution, nominal, f"hinge stress, {boundary}")
+
+
+def peak_stresses(study: Study, solutions: Sequence[Solution], sizes: Sequence[float]) -> list[Quantity]:
+    """Return the peak stress at the hinges at the stated force, and what it leaves to yield and fatigue.
+
+    Where a root is sharp there is no peak but a number that grows as the mesh is refined, and no margin can be had from
+    it. Elsewhere the margins carry the peak's relative error. Of a crystal, which breaks before it yields, the largest
+    tension is sought, too.
+
+    Parameters
+    ----------
+    study
+        What was asked.
+    solutions, sizes
+        Of meshes coarse to fine, with their element sizes at the roots [m].
+    """
+    force, boundary = stated_force(study, solutions[-1])
+    hinges = [section.member for section in solutions[-1].input_sections if section.member.kind == "hinge"]
+    sharp = any(stress.is_sharp(hinge) for hinge in hinges)
+    unknowns = f"FEM, {len(sizes)} meshes to {solutions[-1].facts['unknowns']} unknowns"
+
+    def peak(name: str, values: Sequence[float]) -> Quantity:
+        found = stress.peak(values, sizes, sharp=sharp)
+        if found.error is not None:
+            source, sigma = f"{unknowns}, value of the finest", force * found.error
+            return Quantity(name, force * found.value, "Pa", "MPa", boundary, source, sigma)
+        seen = f"grows as h^{-found.exponent:.2f} here, in the end as h^{-stress.SINGULAR:.2f}"
+        source = f"{unknowns}; singular: grows with refinement, use a fillet ({seen})"
+        return Quantity(name, force * found.value, "Pa", "MPa", boundary, source)
+
+    largest = peak("peak_stress", [hinge_peak(solution) for solution in solutions])
+    peaks = [largest]
+    if study.design.material.crystal is not None:
+        peaks.append(peak("peak_tension", [hinge_peak(solution, solution.tension) for solution in solutions]))
+    if largest.sigma is None:
+        return peaks
+    error = largest.sigma / largest.value
+    margins = _margins(study, solutions[-1], largest.value / force, f"peak stress, {boundary}")
+    return [*peaks, *(replace(m, sigma=m.value * error, source=largest.source) for m in margins)]
+
+
+def hinge_peak(solution: Solution, field: np.ndarray | None = None) -> float:
+    """Return the largest von Mises stress, or other field (n,), within one thickness of the hinges [Pa/N].
+
+    Other edges of the solid and the rim of the held face have singularities of their own, which say nothing of the
+    design.
+    """
     hinges = [section.member for section in solution.input_sections if section.member.kind == "hinge"]
     near = np.any([_distance(solution.positions, hinge) <= hinge.thickness for hinge in hinges], axis=0)
-    peak = force * float(solution.von_mises[near].max())
-    nominal = force * max(s.nominal_stress for s in solution.input_sections if s.member.kind == "hinge")
-    source = UNBOUNDED if any(hinge.root_radius == 0 for hinge in hinges) else ""
-    strength = study.design.material.yield_strength
-    return [
-        Quantity("hinge_stress", nominal, "Pa", "MPa", boundary),
-        Quantity("safety_against_yield", strength / nominal, "1", "", f"hinge stress, {boundary}"),
-        Quantity("peak_stress", peak, "Pa", "MPa", boundary, source),
-        Quantity("safety_against_yield", strength / peak, "1", "", f"peak stress, {boundary}", source),
-    ]
+    return float((solution.von_mises if field is None else field)[near].max())
+
+
+def _margins(study: Study, solution: Solution, per_force: float, where: str) -> list[Quantity]:
+    """Return what a stress per actuator force [Pa/N] leaves to yield and to fatigue, as far as data are known.
+
+    In operation the actuator swings between no drive and the stated one, about a preload that stays: the amplitude is
+    half the drive's stress, the mean is that and the preload's, taken as tension, as it is on one side of a bent leaf.
+    """
+    material = study.design.material
+    force, _ = stated_force(study, solution)
+    found = []
+    if material.yield_strength is not None:
+        found.append(Quantity("safety_against_yield", material.yield_strength / (force * per_force), "1", "", where))
+    preload = study.design.actuator.preload if study.design.actuator else 0.0
+    driven = study.design.actuator is not None or study.output.stroke is not None
+    swing = (force - preload) / 2
+    if driven and material.fatigue is not None:
+        margin = material.fatigue_margin(swing * per_force, (preload + swing) * per_force)
+        found.append(Quantity("safety_against_fatigue", margin or 0.0, "1", "", where))
+    return found
 
 
 def _distance(points: np.ndarray, member: Member) -> np.ndarray:

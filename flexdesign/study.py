@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from flexdesign import design as designs
 from flexdesign import files
@@ -21,14 +21,25 @@ DESIGN_KEYS = ("part", "dimensions", "material", "actuator", "provenance")
 class MeshSettings(Table):
     """How the meshes are graded.
 
+    The `method` is ``extruded``, layers of prisms cut into tetrahedra, or ``wild``, isotropic tetrahedra; ``auto`` is
+    extruded where the part is prismatic, which takes a fraction of the time, and wild elsewhere.
+
+    There are `levels` meshes, or, with an `accuracy`, as many as it takes until the estimated error of every stiffness
+    and amplification is that small, relative, two at least and five at most.
+
     The element size is `at_root` hinge thicknesses at the hinge roots on the finest mesh and grows with the distance
-    from them up to `largest`. Each coarser mesh is `refinement` times as coarse everywhere. The mesher may move the
-    surface by `envelope` hinge thicknesses, before its vertices are put back on the CAD faces.
+    from them up to `largest`; the defaults of the first two, 0.3 and 0.45 for wild meshes and 0.05 and 0.6 for extruded
+    ones, balance the error of the roots with that of the rest. Each coarser mesh is `refinement` times as coarse
+    everywhere; an extruded one at the roots by its square. The wild mesher may move the surface by `envelope` hinge
+    thicknesses, before its vertices are put back on the CAD faces.
     """
 
+    method: Literal["auto", "wild", "extruded"] = "auto"
+
     levels: whole(2, 5) = 3  # type: ignore[valid-type]
-    at_root: in_si("1", 0.01, 2.0) = 0.3  # type: ignore[valid-type]
-    growth: in_si("1", 0.05, 2.0) = 0.45  # type: ignore[valid-type]
+    accuracy: in_si("1", 1e-4, 0.2) | None = None  # type: ignore[valid-type]
+    at_root: in_si("1", 0.005, 2.0) | None = None  # type: ignore[valid-type]
+    growth: in_si("1", 0.05, 2.0) | None = None  # type: ignore[valid-type]
     largest: in_si("m", 1e-5, 0.1) | None = None  # type: ignore[valid-type]
     refinement: in_si("1", 1.1, 2.0) = 1.35  # type: ignore[valid-type]
     envelope: in_si("1", 1e-3, 0.05) = 0.05  # type: ignore[valid-type]
@@ -45,12 +56,14 @@ class OutputSettings(Table):
 
     `load` is the stiffness of what the output pushes against, for one more row of K_in and amplification; `stroke` the
     output motion at which stress is stated (default: all the actuator gives); `actuator_offset` how far off its axis
-    the actuator pushes, for the coupling.
+    the actuator pushes, for the coupling. `large_steps` is in how many steps of force large displacements are followed
+    to full drive, on the coarsest mesh; 0 leaves them out.
     """
 
     load: in_si("N/m", 1.0, 1e10) | None = None  # type: ignore[valid-type]
     stroke: in_si("m", 0.0, 0.05, exclusive=True) | None = None  # type: ignore[valid-type]
     actuator_offset: in_si("m", 0.0, 0.05) = 1e-4  # type: ignore[valid-type]
+    large_steps: whole(0, 50) = 4  # type: ignore[valid-type]
 
 
 class _StudyFile(Table):

@@ -65,7 +65,7 @@ def test_what_the_file_says_of_itself(path: Path) -> None:
     design = designs.read(path)
     assert (design.name, design.title, design.provenance) == ("mine", "An amplifier", "from a drawing")
     assert design.file == path
-    assert design.material == materials.LIBRARY["AZ31B"]
+    assert design.material == materials.library()["AZ31B"]
 
 
 def test_defaults(path: Path) -> None:

@@ -7,6 +7,7 @@ import json
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import meshio
@@ -97,6 +98,40 @@ def test_second_run_comes_from_the_cache(validation: Validation, cache: Path) ->
         assert second.fem == first.fem
 
 
+def test_an_accuracy_takes_as_many_meshes_as_it_needs(cache: Path) -> None:
+    """The estimates hold what three and more meshes find; what cannot be reached is said."""
+    said: list[str] = []
+
+    def to(asked: str) -> Validation:
+        overrides = ("modes.count=1", "output.large_steps=0", f'mesh.accuracy="{asked}"')
+        return validate(study.read("bridge_amplifier", overrides), Cache(cache), said.append)
+
+    rough, fine = to("2 %"), to("0.3 %")
+    assert len(rough.levels) == 2 and rough.estimated_error <= 0.02
+    assert len(fine.levels) == 3 and fine.estimated_error <= 0.003
+    for key in ("K_in_output_free", "lambda_output_free", "K_out_input_free"):
+        assert abs(rough.fem(key).value - fine.fem(key).value) <= rough.fem(key).sigma
+    assert any("asked for 0.3 %" in line for line in said)
+    text = render.to_markdown(validation_report.document(fine))
+    assert "Asked for was an error of at most 0.3 %" in text and "reached" in text
+
+
+def test_large_displacements_begin_with_the_linear_answers_and_reach_full_drive(validation: Validation) -> None:
+    """A bridge that is drawn in gets steeper: less amplification at rest than at the end, and a stiffer input."""
+    large, coarse = validation.large, validation.levels[0].solution.compliance
+    assert large is not None and large.drive[0] == 0.0 and large.drive[-1] >= 1.0
+    assert large.path.input_stiffness[0] == pytest.approx(coarse.input_stiffness, rel=1e-5)
+    assert large.path.amplification[0] == pytest.approx(coarse.amplification, rel=1e-5)
+    assert large.output_stiffness[0] == pytest.approx(coarse.output_stiffness(large.actuator), rel=1e-5)
+    # In the first step linear theory is off by no more than the change of the tangents.
+    assert large.path.output[1] == pytest.approx(coarse.c12 * large.path.force[1], rel=0.06)
+    assert validation.stage_model is not None
+    q = validation.stage_model.axes["y"].effects["quadratic_stiffness"]["quadratic"]
+    change = next(quantity for quantity in validation.further if quantity.name == "K_out_change")
+    travel = next(quantity for quantity in validation.further if "large" in quantity.boundary)
+    assert 2 * q * travel.value == pytest.approx(change.value, abs=0.03)
+
+
 def test_a_changed_dimension_changes_solid_and_models_alike(validation: Validation) -> None:
     thinner = study.read("bridge_amplifier", [*COARSE, 'dimensions.hinge_thickness="0.45 mm"']).design
     part, before = thinner.part(), validation.study.design.part()
@@ -183,3 +218,58 @@ def test_assert_agrees_passes_and_fails_with_the_table(cache: Path, validation: 
         assert_agrees("bridge_amplifier", overrides=COARSE, cache=cache, K_in="1 %")
     with pytest.raises(ValueError, match="no quantity 'stiffness'"):
         assert_agrees("bridge_amplifier", overrides=COARSE, cache=cache, stiffness="1 %")
+
+
+# --- strength and energy ------------------------------------------------------------------------------------------
+
+
+def test_energies_of_the_regions_are_the_work_of_the_loads(validation: Validation) -> None:
+    """Half of each compliance, as the strain energy is; the shares of each case add up to one."""
+    for level in validation.levels:
+        c, energies = level.solution.compliance, level.solution.energies
+        found = [sum(three[k] for three in energies.values()) for k in range(3)]
+        assert found == pytest.approx([c.c11 / 2, c.c12 / 2, c.c22 / 2], rel=1e-6)
+        for split in quantities.energy_shares(level.solution).values():
+            assert sum(split.values()) == pytest.approx(1.0, rel=1e-12)
+            assert min(split.values()) >= 0
+    told = validation_report.result(validation)["strain_energy_shares"]
+    assert max(told["K_in_output_free"], key=told["K_in_output_free"].get) == "hinge"
+
+
+def test_fatigue_is_judged_by_goodman_s_line(validation: Validation) -> None:
+    """Without preload the stress swings from zero: amplitude and mean are half of it, 1/n = a/S + m/R_m."""
+    material, solution = validation.study.design.material, validation.finest.solution
+    assert material.fatigue is not None and material.ultimate_strength is not None
+    asked = study.read("bridge_amplifier", ["actuator.preload=0 N"])
+    found = {q.name: q.value for q in quantities.stresses(asked, solution)}
+    half = found["hinge_stress"] / 2
+    expected = 1 / (half / material.fatigue.strength + half / material.ultimate_strength)
+    assert found["safety_against_fatigue"] == pytest.approx(expected, rel=1e-12)
+    preloaded = {q.name: q.value for q in quantities.stresses(validation.study, solution)}
+    assert preloaded["safety_against_fatigue"] < found["safety_against_fatigue"]
+
+
+def test_a_sharp_root_has_a_peak_without_error_or_margin(validation: Validation) -> None:
+    peaks = [q for q in validation.further if q.name == "peak_stress" or "peak stress" in q.boundary]
+    assert [q.name for q in peaks] == ["peak_stress"]
+    assert peaks[0].sigma is None and "use a fillet" in peaks[0].source
+    page = render.to_markdown(validation_report.document(validation))
+    assert "singular: grows with refinement, use a fillet" in page and "Williams 1952" in page
+
+
+def test_a_round_root_has_a_peak_with_an_error_and_margins(validation: Validation) -> None:
+    """The same solutions, read as those of a part with fillets: its margins carry the peak's error."""
+    rounded = study.read("bridge_amplifier", ['dimensions.fillet_radius="0.2 mm"'])
+    members = {member.name: member for member in rounded.design.part().linkage().members}
+    solutions = [
+        replace(
+            level.solution,
+            input_sections=tuple(replace(s, member=members[s.member.name]) for s in level.solution.input_sections),
+        )
+        for level in validation.levels
+    ]
+    found = {q.name: q for q in quantities.peak_stresses(rounded, solutions, [2e-4, 1e-4])}
+    peak, yielding = found["peak_stress"], found["safety_against_yield"]
+    assert peak.sigma is not None and yielding.sigma is not None and found["safety_against_fatigue"].sigma is not None
+    assert yielding.sigma / yielding.value == pytest.approx(peak.sigma / peak.value)
+    assert yielding.value == pytest.approx(503e6 / peak.value)

@@ -21,6 +21,7 @@ from flexdesign.cli import compare as compare
 from flexdesign.cli import diagnose as diagnose
 from flexdesign.cli import add as add
 from flexdesign.cli import effects as effects
+from flexdesign.cli import materials as materials
 from flexdesign.cli import plan as plan
 from flexdesign.cli import import_ as import_
 # isort: on

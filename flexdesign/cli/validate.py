@@ -24,9 +24,9 @@ amplification, stroke, coupling, modes and stress, each with the boundary it hol
 
     flexdesign validate my_design.toml --set mesh.levels=2 --json > result.json
 
-**What --set can change:** the design (`dimensions.*`, `material`, `actuator.*`, `part`) and the study (`mesh.levels`,
-`mesh.at_root`, `mesh.growth`, `mesh.largest`, `mesh.refinement`, `mesh.envelope`, `modes.count`, `output.load`,
-`output.stroke`, `output.actuator_offset`).
+**What --set can change:** the design (`dimensions.*`, `material`, `actuator.*`, `part`) and the study (`mesh.method`,
+`mesh.levels`, `mesh.at_root`, `mesh.growth`, `mesh.largest`, `mesh.refinement`, `mesh.envelope`, `modes.count`,
+`output.load`, `output.stroke`, `output.actuator_offset`).
 
 **What it writes:** report.html, report.md, result.json, stage_model.toml and the pictures, into --out.
 

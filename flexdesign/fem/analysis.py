@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.fem import modes, ports, resultants, statics, stress
+from flexdesign.fem import energy, modes, ports, resultants, statics, stress
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.elasticity import Elasticity
 from flexdesign.fem.mesh import TaggedMesh
@@ -59,8 +59,11 @@ class Solution:
         Displacements of the nodes per unit actuator force and per unit output force, shape (n, 3) [m/N].
     mode_shapes
         Displacements of the nodes in the fully symmetric modes with the actuator, shape (k, n, 3).
-    von_mises
-        At the nodes per unit actuator force, shape (n,) [Pa/N].
+    von_mises, tension
+        Von Mises stress and largest principal stress at the nodes per unit actuator force, shape (n,) [Pa/N].
+    energies
+        Strain energy of the whole part by kind of member: U_11, U_12, U_22 of `energy.by_region` for unit actuator
+        force and unit output force [J/N^2].
     facts
         Numbers of the mesh and the solve for the report.
     """
@@ -76,6 +79,8 @@ class Solution:
     output_field: FloatArray
     mode_shapes: FloatArray
     von_mises: FloatArray
+    tension: FloatArray
+    energies: dict[str, tuple[float, float, float]]
     facts: dict[str, Any]
 
     def to_store(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
@@ -92,11 +97,13 @@ class Solution:
             "output_field": self.output_field,
             "mode_shapes": self.mode_shapes,
             "von_mises": self.von_mises,
+            "tension": self.tension,
         }
         table = {
             "checks": asdict(self.checks),
             "modes": [asdict(mode) for mode in self.modes],
             "members": [section.member.name for section in self.input_sections],
+            "energies": self.energies,
             "facts": self.facts,
         }
         return arrays, table
@@ -124,6 +131,8 @@ class Solution:
             output_field=arrays["output_field"],
             mode_shapes=arrays["mode_shapes"],
             von_mises=arrays["von_mises"],
+            tension=arrays["tension"],
+            energies={region: tuple(three) for region, three in table["energies"].items()},
             facts=table["facts"],
         )
 
@@ -154,7 +163,14 @@ def solve(
         compliance then lacks, lateral motions and tilts, stands as zero.
     progress
         Is told what is going on.
+
+    Raises
+    ------
+    ValueError
+        If the material is a crystal that is not its own mirror image in a plane that cuts the domain.
     """
+    if not all(material.mirrors_in(plane.index) for plane in domain.planes):
+        raise ValueError(f"{material.name} is no mirror image of itself in the domain's planes; mesh the whole part")
     began = perf_counter()
     body = Elasticity(mesh, material)
     stiffness = body.stiffness()
@@ -185,7 +201,7 @@ def solve(
                 batch = modes.class_modes(system, mass, space, mode_count, actuator)
             found += [(mode, actuator > 0) for mode in batch if actuator]
         system.factor.free()
-    members = part.linkage().members
+    members, stresses = part.linkage().members, stress.nodal(body, fields["input"])
     symmetric = [m.shape for m, installed in found if installed == (actuator > 0) and m.symmetry == _symmetric(domain)]
     return Solution(
         compliance=PortCompliance(matrix, space.extension, space.output),
@@ -198,7 +214,9 @@ def solve(
         input_field=fields["input"],
         output_field=fields["output"],
         mode_shapes=np.array(symmetric).reshape(-1, *body.positions.shape),
-        von_mises=stress.nodal_von_mises(body, fields["input"]),
+        von_mises=stress.von_mises(stresses),
+        tension=stress.largest_principal(stresses),
+        energies=energy.by_region(body, domain, fields["input"], fields["output"], members),
         facts={
             "tetrahedra": len(mesh.tets),
             "unknowns": body.n_dofs,

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 #: and that of a mixture with the smooth error. Rounding the hinge roots leaves the sharp corners elsewhere and brings
 #: the error of straight edges on round fillets, of order 2, so that the bracket is the same.
 ORDERS = (2 * 0.5444837, 2.0)
-#: Scatter of a mesher that does not repeat itself, relative: the spread of K_in over runs with the same input.
+#: Scatter of a mesher, relative: the spread of K_in over runs with the same input, of one that does not repeat itself.
 SCATTER = 2e-3
 
 #: The method in words, for reports.
@@ -27,7 +27,7 @@ DESCRIPTION = (
     "The error is taken to fall with the edge length to a power between {low:.3g} and {high:.3g}; the "
     "value is the middle of the two extrapolations. The printed error is the larger of half their distance and a "
     "quarter of what the coarser pair of meshes answers otherwise, and, in quadrature, what {scatter:g} % of scatter "
-    "between runs of the mesher becomes by extrapolation."
+    "between meshes made alike becomes by extrapolation."
 )
 
 
@@ -57,7 +57,12 @@ class Extrapolated:
     gci: float
 
 
-def extrapolate(values: Sequence[float], sizes: Sequence[float], orders: tuple[float, float] = ORDERS) -> Extrapolated:
+def extrapolate(
+    values: Sequence[float],
+    sizes: Sequence[float],
+    orders: tuple[float, float] = ORDERS,
+    scatter: float = SCATTER,
+) -> Extrapolated:
     """Extrapolate the values found on two or more meshes, coarse to fine.
 
     Parameters
@@ -68,6 +73,8 @@ def extrapolate(values: Sequence[float], sizes: Sequence[float], orders: tuple[f
         Element size of each mesh.
     orders
         Lowest and highest order of convergence.
+    scatter
+        Spread of the values over meshes made alike, relative.
     """
     low, high = (_pair(values[-2:], sizes[-2:], order) for order in orders)
     value = (low + high) / 2
@@ -80,7 +87,7 @@ def extrapolate(values: Sequence[float], sizes: Sequence[float], orders: tuple[f
         doubts.append(abs(value - before) / 4)
         observed = observed_order(values[-3:], sizes[-3:])
     weight = sum(_weight(sizes[-2:], order) for order in orders) / 2  # of the last step, in the extrapolation
-    scattered = SCATTER / 2 * abs(value) * math.hypot(1 + weight, weight)
+    scattered = scatter / 2 * abs(value) * math.hypot(1 + weight, weight)
     gci = 1.25 * abs(low - values[-1]) / abs(values[-1]) if values[-1] else 0.0
     return Extrapolated(value, math.hypot(max(doubts), scattered), values[-1], observed, gci)
 

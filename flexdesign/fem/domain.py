@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.errors import InputError
+from flexdesign.fem import section
+from flexdesign.fem.section import Section
 from flexdesign.model import Member
-from flexdesign.part import Part, Port, SymmetryPlane
+from flexdesign.part import Part, Port, SymmetryPlane, extrusion_axis
 
 MM = 1e-3
 FloatArray = NDArray[np.float64]
@@ -63,6 +65,8 @@ class Domain:
         Exact volume of the CAD solid [m^3].
     fingerprint
         Hash of the solid's boundary representation.
+    section
+        What is extruded, where the part declares itself prismatic.
     """
 
     faces: tuple[Face, ...]
@@ -71,6 +75,7 @@ class Domain:
     plane_faces: tuple[tuple[int, ...], ...]
     volume: float
     fingerprint: str
+    section: Section | None = None
 
     @property
     def copies(self) -> int:
@@ -123,7 +128,7 @@ def of_part(part: Part, *, symmetric: bool = True, chord: float) -> Domain:
     Raises
     ------
     InputError
-        If the part's solid is invalid or a port is not found on it.
+        If the part's solid is invalid, a port is not found on it, or it is not the extrusion the part says it is.
     """
     whole = _one_solid(part.solid(), "the solid")
     planes = tuple(part.symmetry()) if symmetric else ()
@@ -147,6 +152,7 @@ def of_part(part: Part, *, symmetric: bool = True, chord: float) -> Domain:
         plane_faces=tuple(_faces_in(plane, faces) for plane in planes),
         volume=solid.Volume() * MM**3,
         fingerprint=_fingerprint(solid),
+        section=section.of_solid(solid, axis) if (axis := extrusion_axis(part)) else None,
     )
 
 

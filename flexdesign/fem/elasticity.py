@@ -6,7 +6,9 @@ straight edges the gradients of the barycentric coordinates are constant, so tha
     K_e[a i, b j] = V (lam d_i N_a d_j N_b + mu d_j N_a d_i N_b + mu delta_ij d_k N_a d_k N_b),   averaged over e
     M_e[a i, b j] = rho V delta_ij N_a N_b
 
-which is the same integral, exact, six times sooner.
+which is the same integral, exact, six times sooner. A crystal has 21 constants instead of two:
+
+    K_e[a i, b j] = V C_ikjl d_k N_a d_l N_b.
 """
 
 from __future__ import annotations
@@ -81,7 +83,7 @@ class Elasticity:
         return int(self.basis.N)
 
     @cached_property
-    def _gradients(self) -> tuple[FloatArray, FloatArray]:
+    def barycentric_gradients(self) -> tuple[FloatArray, FloatArray]:
         """Gradients of the barycentric coordinates (m, 4, 3) [1/m] and volumes (m,) [m^3]."""
         corners = self.mesh.points[self.mesh.tets]
         jacobian = corners[:, 1:] - corners[:, :1]
@@ -91,19 +93,29 @@ class Elasticity:
 
     def stiffness(self) -> sp.csr_matrix:
         """Return the stiffness matrix's upper triangle, held dofs included [N/m]."""
-        lam, mu = self.material.lame
-        gradients, volumes = self._gradients
+        gradients, volumes = self.barycentric_gradients
         products = np.einsum("eki,elj,e->klije", gradients, gradients, volumes, optimize=True)
         pairs = (_stiffness_tensor() @ products.reshape(16, -1)).reshape(10, 10, 3, 3, -1)
+        local = self._isotropic(pairs) if self.material.crystal is None else self._anisotropic(pairs)
+        return self._assembled(local.transpose(4, 0, 2, 1, 3).reshape(-1, 30, 30))
+
+    def _isotropic(self, pairs: FloatArray) -> FloatArray:
+        """Contract the integrals of d_i N_a d_j N_b, shape (10, 10, 3, 3, m), with two constants."""
+        lam, mu = self.material.lame
         local = lam * pairs + mu * pairs.transpose(0, 1, 3, 2, 4)
         trace = mu * np.einsum("abiie->abe", pairs)
         for i in range(3):
             local[:, :, i, i] += trace
-        return self._assembled(local.transpose(4, 0, 2, 1, 3).reshape(-1, 30, 30))
+        return np.asarray(local)
+
+    def _anisotropic(self, pairs: FloatArray) -> FloatArray:
+        """Contract them with the whole elastic tensor: rows i j, columns k l of C_ikjl."""
+        rows = self.material.tensor.transpose(0, 2, 1, 3).reshape(9, 9)
+        return np.asarray((rows @ pairs.reshape(100, 9, -1)).reshape(pairs.shape))
 
     def mass(self) -> sp.csr_matrix:
         """Return the consistent mass matrix's upper triangle, held dofs included [kg]."""
-        _, volumes = self._gradients
+        _, volumes = self.barycentric_gradients
         blocks = np.kron(_mass_tensor(), np.eye(3)) * self.material.density
         return self._assembled(volumes[:, None, None] * blocks)
 
@@ -132,22 +144,24 @@ class Elasticity:
         ndarray
             Shape (m, q, 3, 3).
         """
-        gradients, _ = self._gradients
-        shape = np.einsum("qak,eki->eqai", _shape_derivatives(barycentric), gradients, optimize=True)
+        gradients, _ = self.barycentric_gradients
+        shape = np.einsum("qak,eki->eqai", shape_derivatives(barycentric), gradients, optimize=True)
         slope = np.einsum("eqai,eaj->eqij", shape, displacement[self.nodes], optimize=True)
         return np.asarray((slope + slope.transpose(0, 1, 3, 2)) / 2)
 
     def stress(self, displacement: FloatArray, barycentric: FloatArray) -> FloatArray:
         """Return the stress tensor [Pa] where `strain` returns the strain, shape (m, q, 3, 3)."""
-        lam, mu = self.material.lame
         strain = self.strain(displacement, barycentric)
+        if self.material.crystal is not None:
+            return np.asarray(np.einsum("ijkl,eqkl->eqij", self.material.tensor, strain, optimize=True))
+        lam, mu = self.material.lame
         trace = np.trace(strain, axis1=2, axis2=3)
         return 2 * mu * strain + lam * trace[..., None, None] * np.eye(3)
 
     def strain_energy(self, displacement: FloatArray) -> float:
         """Return half the integral of stress times strain [J], from the stresses at the integration points."""
         points, weights = stress_points()
-        _, volumes = self._gradients
+        _, volumes = self.barycentric_gradients
         density = np.einsum("eqij,eqij->eq", self.stress(displacement, points), self.strain(displacement, points))
         return float(volumes @ density @ weights / 2)
 
@@ -196,7 +210,7 @@ def _shape_functions(barycentric: FloatArray) -> FloatArray:
     return np.hstack([corners, middles])
 
 
-def _shape_derivatives(barycentric: FloatArray) -> FloatArray:
+def shape_derivatives(barycentric: FloatArray) -> FloatArray:
     """dN_a / dL_k at places (q, 4): shape (q, 10, 4)."""
     count = len(barycentric)
     result = np.zeros((count, 10, 4))
@@ -211,7 +225,7 @@ def _shape_derivatives(barycentric: FloatArray) -> FloatArray:
 def _stiffness_tensor() -> FloatArray:
     """Mean of dN_a/dL_k dN_b/dL_l over a tetrahedron, shape (100, 16)."""
     points, weights = _quadrature()
-    slopes = _shape_derivatives(points)
+    slopes = shape_derivatives(points)
     return np.einsum("q,qak,qbl->abkl", weights, slopes, slopes).reshape(100, 16)
 
 

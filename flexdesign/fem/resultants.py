@@ -2,9 +2,10 @@
 
 In a member with axis s and normal n, the finite element stresses give
 
-    N = A <sigma_ss>,   V = A <sigma_sn>,   M = I <sigma_ss n> / <n^2>      (averages over the member, M at its centre)
+    sigma_ss = N / A + M n / I + M' s n / I  by least squares over the member, M at its centre,    V = A <sigma_sn>
 
-and beam theory the compliance that two load cases a, b share through it, M varying with slope V:
+(a leaf may hold few elements, not evenly: a mean of sigma_ss alone would take bending for tension), and beam theory
+the compliance that two load cases a, b share through it, M varying with slope V:
 
     c_ab = N_a N_b L / EA + V_a V_b L / (kappa G A) + (M_a M_b + V_a V_b L^2 / 12) L / EI,     kappa = 5/6.
 
@@ -55,7 +56,8 @@ class Section:
     def shared_compliance(self, other: Section, material: Material) -> dict[str, float]:
         """Return what this and another load case (both per unit load) share through the member [m/N]."""
         length, area, inertia = self.member.length, self.member.area, self.member.second_moment
-        young, shear_area = material.youngs_modulus, SHEAR_COEFFICIENT * material.shear_modulus * area
+        young, shear = material.beam_moduli(self.member.axis)
+        shear_area = SHEAR_COEFFICIENT * shear * area
         moments = self.moment * other.moment + self.shear * other.shear * length**2 / 12
         return {
             "axial": self.normal * other.normal * length / (young * area),
@@ -104,14 +106,17 @@ def _section(member: Member, places: FloatArray, stress: FloatArray, weights: Fl
     normal = np.cross([0.0, 0.0, 1.0], axis)
     s, n = (places - member.centre) @ axis, (places - member.centre) @ normal
     inside = (np.abs(s) <= MIDDLE * member.length / 2) & (np.abs(n) <= member.thickness / 2 * (1 + 1e-6))
-    w, n, sigma = weights[inside], n[inside], stress[inside]
+    w, s, n, sigma = weights[inside], s[inside], n[inside], stress[inside]
     along = np.einsum("i,pij,j->p", axis, sigma, axis)
     across = np.einsum("i,pij,j->p", axis, sigma, normal)
+    height, length = n / member.thickness, s / member.length
+    terms = np.column_stack([np.ones_like(n), height, height * length]) * np.sqrt(w)[:, None]
+    (tension, bending, _), *_ = np.linalg.lstsq(terms, along * np.sqrt(w))
     return Section(
         member=member,
-        normal=float(member.area * (w @ along) / w.sum()),
+        normal=float(member.area * tension),
         shear=float(member.area * (w @ across) / w.sum()),
-        moment=float(member.second_moment * (w @ (along * n)) / (w @ n**2)),
+        moment=float(member.second_moment * bending / member.thickness),
     )
 
 

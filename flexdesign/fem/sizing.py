@@ -85,6 +85,29 @@ def distance(points: FloatArray, roots: FloatArray) -> FloatArray:
     return nearest
 
 
+def spaced(places: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Cut a line into the fewest pieces, all shorter than wanted where they lie, and all by the same factor.
+
+    Parameters
+    ----------
+    places
+        Ascending coordinates at which the wanted length is known, shape (n,) [m].
+    wanted
+        That length, shape (n,) [m].
+
+    Returns
+    -------
+    ndarray
+        Where the pieces meet, both ends included [m].
+    """
+    density = 1 / wanted
+    count = np.concatenate([[0.0], np.cumsum(np.diff(places) * (density[1:] + density[:-1]) / 2)])
+    pieces = max(1, int(np.ceil(count[-1] - 1e-6)))
+    cuts = np.interp(np.linspace(0.0, count[-1], pieces + 1), count, places)
+    cuts[[0, -1]] = places[[0, -1]]
+    return np.asarray(cuts)
+
+
 def root_edges(members: Sequence[Member], domain: Domain) -> tuple[FloatArray, list[Member]]:
     """Return the edges at which members meet their neighbours, clipped to the domain, and whose edges they are.
 
@@ -113,7 +136,7 @@ def root_edges(members: Sequence[Member], domain: Domain) -> tuple[FloatArray, l
             if member.kind == "hinge" or np.linalg.norm(corners - clipped[1], axis=1).min() < 1e-9:
                 edges.append(clipped)
                 owners.append(member)
-    return np.array(edges), owners
+    return np.array(edges).reshape(-1, 2, 3), owners
 
 
 def _roots(member: Member) -> list[FloatArray]:

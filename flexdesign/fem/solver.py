@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Protocol
 
 import numpy as np
@@ -9,6 +10,14 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+#: Where the next solver is told to find its library, as searching takes it a third of a second.
+LIBRARY = "PYPARDISO_MKL_RT"
+#: What PARDISO answers where a pivot is zero or negative.
+NO_PIVOT = -4
+
+
+class NotPositiveDefinite(ArithmeticError):
+    """A matrix that has no Cholesky factor: a body that is not held, or one that has buckled."""
 
 
 class Factor(Protocol):
@@ -30,11 +39,19 @@ class Pardiso:
 
     def __init__(self, upper: sp.csr_matrix) -> None:
         from pypardiso import PyPardisoSolver
+        from pypardiso.pardiso_wrapper import PyPardisoError
 
         self._matrix = upper
         self._matrix.sort_indices()
         self._solver = PyPardisoSolver(mtype=2)
-        self._solver.factorize(self._matrix)
+        os.environ.setdefault(LIBRARY, self._solver.libmkl._name)
+        try:
+            self._solver.factorize(self._matrix)
+        except PyPardisoError as error:
+            self._solver.free_memory(everything=True)
+            if error.value == NO_PIVOT:
+                raise NotPositiveDefinite("the stiffness matrix is not positive definite") from None
+            raise
         self._solver.set_phase(33)
 
     def solve(self, right: FloatArray) -> FloatArray:

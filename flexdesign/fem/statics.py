@@ -157,12 +157,17 @@ def class_system(
     body: Elasticity, domain: Domain, cls: SymmetryClass, stiffness: sp.csr_matrix, ground: Sequence[int]
 ) -> ClassSystem:
     """Hold the ground faces and what the class holds on its planes, and factorize the rest."""
+    free = free_dofs(body, domain, cls, ground)
+    reduced = stiffness[free][:, free].tocsr()
+    return ClassSystem(cls, free, factorize(reduced), reduced)
+
+
+def free_dofs(body: Elasticity, domain: Domain, cls: SymmetryClass, ground: Sequence[int]) -> IntArray:
+    """Return the degrees of freedom that neither the ground faces nor a class hold on its planes."""
     held = [_dofs_on(body, ground, range(3))]
     for index in range(len(domain.planes)):
         held.append(_dofs_on(body, domain.plane_faces[index], cls.held_components(index)))
-    free = np.setdiff1d(np.arange(body.n_dofs), np.concatenate(held))
-    reduced = stiffness[free][:, free].tocsr()
-    return ClassSystem(cls, free, factorize(reduced), reduced)
+    return np.setdiff1d(np.arange(body.n_dofs), np.concatenate(held))
 
 
 def class_compliance(

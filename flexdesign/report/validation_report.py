@@ -8,13 +8,16 @@ from typing import Any
 
 from flexdesign import quantities, units
 from flexdesign.files import FORMAT
-from flexdesign.report import charts, explanation, validation_pictures
+from flexdesign.model import Quantity
+from flexdesign.report import charts, explanation, strength_words, validation_pictures
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.pictures import NoPictures
 from flexdesign.report.wording import name_of, shown
 from flexdesign.validation import Validation, provenance
 
 Progress = Callable[[str], None]
+#: How meshes of a method are called.
+METHODS = {"extruded": "layers of prisms cut into tetrahedra, thin across the roots", "wild": "isotropic"}
 
 
 def table_1(validation: Validation) -> Table:
@@ -47,6 +50,7 @@ def result(validation: Validation) -> dict[str, Any]:
             key: {"unit": "m/N", "FEM": dict(split), "PRB": dict(validation.formula_shares.get(key, {}))}
             for key, split in validation.shares.items()
         },
+        "strain_energy_shares": strength_words.shares(validation),
         "modes": [
             {
                 "frequency": {"value": m.frequency, "unit": "Hz"},
@@ -97,6 +101,7 @@ def document(validation: Validation, progress: Progress = lambda _: None) -> Doc
         Section("Shape and deformation", [missing] if missing else [], figures=figures),
         explanation.section(validation),
         _actuator(validation),
+        _large(validation),
         _coupling(validation),
         _modes(validation),
         _stress(validation),
@@ -140,7 +145,8 @@ def _actuator(validation: Validation) -> Section:
     if actuator is None:
         return Section("With the actuator")
     keys = ("stroke", "blocked_force", "actuator_force", "preload_shift", "output_force_that_unloads_the_stack")
-    rows = [[name_of(q), q.boundary, shown(q)] for q in validation.further if q.name in keys]
+    found = [q for q in validation.further if q.name in keys and "large" not in q.boundary]
+    rows = [[name_of(q), q.boundary, shown(q)] for q in found]
     stroke, blocked = validation.fem("stroke_output_free"), validation.fem("blocked_force_output_held")
     stiffness, holding = validation.fem("K_out_actuator_installed").value, -blocked.value
     curves = [("full voltage", [0.0, holding], [stroke.value * 1e6, 0.0])]
@@ -160,6 +166,42 @@ def _actuator(validation: Validation) -> Section:
     return Section("With the actuator", [text], [Table(["quantity", "boundary", "FEM"], rows)], [figure])
 
 
+def _large(validation: Validation) -> Section:
+    large = validation.large
+    if large is None:
+        return Section("Over the stroke")
+    path, drive, shown_in = large.path, 100 * large.drive, units.to_text
+    rows = [
+        [
+            f"{drive[i]:.0f} %",
+            shown_in(path.force[i], "N", 4),
+            shown_in(path.extension[i], "um", 4, si="m"),
+            shown_in(path.output[i], "um", 4, si="m"),
+            shown_in(path.input_stiffness[i], "N/mm", 4, si="N/m"),
+            units.significant(path.amplification[i], 4),
+            shown_in(large.output_stiffness[i], "N/mm", 4, si="N/m"),
+        ]
+        for i in range(len(drive))
+    ]
+    names = ("K_in_change", "lambda_change", "K_out_change")
+    kept = [q for q in validation.further if q.name in names or "large" in q.boundary]
+    curves = [
+        ("K_in", drive.tolist(), (100 * (path.input_stiffness / path.input_stiffness[0] - 1)).tolist()),
+        ("λ", drive.tolist(), (100 * (path.amplification / path.amplification[0] - 1)).tolist()),
+        ("K_out", drive.tolist(), (100 * (large.output_stiffness / large.output_stiffness[0] - 1)).tolist()),
+    ]
+    text = (
+        "Large displacements, followed in steps of force on the coarsest mesh: as the arms turn, stiffnesses and "
+        "amplification change. Each row has the tangents there. The stage model carries what follows as quadratic and "
+        "cubic stiffness and as a slope of the amplification."
+    )
+    columns = ["drive", "force", "extension", "output", "K_in", "λ", "K_out, actuator installed"]
+    drawing = charts.lines(curves, "drive [% of full voltage]", "change against rest [%]")
+    figure = Figure("over_the_stroke.svg", drawing, "Tangents over the stroke against those at rest")
+    limits = Table(["quantity", "boundary", "FEM"], [[name_of(q), q.boundary, shown(q)] for q in kept])
+    return Section("Over the stroke", [text], [limits, Table(columns, rows)], [figure])
+
+
 def _coupling(validation: Validation) -> Section:
     found = [q for q in validation.further if q.name.startswith("coupling") or q.name == "tilt"]
     text = (
@@ -167,6 +209,12 @@ def _coupling(validation: Validation) -> Section:
         "off the axis within a symmetry plane. The second-order coupling, which grows with the square of travel, is "
         "not in a linear solve."
     )
+    if not validation.domain.planes and validation.study.design.part().symmetry():
+        text = (
+            "The crystal's axes lie askew to the part's planes of symmetry, so that the part as a whole has none: it "
+            "moves sideways and tilts even where the actuator pushes on its axis. The whole part was solved, on a mesh "
+            "that is its own mirror image only roughly; that leaves some coupling of its own."
+        )
     rows = [[name_of(q), q.boundary, shown(q)] for q in found]
     return Section("Coupling", [text], [Table(["quantity", "boundary", "FEM"], rows)])
 
@@ -199,25 +247,21 @@ def _modes(validation: Validation) -> Section:
 
 
 def _stress(validation: Validation) -> Section:
-    names = ("hinge_stress", "peak_stress", "safety_against_yield")
-    found = [q for q in validation.further if q.name in names]
-    material = validation.study.design.material
-    rows = [[name_of(q), q.boundary, shown(q)] for q in found]
-    strength = units.to_text(material.yield_strength, "MPa", 3, si="Pa")
+    names = ("hinge_stress", "peak_stress", "peak_tension", "safety_against_yield", "safety_against_fatigue")
+    rows = [[name_of(q), q.boundary, _judged(q)] for q in validation.further if q.name in names]
     text = [
-        f"Yield strength of {material.name}: {strength} ({material.source}). The nominal hinge stress is N/A + M t/2I "
-        "from the section forces that FEM's stresses add up to.",
+        *strength_words.strengths(validation.study.design.material),
+        "The nominal hinge stress is N/A + M t/2I from the section forces that FEM's stresses add up to.",
+        strength_words.peak(validation),
     ]
-    if validation.sharp:
-        finest = validation.finest.solution.von_mises.max()
-        peaks = ", ".join(f"{level.solution.von_mises.max() / finest:.2f}" for level in validation.levels)
-        text.append(
-            "The hinge roots are drawn sharp, and there the stress of linear elasticity grows without bound as the "
-            f"mesh is refined (peaks of these meshes relative to the finest: {peaks}). The peak, which has no error "
-            "for that reason, is no property of the design. Judge by the nominal hinge stress, or give the roots the "
-            "fillet that the cutter will leave (dimensions.fillet_radius)."
-        )
-    return Section("Stress", text, [Table(["quantity", "at", "FEM"], rows)])
+    tables = [Table(["quantity", "at", "FEM"], rows), strength_words.energies(validation)]
+    return Section("Stress and strain energy", text, tables)
+
+
+def _judged(quantity: Quantity) -> str:
+    """Write a stress or a margin; a number that belongs to the mesh alone as such."""
+    verdict = ", singular: grows with refinement, use a fillet" if "singular" in quantity.source else ""
+    return f"{shown(quantity)}{verdict}"
 
 
 def _mesh(validation: Validation) -> Section:
@@ -249,9 +293,10 @@ def _mesh(validation: Validation) -> Section:
     ]
     planes = ", ".join(f"{plane.axis} = 0" for plane in validation.domain.planes) or "none"
     text = (
-        f"Quadratic tetrahedra with straight edges on the fundamental domain (symmetry planes: {planes}), solved by "
+        f"Quadratic tetrahedra with straight edges on the fundamental domain (symmetry planes: {planes}), "
+        f"{METHODS[validation.method.name]}, solved by "
         f"{validation.finest.solution.facts['solver']}. Unknowns are those of the domain; the whole part has "
-        f"{validation.domain.copies} times as many. {validation.extrapolation} {_index(validation)}"
+        f"{validation.domain.copies} times as many. {validation.extrapolation} {_index(validation)}{_asked(validation)}"
     )
     head = ["unknowns", "tetrahedra", "edge at roots", "worst quality", "K_in", "λ", "K_out input free", "time"]
     exact = ["unknowns", "reciprocity", "force balance", "energy", "residual"]
@@ -261,6 +306,18 @@ def _mesh(validation: Validation) -> Section:
         Table(["hinge", "drawn", "deviation", "allowed"], hinges, "Mesh gate: thickness measured on the finest mesh"),
     ]
     return Section("Meshes and checks", [text], tables)
+
+
+def _asked(validation: Validation) -> str:
+    asked = validation.study.mesh.accuracy
+    if asked is None:
+        return ""
+    reached = validation.estimated_error
+    verdict = "reached" if reached <= asked else "NOT reached with the finest mesh that is tried"
+    return (
+        f" Asked for was an error of at most {100 * asked:.2g} % in every stiffness and amplification; the largest "
+        f"estimate is {100 * reached:.2g} %: {verdict}."
+    )
 
 
 def _index(validation: Validation) -> str:

@@ -10,6 +10,9 @@ NAMES = {
     "K_out": "output stiffness K_out",
     "lambda": "amplification λ",
     "stroke": "stroke",
+    "K_in_change": "change of the input stiffness",
+    "lambda_change": "change of the amplification",
+    "K_out_change": "change of the output stiffness",
     "blocked_force": "blocked force",
     "actuator_force": "actuator force",
     "preload_shift": "shift of the output by the preload",
@@ -24,8 +27,10 @@ NAMES = {
     "coupling_y": "sideways motion in y per travel",
     "coupling_z": "sideways motion in z per travel",
     "peak_stress": "peak von Mises stress",
+    "peak_tension": "peak tension (largest principal stress)",
     "hinge_stress": "largest nominal hinge stress",
     "safety_against_yield": "safety against yield",
+    "safety_against_fatigue": "safety against fatigue",
 }
 #: What a compliance's pieces are, in words; the order of tables and charts.
 PIECES = {
@@ -40,6 +45,8 @@ PIECES = {
     "rod shear": "shear of the input rods",
     "roots, blocks and width": "roots, blocks and width (remainder)",
 }
+#: How the regions of a part are called.
+REGIONS = {"hinge": "hinges", "arm": "arms", "rod": "input rods", "guide": "guides", "block": "blocks"}
 
 
 def name_of(quantity: Quantity) -> str:

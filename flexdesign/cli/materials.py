@@ -1,0 +1,48 @@
+"""``flexdesign materials``: the material library, or one material in full."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from flexdesign.cli.shared import AsJson, app, print_json
+
+HELP = """Show the material library, or one material with the source of every number.
+
+NAME is a material of the library or the path of a file with one (.toml). Without one, all materials are listed.
+
+**Examples**
+
+    flexdesign materials
+
+    flexdesign materials "Al 7075-T6"
+
+    flexdesign materials my_alloy.toml --json
+
+**In a design:** material = "Al 7075-T6", a file, or a table: [material] with name, youngs_modulus, poissons_ratio,
+density, yield_strength and, if known, ultimate_strength, [material.fatigue] and [material.sources]. A table with
+like = "Si" takes from the library what it does not state, for instance with orientation = "<100>" alone.
+
+**What it writes:** nothing.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+"""
+
+
+@app.command(help=HELP)
+def materials(
+    name: Annotated[str | None, typer.Argument(help="Material: a name, or the path of a file.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the library, or show one material."""
+    from flexdesign.report import material_pages, terminal
+    from flexdesign.report.document import Document
+
+    if as_json:
+        print_json(material_pages.result(name))
+    elif name is None:
+        terminal.brief(Document("Materials", []), material_pages.catalogue(), [])
+    else:
+        material = material_pages.find(name)
+        terminal.brief(Document(material.name, material_pages.words(material)), material_pages.numbers(material), [])

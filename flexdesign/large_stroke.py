@@ -1,0 +1,148 @@
+"""What large displacements do to a part over its stroke: stiffness and amplification that change along the way.
+
+A stage model knows three numbers of it. With y the output motion, the actuator in place, and d the motion that its
+drive would cause in a linear part,
+
+    y + q y^2 + c y^3 = d (1 + s d),
+
+where q and c are quadratic and cubic stiffness over the linear one (effects `quadratic_stiffness`, `stress_stiffening`)
+and s is the slope of the amplification (`stroke_dependent_amplification`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.fem.domain import Domain
+from flexdesign.fem.load_path import StrokePath, stroke_path
+from flexdesign.fem.mesh import TaggedMesh
+from flexdesign.fem.statics import PortCompliance
+from flexdesign.materials import Material
+from flexdesign.model import Quantity
+from flexdesign.part import Part
+
+#: Beyond so many times the force of linear theory nothing is sought.
+FARTHEST = 3.0
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LargeStroke:
+    """A part pushed by its actuator, from rest to full drive and a little beyond.
+
+    Parameters
+    ----------
+    path
+        Motions and tangents at each force.
+    actuator
+        Stiffness of the actuator in place [N/m].
+    free_stroke
+        Extension of the free actuator at full voltage [m].
+    """
+
+    path: StrokePath
+    actuator: float
+    free_stroke: float
+
+    @property
+    def drive(self) -> FloatArray:
+        """Share of the full voltage at each force: what the free actuator would have to extend by, over its stroke."""
+        return (self.path.force / self.actuator + self.path.extension) / self.free_stroke
+
+    @property
+    def output_stiffness(self) -> FloatArray:
+        """Output force per motion with the actuator in place, tangents at each force [N/m]."""
+        c11 = 1 / self.path.input_stiffness
+        c12, c22 = self.path.amplification * c11, 1 / self.path.output_stiffness
+        return np.asarray(1 / (c22 - c12**2 / (c11 + 1 / self.actuator)))
+
+    @property
+    def linear_stroke(self) -> float:
+        """Output motion at full drive as linear theory has it on this mesh [m]."""
+        c11 = 1 / self.path.input_stiffness[0]
+        return float(self.free_stroke * self.path.amplification[0] * c11 / (c11 + 1 / self.actuator))
+
+    def stiffening(self) -> tuple[float, float]:
+        """Return q [1/m] and c [1/m^2]: least squares through the tangents 1 + 2 q y + 3 c y^2."""
+        y, k = self.path.output[1:], self.output_stiffness
+        (q, c), *_ = np.linalg.lstsq(np.column_stack([2 * y, 3 * y**2]), k[1:] / k[0] - 1, rcond=None)
+        return float(q), float(c)
+
+    def slope(self) -> float:
+        """Return s [1/m]: least squares through the motions."""
+        q, c = self.stiffening()
+        y, d = self.path.output[1:], self.linear_stroke * self.drive[1:]
+        return float((y + q * y**2 + c * y**3 - d) @ d**2 / (d**2 @ d**2))
+
+    def effects(self) -> dict[str, Mapping[str, float]]:
+        """Return the effects of the catalogue that stand for it, with their values in SI."""
+        q, c = self.stiffening()
+        return {
+            "quadratic_stiffness": {"quadratic": q},
+            "stress_stiffening": {"cubic": c},
+            "stroke_dependent_amplification": {"slope": self.slope()},
+        }
+
+    def quantities(self) -> list[Quantity]:
+        """Return how much stiffnesses and amplification change from rest to full drive."""
+        path, source = self.path, "FEM, large displacements, coarsest mesh"
+
+        def change(tangents: FloatArray) -> float:
+            return float(np.interp(1.0, self.drive, tangents) / tangents[0] - 1)
+
+        output = float(np.interp(1.0, self.drive, path.output))
+        return [
+            Quantity("stroke", output, "m", "um", "output free, large displacements", source),
+            Quantity("K_in_change", change(path.input_stiffness), "1", "%", "full drive, output free", source),
+            Quantity("lambda_change", change(path.amplification), "1", "%", "full drive, output free", source),
+            Quantity("K_out_change", change(self.output_stiffness), "1", "%", "full drive, actuator installed", source),
+        ]
+
+
+def follow(
+    part: Part,
+    material: Material,
+    domain: Domain,
+    mesh: TaggedMesh,
+    linear: PortCompliance,
+    actuator: float,
+    free_stroke: float,
+    steps: int,
+    progress: Callable[[str], None] = lambda _: None,
+) -> LargeStroke:
+    """Push a part to full drive in steps of force.
+
+    Parameters
+    ----------
+    part, material, domain, mesh
+        What is pushed.
+    linear
+        Its compliance at rest.
+    actuator, free_stroke
+        Stiffness of the actuator in place [N/m], and its free extension at full voltage [m].
+    steps
+        Steps to the force that linear theory has at full drive; a part that stiffens takes more.
+    progress
+        Is told what is going on.
+
+    Raises
+    ------
+    ArithmeticError
+        If the part buckles on the way, or full drive is not reached.
+    """
+    full = linear.actuator_force(free_stroke, actuator)
+    forces = [full * k / steps for k in range(1, int(FARTHEST * steps) + 1)]
+
+    def enough(force: float, extension: float) -> bool:
+        return force / actuator + extension >= free_stroke
+
+    found = LargeStroke(
+        stroke_path(part, material, domain, mesh, forces, progress, enough=enough), actuator, free_stroke
+    )
+    if found.drive[-1] < 1.0:
+        raise ArithmeticError(f"{FARTHEST:g} times the force of linear theory does not reach full drive")
+    return found

@@ -1,0 +1,173 @@
+"""From coarse to fine: a part meshed and solved as often as a number of meshes, or an accuracy, asks for.
+
+Meshes and solutions are cached by content, so that an interrupted run resumes where it stopped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from time import perf_counter
+
+from flexdesign import part as parts
+from flexdesign import quantities, versions
+from flexdesign.cache import Cache, content_key
+from flexdesign.errors import InputError
+from flexdesign.fem import analysis, convergence, gate, methods
+from flexdesign.fem.analysis import Solution
+from flexdesign.fem.domain import Domain
+from flexdesign.fem.gate import HingeCheck
+from flexdesign.fem.mesh import MeshError, TaggedMesh
+from flexdesign.fem.methods import Extruded, Grading, Method, Wild
+from flexdesign.model import Quantity
+from flexdesign.study import Study
+
+Progress = Callable[[str], None]
+
+#: Distributions whose versions travel with every result.
+LIBRARIES = ("cadquery", "pytetwild", "scikit-fem", "numpy", "scipy", "pypardiso", "pyvista", "meshio")
+#: Where an accuracy is asked for there are no more meshes than these.
+MOST_LEVELS = 5
+
+
+@dataclass(frozen=True)
+class Level:
+    """One mesh and its solution.
+
+    Parameters
+    ----------
+    size
+        Length of its edges at the hinge roots [m], by which results are extrapolated.
+    mesh, solution
+        The mesh of the fundamental domain, and what it gave.
+    hinges
+        What the mesh gate measured.
+    seconds
+        Wall time for mesh and solution; those of the run that made them, if cached.
+    cached
+        Whether the solution came from the cache.
+    """
+
+    size: float
+    mesh: TaggedMesh
+    solution: Solution
+    hinges: Sequence[HingeCheck]
+    seconds: float
+    cached: bool
+
+
+def refined(
+    study: Study, part: parts.Part, body: Domain, method: Method, cache: Cache, progress: Progress
+) -> list[Level]:
+    """Solve on one mesh after the other: as many as were asked for, or as an accuracy takes."""
+    asked, finest = study.mesh.accuracy, MOST_LEVELS - study.mesh.levels if study.mesh.accuracy else 0
+    levels: list[Level] = []
+    for power in range(study.mesh.levels - 1, -1 - finest, -1):
+        levels.append(_level(study, part, body, method, study.mesh.refinement**power, cache, progress))
+        if asked and len(levels) > 1:
+            reached = estimated_error(gathered(study, levels, method.scatter))
+            progress(f"estimated error {100 * reached:.2g} %, asked for {100 * asked:.2g} %")
+            if reached <= asked:
+                break
+    return levels
+
+
+def estimated_error(found: Sequence[Quantity]) -> float:
+    """Return the largest relative error of stiffnesses and amplification, as estimated."""
+    judged = [quantity for quantity in found if quantity.name in ("K_in", "lambda", "K_out") and quantity.value]
+    return max(abs((quantity.sigma or 0.0) / quantity.value) for quantity in judged)
+
+
+def _level(
+    study: Study,
+    part: parts.Part,
+    body: Domain,
+    method: Method,
+    coarseness: float,
+    cache: Cache,
+    progress: Progress,
+) -> Level:
+    design = study.design
+    began = perf_counter()
+    try:
+        tagged, mesh_key = _mesh(method, body, coarseness, cache, progress)
+        hinges = gate.check(tagged, body, part.linkage().of_kind("hinge"))
+    except MeshError as error:
+        raise InputError(design.file, "mesh", None, str(error)) from error
+    actuator = design.actuator.installed_stiffness if design.actuator else 0.0
+    # Lateral motions and modes converge sooner: with three meshes the finest goes without them.
+    all_classes = coarseness > 1.0 or study.mesh.levels == 2
+    count = study.modes.count if all_classes else 0
+    material = design.material
+    key = content_key(
+        engine(), mesh_key, material.mechanics, actuator, count, all_classes, versions.installed(LIBRARIES),
+        [vars(port) for port in part.ports()], [vars(member) for member in part.linkage().members],
+        [vars(plane) for plane in body.planes],
+    )  # fmt: skip
+    size = method.size(tagged, coarseness)
+    stored = cache.load("solution", key)
+    if stored is not None:
+        solution = Solution.from_store(*stored, part)
+        return Level(size, tagged, solution, hinges, float(stored[1]["seconds"]), cached=True)
+
+    def say(text: str) -> None:
+        progress(f"solving: {text}")
+
+    solution = analysis.solve(
+        part, material, body, tagged, actuator=actuator, mode_count=count, all_classes=all_classes, progress=say
+    )
+    seconds = perf_counter() - began
+    arrays, table = solution.to_store()
+    cache.store("solution", key, arrays, table | {"seconds": seconds})
+    return Level(size, tagged, solution, hinges, seconds, cached=False)
+
+
+def _mesh(method: Method, body: Domain, coarseness: float, cache: Cache, progress: Progress) -> tuple[TaggedMesh, str]:
+    """Return the mesh and the hash of its content (one mesher is not deterministic: its input does not identify it)."""
+    asked = method.question(coarseness)
+    question = content_key(engine(), body.fingerprint, *asked, versions.installed(LIBRARIES))
+    stored = cache.load("mesh", question)
+    if stored is not None:
+        tagged = TaggedMesh(**stored[0])
+    else:
+        progress(f"meshing with {method.finest_edge(coarseness) * 1e3:.3g} mm at the hinge roots ({method.name})")
+        tagged = method.mesh(coarseness)
+        cache.store("mesh", question, tagged.arrays(), {})
+    return tagged, content_key(*tagged.arrays().values())
+
+
+def method_of(study: Study, part: parts.Part, body: Domain) -> Method:
+    """Return the way to mesh that the study asks for, or else the fastest that the part allows."""
+    asked = study.mesh
+    if asked.method == "extruded" and body.section is None:
+        remedy = (
+            "the part does not declare itself prismatic; leave the method out, or let the part's prismatic() say so"
+        )
+        raise InputError(study.design.file, "mesh.method", asked.method, remedy)
+    extruded = asked.method != "wild" and body.section is not None
+    at_root, growth = methods.EXTRUDED_GRADING if extruded else methods.WILD_GRADING
+    grading = Grading(body, part.linkage().members, asked.at_root or at_root, asked.growth or growth, asked.largest)
+    return Extruded(grading) if extruded else Wild(grading, asked.envelope)
+
+
+def gathered(study: Study, levels: Sequence[Level], scatter: float) -> list[Quantity]:
+    """Extrapolate every quantity over the meshes that know it; peaks of stress are judged by rules of their own."""
+    found = [{q.key: q for q in quantities.of_solution(study, level.solution)} for level in levels]
+    gathered = []
+    for key, quantity in found[0].items():
+        known = [(level, there[key].value) for level, there in zip(levels, found, strict=True) if key in there]
+        values, sizes = [value for _, value in known], [level.size for level, _ in known]
+        limit = convergence.extrapolate(values, sizes, scatter=scatter)
+        finest = known[-1][0].solution.facts["unknowns"]
+        source = f"FEM, {len(known)} meshes to {finest} unknowns, extrapolated"
+        gathered.append(replace(quantity, value=limit.value, source=source, sigma=limit.error))
+    return gathered + quantities.peak_stresses(study, [lv.solution for lv in levels], [lv.size for lv in levels])
+
+
+@cache
+def engine() -> str:
+    """Return a hash of the code that makes meshes and solutions, lest results of other code be taken for its."""
+    sources = sorted(Path(analysis.__file__).parent.glob("*.py"))
+    return content_key([source.read_text(encoding="utf-8") for source in sources])

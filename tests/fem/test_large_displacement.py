@@ -1,0 +1,189 @@
+"""Large displacements: the elastica and the leaf-spring parallelogram, and derivatives against differences."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from scipy.integrate import solve_bvp
+from scipy.optimize import brentq
+
+from flexdesign.fem import ports, statics
+from flexdesign.fem.elasticity import Elasticity
+from flexdesign.fem.large_displacement import LargeDisplacement
+from flexdesign.fem.load_path import Equilibrium, load_path, stroke_path
+from flexdesign.part import Port
+from tests.fem import solids
+from tests.fem.solids import CORK, METAL, Solid
+
+Array = np.ndarray[Any, Any]
+
+
+def held_at_ground(solid: Solid, body: Elasticity) -> LargeDisplacement:
+    whole = ports.classes(solid.domain)[0]
+    return LargeDisplacement(body, statics.free_dofs(body, solid.domain, whole, [solid.domain.ports["ground"]]))
+
+
+@pytest.fixture(scope="module")
+def block() -> tuple[Elasticity, LargeDisplacement]:
+    solid = solids.beam(10e-3, 2e-3, 1e-3, (4, 2, 2), METAL, wobble=1e-4)
+    body = solid.body
+    return body, held_at_ground(solid, body)
+
+
+# --- the elements ---------------------------------------------------------------------------------------------------
+
+
+def test_at_rest_the_tangent_is_the_linear_stiffness(block: tuple[Elasticity, LargeDisplacement]) -> None:
+    body, model = block
+    forces, tangent = model.forces_and_tangent(np.zeros(body.n_dofs))
+    linear = body.stiffness()[model.free][:, model.free]
+    assert not forces.any()
+    assert abs(tangent - linear).max() < 1e-12 * abs(linear).max()
+
+
+def test_forces_are_the_derivative_of_the_energy_and_the_tangent_theirs(
+    block: tuple[Elasticity, LargeDisplacement],
+) -> None:
+    """Central differences at displacements of a tenth of an element."""
+    body, model = block
+    rng = np.random.default_rng(0)
+    at, way = np.zeros(body.n_dofs), np.zeros(body.n_dofs)
+    at[model.free], way[model.free] = rng.normal(0, 1e-4, len(model.free)), rng.standard_normal(len(model.free))
+    forces, upper = model.forces_and_tangent(at)
+    h = 1e-8
+    rise = (model.energy(at + h * way) - model.energy(at - h * way)) / (2 * h)
+    assert rise == pytest.approx(forces @ way, rel=1e-6)
+    change = (model.forces(at + h * way) - model.forces(at - h * way))[model.free] / (2 * h)
+    found = (upper + sp.triu(upper, 1).T) @ way[model.free]
+    assert found == pytest.approx(change, abs=1e-6 * np.abs(change).max())
+
+
+def test_a_rigid_rotation_costs_nothing(block: tuple[Elasticity, LargeDisplacement]) -> None:
+    body, model = block
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    turned = (body.positions @ quarter.T - body.positions).ravel()
+    stretched = (1e-3 * body.positions).ravel()
+    assert model.energy(turned) < 1e-15 * model.energy(stretched)
+    assert np.abs(model.forces(turned)).max() < 1e-9 * np.abs(model.forces(stretched)).max()
+
+
+def test_uniform_stretch_follows_the_law_of_the_material(block: tuple[Elasticity, LargeDisplacement]) -> None:
+    """Stretched by s along x alone, E = (s^2 - 1) / 2 and the energy density is (lam / 2 + mu) E^2."""
+    body, model = block
+    lam, mu = METAL.lame
+    moved = np.zeros_like(body.positions)
+    moved[:, 0] = 0.2 * body.positions[:, 0]
+    right = (0.5 * lam + mu) * (0.5 * (1.2**2 - 1)) ** 2 * body.mesh.volume
+    assert model.energy(moved.ravel()) == pytest.approx(right, rel=1e-12)
+
+
+# --- structures -----------------------------------------------------------------------------------------------------
+
+
+def elastica(alpha: float) -> tuple[float, float]:
+    """Return tip displacements over length, along and across, of an inextensible cantilever; alpha = P L^2 / E I."""
+    s = np.linspace(0, 1, 200)
+    found = solve_bvp(
+        lambda s, y: np.vstack([y[1], -alpha * np.cos(y[0])]),
+        lambda a, b: np.array([a[0], b[1]]),
+        s,
+        np.vstack([s, 1 - s]),
+        tol=1e-10,
+        max_nodes=20000,
+    )
+    assert found.success
+    angle = found.sol(s)[0]
+    return float(np.trapezoid(np.cos(angle), s)) - 1, float(np.trapezoid(np.sin(angle), s))
+
+
+def test_a_cantilever_bends_like_the_elastica() -> None:
+    """At the tip 0.16 and 0.49 of the length; a beam of 1:100 stretches and shears by some 1e-4 of it."""
+    length, height, width = 100e-3, 1e-3, 1e-3
+    solid = solids.beam(length, height, width, (60, 1, 1), CORK)
+    body = solid.body
+    load = ports.port_space(body, solid.domain, solid.ports).loads["output"][:, 1]
+    force = 2.0 * CORK.youngs_modulus * width * height**3 / 12 / length**2
+    *_, end = load_path(held_at_ground(solid, body), load[:, None], [force * k / 4 for k in (1, 2, 3, 4)])
+    tip = end.displacement.reshape(-1, 3)[np.isclose(body.positions[:, 0], length)].mean(axis=0)
+    along, across = elastica(2.0)
+    assert tip[1] / length == pytest.approx(across, rel=2e-3)
+    assert tip[0] / length == pytest.approx(along, rel=4e-3)
+
+
+def parallelogram(length: float, thickness: float) -> tuple[Solid, Elasticity]:
+    """A table on two parallel leaf springs along x, 24 mm apart."""
+    x = np.concatenate([np.linspace(0, length, 25), [length + 10e-3]])
+    y = np.array([-12e-3 - thickness, -12e-3, -4e-3, 4e-3, 12e-3, 12e-3 + thickness])
+    leaves = solids.lattice(x, y, np.array([0.0, 2e-3]), lambda c: (np.abs(c[:, 1]) > 12e-3) | (c[:, 0] > length))
+    ends = (
+        Port("output", "output", (length + 10e-3, 0.0, 1e-3), (1.0, 0.0, 0.0)),
+        Port("ground", "ground", (0.0, 0.0, 1e-3), (-1.0, 0.0, 0.0)),
+    )
+    solid = Solid.of(leaves, {"output": solids.at("x", length + 10e-3), "ground": solids.at("x", 0.0)}, ends, (), CORK)
+    return solid, solid.body
+
+
+def test_a_parallelogram_shortens_by_three_fifths_of_the_square() -> None:
+    """u_x = -(3/5) u_y^2 / L (Jones 1988, Instruments and Experiences); of that the linear solution knows nothing."""
+    length, thickness = 40e-3, 0.4e-3
+    solid, body = parallelogram(length, thickness)
+    load = ports.port_space(body, solid.domain, solid.ports).loads["output"][:, [1]]
+    model = held_at_ground(solid, body)
+    stiffness = 24 * CORK.youngs_modulus * 2e-3 * thickness**3 / 12 / length**3
+    levels = [stiffness * shift for shift in (1e-3, 2e-3)]
+    table = np.isclose(body.positions[:, 0], length + 10e-3)
+
+    def coefficient(point: Equilibrium) -> float:
+        shift = point.displacement.reshape(-1, 3)[table].mean(axis=0)
+        return float(-shift[0] * length / shift[1] ** 2)
+
+    first, second = load_path(model, load, levels)
+    assert coefficient(first) == pytest.approx(0.6, rel=0.01)
+    assert coefficient(second) == pytest.approx(0.6, rel=0.01)
+    system = statics.class_system(
+        body, solid.domain, ports.classes(solid.domain)[0], body.stiffness(), [solid.domain.ports["ground"]]
+    )
+    linear = system.solve(load).reshape(-1, 3)[table].mean(axis=0)
+    assert abs(linear[0]) < 1e-4 * 0.6 * linear[1] ** 2 / length  # the lattice is not quite its own mirror image
+
+
+def test_a_block_bears_no_more_than_its_material() -> None:
+    """Pressed along x a bar without lateral contraction bears E A s (1 - s^2) / 2, 0.192 E A at most."""
+    solid = solids.beam(0.5e-3, 2e-3, 2e-3, (1, 2, 2), CORK)
+    body = solid.body
+    load = -ports.port_space(body, solid.domain, solid.ports).loads["output"][:, [0]]
+    strength = CORK.youngs_modulus * 4e-6
+    (found,) = load_path(held_at_ground(solid, body), load, [0.15 * strength])
+    tip = found.displacement.reshape(-1, 3)[np.isclose(body.positions[:, 0], 0.5e-3), 0]
+    stretch = brentq(lambda s: 0.5 * s * (1 - s**2) - 0.15, 0.6, 1.0)
+    assert tip == pytest.approx((stretch - 1) * 0.5e-3, rel=1e-6)
+    with pytest.raises(ArithmeticError, match=r"no equilibrium beyond .* times the load: it buckles there"):
+        list(load_path(held_at_ground(solid, body), load, [0.2 * strength]))
+
+
+# --- parts ----------------------------------------------------------------------------------------------------------
+
+
+class Ring:
+    """The ring of the other tests as a part."""
+
+    ports = staticmethod(lambda: solids.RING_PORTS)
+
+
+def test_the_way_of_an_actuator_begins_with_the_linear_answers() -> None:
+    solid = solids.ring()
+    linear = solids.solve(solid)
+    compliance = statics.PortCompliance(linear.matrix, linear.space.extension, linear.space.output)
+    forces = 2e3 * np.arange(1, 4)
+    path = stroke_path(Ring(), METAL, solid.domain, solid.mesh, forces)  # type: ignore[arg-type]
+    assert path.force.tolist() == [0.0, *forces]
+    assert path.input_stiffness[0] == pytest.approx(compliance.input_stiffness, rel=1e-6)
+    assert path.amplification[0] == pytest.approx(compliance.amplification, rel=1e-6)
+    assert path.output_stiffness[0] == pytest.approx(1 / compliance.c22, rel=1e-6)
+    # Motions are the integrals of their tangents: Simpson's rule over two steps is good to fourth order.
+    rates = 1 / path.input_stiffness
+    assert path.extension[2] == pytest.approx(2e3 / 3 * (rates[0] + 4 * rates[1] + rates[2]), rel=1e-6)
+    assert abs(path.extension[2] / 2 / path.extension[1] - 1) > 1e-5  # it is not linear

@@ -1,0 +1,49 @@
+"""What large displacements do over the stroke, from paths whose law is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flexdesign.fem.load_path import StrokePath
+from flexdesign.large_stroke import LargeStroke
+
+ACTUATOR, FREE = 50e6, 40e-6
+C11, AMPLIFICATION = 5e-7, -8.0
+
+
+def path(q: float, c: float, s: float, drive: np.ndarray) -> StrokePath:
+    """Return a path with y + q y^2 + c y^3 = d (1 + s d), and with the tangents of that output stiffness."""
+    linear = FREE * AMPLIFICATION * C11 / (C11 + 1 / ACTUATOR) * drive
+    output = np.array([_real_root(q, c, d * (1 + s * d)) for d in linear])
+    stiffness = 1e5 * (1 + 2 * q * output + 3 * c * output**2)
+    c22 = 1 / stiffness + (AMPLIFICATION * C11) ** 2 / (C11 + 1 / ACTUATOR)
+    one = np.ones(len(drive))
+    half = 0.5 * FREE * drive
+    return StrokePath(ACTUATOR * half, half, output, one / C11, 1 / c22, AMPLIFICATION * one)
+
+
+def _real_root(q: float, c: float, right: float) -> float:
+    roots = np.roots([c, q, 1.0, -right])
+    real = roots[np.abs(roots.imag) < 1e-9 * np.abs(roots).max()].real
+    return float(real[np.argmin(np.abs(real - right))])
+
+
+@pytest.mark.parametrize(("q", "c", "s"), [(200.0, 3e4, 150.0), (-100.0, 1e5, 0.0), (50.0, -2e4, -80.0)])
+def test_the_law_of_a_path_is_found_again(q: float, c: float, s: float) -> None:
+    found = LargeStroke(path(q, c, s, np.linspace(0, 1, 5)), ACTUATOR, FREE)
+    assert found.drive == pytest.approx(np.linspace(0, 1, 5))
+    assert found.output_stiffness[0] == pytest.approx(1e5)
+    assert found.effects() == {
+        "quadratic_stiffness": {"quadratic": pytest.approx(q, rel=1e-6)},
+        "stress_stiffening": {"cubic": pytest.approx(c, rel=1e-6)},
+        "stroke_dependent_amplification": {"slope": pytest.approx(s, rel=1e-6, abs=1e-6)},
+    }
+
+
+def test_changes_are_those_at_full_drive() -> None:
+    found = LargeStroke(path(200.0, 3e4, 150.0, np.linspace(0, 1.2, 7)), ACTUATOR, FREE)
+    named = {quantity.name: quantity.value for quantity in found.quantities()}
+    assert named["stroke"] == pytest.approx(found.path.output[5])
+    assert named["K_out_change"] == pytest.approx(found.output_stiffness[5] / 1e5 - 1)
+    assert named["K_in_change"] == named["lambda_change"] == 0.0
