@@ -114,6 +114,7 @@ def candidate_of(
         phase=phase,
         signed=strength.plausible[0] < 0,
         is_limit=strength.null == math.inf,
+        like=effect.confused_with,
     )
 
 

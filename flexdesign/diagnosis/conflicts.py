@@ -73,7 +73,9 @@ def conflicts(setting: Setting, stand: Stand) -> tuple[Conflict, ...]:
         x = float(stand.solution.x[j])
         ends = [value(where.parameters[j], end) / middle for end in (x - spread, x + spread)]
         if name == "natural_frequency" and far < 0:
-            found.append(_softer(setting, words, ratio, sorted(ends)))
+            found.append(_softer(setting, words, ratio, sorted(ends), is_stiffness=_follows(setting, values, ratio)))
+        elif name == "gain" and _follows(setting, values, values["natural_frequency"] / setting.axis.natural_frequency):
+            continue  # the softer support moved the gain as well
         elif name == "gain":
             found.append(_louder(setting, words, ratio, sorted(ends)))
         else:
@@ -82,13 +84,31 @@ def conflicts(setting: Setting, stand: Stand) -> tuple[Conflict, ...]:
     return (*found, *(conflict for conflict in more if conflict is not None))
 
 
-def _softer(setting: Setting, words: str, ratio: float, ends: list[float]) -> Conflict:
+def _follows(setting: Setting, values: Mapping[str, float], ratio: float) -> bool:
+    """Tell whether the gain rose as it does with a stiffness that lowers the natural frequency to this ratio.
+
+    Only a gain beyond what was known of it speaks for that: k falls with the frequency's square, and x = F / k grows.
+    """
+    known = setting.known
+    if not {"gain", "natural_frequency"} <= known.keys():
+        return False
+    if ratio > 1 - CONFLICT * known["natural_frequency"][1] / known["natural_frequency"][0]:
+        return False
+    middle, sigma = known["gain"]
+    rose = values["gain"] / middle
+    return (values["gain"] - middle) * math.copysign(1.0, middle) > CONFLICT * sigma and (
+        abs(rose * ratio**2 - 1) < CONFLICT * sigma / abs(middle)
+    )
+
+
+def _softer(setting: Setting, words: str, ratio: float, ends: list[float], *, is_stiffness: bool) -> Conflict:
     """Return what a lower natural frequency stands for: more mass, or less stiffness."""
-    if setting.is_loaded:  # a known mass would have shown that the table's own is another
+    # A known mass would have shown that the table's own is another.
+    if setting.is_loaded or is_stiffness:
         name, numbers = "stiffness_loss", [1 - r**2 for r in (ratio, *reversed(ends))]
     else:
         name, numbers = LOADED, [r**-2 - 1 for r in (ratio, *reversed(ends))]
-    group = (name,) if setting.is_loaded else (LOADED, "stiffness_loss")
+    group = (name,) if setting.is_loaded or is_stiffness else (LOADED, "stiffness_loss")
     axis = setting.axis
 
     def written(model: AxisDynamics) -> AxisDynamics:
@@ -136,6 +156,11 @@ def _late(setting: Setting, stand: Stand) -> Conflict | None:
     interval = (total - HALF_WIDTH * error, total + HALF_WIDTH * error)
     named = Named("transport_delay", (Value(parameter, total, interval),), 0.0)
     return Conflict(words, ("transport_delay",), named, lambda model: model.replace({DELAY: total}))
+
+
+def is_stepped(setting: Setting) -> bool:
+    """Tell whether readings come in steps that are coarser than the noise."""
+    return _stepped(setting) is not None
 
 
 def _stepped(setting: Setting) -> Conflict | None:

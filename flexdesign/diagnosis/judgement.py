@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from flexdesign.diagnosis.conflicts import HALF_WIDTH, Conflict, conflicts
+from flexdesign.diagnosis.conflicts import HALF_WIDTH, Conflict, conflicts, is_stepped
 from flexdesign.diagnosis.findings import Diagnosis, Named, Rung, Tried, Value, Verdict
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.evidence.coordinates import value
@@ -25,8 +25,13 @@ if TYPE_CHECKING:
 ADEQUATE = 0.09
 #: ... and by no more than so many standard errors, of chance and of the noise level together.
 ERRORS = 3.5
+#: A sample so many standard deviations of its run from zero is a jump, and so many jumps are no chance: of Gaussian noise
+#: one sample in five hundred million lies as far.
+JUMP, JUMPS = 6.0, 3
 #: Effects explain enough where what is left is no more than this share of what was unexplained (in squares).
 EXPLAINED = 0.01
+#: Standard deviation of Gaussian noise over the median of its size.
+GAUSSIAN = 1.4826
 #: Not more effects than these make a group that the runs cannot tell apart.
 LARGEST_GROUP = 3
 
@@ -44,16 +49,19 @@ class Remainder:
         What counts as none.
     raw
         What is left above the noise on the runs that judge, rms [response].
+    jumps
+        Sudden changes in what is left, whitened, of the runs that were fitted.
     """
 
     excess: float
     allowed: float
     raw: float
+    jumps: int = 0
 
     @property
     def is_noise(self) -> bool:
         """Tell whether nothing but noise is left."""
-        return self.excess <= self.allowed
+        return self.excess <= self.allowed and self.jumps < JUMPS
 
 
 def remainder(setting: Setting, stand: Stand) -> Remainder:
@@ -67,7 +75,18 @@ def remainder(setting: Setting, stand: Stand) -> Remainder:
     margins = [(ratio - 1, ADEQUATE + ERRORS * math.hypot(math.sqrt(2 / count), level)) for ratio, count in ratios]
     excess, allowed = max(margins, key=lambda pair: pair[0] - pair[1])
     left = stand.rms(setting.judging) ** 2 - setting.floor**2
-    return Remainder(excess, allowed, math.sqrt(max(left, 0.0)))
+    return Remainder(excess, allowed, math.sqrt(max(left, 0.0)), _jumps(setting, stand))
+
+
+def _jumps(setting: Setting, stand: Stand) -> int:
+    """Count the jumps in what is left; a reading in coarse steps has them by itself."""
+    if is_stepped(setting):
+        return 0
+    count = 0
+    for record, part in zip(stand.solution.problem.suite.records, stand.solution.residuals, strict=True):
+        left = np.abs(part[: len(record.measured)][record.present])
+        count += int((left > JUMP * GAUSSIAN * np.median(left)).sum())
+    return count
 
 
 def conclude(model: StageModel, setting: Setting, course: Course, before: Rival, left: Rival) -> Diagnosis:
@@ -135,6 +154,8 @@ def _verdict(setting: Setting, course: Course, before: Rival, left: Rival) -> tu
 
 def _in_words(final: Remainder, left: Rival) -> str:
     share = f"{math.sqrt(1 + max(final.excess, 0.0)):.3g} times the noise stays"
+    if final.jumps >= JUMPS:
+        share += f", with {final.jumps} sudden jumps"
     if not left.terms:
         return f"{share}; no smooth function of position, velocity, voltage or time explains it"
     best = sorted(left.shares, key=lambda name: -left.shares[name])[:3]
@@ -175,11 +196,13 @@ def _groups(course: Course) -> tuple[tuple[str, ...], ...]:
     """Return the groups that the runs cannot tell apart, the chosen effect first."""
     groups = []
     for step in course.steps:
-        if step.chosen is None or len(step.chosen.names) != 1 or step.chosen.names[0] not in course.final.names:
-            continue
-        others = [trial.names[0] for trial in step.alike if len(trial.names) == 1]
-        if others:
-            groups.append((step.chosen.names[0], *others[: LARGEST_GROUP - 1]))
+        chosen = step.chosen.names if step.chosen else ()
+        for name in chosen:
+            beside = {*chosen} - {name}
+            alike = [trial.names for trial in step.alike if len(trial.names) == len(chosen)]
+            others = [other for names in alike if beside <= {*names} for other in names if other not in beside]
+            if others and name in course.final.names:
+                groups.append((name, *others[: LARGEST_GROUP - 1]))
     return tuple(groups)
 
 

@@ -61,6 +61,8 @@ class Candidate:
         Whether the strength may be of either sign.
     is_limit
         Whether the strength is a limit, which a larger effect lowers.
+    like
+        Names of effects that it may be taken for.
     """
 
     name: str
@@ -71,6 +73,7 @@ class Candidate:
     phase: str = ""
     signed: bool = False
     is_limit: bool = False
+    like: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

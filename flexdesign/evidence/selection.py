@@ -8,7 +8,7 @@ the prediction. Of these runs, too, where each began is fitted, and nothing else
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,26 +108,55 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     case.progress("screening the catalogue" if not stand.effects else f"screening beside {', '.join(stand.names)}")
     screening = Screening(stand.solution, left, case.coarse)
     needed, strained = SURE * screening.chance(), _is_strained(case, stand)
-    attempts = list[tuple[tuple[str, ...], Stand]]()
-    for beginning in _shortlist(screening, max(needed * stand.scale, case.least), is_strained=strained):
-        names = tuple(direction.candidate.name for direction in beginning)
-        case.progress(f"trying {' and '.join((*stand.names, *names))}")
-        if (made := _extended(case, stand, beginning, is_strained=strained)) is not None:
-            attempts.append((names, made))
-    trials = [_trial(case, stand, made, names, needed) for names, made in _refined(case, stand, attempts)]
+
+    def tried(beginnings: Sequence[tuple[Direction, ...]]) -> list[Trial]:
+        attempts = list[tuple[tuple[str, ...], Stand]]()
+        for beginning in beginnings:
+            names = _names(beginning)
+            case.progress(f"trying {' and '.join((*stand.names, *names))}")
+            if (made := _extended(case, stand, beginning, is_strained=strained)) is not None:
+                attempts.append((names, made))
+        return [_trial(case, stand, made, names, needed) for names, made in _refined(case, stand, attempts)]
+
+    trials = tried(_shortlist(screening, max(needed * stand.scale, case.least), is_strained=strained))
+    if (best := _best(trials)) is not None:
+        trials += tried(_look_alikes(screening, best, {trial.names for trial in trials}))
     trials.sort(key=lambda trial: trial.stand.total)
-    accepted = [trial for trial in trials if not trial.reason]
-    if not accepted:
+    best = _best(trials)
+    if best is None:
         return Step(None, tuple(trials))
-    best = accepted[0]
-    # A pair must beat its better half by as much as an effect of its own must.
-    singles = [trial for trial in accepted if len(trial.names) == 1]
-    if len(best.names) == 2 and singles and singles[0].stand.total - best.stand.total < best.needed:
-        best = singles[0]
+    accepted = [trial for trial in trials if not trial.reason]
     reach = max(NEAR * best.gain, ALIKE)
     near = [t for t in accepted if t is not best and len(t.names) == len(best.names) and _behind(t, best) < reach]
     best, *rivals = (_polished(case, stand, trial) for trial in (best, *near[:RIVALS]))
     return Step(best, tuple(trials), tuple(trial for trial in rivals if is_alike(best.stand, trial.stand)))
+
+
+def _names(beginning: Sequence[Direction]) -> tuple[str, ...]:
+    return tuple(direction.candidate.name for direction in beginning)
+
+
+def _best(trials: Sequence[Trial]) -> Trial | None:
+    """Return the trial that pays best; a pair must beat its better half by as much as an effect of its own must."""
+    accepted = sorted((trial for trial in trials if not trial.reason), key=lambda trial: trial.stand.total)
+    singles = [trial for trial in accepted if len(trial.names) == 1]
+    if not accepted:
+        return None
+    is_half = len(accepted[0].names) == 2 and bool(singles) and _behind(singles[0], accepted[0]) < accepted[0].needed
+    return singles[0] if is_half else accepted[0]
+
+
+def _look_alikes(screening: Screening, best: Trial, done: Collection[tuple[str, ...]]) -> list[tuple[Direction, ...]]:
+    """Return beginnings with an effect in the place of one that it is known to be taken for, whatever it promises."""
+    first = {directions[0].candidate.name: directions[0] for directions in screening.best()}
+    found: list[tuple[Direction, ...]] = []
+    tried = {frozenset(names) for names in done}
+    for name in best.names if all(each in first for each in best.names) else ():
+        for other in first[name].candidate.like:
+            beginning = tuple(first[other if each == name else each] for each in best.names if other in first)
+            if beginning and frozenset(_names(beginning)) not in tried:
+                found.append(beginning)
+    return found
 
 
 def _behind(trial: Trial, best: Trial) -> float:

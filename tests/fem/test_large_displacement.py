@@ -13,24 +13,20 @@ from scipy.optimize import brentq
 from flexdesign.fem import ports, statics
 from flexdesign.fem.elasticity import Elasticity
 from flexdesign.fem.large_displacement import LargeDisplacement
-from flexdesign.fem.load_path import Equilibrium, load_path, stroke_path
-from flexdesign.part import Port
+from flexdesign.fem.load_path import load_path, stroke_path
+from studies.verification import large
+from studies.verification.finding import failures
+from studies.verification.solids import CORK, METAL, beam, held_at_ground
 from tests.fem import solids
-from tests.fem.solids import CORK, METAL, Solid
 
 Array = np.ndarray[Any, Any]
 
 
-def held_at_ground(solid: Solid, body: Elasticity) -> LargeDisplacement:
-    whole = ports.classes(solid.domain)[0]
-    return LargeDisplacement(body, statics.free_dofs(body, solid.domain, whole, [solid.domain.ports["ground"]]))
-
-
 @pytest.fixture(scope="module")
 def block() -> tuple[Elasticity, LargeDisplacement]:
-    solid = solids.beam(10e-3, 2e-3, 1e-3, (4, 2, 2), METAL, wobble=1e-4)
-    body = solid.body
-    return body, held_at_ground(solid, body)
+    solid = beam(10e-3, 2e-3, 1e-3, (4, 2, 2), METAL, wobble=1e-4)
+    model = held_at_ground(solid)
+    return model.body, model
 
 
 # --- the elements ---------------------------------------------------------------------------------------------------
@@ -83,85 +79,45 @@ def test_uniform_stretch_follows_the_law_of_the_material(block: tuple[Elasticity
 # --- structures -----------------------------------------------------------------------------------------------------
 
 
-def elastica(alpha: float) -> tuple[float, float]:
-    """Return tip displacements over length, along and across, of an inextensible cantilever; alpha = P L^2 / E I."""
+def test_the_elastica_by_elliptic_integrals_solves_its_equation() -> None:
+    """theta'' = -alpha cos(theta) in the arc length, theta = 0 at the clamp and theta' = 0 at the tip."""
     s = np.linspace(0, 1, 200)
-    found = solve_bvp(
-        lambda s, y: np.vstack([y[1], -alpha * np.cos(y[0])]),
-        lambda a, b: np.array([a[0], b[1]]),
-        s,
-        np.vstack([s, 1 - s]),
-        tol=1e-10,
-        max_nodes=20000,
-    )
-    assert found.success
-    angle = found.sol(s)[0]
-    return float(np.trapezoid(np.cos(angle), s)) - 1, float(np.trapezoid(np.sin(angle), s))
+    for alpha in (0.5, 2.0):
+        found = solve_bvp(
+            lambda s, y, alpha=alpha: np.vstack([y[1], -alpha * np.cos(y[0])]),
+            lambda a, b: np.array([a[0], b[1]]),
+            s,
+            np.vstack([s, 1 - s]),
+            tol=1e-10,
+            max_nodes=20000,
+        )
+        angle = found.sol(s)[0]
+        along, across = np.trapezoid(np.cos(angle), s) - 1, np.trapezoid(np.sin(angle), s)
+        assert large.elastica(alpha) == pytest.approx((along, across), abs=1e-5)  # of the trapezia
 
 
 def test_a_cantilever_bends_like_the_elastica() -> None:
     """At the tip 0.16 and 0.49 of the length; a beam of 1:100 stretches and shears by some 1e-4 of it."""
-    length, height, width = 100e-3, 1e-3, 1e-3
-    solid = solids.beam(length, height, width, (60, 1, 1), CORK)
-    body = solid.body
-    load = ports.port_space(body, solid.domain, solid.ports).loads["output"][:, 1]
-    force = 2.0 * CORK.youngs_modulus * width * height**3 / 12 / length**2
-    *_, end = load_path(held_at_ground(solid, body), load[:, None], [force * k / 4 for k in (1, 2, 3, 4)])
-    tip = end.displacement.reshape(-1, 3)[np.isclose(body.positions[:, 0], length)].mean(axis=0)
-    along, across = elastica(2.0)
-    assert tip[1] / length == pytest.approx(across, rel=2e-3)
-    assert tip[0] / length == pytest.approx(along, rel=4e-3)
-
-
-def parallelogram(length: float, thickness: float) -> tuple[Solid, Elasticity]:
-    """A table on two parallel leaf springs along x, 24 mm apart."""
-    x = np.concatenate([np.linspace(0, length, 25), [length + 10e-3]])
-    y = np.array([-12e-3 - thickness, -12e-3, -4e-3, 4e-3, 12e-3, 12e-3 + thickness])
-    leaves = solids.lattice(x, y, np.array([0.0, 2e-3]), lambda c: (np.abs(c[:, 1]) > 12e-3) | (c[:, 0] > length))
-    ends = (
-        Port("output", "output", (length + 10e-3, 0.0, 1e-3), (1.0, 0.0, 0.0)),
-        Port("ground", "ground", (0.0, 0.0, 1e-3), (-1.0, 0.0, 0.0)),
-    )
-    solid = Solid.of(leaves, {"output": solids.at("x", length + 10e-3), "ground": solids.at("x", 0.0)}, ends, (), CORK)
-    return solid, solid.body
+    assert failures(large.bent_cantilever()) == []
 
 
 def test_a_parallelogram_shortens_by_three_fifths_of_the_square() -> None:
     """u_x = -(3/5) u_y^2 / L (Jones 1988, Instruments and Experiences); of that the linear solution knows nothing."""
-    length, thickness = 40e-3, 0.4e-3
-    solid, body = parallelogram(length, thickness)
-    load = ports.port_space(body, solid.domain, solid.ports).loads["output"][:, [1]]
-    model = held_at_ground(solid, body)
-    stiffness = 24 * CORK.youngs_modulus * 2e-3 * thickness**3 / 12 / length**3
-    levels = [stiffness * shift for shift in (1e-3, 2e-3)]
-    table = np.isclose(body.positions[:, 0], length + 10e-3)
-
-    def coefficient(point: Equilibrium) -> float:
-        shift = point.displacement.reshape(-1, 3)[table].mean(axis=0)
-        return float(-shift[0] * length / shift[1] ** 2)
-
-    first, second = load_path(model, load, levels)
-    assert coefficient(first) == pytest.approx(0.6, rel=0.01)
-    assert coefficient(second) == pytest.approx(0.6, rel=0.01)
-    system = statics.class_system(
-        body, solid.domain, ports.classes(solid.domain)[0], body.stiffness(), [solid.domain.ports["ground"]]
-    )
-    linear = system.solve(load).reshape(-1, 3)[table].mean(axis=0)
-    assert abs(linear[0]) < 1e-4 * 0.6 * linear[1] ** 2 / length  # the lattice is not quite its own mirror image
+    assert failures(large.parasitic_motion()) == []
 
 
 def test_a_block_bears_no_more_than_its_material() -> None:
     """Pressed along x a bar without lateral contraction bears E A s (1 - s^2) / 2, 0.192 E A at most."""
-    solid = solids.beam(0.5e-3, 2e-3, 2e-3, (1, 2, 2), CORK)
+    solid = beam(0.5e-3, 2e-3, 2e-3, (1, 2, 2), CORK)
     body = solid.body
     load = -ports.port_space(body, solid.domain, solid.ports).loads["output"][:, [0]]
     strength = CORK.youngs_modulus * 4e-6
-    (found,) = load_path(held_at_ground(solid, body), load, [0.15 * strength])
+    (found,) = load_path(held_at_ground(solid), load, [0.15 * strength])
     tip = found.displacement.reshape(-1, 3)[np.isclose(body.positions[:, 0], 0.5e-3), 0]
     stretch = brentq(lambda s: 0.5 * s * (1 - s**2) - 0.15, 0.6, 1.0)
     assert tip == pytest.approx((stretch - 1) * 0.5e-3, rel=1e-6)
     with pytest.raises(ArithmeticError, match=r"no equilibrium beyond .* times the load: it buckles there"):
-        list(load_path(held_at_ground(solid, body), load, [0.2 * strength]))
+        list(load_path(held_at_ground(solid), load, [0.2 * strength]))
 
 
 # --- parts ----------------------------------------------------------------------------------------------------------
