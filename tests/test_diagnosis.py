@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -23,6 +24,7 @@ from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.course import Course, Setting, case_of
 from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.judgement import ADEQUATE, ERRORS, EXPLAINED, conclude, remainder
+from flexdesign.diagnosis.rounding import rounded
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_run import of_axis
 from flexdesign.errors import InputError
@@ -292,6 +294,52 @@ def test_runs_that_all_begin_late_share_a_delay() -> None:
     assert found.model.controller.delay == pytest.approx(2e-3)
     one_late = stand(about, moved={"one:trigger": 0.6e-3, "two:trigger": -0.2e-3})
     assert judged(about, one_late, one_late).verdict == "nothing-missing"
+
+
+def test_a_gain_that_rises_with_a_falling_frequency_is_lost_stiffness() -> None:
+    """k x = F and w^2 = k / m: of a fifth less stiffness both follow, and added mass would leave the gain alone."""
+    about = setting()
+    moved = {"natural_frequency": AXIS.natural_frequency * math.sqrt(0.65), "gain": AXIS.gain / 0.65}
+    softer = stand(about, moved=moved)
+    found = judged(about, softer, softer)
+    assert [effect.name for effect in found.effects] == ["stiffness_loss"] and not found.confusable
+    assert found.effects[0].values[0].value == pytest.approx(0.35)
+    low, _ = found.effects[0].values[0].interval
+    assert 0.35 - low == pytest.approx(1.96 * 2 * 0.02 * 0.65, rel=0.05)  # the old frequency is known to 2 %
+    heavier = stand(about, moved={"natural_frequency": moved["natural_frequency"]})
+    assert judged(about, heavier, heavier).confusable == (("payload_mass", "stiffness_loss"),)
+
+
+def with_parts(of: Stand, more: Mapping[int, float]) -> Stand:
+    """The stand with Gaussian noise of variance one left, and jumps added to it at some samples."""
+    rng = np.random.default_rng(0)
+    parts = [rng.standard_normal(len(part)) for part in of.solution.residuals]
+    for place, jump in more.items():
+        parts[0][place] += jump
+    return replace(of, solution=replace(of.solution, residuals=tuple(parts)))
+
+
+def test_jumps_are_no_noise_however_few() -> None:
+    about = setting()
+    calm, jumping = (with_parts(stand(about), more) for more in ({}, {100: 12.0, 700: -9.0, 1500: 10.0}))
+    assert judged(about, calm, calm).verdict == "nothing-missing"
+    found = judged(about, jumping, jumping)
+    assert found.verdict == "unknown" and "with 3 sudden jumps" in found.remainder
+
+
+def test_rounding_of_slow_motion_is_coloured_noise() -> None:
+    """Sawteeth of some ten samples: whitened by what a prediction tells, they are independent numbers again."""
+    step, n = 1e-7, 4000
+    rng = np.random.default_rng(2)
+    motion = 2e-6 * np.sin(2 * np.pi * np.arange(n) / 2500.0) + 1e-8 * rng.standard_normal(n)
+    seen = run_of("slow", np.zeros(n), step * np.round(motion / step), "identify")
+    left: Any = SimpleNamespace(remainders={"slow": seen.measured() - motion})
+    found = rounded({"slow": seen}, Coloured(Process(np.zeros(0), 1e-8)), left, step)
+    errors = left.remainders["slow"]
+    white = found.process("slow").whiten(errors[:, None])[:, 0]
+    correlations = [float(e[1:] @ e[:-1] / (e @ e)) for e in (errors, white)]
+    assert correlations[0] > 0.3 and abs(correlations[1]) < 0.1
+    assert np.mean(white**2) == pytest.approx(1.0, abs=0.15)
 
 
 # --- candidates and features ----------------------------------------------------------------------------------------

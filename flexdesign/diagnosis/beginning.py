@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from flexdesign.dynamics.axis_model import CAME_FROM, TRIGGER, AxisDynamics
 from flexdesign.effects import creep
+from flexdesign.evidence.noise import Whitening
 from flexdesign.evidence.stand import Case
-from flexdesign.evidence.suite import Problem
+from flexdesign.evidence.suite import Problem, Suite
 from flexdesign.model import Observation, Parameter
 from flexdesign.runs import Run
 from flexdesign.stage_model import AxisModel
@@ -71,10 +72,14 @@ def begins_otherwise(before: AxisDynamics, after: AxisDynamics) -> bool:
     return "creep" in after.axis.effects and "creep" not in before.axis.effects
 
 
-def begun_like(case: Case, model: AxisDynamics) -> Case:
-    """Return the case with records that begin as the numbers of a model allow."""
+def begun_like(case: Case, model: AxisDynamics, noise: Whitening | None = None) -> Case:
+    """Return the case with records that begin as the numbers of a model allow, and perhaps with other noise."""
     ways = Beginning(model.axis, model.stroke)
-    return replace(case, identify=case.identify.with_shapes(ways), validate=case.validate.with_shapes(ways))
+    suites = [
+        Suite([record.observation for record in suite.records], noise or suite.noise, ways)
+        for suite in (case.identify, case.validate)
+    ]
+    return replace(case, identify=suites[0], validate=suites[1])
 
 
 def in_time(case: Case, dynamics: AxisDynamics) -> AxisDynamics:

@@ -71,7 +71,10 @@ def conflicts(setting: Setting, stand: Stand) -> tuple[Conflict, ...]:
         words = f"{name} {100 * (ratio - 1):+.1f} %, {abs(far):.1f} standard deviations of what was known"
         spread = HALF_WIDTH * math.sqrt(max(float(covariance[j, j]), 0.0))
         x = float(stand.solution.x[j])
-        ends = [value(where.parameters[j], end) / middle for end in (x - spread, x + spread)]
+        # What it was before is known no better than that, whatever the runs say of what it is now.
+        fitted = [abs(value(where.parameters[j], end) / middle - ratio) for end in (x - spread, x + spread)]
+        wide = math.hypot(max(fitted), HALF_WIDTH * sigma / abs(middle) * ratio)
+        ends = [ratio - wide, ratio + wide]
         if name == "natural_frequency" and far < 0:
             found.append(_softer(setting, words, ratio, sorted(ends), is_stiffness=_follows(setting, values, ratio)))
         elif name == "gain" and _follows(setting, values, values["natural_frequency"] / setting.axis.natural_frequency):
@@ -158,13 +161,8 @@ def _late(setting: Setting, stand: Stand) -> Conflict | None:
     return Conflict(words, ("transport_delay",), named, lambda model: model.replace({DELAY: total}))
 
 
-def is_stepped(setting: Setting) -> bool:
-    """Tell whether readings come in steps that are coarser than the noise."""
-    return _stepped(setting) is not None
-
-
-def _stepped(setting: Setting) -> Conflict | None:
-    """Return what it means that readings come in whole steps, larger than noise and the stated resolution."""
+def coarse_step(setting: Setting) -> float | None:
+    """Return the step of readings that come in whole steps, larger than noise and the stated resolution; else None."""
     seen = np.concatenate([run.measured() for run in setting.runs])
     levels = np.unique(seen[np.isfinite(seen)])
     gaps = np.diff(levels)
@@ -172,16 +170,28 @@ def _stepped(setting: Setting) -> Conflict | None:
     rounding = setting.noise.rms[setting.runs[0].name]
     if step <= max(COARSE * rounding, 2 * setting.axis.sensor.resolution) or len(levels) > MOST_LEVELS * len(seen):
         return None
-    if np.abs(gaps / step - np.round(gaps / step)).max() > ON_THE_GRID:
+    return None if np.abs(gaps / step - np.round(gaps / step)).max() > ON_THE_GRID else step
+
+
+def _stepped(setting: Setting) -> Conflict | None:
+    """Return what it means that readings come in coarse steps."""
+    step = coarse_step(setting)
+    if step is None:
         return None
     p = effects.find("quantisation").parameters[0]
-    error = ON_THE_GRID * step / max(len(levels), 1)
+    error = ON_THE_GRID * step / max(_levels(setting), 1)
     named = Named("quantisation", (Value(p, step, (step - error, step + error)),), 0.0)
 
     def written(model: AxisDynamics) -> AxisDynamics:
         return replace(model, axis=replace(model.axis, sensor=replace(model.axis.sensor, resolution=step)))
 
     return Conflict("readings come in whole steps", ("quantisation",), named, written)
+
+
+def _levels(setting: Setting) -> int:
+    """Return the number of levels that readings take."""
+    seen = np.concatenate([run.measured() for run in setting.runs])
+    return len(np.unique(seen[np.isfinite(seen)]))
 
 
 def _with(model: AxisDynamics, name: str, values: Mapping[str, float]) -> AxisDynamics:

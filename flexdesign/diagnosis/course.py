@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from flexdesign.diagnosis import conflicts, rounding
 from flexdesign.diagnosis.beginning import Beginning, begins_otherwise, begun_like, in_time, known_of_start
 from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.features import Features
@@ -29,6 +30,7 @@ from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_run import is_at_stack, of_axis
 from flexdesign.errors import InputError
 from flexdesign.evidence.coloured import Coloured
+from flexdesign.evidence.noise import Whitening
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import MOST, Step, backward, forward
@@ -43,8 +45,9 @@ from flexdesign.stage_model import AxisModel, StageModel
 Array = NDArray[np.float64]
 #: Error that a prediction may have, in shares of the noise; and in shares of the stroke, at least and at most.
 EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
-#: Most steps in a sample: for fits, and for screening.
-STEPS, STEPS_SCREENING = 16, 2
+#: Most steps in a sample for fits, and steps for screening; no step of either is longer than this [s], which the
+#: fastest relaxations of the catalogue bear.
+STEPS, STEPS_SCREENING, LONGEST_STEP = 16, 4, 4e-4
 #: An effect must move a held-out prediction by this share of the noise, or of the stroke if that is less.
 OF_NOISE, OF_STROKE = 0.3, 5e-4
 #: A run is no later than so many standard deviations, in the model as it was designed and where one record is all there
@@ -127,6 +130,12 @@ class Setting:
         """Whether no more than one run that moves teaches: then its own delay is not told from one that all have."""
         return sum(bool(np.ptp(run.command())) for run in self.of("identify")) < 2
 
+    def rounded(self, stand: Stand) -> Whitening | None:
+        """Return the noise with the rounding of what is predicted, where readings come in coarse steps."""
+        step = conflicts.coarse_step(self)
+        runs = {run.name: run for run in self.runs}
+        return rounding.rounded(runs, self.noise.whitening, stand, step) if step is not None else None
+
     def of(self, role: str) -> list[Run]:
         """Return the runs of a role."""
         return [run for run in self.runs if run.role == role]
@@ -192,7 +201,8 @@ def diagnose(
         dynamics, case = case_of(model, setting, each, progress)
         lines = [line.frequency for line in setting.noise.lines]
         every = candidates(dynamics, more, lines, loaded=setting.is_loaded, at_stack=setting.is_at_stack)
-        case, course = search(case, dynamics, every, seed, noise_is_known=setting.noise.known)
+        known, noise_of = setting.noise.known, setting.rounded
+        case, course = search(case, dynamics, every, seed, noise_is_known=known, noise_of=noise_of)
         progress("looking at what is left")
         left = _rival(case, course.final)
         before = _rival(case, course.calibrated) if course.final.effects else left
@@ -212,6 +222,9 @@ def settle(model: StageModel, runs: Sequence[Run], axis: str | None, tolerance: 
     noise = noise_floor(runs, name, settle=RUNG_DOWN * math.log(10) / rate, sensor_noise=its.sensor.noise)
     noise = _of_blocks(noise, seen)
     first = Setting(name, its, seen, noise, 0.0, _known(its))
+    if (step := conflicts.coarse_step(first)) is not None:  # a quiet record may show nothing of it
+        at_least = {run: max(rms, step / math.sqrt(12)) for run, rms in noise.rms.items()}
+        first = replace(first, noise=replace(noise, rms=at_least))
     volts = max(float(np.abs(run.command()).max()) for run in seen) or 1.0
     least = min(OF_NOISE * first.floor, OF_STROKE * abs(its.gain * its.driver.gain) * volts)
     return replace(first, tolerance=least if tolerance is None else tolerance)
@@ -266,6 +279,8 @@ def case_of(
     """Return the model of the axis, with numbers of its own for each run, and what it is confronted with."""
     volts = max(float(np.abs(run.command()).max()) for run in setting.runs) or 1.0
     stroke = abs(setting.axis.gain * setting.axis.driver.gain) * volts
+    least = math.ceil(max(run.period for run in setting.runs) / LONGEST_STEP)
+    screening, fine = max(STEPS_SCREENING, least), max(STEPS, 2 * least)
     exact = float(np.clip(EXACT * setting.floor / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
     dynamics = AxisDynamics(
         setting.name,
@@ -273,7 +288,7 @@ def case_of(
         volts,
         tolerance=exact,
         delay=model.controller.delay,
-        finest=STEPS,
+        finest=fine,
         apart=tuple(run.name for run in setting.runs),
         highest=0.5 / max(run.period for run in setting.runs),
         bipolar=any(bool(np.min(run.command()) < -0.05 * volts) for run in setting.runs),
@@ -291,8 +306,8 @@ def case_of(
         free=free,
         known=known,
         tolerance=setting.tolerance,
-        coarse=lambda of: cast(AxisDynamics, of).with_steps(STEPS_SCREENING, fixed=True),
-        fine=lambda of: cast(AxisDynamics, of).with_steps(STEPS),
+        coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=True),
+        fine=lambda of: cast(AxisDynamics, of).with_steps(fine),
         each=each,
         progress=progress,
         designed={name: setting.axis.numbers[name] for name in LINEAR},
@@ -301,15 +316,24 @@ def case_of(
 
 
 def search(
-    case: Case, dynamics: AxisDynamics, every: Sequence[Candidate], seed: int, *, noise_is_known: bool = True
+    case: Case,
+    dynamics: AxisDynamics,
+    every: Sequence[Candidate],
+    seed: int,
+    *,
+    noise_is_known: bool = True,
+    noise_of: Callable[[Stand], Whitening | None] = lambda _: None,
 ) -> tuple[Case, Course]:
-    """Calibrate, and add effects while they earn their place; return the case as calibrated, and how it went."""
+    """Calibrate, and add effects while they earn their place; return the case as calibrated, and how it went.
+
+    What the noise is may depend on what is predicted, where readings come in coarse steps: `noise_of` tells.
+    """
     case.progress("predicting with the model as it is")
     designed = fitted(replace(case, free=(), believed=BELIEVED), dynamics, (), {})
     case.progress("calibrating")
     stand, agreed = calibrated(case, in_time(case, dynamics), seed=seed)
     if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
-        case = begun_like(case, cast(AxisDynamics, stand.model))
+        case = begun_like(case, cast(AxisDynamics, stand.model), noise_of(stand))
         stand = fitted(case, stand.model, (), {})
     if designed is None or stand is None:
         raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from flexdesign.diagnosis.conflicts import HALF_WIDTH, Conflict, conflicts, is_stepped
+from flexdesign.diagnosis.conflicts import HALF_WIDTH, Conflict, coarse_step, conflicts
 from flexdesign.diagnosis.findings import Diagnosis, Named, Rung, Tried, Value, Verdict
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.evidence.coordinates import value
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 ADEQUATE = 0.09
 #: ... and by no more than so many standard errors, of chance and of the noise level together.
 ERRORS = 3.5
-#: A sample so many standard deviations of its run from zero is a jump, and so many jumps are no chance: of Gaussian noise
-#: one sample in five hundred million lies as far.
+#: A sample so many standard deviations of its run from zero is a jump, and so many jumps are no chance: in Gaussian
+#: noise one sample in five hundred million lies as far.
 JUMP, JUMPS = 6.0, 3
 #: Effects explain enough where what is left is no more than this share of what was unexplained (in squares).
 EXPLAINED = 0.01
@@ -80,7 +80,7 @@ def remainder(setting: Setting, stand: Stand) -> Remainder:
 
 def _jumps(setting: Setting, stand: Stand) -> int:
     """Count the jumps in what is left; a reading in coarse steps has them by itself."""
-    if is_stepped(setting):
+    if coarse_step(setting) is not None:
         return 0
     count = 0
     for record, part in zip(stand.solution.problem.suite.records, stand.solution.residuals, strict=True):

@@ -1,0 +1,61 @@
+"""Readings in coarse steps: rounding is no white noise in slow motion, and a fit would see effects in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
+
+from flexdesign.evidence.coloured import Coloured, Process
+from flexdesign.evidence.stand import Stand
+from flexdesign.runs import Run
+
+Array = NDArray[np.float64]
+#: Samples of its past that rounding is predicted from; and how often it is drawn, with another noise beneath each time.
+ORDER, DRAWS = 12, 4
+#: Noise of a sensor whose steps hide it is no more than this share of a step.
+HIDDEN = 0.3
+
+
+def rounded(runs: Mapping[str, Run], noise: Coloured, stand: Stand, step: float, seed: int = 0) -> Coloured:
+    """Return noise with the rounding that the predicted motion goes through, run by run.
+
+    Parameters
+    ----------
+    runs
+        By name.
+    noise
+        As it was found in the readings; of a sensor with coarse steps most of it is rounding.
+    stand
+        What is predicted of each run: measured less remainder.
+    step
+        Of the readings [response].
+    seed
+        Of the noise beneath the steps.
+    """
+    rng, found = np.random.default_rng(seed), dict[str, Process]()
+    for name, run in runs.items():
+        predicted = run.measured() - stand.remainders[name]
+        there = predicted[np.isfinite(predicted)]
+        beneath = min(noise.rms(name), HIDDEN * step)
+        drawn = []
+        for _ in range(DRAWS):
+            # Where the grid lies beneath an unknown offset is drawn, too.
+            moved = there + rng.uniform(0, step) + beneath * rng.standard_normal(len(there))
+            drawn.append(step * np.round(moved / step) - moved + beneath * rng.standard_normal(len(there)))
+        found[name] = _process(drawn)
+    return Coloured(found)
+
+
+def _process(drawn: list[Array]) -> Process:
+    """Return the autoregressive process with the correlations of some records (Yule and Walker)."""
+    count = sum(len(record) for record in drawn)
+    mean = sum(float(record.sum()) for record in drawn) / count
+    centred = [record - mean for record in drawn]
+    lags = [sum(float(e[k:] @ e[: len(e) - k]) for e in centred) / count for k in range(ORDER + 1)]
+    coefficients = np.concatenate([[1.0], -solve_toeplitz(lags[:-1], lags[1:])])
+    left = np.concatenate([lfilter(coefficients, [1.0], e)[ORDER:] for e in centred])
+    return Process.from_coefficients(coefficients, float(np.sqrt(np.mean(left**2))))
