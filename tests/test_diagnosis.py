@@ -331,8 +331,9 @@ def test_rounding_of_slow_motion_is_coloured_noise() -> None:
     """Sawteeth of some ten samples: whitened by what a prediction tells, they are independent numbers again."""
     step, n = 1e-7, 4000
     rng = np.random.default_rng(2)
-    motion = 2e-6 * np.sin(2 * np.pi * np.arange(n) / 2500.0) + 1e-8 * rng.standard_normal(n)
-    seen = run_of("slow", np.zeros(n), step * np.round(motion / step), "identify")
+    motion = 2e-6 * np.sin(2 * np.pi * np.arange(n) / 2500.0)
+    noisy = motion + 1e-8 * rng.standard_normal(n)
+    seen = run_of("slow", np.zeros(n), step * np.round(noisy / step), "identify")
     left: Any = SimpleNamespace(remainders={"slow": seen.measured() - motion})
     found = rounded({"slow": seen}, Coloured(Process(np.zeros(0), 1e-8)), left, step)
     errors = left.remainders["slow"]

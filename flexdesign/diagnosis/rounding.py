@@ -44,8 +44,8 @@ def rounded(runs: Mapping[str, Run], noise: Coloured, stand: Stand, step: float,
         drawn = []
         for _ in range(DRAWS):
             # Where the grid lies beneath an unknown offset is drawn, too.
-            moved = there + rng.uniform(0, step) + beneath * rng.standard_normal(len(there))
-            drawn.append(step * np.round(moved / step) - moved + beneath * rng.standard_normal(len(there)))
+            moved = there + rng.uniform(0, step)
+            drawn.append(step * np.round((moved + beneath * rng.standard_normal(len(there))) / step) - moved)
         found[name] = _process(drawn)
     return Coloured(found)
 
