@@ -9,7 +9,7 @@ HIDDEN := studies/hidden_effect_demo
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo example test benchmark trial slow lint format lock clean clean-venv
+.PHONY: help demo example test benchmark trial verification slow lint format lock clean clean-venv
 
 help: ## Show this list
 	@echo "make TARGET [PYTHON=python3.12]"
@@ -33,6 +33,9 @@ benchmark: $(VENV)/.ready ## Time the dynamics engine beside SciPy at equal accu
 
 trial: $(VENV)/.ready ## Diagnose 680 recordings with hidden effects; hours, goes on where it stopped
 	$(BIN)/python -m studies.hidden_effect_trial
+
+verification: $(VENV)/.ready ## Solve problems with known answers; half a minute
+	$(BIN)/python -m studies.verification
 
 slow: $(VENV)/.ready ## Run the long studies that `test` leaves out
 	$(BIN)/python -m pytest -m slow

@@ -214,7 +214,7 @@ def test_a_run_may_have_numbers_of_its_own() -> None:
 
 
 def test_a_run_may_come_from_beyond_the_limits_of_its_command() -> None:
-    """Nobody knows how a stage came to rest: hysteresis of either sign at zero volts, and the record cut off as ever."""
+    """Nobody knows how a stage came to rest: hysteresis of either sign at zero volts; the record is cut off as ever."""
     still = run(np.zeros(50))
     limited = replace(FULL, driver=Driver(limits=(0.0, 100.0)), sensor=Sensor())
     model = AxisDynamics("x", limited).set_apart(["run"])

@@ -2,128 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
-from skfem import MeshTet
 
 from flexdesign.fem import ports, statics
-from flexdesign.fem.domain import Domain
 from flexdesign.fem.elasticity import Elasticity
-from flexdesign.fem.mesh import TaggedMesh, boundary, mirrored
 from flexdesign.fem.ports import PortSpace
 from flexdesign.fem.statics import Checks
 from flexdesign.materials import Material
 from flexdesign.model import Linkage, Parameter, Quantity
 from flexdesign.part import Axis, Port, SymmetryPlane
-
-Array = np.ndarray[Any, Any]
-Where = Callable[[Array], Array]
-
-METAL = Material("metal", 70e9, 0.33, 2800.0, 500e6, "round numbers of aluminium")
-#: Without lateral contraction a clamp disturbs neither tension nor pure bending: beam theory is exact there.
-CORK = Material("cork", 70e9, 0.0, 2800.0, 500e6, "aluminium without lateral contraction")
-
-
-def lattice(
-    x: Array, y: Array, z: Array, inside: Where | None = None, wobble: float = 0.0, seed: int = 1
-) -> tuple[Array, Array]:
-    """Return points and positively oriented tetrahedra, six to a cell, of the cells whose centre is `inside`.
-
-    Points that lie within the box are moved at random by up to `wobble`, so that no two elements are alike.
-    """
-    mesh = MeshTet.init_tensor(x, y, z)
-    points, tets = mesh.p.T.copy(), mesh.t.T.astype(np.int64)
-    if inside is not None:
-        middle = [(axis[:-1] + axis[1:]) / 2 for axis in (x, y, z)]
-        corner = points[tets].mean(axis=1)
-        cell = [
-            m[np.searchsorted(axis, corner[:, i]) - 1]
-            for i, (axis, m) in enumerate(zip((x, y, z), middle, strict=True))
-        ]
-        tets = tets[inside(np.stack(cell, axis=1))]
-        used, tets = np.unique(tets, return_inverse=True)
-        points, tets = points[used], tets.reshape(-1, 4)
-    a, b, c, d = (points[tets[:, i]] for i in range(4))
-    negative = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
-    tets[negative] = tets[negative][:, [0, 1, 3, 2]]
-    if wobble:
-        free = np.setdiff1d(np.arange(len(points)), boundary(tets))
-        points[free] += wobble * np.random.default_rng(seed).uniform(-1, 1, (len(free), 3))
-    return points, tets
-
-
-def tagged(points: Array, tets: Array, patches: Mapping[str, Where]) -> tuple[TaggedMesh, dict[str, int]]:
-    """Tag the boundary facets by the first patch that holds their middle; the rest gets the last number."""
-    facets = boundary(tets)
-    middle = points[facets].mean(axis=1)
-    faces = np.full(len(facets), len(patches), dtype=np.int64)
-    for index, patch in reversed(list(enumerate(patches.values()))):
-        faces[patch(middle)] = index
-    return TaggedMesh(points, tets, facets, faces), {name: index for index, name in enumerate(patches)}
-
-
-def at(axis: str, value: float, *limits: tuple[str, float, float]) -> Where:
-    """Return the test for lying in a coordinate plane, within limits along other axes."""
-
-    def test(x: Array) -> Array:
-        held = np.abs(x[:, "xyz".index(axis)] - value) < 1e-9
-        for name, low, high in limits:
-            held &= (x[:, "xyz".index(name)] > low) & (x[:, "xyz".index(name)] < high)
-        return held
-
-    return test
-
-
-@dataclass(frozen=True)
-class Solid:
-    """A meshed body with its ports, ready to be solved; `planes` bound it where it is a part of a symmetric whole."""
-
-    mesh: TaggedMesh
-    domain: Domain
-    ports: tuple[Port, ...]
-    material: Material = METAL
-
-    @classmethod
-    def of(
-        cls,
-        cells: tuple[Array, Array],
-        patches: Mapping[str, Where],
-        ports: Sequence[Port],
-        planes: Sequence[SymmetryPlane] = (),
-        material: Material = METAL,
-    ) -> Solid:
-        """Tag a lattice: `patches` finds the ports by name; cut planes are found where coordinates vanish."""
-        cuts = {f"cut {plane.axis}": at(plane.axis, 0.0) for plane in planes}
-        mesh, index = tagged(*cells, {**cuts, **patches})
-        domain = Domain(
-            faces=(),
-            planes=tuple(planes),
-            ports={name: index[name] for name in patches},
-            plane_faces=tuple((index[name],) for name in cuts),
-            volume=mesh.volume,
-            fingerprint="",
-        )
-        return cls(mesh, domain, tuple(ports), material)
-
-    def whole(self, patches: Mapping[str, Where]) -> Solid:
-        """Return the whole body: mirrored, welded, and tagged anew by where facets are."""
-        points, tets, _ = mirrored(self.mesh.points, self.mesh.tets, self.domain.planes, {})
-        return Solid.of(welded(points, tets), patches, self.ports, (), self.material)
-
-    @property
-    def body(self) -> Elasticity:
-        """The discretised body."""
-        return Elasticity(self.mesh, self.material)
-
-
-def welded(points: Array, tets: Array, within: float = 1e-10) -> tuple[Array, Array]:
-    """Join points that coincide."""
-    _, first, inverse = np.unique(np.round(points / within), axis=0, return_index=True, return_inverse=True)
-    return points[first], inverse.reshape(-1)[tets]
+from studies.verification.solids import METAL, Array, Solid, at, lattice
 
 
 @dataclass
@@ -168,26 +61,6 @@ def relative(found: Array, expected: Array) -> float:
 
 
 # --- bodies -----------------------------------------------------------------------------------------------------
-
-
-def beam(
-    length: float,
-    height: float,
-    width: float,
-    cells: tuple[int, int, int],
-    material: Material = CORK,
-    wobble: float = 0.0,
-) -> Solid:
-    """Return a beam along x from the ground at x = 0 to the output at its tip, centred on the axis."""
-    x = np.linspace(0, length, cells[0] + 1)
-    y = np.linspace(-height / 2, height / 2, cells[1] + 1)
-    z = np.linspace(-width / 2, width / 2, cells[2] + 1)
-    ends = (
-        Port("output", "output", (length, 0.0, 0.0), (1.0, 0.0, 0.0)),
-        Port("ground", "ground", (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0)),
-    )
-    cut = lattice(x, y, z, wobble=wobble)
-    return Solid.of(cut, {"output": at("x", length), "ground": at("x", 0.0)}, ends, material=material)
 
 
 RING_X, RING_Y, RING_Z = 20e-3, 15e-3, 4e-3

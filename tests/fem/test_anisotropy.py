@@ -16,7 +16,8 @@ from flexdesign.fem import analysis
 from flexdesign.fem.elasticity import Elasticity, stress_points
 from flexdesign.fem.solver import times
 from flexdesign.materials import Crystal, Material
-from tests.fem.solids import METAL, Array, Bracket, full, lattice, ring, tagged
+from studies.verification.solids import METAL, Array, lattice, tagged
+from tests.fem.solids import Bracket, full, ring
 
 LENGTH, SIDE = 4e-3, 1e-3
 # Sums of thousands of terms in double precision.

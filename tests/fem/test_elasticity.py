@@ -13,7 +13,8 @@ from skfem.models.elasticity import linear_elasticity
 from flexdesign.fem.elasticity import Elasticity, stress_points
 from flexdesign.fem.mesh import TaggedMesh
 from flexdesign.fem.solver import SuperLU, factorize, times
-from tests.fem.solids import METAL, Array, full, lattice, tagged
+from studies.verification.solids import METAL, Array, lattice, tagged
+from tests.fem.solids import full
 
 BOX = np.array([4e-3, 3e-3, 2e-3])
 # Sums of thousands of terms in double precision: rounding, no approximation.

@@ -9,7 +9,8 @@ import pytest
 
 from flexdesign.fem import energy
 from flexdesign.model import Member
-from tests.fem.solids import CORK, METAL, Solved, beam, ring, solve
+from studies.verification.solids import CORK, METAL, beam
+from tests.fem.solids import Solved, ring, solve
 
 LENGTH, HEIGHT, WIDTH = 40e-3, 4e-3, 5e-3
 AREA, INERTIA = HEIGHT * WIDTH, WIDTH * HEIGHT**3 / 12

@@ -19,7 +19,8 @@ from flexdesign.fem.methods import EXTRUDED_GRADING, Extruded, Grading
 from flexdesign.fem.planar import triangulate
 from flexdesign.part import examine
 from flexdesign.validation import validate
-from tests.fem.solids import Array, Bracket
+from studies.verification.solids import Array
+from tests.fem.solids import Bracket
 
 CHORD = 1e-8  # of the CAD tessellation that areas are compared with [m]
 COARSE = 1.8

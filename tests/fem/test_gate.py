@@ -13,7 +13,7 @@ from flexdesign.fem.domain import Domain
 from flexdesign.fem.mesh import MeshError, TaggedMesh
 from flexdesign.model import Member
 from flexdesign.part import SymmetryPlane
-from tests.fem.solids import Array, lattice, tagged
+from studies.verification.solids import Array, lattice, tagged
 
 LENGTH, THICKNESS, WIDTH, ARM = 3e-3, 0.5e-3, 4e-3, 3e-3
 EVERYWHERE = Domain((), (), {}, (), 0.0, "")

@@ -17,7 +17,8 @@ from flexdesign.fem.domain import Domain, Face
 from flexdesign.fem.elasticity import EDGES, Elasticity
 from flexdesign.fem.mesh import MeshError, TaggedMesh
 from flexdesign.part import SymmetryPlane
-from tests.fem.solids import METAL, Array, Bracket, lattice, misplaced, tagged, welded
+from studies.verification.solids import METAL, Array, lattice, tagged, welded
+from tests.fem.solids import Bracket, misplaced
 
 #: Coordinates of a few centimetres in double precision, sums of thousands of them.
 ROUNDING = 1e-12

@@ -19,7 +19,8 @@ from flexdesign.fem.modes import Mode
 from flexdesign.fem.statics import PortCompliance
 from flexdesign.part import Port, SymmetryPlane
 from flexdesign.quantities import drive_share
-from tests.fem.solids import CORK, METAL, Array, Solid, Solved, at, beam, full, lattice, solve
+from studies.verification.solids import CORK, METAL, Array, Solid, at, beam, lattice
+from tests.fem.solids import Solved, full, solve
 
 #: Tolerance of the eigenvalue iteration is 1e-7, of frequencies half that.
 ITERATION = 1e-7

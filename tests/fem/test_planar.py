@@ -10,7 +10,7 @@ import pytest
 
 from flexdesign.fem.planar import PlanarError, Triangulation, triangulate
 from flexdesign.fem.section import Curve
-from tests.fem.solids import Array
+from studies.verification.solids import Array
 
 SIDE = 10e-3
 

@@ -9,22 +9,8 @@ from flexdesign.fem import domain, mesh, ports, sizing
 from flexdesign.fem.mesh import mirrored
 from flexdesign.fem.ports import SymmetryClass, parity
 from flexdesign.part import Port, SymmetryPlane
-from tests.fem.solids import (
-    RING_PATCHES,
-    RING_PLANES,
-    RING_PORTS,
-    Array,
-    Bracket,
-    Solid,
-    Solved,
-    at,
-    beam,
-    lattice,
-    relative,
-    ring,
-    solve,
-    welded,
-)
+from studies.verification.solids import Array, Solid, at, beam, lattice, welded
+from tests.fem.solids import RING_PATCHES, RING_PLANES, RING_PORTS, Bracket, Solved, relative, ring, solve
 
 ROUNDING = 1e-12
 #: Different linear systems, each solved to a residual of 1e-11.

@@ -11,7 +11,8 @@ from flexdesign.fem import resultants
 from flexdesign.fem.resultants import Section
 from flexdesign.model import Member
 from flexdesign.part import SymmetryPlane
-from tests.fem.solids import CORK, METAL, Array, Solid, Solved, beam, solve
+from studies.verification.solids import CORK, METAL, Array, Solid, beam
+from tests.fem.solids import Solved, solve
 
 LENGTH, HEIGHT, WIDTH = 40e-3, 4e-3, 5e-3
 E, G, AREA, INERTIA = CORK.youngs_modulus, CORK.shear_modulus, HEIGHT * WIDTH, WIDTH * HEIGHT**3 / 12

@@ -13,7 +13,7 @@ from flexdesign import design
 from flexdesign.fem import domain, sizing
 from flexdesign.fem.mesh import signed_volumes
 from flexdesign.fem.sizing import Sizing
-from tests.fem.solids import lattice
+from studies.verification.solids import lattice
 
 ROOTS = np.array([[[0.0, 0.0, -2e-3], [0.0, 0.0, 3e-3]], [[5e-3, 1e-3, 0.0], [6e-3, 4e-3, 2e-3]]])
 FIELD = Sizing(ROOTS, np.array([0.2e-3, 0.5e-3]), growth=0.4, largest=1.6e-3)

@@ -12,7 +12,8 @@ from scipy.sparse.linalg import spsolve
 from flexdesign.fem import ports, statics
 from flexdesign.fem.statics import Checks, PortCompliance
 from flexdesign.part import Port
-from tests.fem.solids import CORK, METAL, RING_PATCHES, Solid, Solved, at, beam, full, lattice, ring, solve
+from studies.verification.solids import CORK, METAL, Solid, at, beam, lattice
+from tests.fem.solids import RING_PATCHES, Solved, full, ring, solve
 
 LENGTH, HEIGHT, WIDTH = 60e-3, 4e-3, 6e-3
 AREA, INERTIA_Z, INERTIA_Y = HEIGHT * WIDTH, WIDTH * HEIGHT**3 / 12, HEIGHT * WIDTH**3 / 12

@@ -13,7 +13,8 @@ from flexdesign.fem import stress
 from flexdesign.fem.elasticity import Elasticity
 from flexdesign.fem.solver import factorize, times
 from flexdesign.model import Member
-from tests.fem.solids import CORK, METAL, Array, beam, lattice, solve, tagged
+from studies.verification.solids import CORK, METAL, Array, beam, lattice, tagged
+from tests.fem.solids import solve
 
 ROUNDING = 1e-12
 
