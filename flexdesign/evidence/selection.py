@@ -154,7 +154,7 @@ def _look_alikes(screening: Screening, best: Trial, done: Collection[tuple[str, 
     for name in best.names if all(each in first for each in best.names) else ():
         for other in first[name].candidate.like:
             beginning = tuple(first[other if each == name else each] for each in best.names if other in first)
-            if beginning and frozenset(_names(beginning)) not in tried:
+            if beginning and other not in best.names and frozenset(_names(beginning)) not in tried:
                 found.append(beginning)
     return found
 
