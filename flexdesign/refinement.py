@@ -21,6 +21,7 @@ from flexdesign.fem.domain import Domain
 from flexdesign.fem.gate import HingeCheck
 from flexdesign.fem.mesh import MeshError, TaggedMesh
 from flexdesign.fem.methods import Extruded, Grading, Method, Wild
+from flexdesign.fem.solver import NotEnoughMemory
 from flexdesign.model import Quantity
 from flexdesign.study import Study
 
@@ -115,9 +116,13 @@ def _level(
     def say(text: str) -> None:
         progress(f"solving: {text}")
 
-    solution = analysis.solve(
-        part, material, body, tagged, actuator=actuator, mode_count=count, all_classes=all_classes, progress=say
-    )
+    try:
+        solution = analysis.solve(
+            part, material, body, tagged, actuator=actuator, mode_count=count, all_classes=all_classes, progress=say
+        )
+    except NotEnoughMemory as error:
+        remedy = f"{error}; ask for less: fewer mesh.levels, a larger mesh.at_root, or less mesh.accuracy"
+        raise InputError(design.file, "mesh", None, remedy) from error
     seconds = perf_counter() - began
     arrays, table = solution.to_store()
     cache.store("solution", key, arrays, table | {"seconds": seconds})

@@ -182,11 +182,11 @@ def solve(
     checks = Checks(0.0, 0.0, 0.0, 0.0)
     found: list[tuple[modes.Mode, bool]] = []
     fields: dict[str, FloatArray] = {}
-    solver = ""
+    solver, memory = "", 0
     for cls in ports.classes(domain)[: None if all_classes else 1]:
         progress(f"{body.n_dofs} unknowns, {cls.name}")
         system = statics.class_system(body, domain, cls, stiffness, held)
-        solver = system.factor.name
+        solver, memory = system.factor.name, max(memory, system.factor.memory)
         share, seen, displacements, projection = statics.class_compliance(body, system, stiffness, space)
         matrix += share
         seen.require()
@@ -223,6 +223,7 @@ def solve(
             "worst quality": float(mesh.quality().min()),
             "symmetric class": _symmetric(domain),
             "solver": solver,
+            "factor bytes": memory,
             "assembly seconds": round(assembled, 2),
             "solve seconds": round(perf_counter() - began - assembled, 2),
         },

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 #: Where the next solver is told to find its library, as searching takes it a third of a second.
 LIBRARY = "PYPARDISO_MKL_RT"
+#: PARDISO's phases.
+ORDER, FACTORIZE, SOLVE = 11, 22, 33
 #: What PARDISO answers where a pivot is zero or negative.
 NO_PIVOT = -4
 
@@ -20,10 +23,15 @@ class NotPositiveDefinite(ArithmeticError):
     """A matrix that has no Cholesky factor: a body that is not held, or one that has buckled."""
 
 
+class NotEnoughMemory(MemoryError):
+    """A matrix whose factor would not fit; the message says how large it would be."""
+
+
 class Factor(Protocol):
-    """A factorized matrix."""
+    """A factorized matrix, and how much memory that took [bytes], 0 if nobody knows."""
 
     name: str
+    memory: int
 
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the solution for one or several right-hand sides, shape (n,) or (n, k)."""
@@ -46,13 +54,26 @@ class Pardiso:
         self._solver = PyPardisoSolver(mtype=2)
         os.environ.setdefault(LIBRARY, self._solver.libmkl._name)
         try:
-            self._solver.factorize(self._matrix)
+            self._run(ORDER)
+            self.memory = 1024 * max(int(self._solver.iparm[14]), int(self._solver.iparm[15] + self._solver.iparm[16]))
+            self._require(available_memory())
+            self._run(FACTORIZE)
         except PyPardisoError as error:
-            self._solver.free_memory(everything=True)
+            self.free()
             if error.value == NO_PIVOT:
                 raise NotPositiveDefinite("the stiffness matrix is not positive definite") from None
             raise
-        self._solver.set_phase(33)
+        self._solver.set_phase(SOLVE)
+
+    def _run(self, phase: int) -> None:
+        self._solver.set_phase(phase)
+        self._solver._call_pardiso(self._matrix, np.zeros((self._matrix.shape[0], 1)))
+
+    def _require(self, free: int | None) -> None:
+        if free is not None and self.memory > free:
+            self.free()
+            sizes = f"{self.memory / 2**30:.1f} GiB of memory, and {free / 2**30:.1f} GiB are free"
+            raise NotEnoughMemory(f"{self._matrix.shape[0]} unknowns need {sizes}")
 
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the solution for one or several right-hand sides, shape (n,) or (n, k)."""
@@ -68,6 +89,7 @@ class SuperLU:
     """SciPy's SuperLU: on every platform, but several times slower and larger."""
 
     name = "SciPy SuperLU"
+    memory = 0
 
     def __init__(self, upper: sp.csr_matrix) -> None:
         full = (upper + sp.triu(upper, k=1).T).tocsc()
@@ -83,8 +105,25 @@ class SuperLU:
         """Nothing to do: the factor goes with the object."""
 
 
+def available_memory() -> int | None:
+    """Return how much memory a program may still take [bytes], or None where the system does not tell."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    return next((1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")), None)
+
+
 def factorize(upper: sp.csr_matrix) -> Factor:
-    """Factorize a symmetric positive definite matrix given by its upper triangle, with the best solver installed."""
+    """Factorize a symmetric positive definite matrix given by its upper triangle, with the best solver installed.
+
+    Raises
+    ------
+    NotPositiveDefinite
+        If it is none.
+    NotEnoughMemory
+        If its factor would not fit; that is known before it is made.
+    """
     try:
         import pypardiso  # noqa: F401
     except ImportError:

@@ -295,8 +295,8 @@ def _mesh(validation: Validation) -> Section:
     text = (
         f"Quadratic tetrahedra with straight edges on the fundamental domain (symmetry planes: {planes}), "
         f"{METHODS[validation.method.name]}, solved by "
-        f"{validation.finest.solution.facts['solver']}. Unknowns are those of the domain; the whole part has "
-        f"{validation.domain.copies} times as many. {validation.extrapolation} {_index(validation)}{_asked(validation)}"
+        f"{validation.finest.solution.facts['solver']}{_memory(validation)}. Unknowns are those of "
+        f"the domain; the whole part has {validation.domain.copies} times as many. {validation.extrapolation} {_index(validation)}{_asked(validation)}"
     )
     head = ["unknowns", "tetrahedra", "edge at roots", "worst quality", "K_in", "λ", "K_out input free", "time"]
     exact = ["unknowns", "reciprocity", "force balance", "energy", "residual"]
@@ -306,6 +306,11 @@ def _mesh(validation: Validation) -> Section:
         Table(["hinge", "drawn", "deviation", "allowed"], hinges, "Mesh gate: thickness measured on the finest mesh"),
     ]
     return Section("Meshes and checks", [text], tables)
+
+
+def _memory(validation: Validation) -> str:
+    largest = max(level.solution.facts["factor bytes"] for level in validation.levels)
+    return f", whose largest factor takes {largest / 2**30:.2g} GiB" if largest else ""
 
 
 def _asked(validation: Validation) -> str:

@@ -1,0 +1,53 @@
+"""Direct solvers: both give the same answers, and say beforehand what cannot be solved."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from flexdesign.fem import solver
+from flexdesign.fem.solver import NotEnoughMemory, NotPositiveDefinite, Pardiso, SuperLU
+
+
+def laplacian(n: int) -> sp.csr_matrix:
+    """The upper triangle of the five-point Laplacian on n by n points."""
+    line = sp.diags_array([2.0 * np.ones(n), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1])
+    one = sp.eye_array(n)
+    return sp.csr_matrix(sp.triu(sp.kron(line, one) + sp.kron(one, line)))
+
+
+def test_both_solvers_solve_the_same_equations() -> None:
+    pytest.importorskip("pypardiso")
+    upper, rng = laplacian(30), np.random.default_rng(0)
+    full = upper + sp.triu(upper, 1).T
+    for right in (rng.standard_normal(900), rng.standard_normal((900, 4))):
+        for made in (Pardiso(upper), SuperLU(upper)):
+            assert full @ made.solve(right) == pytest.approx(right, abs=1e-10)
+            made.free()
+
+
+def test_the_memory_of_a_factor_is_known_before_it_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nested dissection fills some n log n of a plane grid: between the matrix itself and ten times as much."""
+    pytest.importorskip("pypardiso")
+    upper = laplacian(200)
+    made = Pardiso(upper)
+    size = 12 * upper.nnz
+    assert size < made.memory < 20 * size
+    made.free()
+    monkeypatch.setattr(solver, "available_memory", lambda: made.memory - 1)
+    with pytest.raises(NotEnoughMemory, match=r"40000 unknowns need 0\.0 GiB of memory"):
+        Pardiso(upper)
+
+
+def test_a_matrix_that_is_not_positive_definite_is_refused() -> None:
+    pytest.importorskip("pypardiso")
+    upper = laplacian(10)
+    upper.setdiag(upper.diagonal() - 5.0)
+    with pytest.raises(NotPositiveDefinite):
+        Pardiso(upper)
+
+
+def test_available_memory_is_no_more_than_there_is() -> None:
+    found = solver.available_memory()
+    assert found is None or 2**20 < found < 2**50
