@@ -296,7 +296,8 @@ def _mesh(validation: Validation) -> Section:
         f"Quadratic tetrahedra with straight edges on the fundamental domain (symmetry planes: {planes}), "
         f"{METHODS[validation.method.name]}, solved by "
         f"{validation.finest.solution.facts['solver']}{_memory(validation)}. Unknowns are those of "
-        f"the domain; the whole part has {validation.domain.copies} times as many. {validation.extrapolation} {_index(validation)}{_asked(validation)}"
+        f"the domain; the whole part has {validation.domain.copies} times as many. {validation.extrapolation} "
+        f"{_index(validation)}{_asked(validation)}"
     )
     head = ["unknowns", "tetrahedra", "edge at roots", "worst quality", "K_in", "λ", "K_out input free", "time"]
     exact = ["unknowns", "reciprocity", "force balance", "energy", "residual"]
