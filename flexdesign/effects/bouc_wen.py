@@ -20,6 +20,8 @@ from flexdesign.model.effect import Floats, Values
 FINENESS = 0.04
 #: After so many voltage scales in one direction the hysteresis is saturated to rounding.
 SATURATED = 40.0
+#: A first value comes of a jump where it is this share of the step's way from where the voltage was, and the way bends.
+JUMP, STRAIGHT = 0.01, 1e-9
 
 
 def advance(h: float, start: float, end: float, a: float, b: float, c: float, n: float) -> float:
@@ -110,12 +112,18 @@ def _travel_to_zero(h: float, sign: float, a: float, b: float, c: float, n: floa
 
 
 def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
-    """Take the hysteresis along the voltage path, turning where the parabola turns."""
+    """Take the hysteresis along the voltage path, turning where the parabola turns.
+
+    After a jump of the command, a lag or a slew limit sets the first of the three values so that their parabola has the
+    right mean. It is no voltage then: the way goes from where the voltage was, and what is held back follows the value.
+    """
     a, b, c, n, rest = constants[0], constants[1], constants[2], constants[3], constants[4]
     slope, bend = -3.0 * path[0] + 4.0 * path[1] - path[2], 2.0 * path[0] - 4.0 * path[1] + 2.0 * path[2]
     turn = -0.5 * slope / bend if bend != 0.0 else -1.0
     h, v = rest + state[0], state[1]
-    node, passed = 0, turn <= 0.0
+    held, was = h, v
+    lags = abs(path[0] - v) > JUMP * abs(path[2] - v) and abs(bend) > STRAIGHT * abs(slope)
+    node, passed = (1 if lags else 0), lags or turn <= 0.0
     while node < 3:  # to the three points, and the turn between; a loop, so that `advance` is compiled into it once
         turning = not passed and 2.0 * turn < node
         to = path[0] + 0.5 * slope * turn if turning else path[node]
@@ -125,6 +133,8 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
         else:
             out[node] -= h - rest
             node += 1
+    if lags:
+        out[0] -= held - rest + ((h - held) / (v - was) * (path[0] - was) if v != was else 0.0)
     state[0], state[1] = h - rest, v
 
 
