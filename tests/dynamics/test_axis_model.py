@@ -225,6 +225,16 @@ def test_a_run_may_come_from_beyond_the_limits_of_its_command() -> None:
     assert model.predict(over) == pytest.approx(model.predict(run(np.clip(wave() - 5.0, 0.0, 100.0))))
 
 
+@pytest.mark.parametrize("driver", [Driver(slew=6e4), Driver(bandwidth=300.0)])
+def test_hysteresis_behind_a_driver_follows_the_voltage_and_not_its_means(driver: Driver) -> None:
+    """Sixteen steps in a sample are enough for ramps that end within one: 1e-4 of the span against 512 steps."""
+    levels = np.repeat(np.random.default_rng(1).uniform(0, 100, 40), 10)
+    seen = run(np.concatenate([[0.0], levels]), between="hold")
+    model = AxisDynamics("x", replace(FULL, driver=driver, sensor=Sensor()))
+    few, many = (model.with_steps(count, fixed=True).predict(seen) for count in (16, 512))
+    assert np.abs(few - many).max() < 1e-4 * np.ptp(many)
+
+
 def test_a_run_comes_from_where_the_voltage_had_turned() -> None:
     """A record after a way over 80 V begins on the hysteresis that this way leaves, and at rest."""
     model = AxisDynamics("x", FULL).set_apart(["run"]).replace({"run:turn.1": 80.0, "run:turn.2": 0.0})
