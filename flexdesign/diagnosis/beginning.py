@@ -14,7 +14,7 @@ from flexdesign.dynamics.axis_model import CAME_FROM, TRIGGER, AxisDynamics
 from flexdesign.effects import creep
 from flexdesign.evidence.noise import Whitening
 from flexdesign.evidence.stand import Case
-from flexdesign.evidence.suite import Problem, Suite
+from flexdesign.evidence.suite import Problem
 from flexdesign.model import Observation, Parameter
 from flexdesign.runs import Run
 from flexdesign.stage_model import AxisModel
@@ -75,11 +75,8 @@ def begins_otherwise(before: AxisDynamics, after: AxisDynamics) -> bool:
 def begun_like(case: Case, model: AxisDynamics, noise: Whitening | None = None) -> Case:
     """Return the case with records that begin as the numbers of a model allow, and perhaps with other noise."""
     ways = Beginning(model.axis, model.stroke)
-    suites = [
-        Suite([record.observation for record in suite.records], noise or suite.noise, ways)
-        for suite in (case.identify, case.validate)
-    ]
-    return replace(case, identify=suites[0], validate=suites[1])
+    identify, validate = (suite.with_shapes(ways, noise) for suite in (case.identify, case.validate))
+    return replace(case, identify=identify, validate=validate)
 
 
 def in_time(case: Case, dynamics: AxisDynamics) -> AxisDynamics:

@@ -84,9 +84,9 @@ class Suite:
         #: Norm of the measured data, whitened.
         self.size = float(np.sqrt(sum(part @ part for part in parts))) or 1.0
 
-    def with_shapes(self, shapes: Shapes) -> Suite:
-        """Return the suite with others columns that may add to its observations."""
-        return Suite([record.observation for record in self.records], self.noise, shapes)
+    def with_shapes(self, shapes: Shapes, noise: Whitening | None = None) -> Suite:
+        """Return the suite with other columns that may add to its observations, and perhaps with other noise."""
+        return Suite([record.observation for record in self.records], noise or self.noise, shapes)
 
     @property
     def samples(self) -> int:

@@ -194,20 +194,23 @@ def stress_points() -> tuple[FloatArray, FloatArray]:
     return np.full((4, 4), inner) + np.eye(4) * (outer - inner), np.full(4, 0.25)
 
 
-def _quadrature() -> tuple[FloatArray, FloatArray]:
-    """Barycentric points (q, 4) and weights (q,) exact to degree 4 and beyond, from scikit-fem."""
+def quadrature(corners: int, degree: int) -> tuple[FloatArray, FloatArray]:
+    """Return a rule of scikit-fem's that is exact to a degree, on a simplex with so many corners: 3 or 4.
+
+    Barycentric points, shape (q, corners), and weights (q,) of sum one.
+    """
     from skfem.quadrature import get_quadrature
-    from skfem.refdom import RefTet
+    from skfem.refdom import RefTet, RefTri
 
-    points, weights = get_quadrature(RefTet, 4)
-    return np.column_stack([1 - points.sum(axis=0), points.T]), weights * 6
+    points, weights = get_quadrature(RefTet if corners == 4 else RefTri, degree)
+    return np.column_stack([1 - points.sum(axis=0), points.T]), weights / weights.sum()
 
 
-def _shape_functions(barycentric: FloatArray) -> FloatArray:
-    """N_a at places (q, 4): shape (q, 10)."""
-    corners = barycentric * (2 * barycentric - 1)
-    middles = 4 * barycentric[:, EDGES[:, 0]] * barycentric[:, EDGES[:, 1]]
-    return np.hstack([corners, middles])
+def shape_functions(barycentric: FloatArray) -> FloatArray:
+    """N_a, corners then edge midpoints, at places in tetrahedra (q, 4) or on triangles (q, 3): (q, 10) or (q, 6)."""
+    ends = EDGES[EDGES.max(axis=1) < barycentric.shape[1]]
+    middles = 4 * barycentric[:, ends[:, 0]] * barycentric[:, ends[:, 1]]
+    return np.hstack([barycentric * (2 * barycentric - 1), middles])
 
 
 def shape_derivatives(barycentric: FloatArray) -> FloatArray:
@@ -224,13 +227,13 @@ def shape_derivatives(barycentric: FloatArray) -> FloatArray:
 
 def _stiffness_tensor() -> FloatArray:
     """Mean of dN_a/dL_k dN_b/dL_l over a tetrahedron, shape (100, 16)."""
-    points, weights = _quadrature()
+    points, weights = quadrature(4, 4)
     slopes = shape_derivatives(points)
     return np.einsum("q,qak,qbl->abkl", weights, slopes, slopes).reshape(100, 16)
 
 
 def _mass_tensor() -> FloatArray:
     """Mean of N_a N_b over a tetrahedron, shape (10, 10)."""
-    points, weights = _quadrature()
-    values = _shape_functions(points)
+    points, weights = quadrature(4, 4)
+    values = shape_functions(points)
     return np.einsum("q,qa,qb->ab", weights, values, values)

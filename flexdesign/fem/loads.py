@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.fem.elasticity import EDGES, Elasticity
+from flexdesign.fem.elasticity import Elasticity, quadrature, shape_functions
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -46,12 +46,12 @@ def body_force(body: Elasticity, density: Field) -> FloatArray:
     >>> float(weight[2::3].sum())
     -12834.75
     """
-    from skfem.refdom import RefTet
-
-    barycentric, weights = _rule(RefTet)
+    barycentric, weights = quadrature(4, DEGREE)
     _, volumes = body.barycentric_gradients
     places = np.einsum("qk,eki->eqi", barycentric, body.positions[body.nodes[:, :4]])
-    forces = np.einsum("e,q,qa,eqi->eai", volumes, weights, _shapes(barycentric), density(places), optimize=True)
+    forces = np.einsum(
+        "e,q,qa,eqi->eai", volumes, weights, shape_functions(barycentric), density(places), optimize=True
+    )
     return _gathered(body, body.nodes, forces)
 
 
@@ -88,34 +88,17 @@ def pressure(body: Elasticity, facets: IntArray, value: float) -> FloatArray:
 def _on_facets(
     body: Elasticity, facets: IntArray, stress: Callable[[FloatArray, FloatArray], FloatArray]
 ) -> FloatArray:
-    from skfem.refdom import RefTri
-
     nodes = body.surface_nodes(facets)
     a, b, c = (body.positions[nodes[:, k]] for k in range(3))
     across = np.cross(b - a, c - a)
     doubled = np.linalg.norm(across, axis=1)
-    barycentric, weights = _rule(RefTri)
+    barycentric, weights = quadrature(3, DEGREE)
     places = np.einsum("qk,kfi->fqi", barycentric, np.stack([a, b, c]))
     values = stress(places, across / doubled[:, None])
-    forces = np.einsum("f,q,qa,fqi->fai", doubled / 2, weights, _shapes(barycentric), values, optimize=True)
+    forces = np.einsum("f,q,qa,fqi->fai", doubled / 2, weights, shape_functions(barycentric), values, optimize=True)
     return _gathered(body, nodes, forces)
 
 
 def _gathered(body: Elasticity, nodes: IntArray, forces: FloatArray) -> FloatArray:
     dofs = 3 * nodes[:, :, None] + np.arange(3)
     return np.asarray(np.bincount(dofs.ravel(), weights=forces.ravel(), minlength=body.n_dofs), dtype=float)
-
-
-def _rule(domain: type) -> tuple[FloatArray, FloatArray]:
-    """Barycentric points (q, k) and weights (q,), of sum one, on a triangle or a tetrahedron."""
-    from skfem.quadrature import get_quadrature
-
-    points, weights = get_quadrature(domain, DEGREE)
-    return np.column_stack([1 - points.sum(axis=0), points.T]), weights / weights.sum()
-
-
-def _shapes(barycentric: FloatArray) -> FloatArray:
-    """Quadratic shape functions, corners then edge midpoints, at barycentric points of a triangle or tetrahedron."""
-    ends = EDGES[EDGES.max(axis=1) < barycentric.shape[1]]
-    middles = 4 * barycentric[:, ends[:, 0]] * barycentric[:, ends[:, 1]]
-    return np.hstack([barycentric * (2 * barycentric - 1), middles])

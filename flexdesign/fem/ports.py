@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.fem.domain import Domain
-from flexdesign.fem.elasticity import Elasticity
+from flexdesign.fem.elasticity import Elasticity, quadrature, shape_functions
 from flexdesign.part import Port, SymmetryPlane
 
 FloatArray = NDArray[np.float64]
@@ -30,9 +30,6 @@ IntArray = NDArray[np.int64]
 
 #: The motions of a port, in order.
 MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
-
-# Degree-4 rule on triangles (Strang and Fix): barycentric points and weights of two orbits.
-_ORBITS = ((0.445948490915965, 0.223381589678011), (0.091576213509771, 0.109951743655322))
 
 
 def parity(axis: int) -> NDArray[np.int64]:
@@ -165,10 +162,10 @@ def _loads(body: Elasticity, domain: Domain, port: Port) -> FloatArray:
     nodes = body.surface_nodes(body.mesh.on_face(domain.ports[port.name]))
     corners = body.positions[nodes[:, :3]]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-    barycentric, weights = _triangle_rule()
+    barycentric, weights = quadrature(3, 4)
     places = np.einsum("qk,fki->fqi", barycentric, corners) - np.array(port.point)
     rigid = _rigid_motions(places)  # (f, q, 3, 6)
-    shape = _triangle_shape(barycentric)  # (q, 6)
+    shape = shape_functions(barycentric)  # (q, 6)
     forces = np.einsum("f,q,qa,fqim->faim", areas, weights, shape, rigid, optimize=True)
     nodal = np.zeros((body.n_dofs // 3, 3, 6))
     np.add.at(nodal, nodes, forces)
@@ -186,18 +183,3 @@ def _rigid_motions(places: FloatArray) -> FloatArray:
         motions[..., axis] = unit
         motions[..., 3 + axis] = np.cross(unit, places)
     return motions
-
-
-def _triangle_rule() -> tuple[FloatArray, FloatArray]:
-    points, weights = [], []
-    for a, weight in _ORBITS:
-        points += [np.roll([1 - 2 * a, a, a], k) for k in range(3)]
-        weights += [weight] * 3
-    return np.array(points), np.array(weights) / np.sum(weights)
-
-
-def _triangle_shape(barycentric: FloatArray) -> FloatArray:
-    """Quadratic shape functions of corners and midpoints 01, 12, 02 at barycentric points (q, 3): shape (q, 6)."""
-    a, b, c = barycentric.T
-    corners = [a * (2 * a - 1), b * (2 * b - 1), c * (2 * c - 1)]
-    return np.stack([*corners, 4 * a * b, 4 * b * c, 4 * a * c], axis=1)
