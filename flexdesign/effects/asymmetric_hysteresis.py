@@ -15,6 +15,9 @@ import math
 from flexdesign.model import Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
+#: A first value comes of a jump where it is this share of the step's way from where the voltage was, and the way bends.
+JUMP, STRAIGHT = 0.01, 1e-9
+
 
 def constants(values: Values, step: float) -> tuple[float, float, float]:
     """Return strength, b, and g at rest."""
@@ -48,17 +51,25 @@ def stretch(g: float, start: float, end: float, strength: float, b: float) -> fl
 
 
 def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
-    """Take the hysteresis along the voltage path, turning where the parabola turns."""
+    """Take the hysteresis along the voltage path, turning where the parabola turns.
+
+    As in `bouc_wen`, the way goes from where the voltage was if the first value is a lag's or a slew limit's, and no
+    voltage; what is held back follows the value.
+    """
     strength, b, rest = constants[0], constants[1], constants[2]
     slope, bend = -3.0 * path[0] + 4.0 * path[1] - path[2], 2.0 * path[0] - 4.0 * path[1] + 2.0 * path[2]
     turn = -0.5 * slope / bend if bend != 0.0 else -1.0
     g, v = rest + state[0], state[1]
-    for node in range(3):
-        if 0.0 < turn < 1.0 and 0.5 * (node - 1) < turn <= 0.5 * node:
+    held, was = g, v
+    lags = abs(path[0] - v) > JUMP * abs(path[2] - v) and abs(bend) > STRAIGHT * abs(slope)
+    for node in range(1 if lags else 0, 3):
+        if not lags and 0.0 < turn < 1.0 and 0.5 * (node - 1) < turn <= 0.5 * node:
             extreme = path[0] + 0.5 * slope * turn
             g, v = advance(g, v, extreme, strength, b), extreme
         g, v = advance(g, v, path[node], strength, b), path[node]
         out[node] -= g - rest
+    if lags:
+        out[0] -= held - rest + ((g - held) / (v - was) * (path[0] - was) if v != was else 0.0)
     state[0], state[1] = g - rest, v
 
 

@@ -15,6 +15,8 @@ from flexdesign.model.effect import Floats, Values
 
 #: Number of plays.
 PLAYS = 10
+#: A first value comes of a jump where it is this share of the step's way from where the voltage was, and the way bends.
+JUMP, STRAIGHT = 0.01, 1e-9
 
 
 def constants(values: Values, step: float) -> tuple[float, ...]:
@@ -57,13 +59,20 @@ def follow(begin: float, end: float, curvature: float, state: Floats, constants:
 def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
     """Take the plays along the voltage path, turning where the parabola turns.
 
-    As with a lag, the first of the three values is set so that their parabola has the mean of what lags.
+    As with a lag, the first of the three values is set so that their parabola has the mean of what lags. Where the
+    first value of the path itself was set so, it is no voltage: the way then goes straight from where the voltage was.
     """
     slope, bend = -3.0 * path[0] + 4.0 * path[1] - path[2], 2.0 * path[0] - 4.0 * path[1] + 2.0 * path[2]
     turn = -0.5 * slope / bend if bend != 0.0 else -1.0
-    if path[0] != state[PLAYS]:  # a jump takes no time
-        follow(state[PLAYS], path[0], 0.0, state, constants)
-    at, v, lagging, mean = 0.0, path[0], behind(path[0], state, constants), 0.0
+    was, parabola = state[PLAYS], (path[0] + 4.0 * path[1] + path[2]) / 6.0
+    lags = abs(path[0] - was) > JUMP * abs(path[2] - was) and abs(bend) > STRAIGHT * abs(slope)
+    first = was if lags else path[0]
+    if lags:
+        turn, bend = -1.0, 0.0
+    elif first != was:  # a jump takes no time
+        follow(was, first, 0.0, state, constants)
+    at, v, lagging, mean = 0.0, first, behind(first, state, constants), 0.0
+    held = lagging
     for node in range(1, 3):
         for _ in range(2):  # to the turn, if it is on the way, then to the node
             until = turn if at < turn < 0.5 * node else 0.5 * node
@@ -77,6 +86,8 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
         out[node] -= lagging
         if node == 1:
             middle = lagging
+    if lags and v != was:  # what lags follows the mean voltage, which is not that of the straight way
+        mean += (lagging - held) / (v - was) * (parabola - 0.25 * (was + 2.0 * path[1] + v))
     out[0] -= 6.0 * mean - 4.0 * middle - lagging
     state[PLAYS] = v
 

@@ -14,6 +14,9 @@ from __future__ import annotations
 from flexdesign.model import Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
+#: A first value comes of a jump where it is this share of the step's way from where the voltage was, and the way bends.
+JUMP, STRAIGHT = 0.01, 1e-9
+
 
 def constants(values: Values, step: float) -> tuple[float, float, float, float]:
     """Return weight, threshold at rest, slope over the step, and where the play rests."""
@@ -48,13 +51,21 @@ def glide(lag: float, change: float, threshold: float, before: float, curvature:
 def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
     """Take the play along the voltage path; where the parabola turns, its rate is zero and the threshold smallest.
 
-    As with a lag, the first of the three values is set so that their parabola has the mean of what lags.
+    As with a lag, the first of the three values is set so that their parabola has the mean of what lags. Where the
+    first value of the path itself was set so, it is no voltage: the way then goes straight from where the voltage was,
+    over each half at a rate of its own.
     """
     weight, rest = constants[0], constants[3]
     slope, bend = -3.0 * path[0] + 4.0 * path[1] - path[2], 2.0 * path[0] - 4.0 * path[1] + 2.0 * path[2]
     turn = -0.5 * slope / bend if bend != 0.0 else -1.0
-    at, v, threshold = 0.0, path[0], constants[1] + constants[2] * abs(slope)
+    was, parabola = state[1], (path[0] + 4.0 * path[1] + path[2]) / 6.0
+    lags = abs(path[0] - was) > JUMP * abs(path[2] - was) and abs(bend) > STRAIGHT * abs(slope)
+    v = was if lags else path[0]
+    if lags:
+        turn, bend, slope = -1.0, 0.0, 2.0 * (path[1] - v)
+    at, threshold = 0.0, constants[1] + constants[2] * abs(slope)
     lag, mean = min(max(v - rest - state[0], -threshold), threshold), 0.0
+    held = lag
     for node in range(1, 3):
         for _ in range(2):  # to the turn, if it is on the way, then to the node
             until = turn if at < turn < 0.5 * node else 0.5 * node
@@ -69,8 +80,14 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
         out[node] -= weight * (lag + rest)
         if node == 1:
             middle = lag
+            if lags:
+                slope = 2.0 * (path[2] - v)
+                threshold = constants[1] + constants[2] * abs(slope)
+                lag = min(max(lag, -threshold), threshold)
+    if lags and v != was:  # what lags follows the mean voltage, which is not that of the straight way
+        mean += (lag - held) / (v - was) * (parabola - 0.25 * (was + 2.0 * path[1] + v))
     out[0] -= weight * (6.0 * mean - 4.0 * middle - lag + rest)
-    state[0] = v - lag - rest
+    state[0], state[1] = v - lag - rest, v
 
 
 EFFECT = Effect(
@@ -103,6 +120,6 @@ EFFECT = Effect(
         ),
         Parameter("rest", "V", "V", "where the play rests at the start", None, 0.0, (-1e3, 1e3), per_run=True),
     ),
-    faces=(Block(Socket.HYSTERESIS, states=("z",), constants=constants, move=move),),
+    faces=(Block(Socket.HYSTERESIS, states=("z", "v"), constants=constants, move=move),),
     confused_with=("bouc_wen", "prandtl_ishlinskii", "driver_bandwidth", "structural_damping"),
 )
