@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
@@ -122,13 +120,13 @@ def add(
     progress("reading the noise")
     setting = course.settle(model, runs, axis, None)
     _check(setting, name, model)
-    with ThreadPoolExecutor(threads) as pool:
-        each: Any = pool.map if threads > 1 else map
+    with course.simulating(threads) as each:
+        setting = course.with_better_between(model, setting, each, progress)
         dynamics, case = course.case_of(model, setting, each, progress)
         lines = [line.frequency for line in setting.noise.lines]
         number = fields.ELSEWHERE.get(name)
         candidate = candidates.candidate_of(dynamics, effects.find(name), name, number, lines)
-        case, gone = course.search(case, dynamics, [candidate], seed)
+        case, gone = course.search(setting, case, dynamics, [candidate], seed)
         final, reason = _added(case, gone, candidate)
     judging = setting.judging
     errors = [stand.rms(judging) for stand in (gone.designed, gone.calibrated, final)]

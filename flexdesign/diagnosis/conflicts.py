@@ -175,7 +175,7 @@ def coarse_step(setting: Setting) -> float | None:
 
 def _stepped(setting: Setting) -> Conflict | None:
     """Return what it means that readings come in coarse steps."""
-    step = coarse_step(setting)
+    step = setting.coarse_step
     if step is None:
         return None
     p = effects.find("quantisation").parameters[0]

@@ -9,9 +9,11 @@ than any smooth function of position, velocity and voltage could, are they named
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from time import perf_counter
 from typing import Any, cast
 
@@ -130,11 +132,16 @@ class Setting:
         """Whether no more than one run that moves teaches: then its own delay is not told from one that all have."""
         return sum(bool(np.ptp(run.command())) for run in self.of("identify")) < 2
 
+    @cached_property
+    def coarse_step(self) -> float | None:
+        """The step of readings that come in whole steps larger than the noise [response]; else None."""
+        return conflicts.coarse_step(self)
+
     def rounded(self, stand: Stand) -> Whitening | None:
         """Return the noise with the rounding of what is predicted, where readings come in coarse steps."""
-        step = conflicts.coarse_step(self)
-        runs = {run.name: run for run in self.runs}
-        return rounding.rounded(runs, self.noise.whitening, stand, step) if step is not None else None
+        if self.coarse_step is None:
+            return None
+        return rounding.rounded({run.name: run for run in self.runs}, self.noise.whitening, stand, self.coarse_step)
 
     def of(self, role: str) -> list[Run]:
         """Return the runs of a role."""
@@ -194,21 +201,25 @@ def diagnose(
     began = perf_counter()
     progress("reading the noise")
     setting = settle(model, runs, axis, tolerance)
-    # Threads of linear algebra would fight with those that simulate; the matrices are small.
-    with threadpool_limits(1), ThreadPoolExecutor(threads) as pool:
-        each: Any = pool.map if threads > 1 else map
+    with simulating(threads) as each:
         setting = with_better_between(model, setting, each, progress)
         dynamics, case = case_of(model, setting, each, progress)
         lines = [line.frequency for line in setting.noise.lines]
         every = candidates(dynamics, more, lines, loaded=setting.is_loaded, at_stack=setting.is_at_stack)
-        known, noise_of = setting.noise.known, setting.rounded
-        case, course = search(case, dynamics, every, seed, noise_is_known=known, noise_of=noise_of)
+        case, course = search(setting, case, dynamics, every, seed)
         progress("looking at what is left")
         left = _rival(case, course.final)
         before = _rival(case, course.calibrated) if course.final.effects else left
     found = conclude(model, setting, course, before, left)
     evaluations = sum(stand.solution.problem.evaluations for stand in (course.calibrated, *course.stands))
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
+
+
+@contextmanager
+def simulating(threads: int) -> Iterator[Any]:
+    """Give a `map` that runs on so many threads; those of linear algebra would fight with them, on small matrices."""
+    with threadpool_limits(1), ThreadPoolExecutor(threads) as pool:
+        yield pool.map if threads > 1 else map
 
 
 def settle(model: StageModel, runs: Sequence[Run], axis: str | None, tolerance: float | None) -> Setting:
@@ -222,7 +233,7 @@ def settle(model: StageModel, runs: Sequence[Run], axis: str | None, tolerance: 
     noise = noise_floor(runs, name, settle=RUNG_DOWN * math.log(10) / rate, sensor_noise=its.sensor.noise)
     noise = _of_blocks(noise, seen)
     first = Setting(name, its, seen, noise, 0.0, _known(its))
-    if (step := conflicts.coarse_step(first)) is not None:  # a quiet record may show nothing of it
+    if (step := first.coarse_step) is not None:  # a quiet record may show nothing of it
         at_least = {run: max(rms, step / math.sqrt(12)) for run, rms in noise.rms.items()}
         first = replace(first, noise=replace(noise, rms=at_least))
     volts = max(float(np.abs(run.command()).max()) for run in seen) or 1.0
@@ -316,28 +327,19 @@ def case_of(
 
 
 def search(
-    case: Case,
-    dynamics: AxisDynamics,
-    every: Sequence[Candidate],
-    seed: int,
-    *,
-    noise_is_known: bool = True,
-    noise_of: Callable[[Stand], Whitening | None] = lambda _: None,
+    setting: Setting, case: Case, dynamics: AxisDynamics, every: Sequence[Candidate], seed: int
 ) -> tuple[Case, Course]:
-    """Calibrate, and add effects while they earn their place; return the case as calibrated, and how it went.
-
-    What the noise is may depend on what is predicted, where readings come in coarse steps: `noise_of` tells.
-    """
+    """Calibrate, and add effects while they earn their place; return the case as calibrated, and how it went."""
     case.progress("predicting with the model as it is")
     designed = fitted(replace(case, free=(), believed=BELIEVED), dynamics, (), {})
     case.progress("calibrating")
     stand, agreed = calibrated(case, in_time(case, dynamics), seed=seed)
     if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
-        case = begun_like(case, cast(AxisDynamics, stand.model), noise_of(stand))
+        case = begun_like(case, cast(AxisDynamics, stand.model), setting.rounded(stand))
         stand = fitted(case, stand.model, (), {})
     if designed is None or stand is None:
         raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
-    if not noise_is_known:  # then nothing says at which size of what is left it would be noise
+    if not setting.noise.known:  # then nothing says at which size of what is left it would be noise
         case = replace(case, least=LEAST * stand.seen_cost)
     base, stands, steps = stand, list[Stand](), list[Step]()
     while len(stand.effects) < MOST:

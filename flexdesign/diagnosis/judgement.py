@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from flexdesign.diagnosis.conflicts import HALF_WIDTH, Conflict, coarse_step, conflicts
+from flexdesign.diagnosis.conflicts import HALF_WIDTH, Conflict, conflicts
 from flexdesign.diagnosis.findings import Diagnosis, Named, Rung, Tried, Value, Verdict
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.evidence.coordinates import value
@@ -80,7 +80,7 @@ def remainder(setting: Setting, stand: Stand) -> Remainder:
 
 def _jumps(setting: Setting, stand: Stand) -> int:
     """Count the jumps in what is left; a reading in coarse steps has them by itself."""
-    if coarse_step(setting) is not None:
+    if setting.coarse_step is not None:
         return 0
     count = 0
     for record, part in zip(stand.solution.problem.suite.records, stand.solution.residuals, strict=True):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from flexdesign.errors import InputError
 from flexdesign.fem import section
 from flexdesign.fem.section import Section
+from flexdesign.materials import Material
 from flexdesign.model import Member
 from flexdesign.part import Part, Port, SymmetryPlane, extrusion_axis
 
@@ -112,13 +113,16 @@ class Domain:
         return stacked[first], welded[proper], np.concatenate(owners)[proper]
 
 
-def of_part(part: Part, *, symmetric: bool = True, chord: float) -> Domain:
+def of_part(part: Part, *, material: Material | None = None, symmetric: bool = True, chord: float) -> Domain:
     """Cut the part's solid down to its fundamental domain and find the ports on it.
 
     Parameters
     ----------
     part
         The part.
+    material
+        What it is made of: of the planes in which the part is its own mirror image, a crystal leaves those in which it
+        is one, too. None for an isotropic material, which leaves them all.
     symmetric
         False to keep the whole solid.
     chord
@@ -131,7 +135,7 @@ def of_part(part: Part, *, symmetric: bool = True, chord: float) -> Domain:
         If the part's solid is invalid, a port is not found on it, or it is not the extrusion the part says it is.
     """
     whole = _one_solid(part.solid(), "the solid")
-    planes = tuple(part.symmetry()) if symmetric else ()
+    planes = shared_planes(part, material) if symmetric else ()
     solid = whole
     for plane in planes:
         solid = _one_solid(solid.intersect(_half_space(whole, plane)), f"the half {plane.axis} >= 0")
@@ -154,6 +158,11 @@ def of_part(part: Part, *, symmetric: bool = True, chord: float) -> Domain:
         fingerprint=_fingerprint(solid),
         section=section.of_solid(solid, axis) if (axis := extrusion_axis(part)) else None,
     )
+
+
+def shared_planes(part: Part, material: Material | None) -> tuple[SymmetryPlane, ...]:
+    """Return the planes in which both a part and what it is made of are their own mirror images."""
+    return tuple(plane for plane in part.symmetry() if material is None or material.mirrors_in(plane.index))
 
 
 def _one_solid(shape: Any, what: str) -> Any:
