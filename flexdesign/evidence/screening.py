@@ -75,6 +75,12 @@ class Candidate:
     is_limit: bool = False
     like: tuple[str, ...] = ()
 
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        """Names of the constants that do nothing at null strength and are tried at several positive values."""
+        tried = {name: {values[name] for values in self.trials} for name in self.free if name != self.strength}
+        return tuple(name for name, values in tried.items() if len(values) > 1 and min(values) > 0)
+
 
 @dataclass(frozen=True, eq=False)
 class Direction:

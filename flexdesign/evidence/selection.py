@@ -8,7 +8,7 @@ the prediction. Of these runs, too, where each began is fitted, and nothing else
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +47,9 @@ GROSS = 30.0
 CHANGED, LONG_LIST = 0.3, 12
 #: Fits are tried so often where runs seem to have come from elsewhere, while that lowers the cost by this share.
 ANEW, ANEW_SHARE = 2, 0.01
+#: A fit that leaves no more than this share of the cost has found its effects; where it leaves so many times the noise
+#: all the same it may be caught between kinks, and begins again with each hidden constant multiplied by these.
+FOUND, CAUGHT, ASIDE = 0.1, 1.5, (1.35, 0.75)
 #: No more effects than these are added.
 MOST = 3
 
@@ -128,7 +131,7 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     accepted = [trial for trial in trials if not trial.reason]
     reach = max(NEAR * best.gain, ALIKE)
     near = [t for t in accepted if t is not best and len(t.names) == len(best.names) and _behind(t, best) < reach]
-    best, *rivals = (_polished(case, stand, trial) for trial in (best, *near[:RIVALS]))
+    best, rivals = _polished(case, stand, best, near[:RIVALS])
     return Step(best, tuple(trials), tuple(trial for trial in rivals if is_alike(best.stand, trial.stand)))
 
 
@@ -163,13 +166,47 @@ def _behind(trial: Trial, best: Trial) -> float:
     return trial.stand.total - best.stand.total
 
 
-def _polished(case: Case, before: Stand, trial: Trial) -> Trial:
-    """Return a trial with its fit carried to the end; one that misses the runs by far is not worth it."""
+def _polished(case: Case, before: Stand, best: Trial, rivals: Sequence[Trial]) -> tuple[Trial, list[Trial]]:
+    """Return the best trial and its rivals with fits carried to the end; where it was caught they begin as it ends."""
+    ended = _ended(case, before, best)
+    if ended.stand.cost >= FOUND * before.cost or ended.stand.scale <= CAUGHT:
+        return ended, [_ended(case, before, trial) for trial in rivals]
+    free = _from_aside(case, ended.stand)
+    if free is ended.stand:
+        return ended, [_ended(case, before, trial) for trial in rivals]
+    values = free.solution.problem.where.values(free.solution.x)
+    best = _trial(case, before, free, ended.names, ended.needed / max(ended.stand.scale, 1.0))
+    return best, [_ended(case, before, trial, values) for trial in rivals]
+
+
+def _ended(case: Case, before: Stand, trial: Trial, values: Mapping[str, float] | None = None) -> Trial:
+    """Return a trial with its fit carried to the end, from other values perhaps, unless it misses the runs by far."""
     stand = trial.stand
     if stand.scale > GROSS:
         return trial
-    ended = fitted(case, stand.model, stand.effects, {}, old=stand.solution.columns())
+    names = stand.solution.problem.where.names
+    begun = {name: value for name, value in (values or {}).items() if name in names}
+    ended = fitted(case, stand.model, stand.effects, begun, old=None if begun else stand.solution.columns())
     return trial if ended is None else _trial(case, before, ended, trial.names, trial.needed / max(stand.scale, 1.0))
+
+
+def _from_aside(case: Case, stand: Stand) -> Stand:
+    """Return the best of fits that begin with a hidden constant larger or smaller; the stand itself if none is better.
+
+    Thresholds make corners where the motion meets them, and between corners the cost has minima of its own.
+    """
+    values = stand.solution.problem.where.values(stand.solution.x)
+    for name in (name for effect in stand.effects for name in effect.hidden):
+        for factor in ASIDE:
+            case.progress(f"fitting with {name} from elsewhere")
+            aside = case.coarse(stand.model.replace({name: factor * values[name]}))
+            made = fitted(case, aside, stand.effects, {}, most=SECOND, share=FIRST_SHARE, exact=False)
+            if made is not None and made.cost < (1 - ANEW_SHARE) * stand.cost:
+                ended = fitted(case, case.fine(made.model), stand.effects, {}, old=made.solution.columns())
+                stand = min(ended or stand, stand, key=lambda each: each.cost)
+            if stand.scale <= CAUGHT:
+                return stand
+    return stand
 
 
 def _refined(

@@ -12,7 +12,7 @@ import pytest
 
 from flexdesign.evidence.noise import White
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import ALIKE, Step, backward, forward
+from flexdesign.evidence.selection import ALIKE, CAUGHT, FOUND, Step, backward, forward
 from flexdesign.evidence.stand import Case, Stand, begun_anew, calibrated, fitted
 from flexdesign.evidence.suite import Suite
 from tests.evidence.test_screening import NAMES, N, Sum, base, candidate, column, columns, least, offset, strength
@@ -271,3 +271,33 @@ def test_calibration_of_a_model_that_always_fails_is_none() -> None:
     model, about = tone(5.0)
     fails = model.plus(lambda v, run: np.full(len(run.t), np.nan))
     assert calibrated(about, fails) == (None, 0)
+
+
+def test_a_fit_that_is_caught_beside_the_hidden_constant_begins_again_on_either_side() -> None:
+    """A ramp with a ripple: the ramp is found at any wave number, the ripple only near its own."""
+
+    def rippled(v: Mapping[str, float], run: Any) -> Array:
+        return np.asarray(v["d"] * (20.0 * run.t + 0.3 * np.cos(20.0 * v["waves"] * run.t)))
+
+    waves = parameter("waves", 0.75, 0.1, 5.0, scale="log")
+    trials = tuple({"d": 0.1, "waves": value} for value in (0.5, 0.75))
+    effect = Candidate(
+        "d", lambda model: stage().plus(rippled, strength("d"), waves), "d", ("d", "waves"), trials, signed=True
+    )
+    truth = {"d": 1.0, "waves": 1.0}
+
+    def measured(runs: Sequence[Run]) -> list[Run]:
+        return [dataclasses.replace(run, data=run.data + rippled(truth, run)) for run in runs]
+
+    noise = White(SIGMA)
+    identify, kept = (Suite(measured(recorded({}, 0, names)), noise, offset) for names in (NAMES, HELD))
+    about = Case(identify, kept, ("p", "q"), lambda _: {}, 1e-3)
+    before = calibrated_stand(about)
+    start = {"d": 1.0, "waves": 0.75}
+    alone = fitted(about, effect.add(before.model), (effect,), start)
+    assert alone is not None and alone.scale > CAUGHT and alone.cost < FOUND * before.cost
+    step = forward(about, before, [effect])
+    assert step.chosen is not None
+    stand = step.chosen.stand
+    assert stand.scale < 1.2
+    assert stand.solution.problem.where.values(stand.solution.x)["waves"] == pytest.approx(1.0, abs=2e-3)
