@@ -24,6 +24,7 @@ from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.course import Course, Setting, case_of
 from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.judgement import ADEQUATE, ERRORS, EXPLAINED, conclude, remainder
+from flexdesign.diagnosis.periodic import frequencies
 from flexdesign.diagnosis.rounding import rounded
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_run import of_axis
@@ -65,6 +66,21 @@ def setting(axis: AxisModel = AXIS, dof: float = math.inf, n: int = 2000, **more
     noise = NoiseFloor(Coloured(process), dict.fromkeys(roles, NOISE), "stated", dof > 0, (), dof)
     known = {name: (axis.numbers[name], axis.numbers[name] * share) for name, share in axis.uncertainty.items()}
     return Setting("x", axis, tuple(of_axis(run, "x", axis) for run in runs), noise, 0.3 * NOISE, known)
+
+
+@pytest.mark.parametrize("step", [None, 4e-7])
+def test_a_line_hidden_in_quiet_records_is_seen_in_what_is_left_of_others(step: float | None) -> None:
+    """A sinusoid of 1.2 times the noise at 15.5 Hz, to a tenth of the resolution; else quiet records would show it."""
+    rng, t = np.random.default_rng(0), PERIOD * np.arange(2000.0)
+    about = replace(setting(), noise=replace(setting().noise, known=step is not None, lines=()))
+    vars(about)["coarse_step"] = step
+    left = {run.name: NOISE * (1.2 * np.sin(2 * np.pi * 15.5 * t) + rng.standard_normal(len(t))) for run in about.runs}
+    left[about.runs[0].name][700:710] = np.nan
+    stand: Any = SimpleNamespace(remainders=left)
+    (found,) = frequencies(about, stand)
+    assert found == pytest.approx(15.5, abs=0.05)
+    vars(about)["coarse_step"] = None
+    assert frequencies(replace(about, noise=replace(about.noise, known=True)), stand) == ()
 
 
 def stand(

@@ -11,7 +11,7 @@ from time import perf_counter
 import numpy as np
 
 from flexdesign import effects, simulation, standard_experiments, units
-from flexdesign.diagnosis import candidates, course, judgement
+from flexdesign.diagnosis import candidates, course, judgement, periodic
 from flexdesign.diagnosis.course import Course, Setting
 from flexdesign.diagnosis.findings import Diagnosis, Rung, Value
 from flexdesign.dynamics.axis_choice import choose_axis
@@ -123,10 +123,13 @@ def add(
     with course.simulating(threads) as each:
         setting = course.with_better_between(model, setting, each, progress)
         dynamics, case = course.case_of(model, setting, each, progress)
-        lines = [line.frequency for line in setting.noise.lines]
-        number = fields.ELSEWHERE.get(name)
-        candidate = candidates.candidate_of(dynamics, effects.find(name), name, number, lines)
-        case, gone = course.search(setting, case, dynamics, [candidate], seed)
+
+        def alone(stand: Stand) -> list[Candidate]:
+            lines = periodic.frequencies(setting, stand)
+            return [candidates.candidate_of(dynamics, effects.find(name), name, fields.ELSEWHERE.get(name), lines)]
+
+        case, gone = course.search(setting, case, dynamics, alone, seed)
+        candidate = alone(gone.calibrated)[0]
         final, reason = _added(case, gone, candidate)
     judging = setting.judging
     errors = [stand.rms(judging) for stand in (gone.designed, gone.calibrated, final)]

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from flexdesign.diagnosis import conflicts, rounding
+from flexdesign.diagnosis import conflicts, periodic, rounding
 from flexdesign.diagnosis.beginning import Beginning, begins_otherwise, begun_like, in_time, known_of_start
 from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.features import Features
@@ -61,6 +61,8 @@ SMOOTHER = 20.0
 SMOOTH = "the command is taken as smooth between its samples, which fits better than straight lines"
 #: Where the noise is unknown, an effect must explain this share of what was unexplained (in squares).
 LEAST = 1e-3
+#: How often rounding is drawn, to learn what chance makes of it.
+ROUNDED = 400
 #: Decades of decay after which a mode has rung down.
 RUNG_DOWN = 3.0
 
@@ -143,6 +145,13 @@ class Setting:
             return None
         return rounding.rounded({run.name: run for run in self.runs}, self.noise.whitening, stand, self.coarse_step)
 
+    def drawn(self, stand: Stand) -> Iterator[Mapping[str, Array]]:
+        """Yield what rounding makes of a prediction, where readings come in coarse steps; else nothing."""
+        if self.coarse_step is None:
+            return
+        runs = {run.name: run for run in self.of("identify")}
+        yield from rounding.errors(runs, self.noise.whitening, stand, self.coarse_step, ROUNDED)
+
     def of(self, role: str) -> list[Run]:
         """Return the runs of a role."""
         return [run for run in self.runs if run.role == role]
@@ -204,8 +213,11 @@ def diagnose(
     with simulating(threads) as each:
         setting = with_better_between(model, setting, each, progress)
         dynamics, case = case_of(model, setting, each, progress)
-        lines = [line.frequency for line in setting.noise.lines]
-        every = candidates(dynamics, more, lines, loaded=setting.is_loaded, at_stack=setting.is_at_stack)
+
+        def every(stand: Stand) -> tuple[Candidate, ...]:
+            lines = periodic.frequencies(setting, stand)
+            return candidates(dynamics, more, lines, loaded=setting.is_loaded, at_stack=setting.is_at_stack)
+
         case, course = search(setting, case, dynamics, every, seed)
         progress("looking at what is left")
         left = _rival(case, course.final)
@@ -323,13 +335,21 @@ def case_of(
         progress=progress,
         designed={name: setting.axis.numbers[name] for name in LINEAR},
         believed=BELIEVED if setting.is_one_record else math.inf,
+        drawn=setting.drawn,
     )
 
 
 def search(
-    setting: Setting, case: Case, dynamics: AxisDynamics, every: Sequence[Candidate], seed: int
+    setting: Setting,
+    case: Case,
+    dynamics: AxisDynamics,
+    catalogue: Callable[[Stand], Sequence[Candidate]],
+    seed: int,
 ) -> tuple[Case, Course]:
-    """Calibrate, and add effects while they earn their place; return the case as calibrated, and how it went."""
+    """Calibrate, and add effects while they earn their place; return the case as calibrated, and how it went.
+
+    Which effects are tried, and at what values, may follow from what calibration leaves: `catalogue` tells.
+    """
     case.progress("predicting with the model as it is")
     designed = fitted(replace(case, free=(), believed=BELIEVED), dynamics, (), {})
     case.progress("calibrating")
@@ -341,7 +361,7 @@ def search(
         raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
     if not setting.noise.known:  # then nothing says at which size of what is left it would be noise
         case = replace(case, least=LEAST * stand.seen_cost)
-    base, stands, steps = stand, list[Stand](), list[Step]()
+    base, stands, steps, every = stand, list[Stand](), list[Step](), catalogue(stand)
     while len(stand.effects) < MOST:
         step = forward(case, stand, every)
         steps.append(step)

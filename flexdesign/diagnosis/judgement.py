@@ -169,7 +169,7 @@ def _named(setting: Setting, course: Course, name: str) -> Named:
     place = next((i for i, stand in enumerate(course.stands) if name in stand.names), len(course.stands) - 1)
     before, after = errors[place] ** 2, errors[place + 1] ** 2
     unexplained = max(errors[0] ** 2 - setting.floor**2, 1e-300)
-    return Named(name, values_of(final, effect.free), min((before - after) / unexplained, 1.0))
+    return Named(name, values_of(final, effect.free), float(np.clip((before - after) / unexplained, 0.0, 1.0)))
 
 
 def values_of(stand: Stand, names: Sequence[str]) -> tuple[Value, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,18 +36,26 @@ def rounded(runs: Mapping[str, Run], noise: Coloured, stand: Stand, step: float,
     seed
         Of the noise beneath the steps.
     """
-    rng, found = np.random.default_rng(seed), dict[str, Process]()
-    for name, run in runs.items():
-        predicted = run.measured() - stand.remainders[name]
-        there = predicted[np.isfinite(predicted)]
-        beneath = min(noise.rms(name), HIDDEN * step)
-        drawn = []
-        for _ in range(DRAWS):
+    drawn = list(errors(runs, noise, stand, step, DRAWS, seed))
+    return Coloured({name: _process([each[name][np.isfinite(each[name])] for each in drawn]) for name in runs})
+
+
+def errors(
+    runs: Mapping[str, Run], noise: Coloured, stand: Stand, step: float, count: int, seed: int = 0
+) -> Iterator[dict[str, Array]]:
+    """Yield by how much readings differ from the predicted motion that they are rounded from, run by run; NaN at gaps.
+
+    Parameters are those of `rounded`, and how often it is drawn.
+    """
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        found = dict[str, Array]()
+        for name, run in runs.items():
+            beneath = min(noise.rms(name), HIDDEN * step)
             # Where the grid lies beneath an unknown offset is drawn, too.
-            moved = there + rng.uniform(0, step)
-            drawn.append(step * np.round((moved + beneath * rng.standard_normal(len(there))) / step) - moved)
-        found[name] = _process(drawn)
-    return Coloured(found)
+            moved = run.measured() - stand.remainders[name] + rng.uniform(0, step)
+            found[name] = step * np.round((moved + beneath * rng.standard_normal(len(moved))) / step) - moved
+        yield found
 
 
 def _process(drawn: list[Array]) -> Process:

@@ -8,13 +8,14 @@ such columns in each run, as its phase is another in each.
 
 How large a promise chance makes follows from the correlations between all d': with nothing missing, the scaled promises
 are Gaussian with these correlations, so that the largest of them can be drawn (a bootstrap over the whole catalogue).
+Errors that are no such noise, as those of rounding, which hang on the motion, are drawn themselves.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -242,17 +243,37 @@ class Screening:
         length = np.sqrt(np.array([direction.own for direction in directions]))
         return np.asarray(inner / np.outer(length, length))
 
-    def chance(self, seed: int = 0) -> float:
-        """Return the promise that the best candidate makes by chance in one of a hundred cases with nothing missing."""
+    def chance(self, errors: Iterable[Mapping[str, Array]] = (), seed: int = 0) -> float:
+        """Return the promise that the best candidate makes by chance in one of a hundred cases with nothing missing.
+
+        Parameters
+        ----------
+        errors
+            Draws of what readings may be off by, by the name of the observation [response], if that is not Gaussian.
+        seed
+            Of Gaussian draws.
+        """
         plain = [direction for direction in self.directions if direction.columns == 1]
         if not plain:
             return float(chdtri(1, LEVEL))
-        values, vectors = np.linalg.eigh(self.cosines(plain))
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        drawn = np.random.default_rng(seed).standard_normal((DRAWS, len(values))) @ root.T
+        drawn = np.array([self._scaled(plain, error) for error in errors])
+        if not len(drawn):
+            values, vectors = np.linalg.eigh(self.cosines(plain))
+            root = vectors * np.sqrt(np.maximum(values, 0.0))
+            drawn = np.random.default_rng(seed).standard_normal((DRAWS, len(values))) @ root.T
         signed = np.array([direction.candidate.signed for direction in plain])
         largest = np.where(signed, np.abs(drawn), np.maximum(drawn, 0.0)).max(axis=1)
         return float(np.quantile(largest**2, 1 - LEVEL))
+
+    def _scaled(self, directions: Sequence[Direction], error: Mapping[str, Array]) -> Array:
+        """Return d'e over the length of d' for readings that are off by an error."""
+        suite = self.solution.problem.suite
+        parts = [
+            suite.whitened(record, np.where(record.present, error[record.observation.name], 0.0))
+            for record in suite.records
+        ]
+        whole, imitated = np.concatenate(parts), self.inverse @ self.solution.project(parts)
+        return np.array([(d.move @ whole - d.imitated @ imitated) / math.sqrt(d.own) for d in directions])
 
     def best(self) -> list[list[Direction]]:
         """Return for each candidate its directions, best first; the candidate that promises most first."""

@@ -110,7 +110,7 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     left = [candidate for candidate in candidates if candidate.name not in stand.names]
     case.progress("screening the catalogue" if not stand.effects else f"screening beside {', '.join(stand.names)}")
     screening = Screening(stand.solution, left, case.coarse)
-    needed, strained = SURE * screening.chance(), _is_strained(case, stand)
+    needed, strained = SURE * screening.chance(case.drawn(stand)), _is_strained(case, stand)
 
     def tried(beginnings: Sequence[tuple[Direction, ...]]) -> list[Trial]:
         attempts = list[tuple[tuple[str, ...], Stand]]()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -57,6 +57,9 @@ class Case:
         By how much an effect must lower the cost of what the fit sees, whatever chance gives.
     believed
         How many standard deviations from what is known of it a number of one run may be.
+    drawn
+        Yields errors that readings of the runs in `identify` may have at a stand, by run [response], where these are no
+        Gaussian noise; nothing where they are.
     """
 
     identify: Suite
@@ -71,6 +74,7 @@ class Case:
     designed: Mapping[str, float] = field(default_factory=dict)
     least: float = 0.0
     believed: float = math.inf
+    drawn: Callable[[Stand], Iterable[Mapping[str, Array]]] = lambda _: ()
 
     def coordinates(self, model: Model, free: Sequence[str], suite: Suite) -> Coordinates:
         """Return free numbers and those of each run as coordinates."""

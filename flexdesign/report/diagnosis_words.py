@@ -61,7 +61,8 @@ def effect(found: Diagnosis, named: Named) -> str:
     if named.values:
         others = _beside(found, named.name)
         it = f"Together with {words.listed([called(other) for other in others])} it" if others else "It"
-        said += f". {it} explains {words.percent(named.share)} of what recalibration leaves unexplained"
+        if named.share > 0:  # else recalibration left no more than the noise
+            said += f". {it} explains {words.percent(named.share)} of what recalibration leaves unexplained"
     return f"{said}. What to do about it: {effects.find(named.name).remedy}."
 
 

@@ -333,7 +333,7 @@ def test_one_case_in_a_hundred_promises_more_than_chance(signed: bool | None) ->
     scores = np.random.default_rng(9).standard_normal((40_000, own.shape[1])) @ own.T
     one_sided = np.array([not d.candidate.signed for d in screening.directions])
     largest = (np.where(one_sided, np.maximum(scores, 0), scores) ** 2).max(axis=1)
-    share = np.mean([np.mean(largest > screening.chance(seed)) for seed in range(16)])
+    share = np.mean([np.mean(largest > screening.chance(seed=seed)) for seed in range(16)])
     assert share == pytest.approx(LEVEL, abs=4 * math.sqrt(LEVEL * (1 - LEVEL) * (1 / 64_000 + 1 / 40_000)))
 
 
@@ -359,3 +359,16 @@ def test_without_effects_chance_is_that_of_one() -> None:
     assert screening.chance() == pytest.approx(chi2.isf(0.01, 1))
     assert screening.best() == []
     assert screening.pairs() == []
+
+
+def test_chance_of_drawn_errors_is_that_of_gaussian_ones_where_they_are_gaussian() -> None:
+    """2000 draws and errors twice as large: four times the promise, to four standard errors of the two quantiles.
+
+    Near a level of 0.01 the density of the largest square is about half the level, so that a quantile of 2000 draws is
+    uncertain by 2 sqrt(0.01 / 2000) / 0.01.
+    """
+    rng, of, found = np.random.default_rng(5), White(1.0), catalogue(0, 12, 5.0)
+    screening = Screening(solution(base("p"), runs(lambda run: np.zeros(N)), of), found)
+    drawn = [{name: 2.0 * rng.standard_normal(N) for name in NAMES} for _ in range(2000)]
+    uncertain = 4 * 2 * math.sqrt(LEVEL * (1 / 2000 + 1 / 4000)) / LEVEL
+    assert screening.chance(drawn) / 4 == pytest.approx(screening.chance(), abs=uncertain)
