@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,6 +50,8 @@ ANEW, ANEW_SHARE = 2, 0.01
 #: A fit that leaves no more than this share of the cost has found its effects; where it leaves so many times the noise
 #: all the same it may be caught between kinks, and begins again with each hidden constant multiplied by these.
 FOUND, CAUGHT, ASIDE = 0.1, 1.5, (1.35, 0.75)
+#: Why an effect is refused that is there, for all one knows, and does not matter.
+SMALL = "moves the prediction by less than the tolerance"
 #: No more effects than these are added.
 MOST = 3
 
@@ -124,7 +126,7 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     trials = tried(_shortlist(screening, max(needed * stand.scale, case.least), is_strained=strained))
     if (best := _best(trials)) is not None:
         trials += tried(_look_alikes(screening, best, {trial.names for trial in trials}))
-    trials.sort(key=lambda trial: trial.stand.total)
+    trials = _overruled(sorted(trials, key=lambda trial: trial.stand.total))
     best = _best(trials)
     if best is None:
         return Step(None, tuple(trials))
@@ -133,6 +135,17 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     near = [t for t in accepted if t is not best and len(t.names) == len(best.names) and _behind(t, best) < reach]
     best, rivals = _polished(case, stand, best, near[:RIVALS])
     return Step(best, tuple(trials), tuple(trial for trial in rivals if is_alike(best.stand, trial.stand)))
+
+
+def _overruled(trials: Sequence[Trial]) -> list[Trial]:
+    """Return trials, best first, without those that explain no more than one that hardly moves the prediction."""
+    first = next((trial for trial in trials if trial.reason == SMALL), None)
+    if first is None:
+        return list(trials)
+    reason = f"explains no more than {' and '.join(first.names)}, which {SMALL}"
+    place = trials.index(first)
+    weaker = [trial if trial.reason else replace(trial, reason=reason) for trial in trials[place:]]
+    return [*trials[:place], *weaker]
 
 
 def _names(beginning: Sequence[Direction]) -> tuple[str, ...]:
@@ -343,7 +356,7 @@ def _trial(case: Case, before: Stand, after: Stand, names: tuple[str, ...], need
     elif case.validate.records and held <= 0:
         reason = "does not help on the runs kept apart"
     elif far < case.tolerance:
-        reason = "moves the prediction by less than the tolerance"
+        reason = SMALL
     elif after.at_bound():
         reason = f"{' and '.join(after.at_bound())} at the end of what is plausible"
     return Trial(names, after, gain, held, far, after.rms(kept_apart), needed * scale, reason)

@@ -12,7 +12,7 @@ import pytest
 
 from flexdesign.evidence.noise import White
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import ALIKE, CAUGHT, FOUND, Step, backward, forward
+from flexdesign.evidence.selection import ALIKE, CAUGHT, FOUND, SMALL, Step, backward, forward
 from flexdesign.evidence.stand import Case, Stand, begun_anew, calibrated, fitted
 from flexdesign.evidence.suite import Suite
 from tests.evidence.test_screening import NAMES, N, Sum, base, candidate, column, columns, least, offset, strength
@@ -301,3 +301,22 @@ def test_a_fit_that_is_caught_beside_the_hidden_constant_begins_again_on_either_
     stand = step.chosen.stand
     assert stand.scale < 1.2
     assert stand.solution.problem.where.values(stand.solution.x)["waves"] == pytest.approx(1.0, abs=2e-3)
+
+
+def test_what_is_explained_as_well_by_an_effect_that_hardly_moves_anything_needs_no_other() -> None:
+    """The same column in the runs for the fit; in those kept apart the other effect is 1.9 times as large."""
+    tolerance = 0.1
+    about = case({"d": 0.07}, tolerance=tolerance)
+    louder = Candidate(
+        "loud",
+        lambda model: stage().plus(
+            lambda v, run: v["loud"] * (1.9 if run.name in HELD else 1.0) * column(run, "d"), strength("loud")
+        ),
+        "loud", ("loud",), ({"loud": 0.1},), signed=True,
+    )  # fmt: skip
+    before = calibrated_stand(about)
+    alone = forward(about, before, [louder])
+    assert alone.chosen is not None and alone.chosen.moved > tolerance
+    step = forward(about, before, [louder, candidate("d", signed=True)])
+    assert step.chosen is None
+    assert reasons(step) == {("d",): SMALL, ("loud",): f"explains no more than d, which {SMALL}"}
