@@ -13,6 +13,7 @@ which is the same integral, exact, six times sooner. A crystal has 21 constants 
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -29,6 +30,8 @@ IntArray = NDArray[np.int64]
 
 #: Corner pairs whose midpoints are the nodes 4 to 9, in the order of scikit-fem's ElementTetP2.
 EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+#: Pairs of an element's nodes, shape (2, 55): what is symmetric is integrated once.
+PAIRS = np.stack(np.triu_indices(10))
 
 
 @dataclass(frozen=True)
@@ -95,39 +98,61 @@ class Elasticity:
         """Return the stiffness matrix's upper triangle, held dofs included [N/m]."""
         gradients, volumes = self.barycentric_gradients
         products = np.einsum("eki,elj,e->klije", gradients, gradients, volumes, optimize=True)
-        pairs = (_stiffness_tensor() @ products.reshape(16, -1)).reshape(10, 10, 3, 3, -1)
-        local = self._isotropic(pairs) if self.material.crystal is None else self._anisotropic(pairs)
-        return self._assembled(local.transpose(4, 0, 2, 1, 3).reshape(-1, 30, 30))
+        pairs = (_stiffness_tensor() @ products.reshape(16, -1)).reshape(-1, 3, 3, len(volumes))
+        return self.assembled(self._isotropic(pairs) if self.material.crystal is None else self._anisotropic(pairs))
+
+    def assembled(self, local: FloatArray) -> sp.csr_matrix:
+        """Return the upper triangle of a symmetric matrix, held dofs included.
+
+        `local` holds what each element gives to each pair of `PAIRS`: component i of its first node in the row, j of
+        its second in the column, shape (55, 3, 3, m).
+        """
+        turned, places, columns, starts = self._node_pairs
+        blocks = np.empty((len(columns), 3, 3))
+        for i, j in itertools.product(range(3), repeat=2):
+            entries = np.where(turned, local[:, j, i], local[:, i, j])
+            blocks[:, i, j] = np.bincount(places, weights=entries.ravel())
+        for i, j in ((1, 0), (2, 0), (2, 1)):
+            blocks[starts[:-1], i, j] = 0.0  # of a node with itself, which comes first in its row
+        matrix = sp.bsr_matrix((blocks, columns, starts), shape=(self.n_dofs, self.n_dofs)).tocsr()
+        matrix.eliminate_zeros()
+        return matrix
 
     def _isotropic(self, pairs: FloatArray) -> FloatArray:
-        """Contract the integrals of d_i N_a d_j N_b, shape (10, 10, 3, 3, m), with two constants."""
+        """Contract the integrals of d_i N_a d_j N_b, shape (55, 3, 3, m), with two constants."""
         lam, mu = self.material.lame
-        local = lam * pairs + mu * pairs.transpose(0, 1, 3, 2, 4)
-        trace = mu * np.einsum("abiie->abe", pairs)
+        local = lam * pairs + mu * pairs.transpose(0, 2, 1, 3)
+        trace = mu * np.einsum("piie->pe", pairs)
         for i in range(3):
-            local[:, :, i, i] += trace
+            local[:, i, i] += trace
         return np.asarray(local)
 
     def _anisotropic(self, pairs: FloatArray) -> FloatArray:
         """Contract them with the whole elastic tensor: rows i j, columns k l of C_ikjl."""
         rows = self.material.tensor.transpose(0, 2, 1, 3).reshape(9, 9)
-        return np.asarray((rows @ pairs.reshape(100, 9, -1)).reshape(pairs.shape))
+        return np.asarray((rows @ pairs.reshape(len(pairs), 9, -1)).reshape(pairs.shape))
 
     def mass(self) -> sp.csr_matrix:
         """Return the consistent mass matrix's upper triangle, held dofs included [kg]."""
         _, volumes = self.barycentric_gradients
-        blocks = np.kron(_mass_tensor(), np.eye(3)) * self.material.density
-        return self._assembled(volumes[:, None, None] * blocks)
+        _, places, columns, starts = self._node_pairs
+        entries = self.material.density * np.outer(_mass_tensor(), volumes)
+        of_nodes = sp.csr_matrix((np.bincount(places, weights=entries.ravel()), columns, starts))
+        return sp.kron(of_nodes, np.eye(3), format="csr")
 
-    def _assembled(self, local: FloatArray) -> sp.csr_matrix:
-        dofs = (3 * self.nodes[:, :, None] + np.arange(3)).reshape(-1, 30).astype(np.int32)
-        rows = np.repeat(dofs, 30, axis=1).reshape(-1, 30, 30)
-        columns = rows.transpose(0, 2, 1)
-        upper = rows <= columns
-        shape = (self.n_dofs, self.n_dofs)
-        matrix = sp.coo_matrix((local[upper], (rows[upper], columns[upper])), shape=shape).tocsr()
-        matrix.sum_duplicates()
-        return matrix
+    @cached_property
+    def _node_pairs(self) -> tuple[NDArray[np.bool_], IntArray, IntArray, IntArray]:
+        """Where the pairs of an element's nodes go in matrices between nodes, upper triangle.
+
+        Whether a pair of `PAIRS` has its larger node first (55, m), its place among all pairs, flat, and these pairs'
+        columns and row starts.
+        """
+        first, second = self.nodes[:, PAIRS].transpose(1, 2, 0)
+        count = self.n_dofs // 3
+        keys = np.minimum(first, second) * np.int64(count) + np.maximum(first, second)
+        found, places = np.unique(keys, return_inverse=True)
+        starts = np.searchsorted(found, np.arange(count + 1) * np.int64(count))
+        return first > second, places.reshape(-1), found % count, starts
 
     def strain(self, displacement: FloatArray, barycentric: FloatArray) -> FloatArray:
         """Return the strain tensor in every element at the given places.
@@ -151,7 +176,10 @@ class Elasticity:
 
     def stress(self, displacement: FloatArray, barycentric: FloatArray) -> FloatArray:
         """Return the stress tensor [Pa] where `strain` returns the strain, shape (m, q, 3, 3)."""
-        strain = self.strain(displacement, barycentric)
+        return self._stressed(self.strain(displacement, barycentric))
+
+    def _stressed(self, strain: FloatArray) -> FloatArray:
+        """Return the stress [Pa] that belongs to a strain, both (m, q, 3, 3)."""
         if self.material.crystal is not None:
             return np.asarray(np.einsum("ijkl,eqkl->eqij", self.material.tensor, strain, optimize=True))
         lam, mu = self.material.lame
@@ -162,7 +190,8 @@ class Elasticity:
         """Return half the integral of stress times strain [J], from the stresses at the integration points."""
         points, weights = stress_points()
         _, volumes = self.barycentric_gradients
-        density = np.einsum("eqij,eqij->eq", self.stress(displacement, points), self.strain(displacement, points))
+        strain = self.strain(displacement, points)
+        density = np.einsum("eqij,eqij->eq", self._stressed(strain), strain)
         return float(volumes @ density @ weights / 2)
 
     def surface_nodes(self, facets: IntArray) -> IntArray:
@@ -226,14 +255,14 @@ def shape_derivatives(barycentric: FloatArray) -> FloatArray:
 
 
 def _stiffness_tensor() -> FloatArray:
-    """Mean of dN_a/dL_k dN_b/dL_l over a tetrahedron, shape (100, 16)."""
+    """Mean of dN_a/dL_k dN_b/dL_l over a tetrahedron for the pairs a, b of `PAIRS`, shape (55, 16)."""
     points, weights = quadrature(4, 4)
     slopes = shape_derivatives(points)
-    return np.einsum("q,qak,qbl->abkl", weights, slopes, slopes).reshape(100, 16)
+    return np.einsum("q,qak,qbl->abkl", weights, slopes, slopes)[*PAIRS].reshape(-1, 16)
 
 
 def _mass_tensor() -> FloatArray:
-    """Mean of N_a N_b over a tetrahedron, shape (10, 10)."""
+    """Mean of N_a N_b over a tetrahedron for the pairs a, b of `PAIRS`, shape (55,)."""
     points, weights = quadrature(4, 4)
     values = shape_functions(points)
-    return np.einsum("q,qa,qb->ab", weights, values, values)
+    return np.asarray(np.einsum("q,qa,qb->ab", weights, values, values)[*PAIRS])

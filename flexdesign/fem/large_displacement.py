@@ -21,12 +21,10 @@ import scipy.sparse as sp
 from numba import njit
 from numpy.typing import NDArray
 
-from flexdesign.fem.elasticity import Elasticity, shape_derivatives, stress_points
+from flexdesign.fem.elasticity import PAIRS, Elasticity, shape_derivatives, stress_points
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-#: Entries of the upper triangle of an element's tangent.
-UPPER = 465
 
 
 class LargeDisplacement:
@@ -59,10 +57,8 @@ class LargeDisplacement:
     def forces_and_tangent(self, displacement: FloatArray) -> tuple[FloatArray, sp.csr_matrix]:
         """Return the internal forces and the upper triangle of the tangent between free degrees of freedom [N/m]."""
         forces, local = self._evaluated(displacement, with_tangent=True)
-        places, indices, starts = self._pattern
-        data = np.bincount(places, weights=local.ravel(), minlength=len(indices) + 1)[:-1]
-        shape = (len(self.free), len(self.free))
-        return forces, sp.csr_matrix((data, indices, starts), shape=shape)
+        tangent = self.body.assembled(local.transpose(1, 2, 3, 0))
+        return forces, tangent[self.free][:, self.free].tocsr()
 
     def energy(self, displacement: FloatArray) -> float:
         """Return the strain energy under displacements (n_dofs,) [J]."""
@@ -80,7 +76,7 @@ class LargeDisplacement:
         gradients, volumes = self.body.barycentric_gradients
         nodes = self.body.nodes
         forces = np.zeros((len(nodes), 30))
-        local = np.zeros((len(nodes) if with_tangent else 0, UPPER))
+        local = np.zeros((len(nodes) if with_tangent else 0, PAIRS.shape[1], 3, 3))
         moved = np.ascontiguousarray(displacement.reshape(-1, 3)[nodes])
         lam, mu = self.body.material.lame
         _elements(gradients, volumes, self._slopes, self._weights, lam, mu, moved, forces, local)
@@ -90,21 +86,6 @@ class LargeDisplacement:
     @cached_property
     def _dofs(self) -> IntArray:
         return (3 * self.body.nodes[:, :, None] + np.arange(3)).reshape(-1, 30)
-
-    @cached_property
-    def _pattern(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Where each entry of each element goes in the tangent's data, and its column indices and row starts."""
-        number = np.full(self.body.n_dofs, -1, dtype=np.int64)
-        number[self.free] = np.arange(len(self.free))
-        mine = number[self._dofs]
-        i, j = np.triu_indices(30)
-        rows, columns = np.minimum(mine[:, i], mine[:, j]).ravel(), np.maximum(mine[:, i], mine[:, j]).ravel()
-        count = np.int64(len(self.free))
-        keys = np.where(rows >= 0, rows * count + columns, count * count)  # what is held comes last
-        found, places = np.unique(keys, return_inverse=True)
-        kept = found[found < count * count]
-        starts = np.concatenate([[0], np.cumsum(np.bincount(kept // count, minlength=int(count)))])
-        return places.reshape(-1), kept % count, starts
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -119,7 +100,7 @@ def _elements(
     forces: FloatArray,
     local: FloatArray,
 ) -> None:
-    """Fill in the internal forces of each element (m, 30) and, if asked for, its tangent's upper triangle (m, 465)."""
+    """Fill in each element's internal forces (m, 30) and, if asked for, its tangent by pairs of nodes (m, 55, 3, 3)."""
     g, p, s = np.zeros((10, 3)), np.zeros((10, 3)), np.zeros((10, 3))
     f, e, stress, left = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
     for element in range(len(volumes)):
@@ -155,7 +136,7 @@ def _elements(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _tangent(
-    row: FloatArray,
+    blocks: FloatArray,
     w: float,
     lam: float,
     mu: float,
@@ -164,16 +145,16 @@ def _tangent(
     s: FloatArray,
     left: FloatArray,
 ) -> None:
-    """Add what an integration point gives to the upper triangle of an element's tangent, row after row."""
-    entry = 0
+    """Add what an integration point gives to the tangent between each pair of an element's nodes."""
+    pair = 0
     for a in range(10):
-        for i in range(3):
-            for b in range(a, 10):
-                geometric = g[b, 0] * s[a, 0] + g[b, 1] * s[a, 1] + g[b, 2] * s[a, 2]
-                straight = g[a, 0] * g[b, 0] + g[a, 1] * g[b, 1] + g[a, 2] * g[b, 2]
-                for j in range(i if b == a else 0, 3):
+        for b in range(a, 10):
+            geometric = g[b, 0] * s[a, 0] + g[b, 1] * s[a, 1] + g[b, 2] * s[a, 2]
+            straight = g[a, 0] * g[b, 0] + g[a, 1] * g[b, 1] + g[a, 2] * g[b, 2]
+            for i in range(3):
+                for j in range(3):
                     value = lam * p[a, i] * p[b, j] + mu * (straight * left[i, j] + p[b, i] * p[a, j])
                     if i == j:
                         value += geometric
-                    row[entry] += w * value
-                    entry += 1
+                    blocks[pair, i, j] += w * value
+            pair += 1
