@@ -5,11 +5,13 @@ Meshes and solutions are cached by content, so that an interrupted run resumes w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from time import perf_counter
+
+import numpy as np
 
 from flexdesign import part as parts
 from flexdesign import quantities, versions
@@ -17,6 +19,7 @@ from flexdesign.cache import Cache, content_key
 from flexdesign.errors import InputError
 from flexdesign.fem import analysis, convergence, gate, methods
 from flexdesign.fem.analysis import Solution
+from flexdesign.fem.convergence import Scatter
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.gate import HingeCheck
 from flexdesign.fem.mesh import MeshError, TaggedMesh
@@ -60,18 +63,36 @@ class Level:
 
 
 def refined(
-    study: Study, part: parts.Part, body: Domain, method: Method, cache: Cache, progress: Progress
+    study: Study, part: parts.Part, body: Domain, method: Method, cache: Cache, progress: Progress, *, omit: int = 0
 ) -> list[Level]:
-    """Solve on one mesh after the other: as many as were asked for, or as an accuracy takes."""
+    """Solve on one mesh after the other: as many as were asked for, or as an accuracy takes; `omit` the finest.
+
+    A mesh that cannot be used, as it is too coarse for a hinge, is passed over if there are two others.
+
+    Raises
+    ------
+    InputError
+        If there are none, or memory does not suffice.
+    """
     asked, finest = study.mesh.accuracy, MOST_LEVELS - study.mesh.levels if study.mesh.accuracy else 0
     levels: list[Level] = []
-    for power in range(study.mesh.levels - 1, -1 - finest, -1):
-        levels.append(_level(study, part, body, method, study.mesh.refinement**power, cache, progress))
+    refused: InputError | None = None
+    for power in range(study.mesh.levels - 1, omit - 1 - finest, -1):
+        try:
+            levels.append(_level(study, part, body, method, study.mesh.refinement**power, cache, progress))
+        except InputError as error:
+            if not isinstance(error.__cause__, MeshError):
+                raise
+            refused = refused or error
+            progress(f"passing over this mesh: {error.remedy}")
+            continue
         if asked and len(levels) > 1:
             reached = estimated_error(gathered(study, levels, method.scatter))
             progress(f"estimated error {100 * reached:.2g} %, asked for {100 * asked:.2g} %")
             if reached <= asked:
                 break
+    if refused and len(levels) < 2:
+        raise refused
     return levels
 
 
@@ -157,22 +178,55 @@ def method_of(study: Study, part: parts.Part, body: Domain) -> Method:
     return Extruded(grading) if extruded else Wild(grading, asked.envelope)
 
 
-def gathered(study: Study, levels: Sequence[Level], scatter: float) -> list[Quantity]:
+def gathered(study: Study, levels: Sequence[Level], scatter: Scatter) -> list[Quantity]:
     """Extrapolate every quantity over the meshes that know it; peaks of stress are judged by rules of their own."""
     found = [{q.key: q for q in quantities.of_solution(study, level.solution)} for level in levels]
     gathered = []
-    for key, quantity in found[0].items():
-        known = [(level, there[key].value) for level, there in zip(levels, found, strict=True) if key in there]
-        values, sizes = [value for _, value in known], [level.size for level, _ in known]
-        limit = convergence.extrapolate(values, sizes, scatter=scatter)
-        finest = known[-1][0].solution.facts["unknowns"]
-        source = f"FEM, {len(known)} meshes to {finest} unknowns, extrapolated"
-        gathered.append(replace(quantity, value=limit.value, source=source, sigma=limit.error))
+    for quantity in limits(found, [level.size for level in levels], scatter):
+        known = [level for level, there in zip(levels, found, strict=True) if quantity.key in there]
+        finest = known[-1].solution.facts["unknowns"]
+        gathered.append(replace(quantity, source=f"FEM, {len(known)} meshes to {finest} unknowns, extrapolated"))
     return gathered + quantities.peak_stresses(study, [lv.solution for lv in levels], [lv.size for lv in levels])
+
+
+def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scatter: Scatter) -> list[Quantity]:
+    """Extrapolate every quantity that the first mesh knows over all meshes that know it.
+
+    Parameters
+    ----------
+    found
+        The quantities of each mesh, coarse to fine, by their keys.
+    sizes
+        Edge length of each mesh at the hinge roots [m].
+    scatter
+        Of the mesher.
+    """
+    beside = _left_open(found, sizes)
+    extrapolated = []
+    for key, quantity in found[0].items():
+        known = [i for i, there in enumerate(found) if key in there]
+        values = [found[i][key].value for i in known]
+        limit = convergence.extrapolate(
+            values, [sizes[i] for i in known], scatter=scatter, beside=[beside[i] for i in known]
+        )
+        extrapolated.append(replace(quantity, value=limit.value, sigma=limit.error))
+    return extrapolated
+
+
+def _left_open(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float]) -> list[float]:
+    """Return what each mesh leaves open, relative, in the input stiffness."""
+    series = [[there[key].value for there in found] for key, quantity in found[0].items() if quantity.name == "K_in"]
+    limits = [convergence.extrapolate(values, sizes).value for values in series]
+    gaps = [np.abs(np.array(values) / limit - 1) for values, limit in zip(series, limits, strict=True)]
+    return [float(gap) for gap in np.max(gaps, axis=0)]
 
 
 @cache
 def engine() -> str:
-    """Return a hash of the code that makes meshes and solutions, lest results of other code be taken for its."""
+    """Return a hash of the code that makes meshes and solutions, lest results of other code be taken for its.
+
+    How results are extrapolated does not enter: another estimate asks for no other meshes.
+    """
     sources = sorted(Path(analysis.__file__).parent.glob("*.py"))
-    return content_key([source.read_text(encoding="utf-8") for source in sources])
+    made = [source for source in sources if not source.samefile(convergence.__file__)]
+    return content_key([source.read_text(encoding="utf-8") for source in made])

@@ -1,0 +1,77 @@
+"""The command ``python -m studies.error_bars``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from time import perf_counter
+
+from flexdesign.cache import Cache, default_folder
+from flexdesign.errors import InputError
+from flexdesign.report import render
+from studies.error_bars import report, trial
+from studies.error_bars.designs import COUNT, Drawn, designs
+from studies.error_bars.findings import Case, judge
+
+OUT = Path("reports/error_bars")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Solve the designs and write the report; return 1 if too few estimates contain the reference."""
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.error_bars", description="Do the estimates of the discretisation error hold?"
+    )
+    parser.add_argument("--designs", type=int, default=COUNT, metavar="N", help=f"only the first N of {COUNT}")
+    parser.add_argument("--method", choices=["extruded", "wild"], help="only this one")
+    parser.add_argument("--fresh", action="store_true", help="solve again what is solved")
+    parser.add_argument("--work", type=Path, help="folder of the single results; without it, in the cache")
+    parser.add_argument("--out", type=Path, default=OUT, help="folder of the report")
+    given = parser.parse_args(arguments)
+    methods: tuple[trial.Method, ...] = (given.method,) if given.method else ("extruded", "wild")
+    asked = [
+        (drawn, method)
+        for method in methods
+        for drawn in designs()[: given.designs]
+        if method == "extruded" or drawn.wild
+    ]
+    try:
+        render.prepare(given.out)
+        store = Cache(default_folder())
+        work = given.work or store.folder / "error_bars"
+        if given.fresh:
+            trial.forget(work)
+        cases, began = [], perf_counter()
+        for count, (drawn, method) in enumerate(asked, 1):
+            cases.append(_case(drawn, method, work, store))
+            left = (perf_counter() - began) / count * (len(asked) - count) / 60
+            print(f"{count:3d}/{len(asked)}  {_line(cases[-1])}  [{left:.0f} min left]", file=sys.stderr, flush=True)
+        render.write(given.out, report.document(cases), report.of(cases), {})
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    print(*report.summary(cases), given.out / "report.html", sep="\n")
+    return 0 if _hold(cases) else 1
+
+
+def _case(drawn: Drawn, method: trial.Method, work: Path, store: Cache) -> Case:
+    def say(text: str) -> None:
+        print(f"design {drawn.number}: {text}", file=sys.stderr, flush=True)
+
+    return Case(drawn, method, trial.answered(drawn, method, work, store, say), trial.known(drawn, work, say))
+
+
+def _line(case: Case) -> str:
+    found = case.answer.error or ", ".join(f"{deviation.in_estimates:+.2f}" for deviation in case.deviations)
+    return f"{case.drawn.number:2d} {case.method:8s} {found}"
+
+
+def _hold(cases: Sequence[Case]) -> bool:
+    """Tell whether estimates hold, method by method, and every design has an answer."""
+    of_methods = [[d for c in cases if c.method == method for d in c.deviations] for method in report.METHODS]
+    return all(case.deviations for case in cases) and all(judge(found).holds for found in of_methods if found)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

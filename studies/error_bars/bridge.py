@@ -1,0 +1,339 @@
+"""The bridge amplifier by hexahedra: its plan, patch by patch, and its solution.
+
+The part is symmetric in x = 0 and z = 0: a quarter is solved, and forces on the whole part are shared out. Around a
+rounded root the plan has these patches: the leaf's end between the fillets' lower halves (A), their upper halves and
+the body behind them (B), and the core between (C); a sharp root has none of them::
+
+      leaf      | A  /: B   | body
+    ------------+---' +-----+-----
+                |     :  C  |
+    ------------+---. +-----+-----
+                |    \\: B   |
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from studies.error_bars.hexahedra import Array, Body, Plan, between, graded, joined, sheared, with_middles
+
+HALF_A_FILLET = np.pi / 4
+
+
+class Bridge(Protocol):
+    """What the reference reads of the part `BridgeAmplifier`; lengths in metres."""
+
+    arm_span: float
+    arm_offset: float
+    arm_thickness: float
+    hinge_length: float
+    hinge_thickness: float
+    width: float
+    rod_length: float
+    rod_thickness: float
+    input_block_height: float
+    output_block_height: float
+    ground_block_height: float
+    fillet_radius: float
+    outer_hinge: tuple[float, float]
+    inner_hinge: tuple[float, float]
+    rod_face: float
+    input_block: tuple[float, float]
+
+    def _outside(self, block_height: float) -> list[tuple[float, float]]: ...
+
+    def _inside(self) -> list[tuple[float, float]]: ...
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """How fine a mesh is.
+
+    Parameters
+    ----------
+    growth
+        Increase of the spacing of lines per distance from the roots.
+    root
+        Spacing at sharp roots, in hinge thicknesses.
+    """
+
+    growth: float
+    root: float
+
+    @classmethod
+    def of(cls, refinement: float) -> Fineness:
+        """Return that of a level, from 1: a root's error goes with its spacing^1.09, all else with about growth^4."""
+        growth = 3 / (refinement + 1.5)
+        return cls(growth, (growth / 1.2) ** 3.7 / 15)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Port compliances of a whole amplifier, both input blocks pushed and the ground face clamped.
+
+    Parameters
+    ----------
+    C11
+        Extension between the input faces per actuator force [m/N].
+    C12
+        Output displacement along y per actuator force [m/N]; equally, extension per output force.
+    C22
+        Output displacement per output force, inputs free [m/N].
+    frequencies
+        Lowest natural frequencies of the modes symmetric in x = 0 and z = 0, inputs free [Hz]; empty without
+        a density.
+    reciprocity
+        Relative difference of C12 and C21, which measures the error of the equation solver.
+    n_dof, seconds
+        Unknowns of the mesh and the time taken.
+    """
+
+    C11: float
+    C12: float
+    C22: float
+    frequencies: tuple[float, ...]
+    reciprocity: float
+    n_dof: int
+    seconds: float
+
+    @property
+    def K_in_output_free(self) -> float:
+        """Actuator force per extension, output free [N/m]."""
+        return 1 / self.C11
+
+    @property
+    def lambda_output_free(self) -> float:
+        """Output displacement per extension, signed along +y."""
+        return self.C12 / self.C11
+
+    @property
+    def K_out_input_free(self) -> float:
+        """Output force per displacement, inputs free [N/m]."""
+        return 1 / self.C22
+
+    @property
+    def K_out_input_held(self) -> float:
+        """Output force per displacement, the extension held at zero [N/m]."""
+        return 1 / (self.C22 - self.C12**2 / self.C11)
+
+
+class _Roots:
+    """The lines and patches about the roots of one amplifier's leaves, as seen from a leaf's axis."""
+
+    def __init__(self, part: Bridge, fineness: Fineness) -> None:
+        self.growth, finer = fineness.growth, fineness.growth / 1.2
+        self.t, self.r = part.hinge_thickness / 2, part.fillet_radius
+        self.sharp = fineness.root * part.hinge_thickness
+        pieces = max(2, int(np.ceil(2 / finer - 1e-9)))
+        self.at_root = HALF_A_FILLET * self.r / pieces if self.r else self.sharp
+        self.bulk = part.arm_thickness * finer
+        self.halves = np.linspace(0.0, 1.0, pieces + 1)
+        self.depth = 0.75 * self.r
+        self.columns = graded(0.0, 1.0, 0.5, 0.5, self.growth, 1 / finer / 2) if self.r else np.zeros(1)
+        self.leaf = self.cut(-self.t, self.t, self.at_root, self.at_root)
+
+    def cut(self, start: float, end: float, at_start: float, at_end: float, largest: float | None = None) -> Array:
+        """Return lines that crowd as told."""
+        return graded(start, end, at_start, at_end, self.growth, largest or self.bulk)
+
+    @property
+    def reach(self) -> float:
+        """How far from the leaf's axis the fillets reach [m]."""
+        return self.t + self.r
+
+    def core(self) -> Array:
+        """Return the lines of a body in front of the leaf and its fillets."""
+        if not self.r:
+            return self.leaf
+        middle = self.t + self.r * (1 - np.cos(HALF_A_FILLET))
+        side = middle + (self.reach - middle) * self.halves
+        return joined(-side[::-1], self.leaf * middle / self.t, side)
+
+    def beyond(self, end: float, at_end: float | None = None) -> Array:
+        """Return the lines of a body from where the fillet ends to its own end."""
+        return self.cut(self.reach, end, self.at_root, at_end or self.bulk)
+
+    def fillets(self, x: float, y: float, towards: int, slope: float) -> list[Array]:
+        """Return the patches A, B and C of a root at (x, y), the body lying `towards` 1 or -1 along x."""
+        if not self.r:
+            return []
+        inner, outer = (HALF_A_FILLET * (with_middles(self.halves) + k) for k in (0, 1))
+        leaf = with_middles(self.leaf) / self.t
+        behind = x + towards * self.depth
+        rise = slope * towards * self.depth
+
+        def arc(angle: Array) -> tuple[Array, Array]:
+            return x - towards * self.r * (1 - np.sin(angle)), self.t + self.r * (1 - np.cos(angle))
+
+        def points(px: Array | float, py: Array) -> Array:
+            return np.stack(np.broadcast_arrays(px, py), axis=-1)
+
+        along, height = arc(inner)
+        a = np.stack(np.broadcast_arrays(along[:, None], y + height[:, None] * leaf), axis=-1)
+        middle = height[-1]
+        front = points(along[-1], y + middle * leaf)
+        c = between(front, points(behind, y + rise + middle * leaf), self.columns)
+        along, height = arc(outer)
+        level = middle + (self.reach - middle) * with_middles(self.halves)
+        b = [
+            between(points(along, y + side * height), points(behind, y + rise + side * level), self.columns)
+            for side in (1, -1)
+        ]
+        return [a, *b, c]
+
+    def body(self, x: float, y: float, towards: int, slope: float, below: Array, above: Array) -> list[Array]:
+        """Return all patches of a body up to `depth` behind a leaf's root; none if the root is sharp."""
+        if not self.r:
+            return []
+        columns = x + towards * self.depth * self.columns
+        beside = [sheared(columns, y + rows, slope) for rows in (below, above)]
+        return self.fillets(x, y, towards, slope) + beside
+
+
+def mesh(part: Bridge, fineness: Fineness) -> tuple[Plan, Array]:
+    """Return the plan of the right half of an amplifier and the planes that layer its half width z >= 0.
+
+    Raises
+    ------
+    ValueError
+        If the mesh does not fill the part's contour, which then has changed its shape.
+    """
+    (xi, yi), (xo, yo) = part.inner_hinge, part.outer_hinge
+    half, a, height = part.hinge_length / 2, part.arm_thickness / 2, part.input_block_height / 2
+    roots = _Roots(part, fineness)
+    d, near, bulk, cut = roots.depth, roots.at_root, roots.bulk, roots.cut
+    foot = 4 * roots.sharp
+    x_leaf = cut(-half + roots.r, half - roots.r, near, near, half * fineness.growth / 1.2)
+    start, end = xi + half, xo - half
+    slope = -part.arm_offset / (end - start)
+    x_arm = cut(start + d, end - d, near, near)
+    beside = roots.beyond(a)
+    y_arm = joined(-beside[::-1], roots.core(), beside)
+    x_block = cut(0.0, xi - half - d, bulk, near)
+    block_in, block_out = part.input_block
+    rods = part.rod_length > 0
+    face = part.rod_face
+    x_rod = cut(face + d, face + part.rod_thickness, near, foot) if rods else cut(face + d, block_out, near, bulk)
+
+    patches: list[Array] = []
+    for side, block_height in ((1, part.output_block_height), (-1, part.ground_block_height)):
+        above, below = roots.beyond(block_height - a), -beside[::-1]
+        quarter = [sheared(x_block, yi + joined(below, roots.core(), above))]
+        quarter += roots.body(xi - half, yi, -1, 0.0, below, above)
+        quarter += [sheared(xi + x_leaf, yi + roots.leaf), sheared(xo + x_leaf, yo + roots.leaf)]
+        quarter += roots.body(start, yi, 1, slope, below, beside)
+        quarter += [sheared(x_arm, yi + slope * d + y_arm, slope)]
+        quarter += roots.body(end, yo, -1, slope, below, beside)
+        if rods:
+            below = -roots.beyond(yo - height, foot)[::-1]
+            quarter += roots.body(face, yo, 1, 0.0, below, beside)
+            quarter += [sheared(x_rod, yo + joined(below, roots.core(), beside))]
+        patches += [patch * (1.0, side) for patch in quarter]
+    if rods:
+        columns = joined(face + d * roots.columns, x_rod) if roots.r else x_rod
+        x = joined(cut(block_in, face, bulk, near), columns, cut(columns[-1], block_out, foot, bulk))
+        patches.append(sheared(x, cut(-height, height, foot, foot)))
+    else:
+        patches += _block_without_rods(roots, face, yo, x_rod, beside)
+    plan = Plan.of(patches)
+    _check_area(part, plan)
+    layers = graded(
+        0.0, part.width / 2, part.width, roots.t * fineness.growth / 1.2, 1.25 * fineness.growth, part.width / 3
+    )
+    return plan, layers
+
+
+def _block_without_rods(roots: _Roots, face: float, y: float, x: Array, beside: Array) -> list[Array]:
+    """Return the patches of an input block that carries both arms itself, from its face at x = `face`."""
+    inside = y - roots.reach
+    middle = roots.cut(-inside, inside, roots.at_root, roots.at_root)
+    upper = y + joined(roots.core(), beside)
+    patches = [sheared(x, joined(-upper[::-1], middle, upper))]
+    if roots.r:
+        columns = face + roots.depth * roots.columns
+        patches.append(sheared(columns, middle))
+        for side in (1, -1):
+            pieces = [*roots.fillets(face, y, 1, 0.0), sheared(columns, y + beside)]
+            patches += [patch * (1.0, side) for patch in pieces]
+    return patches
+
+
+def _check_area(part: Bridge, plan: Plan) -> None:
+    """Raise if the mesh does not fill the contour of the part, which then has changed its shape."""
+    upper, lower = (part._outside(block) for block in (part.output_block_height, part.ground_block_height))
+    area = 16 * (1 - np.pi / 4) * part.fillet_radius**2
+    for sign, above, below in ((1, upper, lower), (-1, part._inside(), part._inside())):
+        corners = above + [(x, -y) for x, y in reversed(below)]
+        x, y = np.array([(0.0, corners[0][1]), *corners, (0.0, corners[-1][1])]).T
+        area += sign * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
+    found = plan.area()
+    if abs(found / area - 1) > 1e-9 + 2e-3 * part.fillet_radius**2 / area:
+        raise ValueError(f"the part covers {area:.9g} m^2 and the mesh {found:.9g} m^2: has its contour changed?")
+
+
+def solve(
+    part: Bridge,
+    youngs_modulus: float,
+    poissons_ratio: float,
+    *,
+    fineness: Fineness,
+    density: float | None = None,
+    modes: int = 3,
+) -> Reference:
+    """Solve an amplifier on one mesh.
+
+    Parameters
+    ----------
+    part
+        The amplifier.
+    youngs_modulus, poissons_ratio
+        E [Pa] and nu.
+    fineness
+        Of the mesh.
+    density
+        With a density [kg/m^3] the lowest natural frequencies are found too.
+    modes
+        How many of them.
+
+    Raises
+    ------
+    ValueError
+        If the part is not of the shape meshed here.
+    """
+    began = time.perf_counter()
+    plan, layers = mesh(part, fineness)
+    near = 1e-9 * float(np.ptp(plan.nodes))
+    bottom, top = plan.nodes[:, 1].min(), plan.nodes[:, 1].max()
+
+    def fixed(nodes: Array, z: Array) -> Array:
+        held = np.zeros((len(nodes), 3, z.size), dtype=bool)
+        held[nodes[:, 0] < near, 0] = True
+        held[:, 2, 0] = True
+        held[nodes[:, 1] < bottom + near] = True
+        return held
+
+    body = Body(plan, layers, youngs_modulus, poissons_ratio, fixed)
+    x_face, y_face = part.input_block[0], part.input_block_height / 2
+    if part.rod_length == 0:  # the face ends at the hinges
+        y_face = part.outer_hinge[1] - part.hinge_thickness / 2 - part.fillet_radius
+    pushed = body.average(lambda x, y: (abs(x - x_face) < near) & (abs(y) < y_face + near), 0)
+    output = body.average(lambda x, y: y > top - near, 1)
+    # unit forces on the whole part: the quarter has half an input face and a quarter of the output face
+    moved = body.solve(np.column_stack([pushed / 2, output / 4]))
+    C11, C21 = 2 * pushed @ moved
+    C12, C22 = output @ moved
+    frequencies = body.frequencies(density, modes) if density is not None else ()
+    body.release()
+    return Reference(
+        C11=float(C11),
+        C12=float(C12),
+        C22=float(C22),
+        frequencies=frequencies,
+        reciprocity=float(abs(C21 / C12 - 1)),
+        n_dof=body.free.size,
+        seconds=time.perf_counter() - began,
+    )

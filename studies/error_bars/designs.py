@@ -1,0 +1,128 @@
+"""Which bridge amplifiers are solved: drawn once and for all from the ranges in which they are built."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from flexdesign import study
+from flexdesign.errors import InputError
+from flexdesign.study import Study
+
+SEED = 20_19
+COUNT = 40
+#: Metals, as Poisson's ratio has a part in the roots' stress.
+METALS = ("Al 7075-T6", "AZ31B", "Ti-6Al-4V", "Steel 1.4310 full hard")
+#: Every fourth design has no input rods, and every third has rounded roots.
+WITHOUT_RODS, ROUNDED = 4, 3
+#: Designs up to so many hinge thicknesses wide are meshed with isotropic tetrahedra, too. Those are as short along a
+#: root as across it: of wider parts there are too many for a study of forty.
+WIDEST_WILD = 20.0
+DESIGN = "bridge_amplifier"
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A design by its number.
+
+    Parameters
+    ----------
+    number
+        From 0.
+    dimensions
+        By name [mm].
+    material
+        Name of the metal.
+    """
+
+    number: int
+    dimensions: Mapping[str, float]
+    material: str
+
+    @property
+    def rounded(self) -> bool:
+        """Whether the hinge roots are rounded."""
+        return self.dimensions["fillet_radius"] > 0
+
+    @property
+    def wild(self) -> bool:
+        """Whether it is meshed with isotropic tetrahedra, too."""
+        return self.dimensions["width"] <= WIDEST_WILD * self.dimensions["hinge_thickness"]
+
+    def study(self, accuracy: float, method: str) -> Study:
+        """Return the study that asks for an accuracy (relative) by a method; what it needs not do is left out.
+
+        Raises
+        ------
+        InputError
+            If the part refuses the dimensions.
+        """
+        settings: dict[str, Any] = {
+            "material": self.material, "mesh.method": method, "mesh.accuracy": f"{100 * accuracy:g} %",
+            "modes.count": 1, "output.large_steps": 0,
+        }  # fmt: skip
+        settings |= {f"dimensions.{name}": f"{value:.6g} mm" for name, value in self.dimensions.items()}
+        return study.read(DESIGN, [f"{key}={value}" for key, value in settings.items()])
+
+    def words(self) -> str:
+        """Return what tells it from the others."""
+        d = self.dimensions
+        root = f"R {d['fillet_radius']:.2g}" if self.rounded else "sharp"
+        return (
+            f"t {d['hinge_thickness']:.2f}, l {d['arm_span']:.1f} x {d['arm_offset']:.1f}, w {d['width']:.1f}, {root}"
+        )
+
+
+@cache
+def designs(seed: int = SEED, count: int = COUNT) -> tuple[Drawn, ...]:
+    """Draw designs until enough of them can be built."""
+    rng = np.random.default_rng(seed)
+    found: list[Drawn] = []
+    while len(found) < count:
+        number = len(found)
+        kinds = {"rods": number % WITHOUT_RODS != WITHOUT_RODS - 1, "rounded": number % ROUNDED == ROUNDED - 1}
+        drawn = Drawn(number, _dimensions(rng, **kinds), str(rng.choice(METALS)))
+        try:
+            drawn.study(0.01, "auto")
+        except InputError:
+            continue
+        found.append(drawn)
+    return tuple(found)
+
+
+def _dimensions(rng: np.random.Generator, *, rods: bool, rounded: bool) -> dict[str, float]:
+    """Draw dimensions [mm]; those that scale stiffnesses by orders of magnitude have even logarithms."""
+
+    def even(low: float, high: float) -> float:
+        return float(rng.uniform(low, high))
+
+    def even_logarithm(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    t = even_logarithm(0.2, 1.0)
+    span = even(10.0, 40.0)
+    arm = even(max(1.5, 2.5 * t), 5.0)
+    leaf = even(2.5 * t, min(10 * t, 0.3 * span))
+    rod = even(1.5, 5.0)
+    radius = even_logarithm(max(0.1 * t, 0.05), 0.8 * t) if rounded else 0.0
+    dimensions = {
+        "arm_span": span,
+        "arm_offset": even_logarithm(0.5, 6.0),
+        "arm_thickness": arm,
+        "hinge_length": leaf,
+        "hinge_thickness": t,
+        "width": even(5.0, 25.0),
+        "rod_length": even(0.8 * arm, 15.0) if rods else 0.0,
+        "rod_thickness": rod,
+        "input_block_height": even(2.2 * arm, 16.0),
+        "input_block_depth": rod + even(1.0, 4.0),
+        "block_width": even(6.0, 16.0),
+        "output_block_height": even(1.2 * arm, 10.0),
+        "ground_block_height": even(1.2 * arm, 10.0),
+        "fillet_radius": radius,
+    }
+    return {name: float(f"{value:.4g}") for name, value in dimensions.items()}

@@ -1,0 +1,229 @@
+"""The report: what the estimates are worth, in words, tables and drawings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from flexdesign import __version__
+from flexdesign.fem import convergence
+from flexdesign.files import FORMAT
+from flexdesign.report import charts
+from flexdesign.report.document import Document, Figure, Section, Table
+from studies.error_bars.findings import ASKED, OVERCAUTIOUS, Case, Deviation, Judgement, judge
+from studies.error_bars.trial import ACCURACY, QUANTITIES
+
+#: How a quantity is written, its unit, and how many SI units that is.
+SHOWN = {
+    "K_in_output_free": ("K_in", "N/mm", 1e3),
+    "lambda_output_free": ("λ", "", 1.0),
+    "K_out_input_free": ("K_out free", "N/mm", 1e3),
+    "K_out_input_held": ("K_out held", "N/mm", 1e3),
+}
+METHODS = {"extruded": "Extruded meshes", "wild": "Wild meshes"}
+HEAD = (
+    "what", "contained", "error: median", "largest", "estimate: median", "largest", "estimate / error",
+    "farthest off", "reference's doubt",
+)  # fmt: skip
+
+
+def document(cases: Sequence[Case]) -> Document:
+    """Return the report of cases that have answers, or say why not."""
+    solved = [case for case in cases if case.deviations]
+    sections = [_about()]
+    for method, title in METHODS.items():
+        of_method = [case for case in cases if case.method == method]
+        if any(case.deviations for case in of_method):
+            sections.append(_in_all(title, of_method))
+    sections += [_designs(title, [c for c in solved if c.method == method]) for method, title in METHODS.items()]
+    return Document("Are the error estimates true?", summary(cases), [s for s in sections if s.tables or s.paragraphs])
+
+
+def summary(cases: Sequence[Case]) -> list[str]:
+    """Return the answer in a few sentences."""
+    said = []
+    for method, title in METHODS.items():
+        of_method = [case for case in cases if case.method == method]
+        solved = [case for case in of_method if case.deviations]
+        if not solved:
+            continue
+        judged = judge(_all(solved))
+        whole = sum(all(deviation.contained for deviation in case.deviations) for case in solved)
+        said.append(
+            f"{title}: {judged.contained} of {judged.count} estimates contain the reference "
+            f"({100 * judged.share:.3g} %; {100 * ASKED:.0f} % are asked for), all {len(QUANTITIES)} of a design in "
+            f"{whole} of {len(solved)} designs. The median estimate is {_percent(judged.median_estimate)}, the median "
+            f"error {_percent(judged.median_error)}; by root mean squares estimates are {judged.caution:.1f} times the "
+            f"errors. A design takes {_median_seconds(solved):.0f} s."
+        )
+        said += [
+            f"Design {case.drawn.number} ({case.drawn.words()}) has no answer: {case.answer.error}"
+            for case in of_method
+            if not case.deviations
+        ]
+    if (versions := len({case.answer.elements for case in cases})) > 1:
+        said.append(f"{versions} versions of the program's elements made these answers; --fresh makes them anew.")
+    return said
+
+
+def of(cases: Sequence[Case]) -> dict[str, Any]:
+    """Return result.json's content: every number in SI units."""
+    return {
+        "format": FORMAT,
+        "kind": "study",
+        "accuracy": ACCURACY,
+        "judgements": {
+            method: vars(judge(_all(solved)))
+            for method in METHODS
+            if (solved := [case for case in cases if case.method == method and case.deviations])
+        },
+        "cases": [_entry(case) for case in cases],
+        "made_by": {"study": "studies.error_bars", "flexdesign": __version__},
+    }
+
+
+def _entry(case: Case) -> dict[str, Any]:
+    return {
+        "design": case.drawn.number,
+        "method": case.method,
+        "material": case.drawn.material,
+        "dimensions": {name: f"{value:g} mm" for name, value in case.drawn.dimensions.items()},
+        "quantities": [vars(deviation) | {"contained": deviation.contained} for deviation in case.deviations],
+        "unknowns": list(case.answer.unknowns),
+        "elements": case.answer.elements,
+        "seconds": round(case.answer.seconds, 1),
+        "reference": {"unknowns": case.known.unknowns, "seconds": round(case.known.seconds, 1)},
+        "error": case.answer.error,
+    }
+
+
+def _about() -> Section:
+    low, high = convergence.ORDERS
+    return Section(
+        "What is compared",
+        [
+            f"Bridge amplifiers drawn from the ranges in which they are built are solved to an accuracy of "
+            f"{100 * ACCURACY:g} %: the program refines until its own estimate says so, extrapolates with orders "
+            f"between {low:.3g} and {high:.3g}, and prints value ± estimate.",
+            "The reference shares no mesher, shape function or assembly with the program: 27-node hexahedra in layers, "
+            "graded to the roots, on two meshes, extrapolated. Its own doubt is stated, and counts as no excuse: an "
+            "estimate contains the truth if the reference's value lies within it.",
+            "Errors and estimates are relative. Farthest off is the largest error, and the reference's doubt its "
+            "largest uncertainty, both in estimates. Estimate / error is the ratio of their root mean squares: 2 is "
+            "right for a bar that holds 95 % of errors which are spread as chance spreads them; "
+            f"{OVERCAUTIOUS:.0f} would be no more honest than a bar that is too short.",
+        ],
+    )
+
+
+def _in_all(title: str, cases: Sequence[Case]) -> Section:
+    solved = [case for case in cases if case.deviations]
+    rows = [_judged(SHOWN[key][0], judge([d for d in _all(solved) if d.quantity == key])) for key in QUANTITIES]
+    for what, chosen in (
+        ("sharp roots", [case for case in solved if not case.drawn.rounded]),
+        ("rounded roots", [case for case in solved if case.drawn.rounded]),
+        ("all", solved),
+    ):
+        if chosen:
+            rows.append(_judged(what, judge(_all(chosen))))
+    method = cases[0].method
+    return Section(title, [], [Table(HEAD, rows)], [_histogram(solved, method), _bars(solved, method)])
+
+
+def _judged(what: str, found: Judgement) -> list[str]:
+    return [
+        what,
+        f"{found.contained} of {found.count}",
+        *(_percent(x) for x in (found.median_error, found.worst_error, found.median_estimate, found.worst_estimate)),
+        f"{found.caution:.1f}",
+        f"{found.worst:.2f}",
+        f"{found.doubt:.2f}",
+    ]
+
+
+def _designs(title: str, cases: Sequence[Case]) -> Section:
+    head = ["design", *(f"{name} [{unit}]" if unit else name for name, unit, _ in SHOWN.values())]
+    head += ["off, in estimates", "meshes", "s", "reference s"]
+    rows = []
+    for case in cases:
+        cells = [_written(deviation) for deviation in case.deviations]
+        off = ", ".join(f"{deviation.in_estimates:+.2f}" for deviation in case.deviations)
+        finest = f"{len(case.answer.sizes)} to {case.answer.unknowns[-1] / 1e3:.0f} k"
+        seconds = [f"{case.answer.seconds:.0f}", f"{case.known.seconds:.0f}"]
+        rows.append([f"{case.drawn.number}: {case.drawn.words()}", *cells, off, finest, *seconds])
+    caption = (
+        "Value ± estimate, and the reference in brackets; t thickness of the hinges, l span and offset of the arms, w "
+        "width, R fillets [mm]. Meshes: how many, and the finest one's unknowns."
+    )
+    return Section(f"{title}: every design", [], [Table(head, rows, caption)] if rows else [], folded=True)
+
+
+def _written(deviation: Deviation) -> str:
+    scale = SHOWN[deviation.quantity][2]
+    value, estimate, reference = (x / scale for x in (deviation.value, deviation.estimate, deviation.reference))
+    digits = int(np.clip(1 - np.floor(np.log10(estimate)), 0, 9))  # two digits of the estimate
+    return f"{value:.{digits}f} ± {estimate:.{digits}f} ({reference:.{digits}f})"
+
+
+def _histogram(cases: Sequence[Case], method: str) -> Figure:
+    from matplotlib.figure import Figure as Canvas
+
+    canvas = Canvas(figsize=(7.2, 3.0), layout="constrained")
+    axes = canvas.add_subplot()
+    charts.plain(axes)
+    groups = {SHOWN[key][0]: [d.in_estimates for d in _all(cases) if d.quantity == key] for key in QUANTITIES}
+    reach = max(1.2, 1.05 * max(abs(x) for group in groups.values() for x in group))
+    edges = np.arange(-np.ceil(reach / 0.1), np.ceil(reach / 0.1) + 1) * 0.1
+    colours = charts.COLOURS[: len(groups)]
+    axes.hist(list(groups.values()), bins=edges.tolist(), stacked=True, color=colours, label=list(groups))
+    for side in (-1, 1):
+        axes.axvline(side, color=charts.NEUTRAL, linestyle="--")
+    axes.set_xlabel("value less reference, in estimates")
+    axes.set_ylabel("answers")
+    charts.below(canvas, axes, 4)
+    caption = "What lies between the dashed lines is contained; a heap in the middle alone would be over-cautious"
+    return Figure(f"histogram_{method}.svg", charts.svg(canvas), caption)
+
+
+def _bars(cases: Sequence[Case], method: str) -> Figure:
+    from matplotlib.figure import Figure as Canvas
+
+    canvas = Canvas(figsize=(7.2, 3.4), layout="constrained")
+    axes = canvas.add_subplot()
+    charts.plain(axes)
+    key = "K_in_output_free"
+    found = [next(d for d in case.deviations if d.quantity == key) for case in cases]
+    for rounded, label in ((False, "sharp roots"), (True, "rounded roots")):
+        chosen = [i for i, case in enumerate(cases) if case.drawn.rounded == rounded]
+        middle, half = ([100 * x for x in part] for part in _relative([found[i] for i in chosen]))
+        places = [cases[i].drawn.number for i in chosen]
+        colour = charts.COLOURS[int(rounded)]
+        axes.errorbar(places, middle, half, fmt="o", color=colour, markersize=4, capsize=2, label=label)
+    numbers, doubts = (
+        [case.drawn.number for case in cases],
+        np.array([100 * d.uncertainty / d.reference for d in found]),
+    )
+    axes.bar(numbers, 2 * doubts, bottom=-doubts, width=0.9, color=charts.NEUTRAL, alpha=0.4, label="reference")
+    axes.axhline(0.0, color=charts.NEUTRAL, linewidth=0.8)
+    axes.set_xlabel("design")
+    axes.set_ylabel("K_in less reference [%]")
+    charts.below(canvas, axes, 3)
+    return Figure(f"bars_{method}.svg", charts.svg(canvas), "K_in ± estimate beside the reference and its own doubt")
+
+
+def _relative(found: Sequence[Deviation]) -> tuple[list[float], list[float]]:
+    return [d.error for d in found], [d.estimate / abs(d.reference) for d in found]
+
+
+def _all(cases: Sequence[Case]) -> list[Deviation]:
+    return [deviation for case in cases for deviation in case.deviations]
+
+
+def _median_seconds(cases: Sequence[Case]) -> float:
+    return float(np.median([case.answer.seconds for case in cases]))
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %"

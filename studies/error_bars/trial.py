@@ -1,0 +1,215 @@
+"""Solving the designs, by the program and by the reference; each result is a file, so that it goes on where it stopped.
+
+A file is taken for a result if it answers the same question: the same design, accuracy and method, or the same meshes
+of the reference. It keeps what each mesh gave: a change of the estimate alone asks for no new solutions but where the
+program would now stop elsewhere. Each names the version of the
+program's elements that made it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, cast
+
+from flexdesign import refinement, validation
+from flexdesign.cache import Cache, content_key
+from flexdesign.errors import InputError
+from flexdesign.fem import methods
+from flexdesign.model import Quantity
+from flexdesign.study import Study
+from studies.error_bars import bridge
+from studies.error_bars.bridge import Bridge, Fineness, Reference
+from studies.error_bars.designs import Drawn
+
+Say = Callable[[str], None]
+Method = Literal["extruded", "wild"]
+
+ACCURACY = 0.01
+#: What is judged: keys that the program and the reference have in common, and the quantity's name.
+QUANTITIES = {
+    "K_in_output_free": "K_in",
+    "lambda_output_free": "lambda",
+    "K_out_input_free": "K_out",
+    "K_out_input_held": "K_out",
+}
+SCATTER = {"extruded": methods.Extruded.scatter, "wild": methods.Wild.scatter}
+#: Levels of the reference's two meshes, and the powers of their growth that its error may fall with: 4 is that of
+#: quadratic displacements' energy and of the roots, which are refined accordingly; 6 has been seen.
+LEVELS, ORDERS = (1.0, 1.6), (4.0, 6.0)
+
+
+@dataclass(frozen=True)
+class Known:
+    """The reference's answers to one design.
+
+    Parameters
+    ----------
+    values, uncertainties
+        By quantity, SI.
+    unknowns
+        Of the finer mesh.
+    seconds
+        For both meshes.
+    """
+
+    values: Mapping[str, float]
+    uncertainties: Mapping[str, float]
+    unknowns: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Answered:
+    """The program's answers to one design.
+
+    Parameters
+    ----------
+    values, estimates
+        By quantity, SI; the estimates are those of the discretisation error.
+    sizes, raw
+        Edge length at the roots on each mesh [m], and each quantity on each mesh.
+    unknowns
+        Of each mesh.
+    seconds
+        From geometry to answer.
+    elements
+        Fingerprint of the program's finite elements.
+    error
+        Why there is none; empty otherwise.
+    """
+
+    values: Mapping[str, float]
+    estimates: Mapping[str, float]
+    sizes: Sequence[float]
+    raw: Mapping[str, Sequence[float]]
+    unknowns: Sequence[int]
+    seconds: float
+    elements: str = ""
+    error: str = ""
+
+    @property
+    def reached(self) -> float:
+        """The largest of the relative estimates."""
+        return max((abs(self.estimates[key] / value) for key, value in self.values.items()), default=math.nan)
+
+
+def known(drawn: Drawn, folder: Path, say: Say) -> Known:
+    """Return the reference's answers, from its file if there is one.
+
+    An error that falls with a power p of the growth leaves (K_1 - K_2) / ((g_1 / g_2)^p - 1); the value is the middle
+    of what the lowest and the highest p give, and its uncertainty half of their distance.
+    """
+    question = content_key(drawn.dimensions, drawn.material, LEVELS, ORDERS)
+    path = folder / f"{drawn.number:02d}-reference.json"
+    if (told := _kept(path, question)) is not None:
+        return Known(**told)
+    say("solving by hexahedra")
+    design = drawn.study(ACCURACY, "auto").design
+    metal, part = design.material, cast(Bridge, design.part())
+    answer = extrapolated(
+        *(bridge.solve(part, metal.youngs_modulus, metal.poissons_ratio, fineness=Fineness.of(x)) for x in LEVELS)
+    )
+    _keep(path, question, asdict(answer))
+    return answer
+
+
+def extrapolated(coarse: Reference, fine: Reference) -> Known:
+    """Return the reference freed from its leading error."""
+    ratio = Fineness.of(LEVELS[0]).growth / Fineness.of(LEVELS[1]).growth
+    low, high = (1 / (ratio**order - 1) for order in ORDERS)
+    pairs = {key: (getattr(coarse, key), getattr(fine, key)) for key in QUANTITIES}
+    return Known(
+        values={key: new + (new - old) * (low + high) / 2 for key, (old, new) in pairs.items()},
+        uncertainties={key: abs(new - old) * abs(low - high) / 2 for key, (old, new) in pairs.items()},
+        unknowns=fine.n_dof,
+        seconds=coarse.seconds + fine.seconds,
+    )
+
+
+def judged_anew(answer: Answered, method: Method, accuracy: float) -> Answered | None:
+    """Return an answer with the estimates of today, from what its meshes gave; None if there would be other meshes.
+
+    The program stops refining as soon as its estimate is small enough.
+    """
+    if answer.error:
+        return None
+    for count in range(2, len(answer.sizes) + 1):
+        meshes = [
+            {key: Quantity(QUANTITIES[key], values[i], "1", "1") for key, values in answer.raw.items()}
+            for i in range(count)
+        ]
+        limits = dict(zip(answer.raw, refinement.limits(meshes, answer.sizes[:count], SCATTER[method]), strict=True))
+        if refinement.estimated_error(list(limits.values())) <= accuracy or count == refinement.MOST_LEVELS:
+            values = {key: limit.value for key, limit in limits.items()}
+            estimates = {key: limit.sigma or 0.0 for key, limit in limits.items()}
+            return replace(answer, values=values, estimates=estimates) if count == len(answer.sizes) else None
+    return None
+
+
+def answered(
+    drawn: Drawn, method: Method, folder: Path, cache: Cache, say: Say, accuracy: float = ACCURACY
+) -> Answered:
+    """Return what the program says of a design, from its file if there is one; that there is no mesh, too."""
+    question = content_key(drawn.dimensions, drawn.material, accuracy, method)
+    path = folder / f"{drawn.number:02d}-{method}.json"
+    if (told := _kept(path, question)) is not None and (answer := judged_anew(Answered(**told), method, accuracy)):
+        return answer
+    say(f"solving by the program ({method})")
+    began = time.perf_counter()
+    try:
+        answer = _solved(drawn.study(accuracy, method), cache)
+    except (InputError, ArithmeticError) as error:  # no mesh, or a solution that fails its checks
+        answer = Answered({}, {}, (), {}, (), time.perf_counter() - began, refinement.engine(), str(error))
+    _keep(path, question, asdict(answer))
+    return answer
+
+
+def _solved(study: Study, cache: Cache) -> Answered:
+    validated = validation.validate(study, cache)
+    found = {key: validated.fem(key) for key in QUANTITIES}
+    levels = validated.levels
+    compliances = [level.solution.compliance for level in levels]
+    return Answered(
+        values={key: quantity.value for key, quantity in found.items()},
+        estimates={key: quantity.sigma or 0.0 for key, quantity in found.items()},
+        sizes=[level.size for level in levels],
+        raw={
+            "K_in_output_free": [c.input_stiffness for c in compliances],
+            "lambda_output_free": [c.amplification for c in compliances],
+            "K_out_input_free": [c.output_stiffness(0.0) for c in compliances],
+            "K_out_input_held": [c.output_stiffness(math.inf) for c in compliances],
+        },
+        unknowns=[level.solution.facts["unknowns"] for level in levels],
+        seconds=validated.seconds + sum(level.seconds for level in levels if level.cached),
+        elements=refinement.engine(),
+    )
+
+
+def forget(folder: Path) -> None:
+    """Remove all results."""
+    for path in folder.glob("*.json"):
+        path.unlink()
+
+
+def _kept(path: Path, question: str) -> dict[str, Any] | None:
+    """Return what a file says, if it is there and answers the question."""
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+        return dict(told["answer"]) if told["question"] == question else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _keep(path: Path, question: str, answer: Mapping[str, Any]) -> None:
+    """Write a file whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    new = path.with_suffix(f".{os.getpid()}.new")
+    told = {"question": question, "answer": answer}
+    new.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    new.replace(path)

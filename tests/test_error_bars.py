@@ -1,0 +1,135 @@
+"""Error estimates beside an independent reference: two designs of the study, and how the study judges."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from flexdesign.cache import Cache
+from flexdesign.report import render
+from studies.error_bars import bridge, report, trial
+from studies.error_bars.bridge import Fineness, Reference
+from studies.error_bars.designs import COUNT, METALS, ROUNDED, WITHOUT_RODS, Drawn, designs
+from studies.error_bars.findings import Case, Deviation, judge
+from studies.error_bars.trial import LEVELS, ORDERS, QUANTITIES, Answered, Known
+
+#: The quickest of the study with sharp and with rounded roots: little width, thick hinges.
+SHARP, FILLETED = 7, 38
+VALUES = dict.fromkeys(QUANTITIES, 100.0)
+
+
+def silent(_: str) -> None:
+    """Tell nobody."""
+
+
+@pytest.mark.parametrize("number", [SHARP, pytest.param(FILLETED, marks=pytest.mark.slow)])
+def test_estimates_contain_the_reference(number: int, tmp_path: Path) -> None:
+    """At an accuracy of 2 %, on the first two meshes."""
+    drawn = designs()[number]
+    answer = trial.answered(drawn, "extruded", tmp_path, Cache(tmp_path / "cache"), silent, accuracy=0.02)
+    known = trial.known(drawn, tmp_path, silent)
+    case = Case(drawn, "extruded", answer, known)
+    assert [d.quantity for d in case.deviations if not d.contained] == []
+    assert answer.reached <= 0.02
+    for deviation in case.deviations:
+        assert deviation.uncertainty < 0.4 * deviation.estimate
+    assert trial.known(drawn, tmp_path, pytest.fail) == known  # from its file
+    again = trial.answered(drawn, "extruded", tmp_path, Cache(tmp_path / "none"), pytest.fail, accuracy=0.02)
+    assert again.values == answer.values and again.estimates == answer.estimates
+
+
+def test_designs_are_drawn_once_and_for_all() -> None:
+    drawn = designs()
+    assert len(drawn) == COUNT and [d.number for d in drawn] == list(range(COUNT))
+    assert designs(count=3) == drawn[:3] and designs(seed=1, count=3) != drawn[:3]
+    assert {d.material for d in drawn} == set(METALS)
+    rounded, bare = (d for d in (drawn[ROUNDED - 1], drawn[WITHOUT_RODS - 1]))
+    assert rounded.rounded and not drawn[0].rounded
+    assert bare.dimensions["rod_length"] == 0.0 and drawn[0].dimensions["rod_length"] > 0.0
+    assert all(0.2 <= d.dimensions["hinge_thickness"] <= 1.0 and 10 <= d.dimensions["arm_span"] <= 40 for d in drawn)
+    assert {True, False} == {d.rounded for d in drawn if d.wild}
+
+
+def test_reference_extrapolates_what_falls_with_a_power_between_its_orders() -> None:
+    growths = [Fineness.of(level).growth for level in LEVELS]
+    for order in (*ORDERS, 5.0):
+        compliances = [1e-6 / (1 + 0.01 * growth**order) for growth in growths]
+        meshes = [Reference(c, 3 * c, 10 * c, (), 0.0, 1, 1.0) for c in compliances]
+        found = trial.extrapolated(*meshes)
+        assert abs(found.values["K_in_output_free"] - 1e6) <= found.uncertainties["K_in_output_free"] * (1 + 1e-6)
+        assert found.values["lambda_output_free"] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.3])
+@pytest.mark.parametrize("rods", [True, False])
+def test_every_kind_of_design_fills_its_contour(rods: bool, radius: float) -> None:
+    drawn = designs()[0]
+    dimensions = {**drawn.dimensions, "fillet_radius": radius} | ({} if rods else {"rod_length": 0.0})
+    part = replace(drawn, dimensions=dimensions).study(0.01, "auto").design.part()
+    bridge.mesh(part, Fineness.of(1))  # type: ignore[arg-type]  # raises if it does not
+
+
+def invented(deviations: list[float], drawn: Drawn, uncertainty: float = 0.1) -> Case:
+    """Return a case whose values of 100 lie so many estimates of 1 off the reference."""
+    references = {key: 100.0 - off for key, off in zip(QUANTITIES, deviations, strict=True)}
+    answer = Answered(VALUES, dict.fromkeys(QUANTITIES, 1.0), (2e-5, 1e-5), {}, (10_000, 20_000), 3.0)
+    return Case(drawn, "extruded", answer, Known(references, dict.fromkeys(QUANTITIES, uncertainty), 9, 1.0))
+
+
+def test_judgement_counts_what_is_contained() -> None:
+    found = judge(invented([0.5, -1.5, 1.0, 0.01], designs()[0]).deviations)
+    assert (found.count, found.contained, found.share, found.holds) == (4, 3, 0.75, False)
+    assert found.worst == pytest.approx(1.5)
+    assert found.median_estimate == pytest.approx(0.01)
+    assert found.doubt == pytest.approx(0.1)
+    errors = [0.5 / 99.5, 1.5 / 101.5, 1 / 99, 0.01 / 99.99]
+    assert found.caution == pytest.approx(0.01 / math.sqrt(sum(e**2 for e in errors) / 4))
+
+
+def test_estimates_that_say_nothing_do_not_hold() -> None:
+    timid = judge(invented([0.04, -0.03, 0.0, 0.05], designs()[0]).deviations)
+    assert timid.share == 1.0 and timid.caution > 20 and not timid.holds
+    assert judge(invented([0.4, -0.3, 0.0, 0.5], designs()[0]).deviations).holds
+
+
+def test_what_the_reference_leaves_open_is_no_excuse() -> None:
+    assert not Deviation("K_in_output_free", 100.0, 1.0, 101.05, 0.1).contained
+
+
+def test_kept_meshes_are_judged_by_the_estimate_of_today() -> None:
+    raw = {key: [104.0, 102.0] for key in QUANTITIES}
+    stale = Answered(VALUES, VALUES, (1.8225e-5, 1e-5), raw, (1, 2), 1.0)
+    fresh = trial.judged_anew(stale, "extruded", 0.05)
+    assert fresh is not None and 98.0 < fresh.values["K_in_output_free"] < 102.0
+    assert 0.0 < fresh.estimates["K_in_output_free"] < 4.0
+    assert trial.judged_anew(stale, "extruded", 1e-3) is None  # it would refine further
+    assert trial.judged_anew(replace(stale, error="no mesh"), "extruded", 0.05) is None
+
+
+def test_files_of_other_questions_are_not_taken(tmp_path: Path) -> None:
+    drawn = designs()[0]
+    path = tmp_path / "00-reference.json"
+    trial._keep(path, "another question", {"values": {}})
+    assert trial._kept(path, "the question") is None
+    assert trial._kept(path, "another question") == {"values": {}}
+    path.write_text("{", encoding="utf-8")
+    assert trial._kept(path, "another question") is None
+    trial.forget(tmp_path)
+    assert not list(tmp_path.iterdir()) and drawn.number == 0
+
+
+def test_report_states_every_number(tmp_path: Path) -> None:
+    cases = [invented([0.5, -1.5, 1.0, 0.01], designs()[0]), invented([0.2, 0.1, -0.3, 0.4], designs()[ROUNDED - 1])]
+    lost = replace(cases[0], answer=Answered({}, {}, (), {}, (), 1.0, error="the mesher ended without a mesh"))
+    render.write(tmp_path, report.document([*cases, lost]), report.of([*cases, lost]), {})
+    text = (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert "7 of 8 estimates contain the reference" in text
+    assert "100.0 ± 1.0" in text and "the mesher ended without a mesh" in text
+    numbers = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    assert numbers["judgements"]["extruded"]["contained"] == 7
+    assert [len(case["quantities"]) for case in numbers["cases"]] == [4, 4, 0]
+    assert {file.name for file in tmp_path.glob("*.svg")} == {"bars_extruded.svg", "histogram_extruded.svg"}

@@ -1,0 +1,88 @@
+"""From mesh to mesh: what is passed over, and whose estimates know of whose errors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flexdesign import refinement, study
+from flexdesign.cache import Cache
+from flexdesign.errors import InputError
+from flexdesign.fem.convergence import Scatter
+from flexdesign.fem.mesh import MeshError
+from flexdesign.model import Quantity
+
+SIZES = (2e-5, 1e-5)
+
+
+def refined(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, refused: set[int], cause: Exception
+) -> tuple[list[Any], list[str]]:
+    """Return the levels of a study of three meshes, of which some are refused, and what was said."""
+    tried: list[float] = []
+    said: list[str] = []
+
+    def level(*arguments: Any) -> Any:
+        tried.append(arguments[4])
+        if len(tried) - 1 in refused:
+            raise InputError("part.toml", "mesh", None, f"mesh {len(tried)} is too coarse") from cause
+        return arguments[4]
+
+    monkeypatch.setattr(refinement, "_level", level)
+    nothing: Any = None
+    asked = study.read("bridge_amplifier")
+    return refinement.refined(asked, nothing, nothing, nothing, Cache(tmp_path), said.append), said
+
+
+def test_a_mesh_that_cannot_be_used_is_passed_over(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    levels, said = refined(monkeypatch, tmp_path, {0}, MeshError("off"))
+    assert levels == [pytest.approx(1.35), 1.0]
+    assert said == ["passing over this mesh: mesh 1 is too coarse"]
+
+
+@pytest.mark.parametrize(("refused", "cause"), [({0, 2}, MeshError("off")), ({1}, MemoryError())])
+def test_two_meshes_are_needed_and_memory_is_no_matter_of_the_mesh(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, refused: set[int], cause: Exception
+) -> None:
+    with pytest.raises(InputError, match=f"mesh {min(refused) + 1} is too coarse"):
+        refined(monkeypatch, tmp_path, refused, cause)
+
+
+def found(k_in: float, ratio: float) -> dict[str, Quantity]:
+    """Return what a mesh finds."""
+    both = (Quantity("K_in", k_in, "N/m", "N/mm", "output free"), Quantity("lambda", ratio, "1", "", "output free"))
+    return {quantity.key: quantity for quantity in both}
+
+
+def test_an_amplification_that_does_not_move_inherits_the_scatter_of_the_stiffness() -> None:
+    meshes = [found(1.02e6, -10.0), found(1.01e6, -10.0)]
+    k_in, ratio = refinement.limits(meshes, SIZES, Scatter(0.0, 0.25))
+    assert ratio.value == -10.0 and k_in.sigma is not None and ratio.sigma is not None
+    assert 0.0 < ratio.sigma / 10 < k_in.sigma / k_in.value
+    _, alone = refinement.limits(meshes, SIZES, Scatter(1e-4))
+    assert alone.sigma is not None and alone.sigma / 10 < 1e-3  # a mesher without such scatter
+
+
+def test_the_estimated_error_is_the_largest() -> None:
+    quantities = refinement.limits([found(1.02e6, -10.0), found(1.01e6, -10.0)], SIZES, Scatter(0.0, 0.25))
+    assert refinement.estimated_error(quantities) == pytest.approx(quantities[0].sigma / quantities[0].value)
+
+
+def test_the_way_of_extrapolating_asks_for_no_other_meshes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Solutions in the cache stay good when estimates change, and only then."""
+    before = refinement.engine()
+    refinement.engine.cache_clear()
+    read = Path.read_text
+
+    def changed(name: str) -> Any:
+        return lambda path, *a, **k: read(path, *a, **k) + ("# changed" if path.name == name else "")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "read_text", changed("convergence.py"))
+        assert refinement.engine() == before
+        refinement.engine.cache_clear()
+        patched.setattr(Path, "read_text", changed("methods.py"))
+        assert refinement.engine() != before
+    refinement.engine.cache_clear()
