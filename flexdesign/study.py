@@ -5,17 +5,29 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator
 
 from flexdesign import design as designs
 from flexdesign import files
 from flexdesign.design import Design
 from flexdesign.errors import InputError, suggest
-from flexdesign.files import Table, in_si, whole
+from flexdesign.files import Bounds, Table, in_si, whole
 from flexdesign.part import is_file
 
 #: Tables and keys that belong to a design; everything else that --set names belongs to the study.
 DESIGN_KEYS = ("part", "dimensions", "material", "actuator", "provenance")
+
+
+_PLACE = Bounds("m", -1.0, 1.0)
+
+
+def _point(given: object) -> tuple[float, float, float]:
+    if not isinstance(given, (list, tuple)) or len(given) != 3:
+        raise ValueError('expected a point x, y, z in the part\'s frame, such as ["0 mm", "20 mm", "5 mm"]')
+    x, y, z = (_PLACE.read(coordinate) for coordinate in given)
+    return x, y, z
 
 
 class MeshSettings(Table):
@@ -32,6 +44,9 @@ class MeshSettings(Table):
     ones, balance the error of the roots with that of the rest. Each coarser mesh is `refinement` times as coarse
     everywhere; an extruded one at the roots by its square. The wild mesher may move the surface by `envelope` hinge
     thicknesses, before its vertices are put back on the CAD faces.
+
+    With `cross_check` the part is also solved in every other way that it allows, with each method and on its
+    fundamental domain and whole, and the report sets the answers side by side.
     """
 
     method: Literal["auto", "wild", "extruded"] = "auto"
@@ -43,6 +58,7 @@ class MeshSettings(Table):
     largest: in_si("m", 1e-5, 0.1) | None = None  # type: ignore[valid-type]
     refinement: in_si("1", 1.1, 2.0) = 1.35  # type: ignore[valid-type]
     envelope: in_si("1", 1e-3, 0.05) = 0.05  # type: ignore[valid-type]
+    cross_check: bool = False
 
 
 class ModeSettings(Table):
@@ -56,13 +72,15 @@ class OutputSettings(Table):
 
     `load` is the stiffness of what the output pushes against, for one more row of K_in and amplification; `stroke` the
     output motion at which stress is stated (default: all the actuator gives); `actuator_offset` how far off its axis
-    the actuator pushes, for the coupling. `large_steps` is in how many steps of force large displacements are followed
-    to full drive, on the coarsest mesh; 0 leaves them out.
+    the actuator pushes, for the coupling and the motion of the table. `sensor` is the point x, y, z in the part's frame
+    at which a sensor looks; it is fixed to the table, and its motion is told beside the table's. `large_steps` is in
+    how many steps of force large displacements are followed to full drive, on the coarsest mesh; 0 leaves them out.
     """
 
     load: in_si("N/m", 1.0, 1e10) | None = None  # type: ignore[valid-type]
     stroke: in_si("m", 0.0, 0.05, exclusive=True) | None = None  # type: ignore[valid-type]
     actuator_offset: in_si("m", 0.0, 0.05) = 1e-4  # type: ignore[valid-type]
+    sensor: Annotated[tuple[float, float, float], BeforeValidator(_point), _PLACE] | None = None
     large_steps: whole(0, 50) = 4  # type: ignore[valid-type]
 
 

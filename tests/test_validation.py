@@ -13,11 +13,14 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
 
 from flexdesign import quantities, stage_model, study
 from flexdesign.cache import Cache
-from flexdesign.report import render, validation_report
+from flexdesign.errors import InputError
+from flexdesign.report import render, validation_pictures, validation_report
+from flexdesign.report.document import Document, Table
+from flexdesign.report.pictures import SWING
 from flexdesign.testing import assert_agrees
 from flexdesign.validation import Validation, validate
 from tests.conftest import Ended
@@ -34,6 +37,11 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def validation(cache: Path) -> Validation:
     return validate(study.read("bridge_amplifier", COARSE), Cache(cache))
+
+
+@pytest.fixture(scope="module")
+def document(validation: Validation) -> Document:
+    return validation_report.document(validation)
 
 
 def test_port_limits(validation: Validation) -> None:
@@ -106,14 +114,14 @@ def test_an_accuracy_takes_as_many_meshes_as_it_needs(cache: Path) -> None:
         overrides = ("modes.count=1", "output.large_steps=0", f'mesh.accuracy="{asked}"')
         return validate(study.read("bridge_amplifier", overrides), Cache(cache), said.append)
 
-    rough, fine = to("2 %"), to("0.3 %")
+    rough, fine = to("2 %"), to("0.5 %")
     assert len(rough.levels) == 2 and rough.estimated_error <= 0.02
-    assert len(fine.levels) == 3 and fine.estimated_error <= 0.003
+    assert len(fine.levels) == 3 and fine.estimated_error <= 0.005
     for key in ("K_in_output_free", "lambda_output_free", "K_out_input_free"):
         assert abs(rough.fem(key).value - fine.fem(key).value) <= rough.fem(key).sigma
-    assert any("asked for 0.3 %" in line for line in said)
+    assert any("asked for 0.5 %" in line for line in said)
     text = render.to_markdown(validation_report.document(fine))
-    assert "Asked for was an error of at most 0.3 %" in text and "reached" in text
+    assert "Asked for was an error of at most 0.5 %" in text and "reached" in text
 
 
 def test_large_displacements_begin_with_the_linear_answers_and_reach_full_drive(validation: Validation) -> None:
@@ -165,8 +173,7 @@ def test_stress_at_a_stated_stroke_scales_with_it(validation: Validation) -> Non
     assert two[0].value == pytest.approx(2 * one[0].value, rel=1e-12)
 
 
-def test_report_is_complete_and_self_contained(validation: Validation, tmp_path: Path) -> None:
-    document = validation_report.document(validation)
+def test_report_is_complete_and_self_contained(validation: Validation, document: Document, tmp_path: Path) -> None:
     written = render.write(tmp_path, document, validation_report.result(validation), {})
     page = (tmp_path / "report.html").read_text()
     assert {path.name for path in written} == {path.name for path in tmp_path.iterdir()}
@@ -182,15 +189,123 @@ def test_report_is_complete_and_self_contained(validation: Validation, tmp_path:
     assert content["made_by"]["versions"]["scikit-fem"]
 
 
-def test_pictures_show_something(validation: Validation) -> None:
-    document = validation_report.document(validation)
+def test_pictures_show_something(document: Document) -> None:
     pictures = [figure for figure in document.figures if figure.file.endswith(".png")]
-    assert len(pictures) == 6
+    modes = [figure for figure in pictures if figure.file.startswith("mode_")]
+    assert len(pictures) - len(modes) == 5
+    assert len(modes) == 4  # the lowest of each symmetry class
     for picture in pictures:
         image = Image.open(io.BytesIO(picture.data)).convert("RGB")
-        assert image.width >= 1000
+        assert image.width >= (700 if picture in modes else 1000)
         colours = np.unique(np.asarray(image.resize((80, 50))).reshape(-1, 3), axis=0)
         assert len(colours) > 20, f"{picture.file} is nearly blank"
+    assert sum(len(figure.data) for figure in modes) < 1e6
+
+
+def test_the_mode_that_carries_the_output_moves(
+    validation: Validation,
+) -> None:
+    """Frames swing from one side through rest to the other and back; the other pictures stand still."""
+    document = validation_report.document(validation)
+    pictures = {figure: Image.open(io.BytesIO(figure.data)) for figure in document.figures if "mode_" in figure.file}
+    (moving,) = [figure for figure, image in pictures.items() if getattr(image, "n_frames", 1) > 1]
+    assert "the mode that carries the output, moving" in moving.caption
+    frames = [np.asarray(frame.convert("L"), float) for frame in ImageSequence.Iterator(pictures[moving])]
+    assert len(frames) == 2 * (len(SWING) - 1) and SWING[0] == 1.0 and SWING[-1] == -1.0
+    rest = frames[len(SWING) // 2]
+    away = [float(np.abs(frame - rest).mean()) for frame in frames]
+    assert away[0] > away[1] > away[2] > away[3] > away[4] == 0.0 == away[12]
+    assert away[1:] == pytest.approx(away[:0:-1], rel=1e-2)  # it goes back as it came
+
+
+def test_ranges_stand_with_the_numbers() -> None:
+    """Words stand on the left, and what begins with a sign is a number, be there a space behind it or none."""
+    table = Table(["", "range", "sign", "word"], [["a", "± 0.5 %", "-1", "to 3"], ["b", "-1 to +2 %", "+2", "–"]])
+    assert table.wordy == [True, False, False, True]
+
+
+def test_odd_modes_are_mirrored_oddly(validation: Validation) -> None:
+    """The whole shape of a mode that is odd in x has u_y(-x) = -u_y(x), of one that is even u_y(-x) = u_y(x)."""
+    modes = validation_pictures.drawn_modes(validation)
+    reel = validation_pictures.reel(validation, modes)
+    quarter = len(validation.modal.solution.positions)
+    for (mode, _), shot in zip(modes, reel.shots, strict=True):
+        here, there = shot.displacement[:quarter], shot.displacement[quarter : 2 * quarter]
+        np.testing.assert_allclose(reel.points[quarter : 2 * quarter], reel.points[:quarter] * [-1, 1, 1])
+        sign = 1 if "even in x" in mode.symmetry else -1
+        np.testing.assert_allclose(there, sign * here * [-1, 1, 1])
+
+
+def test_effective_masses_are_told_with_the_part_s_mass(validation: Validation) -> None:
+    """The mass is density times volume; by symmetry a mode shakes along one axis at most, here each axis with one."""
+    told = validation_report.result(validation)
+    material = validation.study.design.material
+    volume = validation.study.design.part().solid().Volume() * 1e-9
+    assert told["mass"] == {"value": pytest.approx(material.density * volume, rel=1e-6), "unit": "kg"}
+    axes = set()
+    for mode in told["modes"]:
+        masses = [mode["effective_mass"][axis] for axis in "xyz"]
+        assert sum(mass > 0 for mass in masses) <= 1 and sum(masses) < told["mass"]["value"]
+        axes |= {axis for axis, mass in zip("xyz", masses, strict=True) if mass > 0}
+    assert axes == {"x", "y", "z"}
+
+
+# --- the table's motion -------------------------------------------------------------------------------------------
+
+
+def test_the_table_moves_by_the_stroke_and_tilts_as_the_coupling_says(validation: Validation) -> None:
+    on_axis, off_axis = "full_voltage_actuator_on_axis", "full_voltage_actuator_0.1_mm_off_axis_in_z"
+    stroke = validation.fem("stroke_output_free")
+    assert validation.fem(f"table_u_y_{on_axis}").value == pytest.approx(stroke.value, rel=1e-9)
+    for component in ("u_x", "u_z", "theta_x", "theta_y", "theta_z"):
+        assert validation.fem(f"table_{component}_{on_axis}").value == 0  # by symmetry
+    # The coupling is per travel on the axis, which the offset changes by its square: (0.1 mm / 20 mm)^2 or less.
+    turn, tilt = validation.fem(f"table_theta_x_{off_axis}"), validation.fem("tilt_actuator_0.1_mm_off_axis_in_z")
+    assert abs(turn.value) == pytest.approx(tilt.value * abs(stroke.value), rel=3e-3)  # each extrapolated on its own
+    assert turn.si == "rad" and turn.unit == "urad" and turn.sigma
+
+
+def test_the_sensor_s_point_is_fixed_to_the_table(validation: Validation) -> None:
+    """u + theta x r, r from the middle of the output's face; without an actuator per newton of its force."""
+    sensor = ["2 mm", "31 mm", "-9 mm"]
+    asked = study.read("bridge_amplifier", [f"output.sensor={json.dumps(sensor)}"])
+    compliance = validation.levels[0].solution.compliance
+    found = {q.key: q.value for q in quantities.six_degrees(asked, compliance, off_axis=True)}
+    output = next(port for port in asked.design.part().ports() if port.role == "output")
+    arm = np.array([2e-3, 31e-3, -9e-3]) - output.point
+
+    def motion(point: str, kind: str) -> np.ndarray:
+        return np.array([found[f"{point}_{kind}_{axis}_full_voltage_actuator_0.1_mm_off_axis_in_z"] for axis in "xyz"])
+
+    assert np.linalg.norm(motion("table", "theta")) > 0
+    np.testing.assert_array_equal(motion("sensor", "theta"), motion("table", "theta"))
+    expected = motion("table", "u") + np.cross(motion("table", "theta"), arm)
+    np.testing.assert_allclose(motion("sensor", "u"), expected, rtol=1e-12)
+    passive = replace(asked, design=replace(asked.design, actuator=None))
+    per_newton = {q.key: q.value for q in quantities.six_degrees(passive, compliance, off_axis=False)}
+    assert per_newton["table_u_y_1_N_of_actuator_force_actuator_on_axis"] == pytest.approx(compliance.c12, rel=1e-12)
+
+
+def test_the_report_has_a_table_for_each_point(document: Document) -> None:
+    page = render.to_markdown(document)
+    assert "The table, at the middle of the output's face, full voltage" in page and "| θ_x | 0 |" in page
+    assert "The sensor's point" not in page and "names output.sensor" in page
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ('["0 mm", "20 mm"]', "expected a point x, y, z"),
+        ("5 mm", "expected a point x, y, z"),
+        ('["0 mm", "3 N", "1 mm"]', "not a unit of length"),
+        ('["0 mm", "3", "1 mm"]', "the unit is missing"),
+        ('["0 mm", "3 m", "1 mm"]', "allowed: -1000 to 1000 mm"),
+    ],
+)
+def test_a_sensor_s_point_has_three_lengths(given: str, why: str) -> None:
+    with pytest.raises(InputError, match=why) as caught:
+        study.read("bridge_amplifier", [f"output.sensor={given}"])
+    assert (caught.value.file, caught.value.field) == ("command line", "output.sensor")
 
 
 def test_command_line(validation: Validation, cache: Path, tmp_path: Path, command_line: Callable[..., Ended]) -> None:
@@ -249,11 +364,11 @@ def test_fatigue_is_judged_by_goodman_s_line(validation: Validation) -> None:
     assert preloaded["safety_against_fatigue"] < found["safety_against_fatigue"]
 
 
-def test_a_sharp_root_has_a_peak_without_error_or_margin(validation: Validation) -> None:
+def test_a_sharp_root_has_a_peak_without_error_or_margin(validation: Validation, document: Document) -> None:
     peaks = [q for q in validation.further if q.name == "peak_stress" or "peak stress" in q.boundary]
     assert [q.name for q in peaks] == ["peak_stress"]
     assert peaks[0].sigma is None and "use a fillet" in peaks[0].source
-    page = render.to_markdown(validation_report.document(validation))
+    page = render.to_markdown(document)
     assert "singular: grows with refinement, use a fillet" in page and "Williams 1952" in page
 
 

@@ -14,7 +14,8 @@ HELP = """Solve a design with FEM and set the analytic model beside it.
 
 STUDY is a study or design file, or the bare name of one in studies/ or geometry/. Its part is built, meshed, checked
 (every hinge as thick on the mesh as drawn), solved on several meshes and extrapolated; the report shows stiffness,
-amplification, stroke, coupling, modes and stress, each with the boundary it holds under, beside the formulas.
+amplification, stroke, the six motions of table and sensor, modes and stress, each with the boundary it holds under,
+beside the formulas.
 
 **Examples**
 
@@ -24,9 +25,15 @@ amplification, stroke, coupling, modes and stress, each with the boundary it hol
 
     flexdesign validate my_design.toml --set mesh.levels=2 --json > result.json
 
+    flexdesign validate my_design.toml --set mesh.cross_check=true
+
+    flexdesign validate my_design.toml --set output.sensor='["0 mm", "40 mm", "0 mm"]'
+
 **What --set can change:** the design (`dimensions.*`, `material`, `actuator.*`, `part`) and the study (`mesh.method`,
-`mesh.levels`, `mesh.at_root`, `mesh.growth`, `mesh.largest`, `mesh.refinement`, `mesh.envelope`, `modes.count`,
-`output.load`, `output.stroke`, `output.actuator_offset`).
+`mesh.levels`, `mesh.accuracy`, `mesh.at_root`, `mesh.growth`, `mesh.largest`, `mesh.refinement`, `mesh.envelope`,
+`mesh.cross_check`, `modes.count`, `output.load`, `output.stroke`, `output.actuator_offset`, `output.sensor`,
+`output.large_steps`). With `mesh.cross_check` the part is solved on every kind of mesh, as a symmetric piece and whole,
+and the report says whether the answers agree within their estimates; that takes minutes.
 
 **What it writes:** report.html, report.md, result.json, stage_model.toml and the pictures, into --out.
 

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from flexdesign.fem import energy, modes, ports, resultants, statics, stress
+from flexdesign.fem import effective_mass, energy, modes, ports, resultants, statics, stress
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.elasticity import Elasticity
 from flexdesign.fem.mesh import TaggedMesh
-from flexdesign.fem.statics import Checks, PortCompliance
+from flexdesign.fem.ports import PortSpace
+from flexdesign.fem.statics import Checks, ClassSystem, PortCompliance
 from flexdesign.materials import Material
 from flexdesign.part import Part
 
@@ -25,18 +28,24 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class ModeRecord:
-    """What is kept of a `modes.Mode`, and whether the actuator is installed."""
+    """What is kept of a `modes.Mode`, whether the actuator is installed, and its effective masses along x, y, z [kg].
+
+    The masses are NaN where nobody asked for them.
+    """
 
     frequency: float
     symmetry: str
     output_mass: float
     extension: float
     installed: bool
+    effective_mass: tuple[float, float, float] = (math.nan, math.nan, math.nan)
 
     @classmethod
-    def of(cls, mode: modes.Mode, *, installed: bool) -> ModeRecord:
+    def of(
+        cls, mode: modes.Mode, *, installed: bool, effective_mass: tuple[float, float, float] = (math.nan,) * 3
+    ) -> ModeRecord:
         """Return the record of a mode."""
-        return cls(mode.frequency, mode.symmetry, mode.output_mass, mode.extension, installed)
+        return cls(mode.frequency, mode.symmetry, mode.output_mass, mode.extension, installed, effective_mass)
 
 
 @dataclass(frozen=True)
@@ -58,7 +67,8 @@ class Solution:
     input_field, output_field
         Displacements of the nodes per unit actuator force and per unit output force, shape (n, 3) [m/N].
     mode_shapes
-        Displacements of the nodes in the fully symmetric modes with the actuator, shape (k, n, 3).
+        Displacements of the nodes in the modes with the actuator, or without where there is none, in the order of
+        `modes`, shape (k, n, 3).
     von_mises, tension
         Von Mises stress and largest principal stress at the nodes per unit actuator force, shape (n,) [Pa/N].
     energies
@@ -122,7 +132,9 @@ class Solution:
         return cls(
             compliance=PortCompliance(arrays["compliance"], arrays["extension"], arrays["output"]),
             checks=Checks(**table["checks"]),
-            modes=tuple(ModeRecord(**mode) for mode in table["modes"]),
+            modes=tuple(
+                ModeRecord(**mode | {"effective_mass": tuple(mode["effective_mass"])}) for mode in table["modes"]
+            ),
             input_sections=sections(arrays["input_sections"]),
             output_sections=sections(arrays["output_sections"]),
             positions=arrays["positions"],
@@ -180,7 +192,7 @@ def solve(
     space = ports.port_space(body, domain, part.ports())
     matrix = np.zeros((space.size, space.size))
     checks = Checks(0.0, 0.0, 0.0, 0.0)
-    found: list[tuple[modes.Mode, bool]] = []
+    found: list[tuple[modes.Mode, ModeRecord]] = []
     fields: dict[str, FloatArray] = {}
     solver, memory = "", 0
     for cls in ports.classes(domain)[: None if all_classes else 1]:
@@ -195,25 +207,22 @@ def solve(
             for name, motion in (("input", space.extension), ("output", space.output)):
                 fields[name] = (displacements @ (space.halves * (projection @ motion))).reshape(-1, 3)
         if mass is not None:
-            batch = modes.class_modes(system, mass, space, mode_count, 0.0)
-            found += [(mode, False) for mode in batch]
-            if actuator and np.any(projection @ space.extension):
-                batch = modes.class_modes(system, mass, space, mode_count, actuator)
-            found += [(mode, actuator > 0) for mode in batch if actuator]
+            found += _vibrations(system, mass, space, mode_count, actuator)
         system.factor.free()
     members, stresses = part.linkage().members, stress.nodal(body, fields["input"])
-    symmetric = [m.shape for m, installed in found if installed == (actuator > 0) and m.symmetry == _symmetric(domain)]
+    found.sort(key=lambda pair: pair[1].frequency)
+    shapes = [mode.shape for mode, record in found if record.installed == (actuator > 0)]
     return Solution(
         compliance=PortCompliance(matrix, space.extension, space.output),
         checks=checks,
-        modes=tuple(sorted((ModeRecord.of(m, installed=on) for m, on in found), key=lambda m: m.frequency)),
+        modes=tuple(record for _, record in found),
         input_sections=tuple(resultants.sections(body, domain, fields["input"], members)),
         output_sections=tuple(resultants.sections(body, domain, fields["output"], members)),
         positions=body.positions,
         nodes=body.nodes,
         input_field=fields["input"],
         output_field=fields["output"],
-        mode_shapes=np.array(symmetric).reshape(-1, *body.positions.shape),
+        mode_shapes=np.array(shapes).reshape(-1, *body.positions.shape),
         von_mises=stress.von_mises(stresses),
         tension=stress.largest_principal(stresses),
         energies=energy.by_region(body, domain, fields["input"], fields["output"], members),
@@ -221,7 +230,8 @@ def solve(
             "tetrahedra": len(mesh.tets),
             "unknowns": body.n_dofs,
             "worst quality": float(mesh.quality().min()),
-            "symmetric class": _symmetric(domain),
+            "symmetric class": ports.classes(domain)[0].name,
+            "mass": material.density * mesh.volume * domain.copies,
             "solver": solver,
             "factor bytes": memory,
             "assembly seconds": round(assembled, 2),
@@ -230,8 +240,20 @@ def solve(
     )
 
 
-def _symmetric(domain: Domain) -> str:
-    return ports.classes(domain)[0].name
+def _vibrations(
+    system: ClassSystem, mass: sp.csr_matrix, space: PortSpace, count: int, actuator: float
+) -> list[tuple[modes.Mode, ModeRecord]]:
+    """Return the lowest modes of a class without the actuator, and with it if there is one."""
+    moved = effective_mass.moved_mass(mass)
+    batches = {False: modes.class_modes(system, mass, space, count, 0.0)}
+    if actuator:
+        felt = np.any(space.projection(system.cls) @ space.extension)
+        batches[True] = modes.class_modes(system, mass, space, count, actuator) if felt else batches[False]
+    return [
+        (mode, ModeRecord.of(mode, installed=on, effective_mass=effective_mass.of_mode(mode.shape, moved, system.cls)))
+        for on, batch in batches.items()
+        for mode in batch
+    ]
 
 
 def _rows(sections: tuple[resultants.Section, ...]) -> FloatArray:

@@ -33,7 +33,7 @@ class Table:
 
 def _words(cells: Sequence[str]) -> bool:
     filled = [cell for cell in cells if cell not in ("", "–")]
-    return sum(not cell.lstrip("+-−±").startswith(tuple("0123456789")) for cell in filled) * 2 > len(filled)
+    return sum(not cell.lstrip("+-−± ").startswith(tuple("0123456789")) for cell in filled) * 2 > len(filled)
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,17 @@ class Figure:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with paragraphs, then tables, then figures; `folded` ones are opened on demand."""
+    """A heading with paragraphs, then tables, then figures; `folded` ones are opened on demand.
+
+    The figures of a `gallery` are small and stand side by side.
+    """
 
     title: str
     paragraphs: Sequence[str] = ()
     tables: Sequence[Table] = ()
     figures: Sequence[Figure] = ()
     folded: bool = False
+    gallery: bool = False
 
 
 @dataclass(frozen=True)

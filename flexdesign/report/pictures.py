@@ -1,4 +1,4 @@
-"""Pictures of mesh, deformation and stress, drawn off-screen.
+"""Pictures of mesh, deformation, stress and vibrations, drawn off-screen.
 
 VTK ends its process where no OpenGL library can be loaded, so that the drawing is done in a process of its own; if
 that one dies, the report goes without pictures and says what to install.
@@ -6,6 +6,7 @@ that one dies, the report goes without pictures and says what to install.
 
 from __future__ import annotations
 
+import io
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -22,7 +23,9 @@ IntArray = NDArray[np.int64]
 #: What a Debian system lacks where pictures fail.
 REMEDY = "no OpenGL library; on Debian: apt-get install libgl1 libegl1 libegl-mesa0"
 
-_SIZE = (1500, 940)
+_SIZE, _SMALL = (1500, 940), (720, 450)
+#: What a moving picture shows of its displacement: half a period, which it then goes back; the time of a frame [ms].
+SWING, FRAME = tuple(np.cos(np.pi * np.arange(9) / 8).tolist()), 60
 _INK = "#2b3138"
 
 
@@ -63,12 +66,48 @@ class Picture:
     notes: Sequence[str] = field(default_factory=tuple)
 
 
+@dataclass(frozen=True)
+class Reel:
+    """Small pictures of one part in motion, all in the same oblique view and drawn by the same window.
+
+    Parameters
+    ----------
+    points, tets
+        As in a `Picture`.
+    shots
+        What to draw of it.
+    """
+
+    points: FloatArray
+    tets: IntArray
+    shots: Sequence[Shot]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One of them.
+
+    Parameters
+    ----------
+    file
+        Name of the picture.
+    displacement
+        Exaggerated as drawn, shape (n, 3) [m].
+    moving
+        Whether it swings, as an animated PNG; viewers that know none of these show the largest displacement.
+    """
+
+    file: str
+    displacement: FloatArray
+    moving: bool = False
+
+
 class NoPictures(Exception):
     """Nothing can be drawn here; the message says what to install."""
 
 
-def draw(pictures: Sequence[Picture]) -> list[bytes]:
-    """Draw the pictures in a process of their own and return them as PNG.
+def draw(pictures: Sequence[Picture], reel: Reel | None = None) -> dict[str, bytes]:
+    """Draw the pictures in a process of their own and return them as PNG, by their files' names.
 
     Raises
     ------
@@ -76,29 +115,63 @@ def draw(pictures: Sequence[Picture]) -> list[bytes]:
         If that process cannot draw.
     """
     try:
-        return isolated.call(_draw_all, pictures)
+        return isolated.call(_draw_all, pictures, reel)
     except isolated.ProcessDied as error:
         raise NoPictures(REMEDY) from error
     except RuntimeError as error:
         raise NoPictures(f"{error}") from error
 
 
-def _draw_all(pictures: Sequence[Picture]) -> list[bytes]:
+def _draw_all(pictures: Sequence[Picture], reel: Reel | None) -> dict[str, bytes]:
     import pyvista as pv
+    import vtk
 
     logging.disable(logging.CRITICAL)
+    vtk.vtkObject.GlobalWarningDisplayOff()  # without a display VTK warns on every window before it falls back
+    vtk.vtkLogger.SetStderrVerbosity(vtk.vtkLogger.VERBOSITY_OFF)
     pv.global_theme.font.color = _INK
-    return [_draw(picture, pv) for picture in pictures]
+    drawn = {picture.file: _draw(picture, pv) for picture in pictures}
+    return drawn | (_draw_reel(reel, pv) if reel is not None else {})
+
+
+def _draw_reel(reel: Reel, pv: Any) -> dict[str, bytes]:
+    rest = _grid(reel.points, reel.tets, pv)
+    moved = rest.copy()
+    for index, shot in enumerate(reel.shots):
+        moved[f"{index}"] = shot.displacement * 1e3
+    surface = _skin(moved, subdivision=1)
+    still = surface.points.copy()
+    plotter = pv.Plotter(off_screen=True, window_size=_SMALL)
+    plotter.set_background("white")
+    surface["motion"] = np.zeros(surface.n_points)
+    plotter.add_mesh(surface, scalars="motion", cmap="viridis", clim=(0.0, 1.0), show_scalar_bar=False)
+    plotter.add_mesh(_outline(rest), color="#8a949e", line_width=1.0)
+    _aim(plotter, rest, np.array([0.45, 0.55, 1.0]), _SMALL)
+
+    def drawn(displacement: FloatArray, phase: float) -> NDArray[np.uint8]:
+        surface.points = still + phase * displacement
+        plotter.render()
+        return np.asarray(plotter.screenshot(return_img=True))
+
+    files = {}
+    for index, shot in enumerate(reel.shots):
+        displacement = np.asarray(surface[f"{index}"])
+        size = np.linalg.norm(displacement, axis=1)
+        surface["motion"] = size / size.max()
+        frames = [drawn(displacement, phase) for phase in (SWING if shot.moving else (1.0,))]
+        files[shot.file] = _animated(frames) if shot.moving else _png(frames[0])
+    plotter.close()
+    return files
+
+
+def _grid(points: FloatArray, tets: IntArray, pv: Any) -> Any:
+    """Return the part as VTK has it, in mm."""
+    kind = pv.CellType.TETRA if tets.shape[1] == 4 else pv.CellType.QUADRATIC_TETRA
+    return pv.UnstructuredGrid({kind: tets}, points * 1e3)
 
 
 def _draw(picture: Picture, pv: Any) -> bytes:
-    import vtk
-
-    vtk.vtkObject.GlobalWarningDisplayOff()  # without a display VTK warns on every window before it falls back
-    vtk.vtkLogger.SetStderrVerbosity(vtk.vtkLogger.VERBOSITY_OFF)
-    kind = pv.CellType.TETRA if picture.tets.shape[1] == 4 else pv.CellType.QUADRATIC_TETRA
-    cells = {kind: picture.tets}
-    grid = pv.UnstructuredGrid(cells, picture.points * 1e3)
+    grid = _grid(picture.points, picture.tets, pv)
     shown = grid.copy()
     if picture.displacement is not None:
         shown.points = (picture.points + picture.displacement) * 1e3
@@ -126,12 +199,13 @@ def _draw(picture: Picture, pv: Any) -> bytes:
     plotter.add_mesh(
         surface, show_edges=picture.edges, edge_color="#41505c", line_width=0.6, smooth_shading=False, **style
     )
-    outline = _skin(grid).extract_feature_edges(feature_angle=30, boundary_edges=False, manifold_edges=False)
+    outline = _outline(grid)
     if picture.displacement is not None:
         plotter.add_mesh(outline, color="#8a949e", line_width=1.5)
     elif not picture.edges:
         plotter.add_mesh(outline, color=_INK, line_width=1.5)
-    _aim(plotter, picture, grid)
+    direction = np.array([0.0, 0.0, 1.0]) if picture.view == "front" else np.array([0.45, 0.55, 1.0])
+    _aim(plotter, grid, direction, _SIZE, picture.focus)
     if picture.view == "front":
         _scale_bar(plotter, picture, grid, pv)
     for row, note in enumerate(picture.notes):
@@ -141,17 +215,27 @@ def _draw(picture: Picture, pv: Any) -> bytes:
     return _png(image)
 
 
-def _skin(grid: Any) -> Any:
+def _skin(grid: Any, subdivision: int = 2) -> Any:
     """Outer surface, without the seams that mirrored halves leave in their symmetry planes."""
-    return grid.clean(tolerance=1e-9).extract_surface(algorithm="dataset_surface", nonlinear_subdivision=2)
+    return grid.clean(tolerance=1e-9).extract_surface(algorithm="dataset_surface", nonlinear_subdivision=subdivision)
 
 
-def _aim(plotter: Any, picture: Picture, grid: Any) -> None:
+def _outline(grid: Any) -> Any:
+    return _skin(grid).extract_feature_edges(feature_angle=30, boundary_edges=False, manifold_edges=False)
+
+
+def _aim(
+    plotter: Any,
+    grid: Any,
+    direction: FloatArray,
+    size: tuple[int, int],
+    focus: tuple[tuple[float, float, float], float] | None = None,
+) -> None:
+    """Look along a direction, at the whole part or at a focus, with parallel rays."""
     centre = np.array(grid.center)
-    half = max(np.ptp(grid.points[:, 1]) / 2, np.ptp(grid.points[:, 0]) / 2 / (_SIZE[0] / _SIZE[1])) * 1.32
-    direction = np.array([0.0, 0.0, 1.0]) if picture.view == "front" else np.array([0.45, 0.55, 1.0])
-    if picture.focus is not None:
-        centre, half = np.array(picture.focus[0]) * 1e3, picture.focus[1] * 1e3
+    half = max(np.ptp(grid.points[:, 1]) / 2, np.ptp(grid.points[:, 0]) / 2 / (size[0] / size[1])) * 1.32
+    if focus is not None:
+        centre, half = np.array(focus[0]) * 1e3, focus[1] * 1e3
     plotter.enable_parallel_projection()
     plotter.camera.focal_point = centre
     plotter.camera.position = centre + direction / np.linalg.norm(direction) * 1000
@@ -175,9 +259,19 @@ def _scale_bar(plotter: Any, picture: Picture, grid: Any, pv: Any) -> None:
     )  # fmt: skip
 
 
-def _png(image: NDArray[np.uint8]) -> bytes:
-    import io
+def _animated(frames: Sequence[NDArray[np.uint8]]) -> bytes:
+    """Return an animated PNG that swings through the frames and back, for ever."""
+    from PIL import Image
 
+    first = Image.fromarray(frames[0]).quantize(256, dither=Image.Dither.NONE)
+    others = [Image.fromarray(frame).quantize(palette=first, dither=Image.Dither.NONE) for frame in frames[1:]]
+    stream = io.BytesIO()
+    back = others[-2::-1]
+    first.save(stream, "PNG", save_all=True, append_images=[*others, *back], duration=FRAME, loop=0, optimize=True)
+    return stream.getvalue()
+
+
+def _png(image: NDArray[np.uint8]) -> bytes:
     from PIL import Image
 
     stream = io.BytesIO()

@@ -1,35 +1,47 @@
-"""The pictures of a validation: mesh, deformation, stress, and the mode that moves the output."""
+"""The pictures of a validation: mesh, deformation, stress, and the lowest modes, one of them moving."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexdesign import quantities, units
+from flexdesign.fem import ports
+from flexdesign.fem.analysis import ModeRecord
 from flexdesign.fem.mesh import mirrored
 from flexdesign.report import pictures
 from flexdesign.report.document import Figure
-from flexdesign.report.pictures import Picture
+from flexdesign.report.pictures import Picture, Reel, Shot
 from flexdesign.validation import Validation
+
+FloatArray = NDArray[np.float64]
 
 #: Exaggerated motions are drawn as large as this fraction of the part.
 DRAWN = 0.06
+#: So many of the lowest modes are drawn.
+DRAWN_MODES = 6
 
 
-def draw(validation: Validation) -> list[Figure]:
-    """Draw everything, in one go.
+def draw(validation: Validation) -> tuple[list[Figure], list[Figure]]:
+    """Draw everything, in one go; return the part at rest and deformed, and its modes.
 
     Raises
     ------
     NoPictures
         If nothing can be drawn on this machine.
     """
-    jobs = _static(validation)
-    if len(validation.modal.solution.mode_shapes):
-        jobs.append(_mode(validation))
-    images = pictures.draw([picture for picture, _ in jobs])
-    return [Figure(picture.file, data, caption) for (picture, caption), data in zip(jobs, images, strict=True)]
+    jobs, drawn, main = _static(validation), drawn_modes(validation), carrying_output(validation)
+    swinging = reel(validation, drawn)
+    images = pictures.draw([picture for picture, _ in jobs], swinging)
+    still = [Figure(picture.file, images[picture.file], caption) for picture, caption in jobs]
+    vibrating = [
+        Figure(shot.file, images[shot.file], _mode_caption(validation, rank, mode, main=mode is main))
+        for rank, (shot, (mode, _)) in enumerate(zip(swinging.shots, drawn, strict=True), start=1)
+    ]
+    return still, vibrating
 
 
 def _static(validation: Validation) -> list[tuple[Picture, str]]:
@@ -72,33 +84,54 @@ def _static(validation: Validation) -> list[tuple[Picture, str]]:
     ]  # fmt: skip
 
 
-def _mode(validation: Validation) -> tuple[Picture, str]:
-    level = validation.modal
+def shown_modes(validation: Validation) -> list[ModeRecord]:
+    """Return the modes whose shapes are kept, by frequency: with the actuator, where there is one."""
     installed = validation.study.design.actuator is not None
-    symmetric = level.solution.facts["symmetric class"]
-    modes = [m for m in level.solution.modes if m.installed == installed and m.symmetry == symmetric]
-    actuator = validation.study.design.actuator
+    return [mode for mode in validation.modal.solution.modes if mode.installed == installed]
+
+
+def carrying_output(validation: Validation) -> ModeRecord:
+    """Return the mode that carries most of the output's compliance."""
+    actuator, compliance = validation.study.design.actuator, validation.modal.solution.compliance
     spring = actuator.installed_stiffness if actuator else 0.0
-    index = int(np.argmax([quantities.output_share(mode, level.solution.compliance, spring) for mode in modes]))
-    points, tets, whole = mirrored(
-        level.solution.positions,
-        level.solution.nodes,
-        validation.domain.planes,
-        {"shape": level.solution.mode_shapes[index]},
-    )
-    relative = whole["shape"] / np.linalg.norm(whole["shape"], axis=1).max()
-    state = "with the actuator installed" if installed else "without actuator"
-    caption = f"The mode that carries the output, {units.significant(modes[index].frequency, 3)} Hz {state}"
-    motion = DRAWN * _size(points) * relative
-    return Picture(
-        "mode.png",
-        points,
-        tets,
-        motion,
-        np.linalg.norm(relative, axis=1),
-        "relative motion",
-        notes=["amplitude arbitrary"],
-    ), caption
+    return max(shown_modes(validation), key=lambda mode: quantities.output_share(mode, compliance, spring))
+
+
+def drawn_modes(validation: Validation) -> list[tuple[ModeRecord, FloatArray]]:
+    """Return the lowest modes and their shapes, and among them or behind them the one that carries the output."""
+    kept = zip(shown_modes(validation), validation.modal.solution.mode_shapes, strict=True)
+    main = carrying_output(validation)
+    return [(mode, shape) for rank, (mode, shape) in enumerate(kept) if rank < DRAWN_MODES or mode is main]
+
+
+def reel(validation: Validation, drawn: Sequence[tuple[ModeRecord, FloatArray]]) -> Reel:
+    """Return what is drawn of some modes of the whole part, the one that carries the output moving."""
+    solution, main = validation.modal.solution, carrying_output(validation)
+    shapes = {f"mode_{rank}.png": shape for rank, (_, shape) in enumerate(drawn, start=1)}
+    points, tets, whole = mirrored(solution.positions, solution.nodes, validation.domain.planes, shapes)
+    shots = []
+    for file, (mode, _) in zip(shapes, drawn, strict=True):
+        shape = whole[file] * _image_signs(validation, mode)[:, None]
+        largest = np.linalg.norm(shape, axis=1).max()
+        shots.append(Shot(file, DRAWN * _size(points) / largest * shape, moving=mode is main))
+    return Reel(points, tets, shots)
+
+
+def _image_signs(validation: Validation, mode: ModeRecord) -> FloatArray:
+    """Return for each node of the whole the sign by which an odd mode differs from the even one `mirrored` makes."""
+    cls = next(c for c in ports.classes(validation.domain) if c.name == mode.symmetry)
+    signs = np.ones(1)
+    for sign in cls.signs:
+        signs = np.concatenate([signs, sign * signs])
+    return np.repeat(signs, len(validation.modal.solution.positions))
+
+
+def _mode_caption(validation: Validation, rank: int, mode: ModeRecord, *, main: bool) -> str:
+    shares = [100 * mass / validation.modal.solution.facts["mass"] for mass in mode.effective_mass]
+    role = ", the mode that carries the output, moving" if main else ""
+    masses = ", ".join(f"{share:.0f} % in {axis}" for axis, share in zip("xyz", shares, strict=True) if share > 0.5)
+    shaken = f"effective mass {masses}" if masses else "no effective mass"
+    return f"Mode {rank}{role}: {units.significant(mode.frequency, 4)} Hz, {mode.symmetry}; {shaken}"
 
 
 def _size(points: np.ndarray) -> float:

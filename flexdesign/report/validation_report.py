@@ -9,7 +9,15 @@ from typing import Any
 from flexdesign import quantities, units
 from flexdesign.files import FORMAT
 from flexdesign.model import Quantity
-from flexdesign.report import charts, explanation, strength_words, validation_pictures
+from flexdesign.report import (
+    charts,
+    cross_check_words,
+    explanation,
+    strength_words,
+    table_motion,
+    validation_pictures,
+    vibrations,
+)
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.pictures import NoPictures
 from flexdesign.report.wording import name_of, shown
@@ -51,15 +59,8 @@ def result(validation: Validation) -> dict[str, Any]:
             for key, split in validation.shares.items()
         },
         "strain_energy_shares": strength_words.shares(validation),
-        "modes": [
-            {
-                "frequency": {"value": m.frequency, "unit": "Hz"},
-                "output_mass": {"value": m.output_mass if math.isfinite(m.output_mass) else None, "unit": "kg"},
-                "symmetry": m.symmetry,
-                "actuator_installed": m.installed,
-            }
-            for m in validation.modal.solution.modes
-        ],
+        "mass": {"value": validation.modal.solution.facts["mass"], "unit": "kg"},
+        "modes": [vibrations.result(mode) for mode in validation.modal.solution.modes],
         "meshes": [
             {
                 **level.solution.facts,
@@ -82,6 +83,7 @@ def result(validation: Validation) -> dict[str, Any]:
             }
             for h in validation.finest.hinges
         ],
+        "cross_check": cross_check_words.result(validation.cross_check),
         "made_by": provenance(validation.study),
     }
 
@@ -89,23 +91,25 @@ def result(validation: Validation) -> dict[str, Any]:
 def document(validation: Validation, progress: Progress = lambda _: None) -> Document:
     """Write the report of a validation, pictures included where they can be drawn."""
     progress("drawing")
-    figures: list[Figure] = []
+    still: list[Figure] = []
+    vibrating: list[Figure] = []
     missing = ""
     try:
-        figures = validation_pictures.draw(validation)
+        still, vibrating = validation_pictures.draw(validation)
     except NoPictures as error:
         missing = f"No pictures: {error}."
         progress(missing)
     sections = [
         Section("FEM beside formulas", _table_1_text(validation), [table_1(validation)]),
-        Section("Shape and deformation", [missing] if missing else [], figures=figures),
+        Section("Shape and deformation", [missing] if missing else [], figures=still),
         explanation.section(validation),
         _actuator(validation),
         _large(validation),
-        _coupling(validation),
-        _modes(validation),
+        table_motion.section(validation),
+        vibrations.section(validation, vibrating),
         _stress(validation),
         _mesh(validation),
+        cross_check_words.section(validation.cross_check),
         _formulas(validation),
         _inputs(validation),
     ]
@@ -123,6 +127,8 @@ def _summary(validation: Validation) -> list[str]:
     paragraphs = [f"{text}.", explanation.why(validation, "K_in_output_free")]
     if ratio.value < 0:
         paragraphs.append("The amplification is negative: as the actuator extends, the output is drawn in.")
+    if validation.cross_check is not None:
+        paragraphs.append(cross_check_words.verdict(validation.cross_check))
     if design.provenance:
         paragraphs.append(f"Note on this design: {design.provenance}.")
     return [paragraph for paragraph in paragraphs if paragraph]
@@ -200,50 +206,6 @@ def _large(validation: Validation) -> Section:
     figure = Figure("over_the_stroke.svg", drawing, "Tangents over the stroke against those at rest")
     limits = Table(["quantity", "boundary", "FEM"], [[name_of(q), q.boundary, shown(q)] for q in kept])
     return Section("Over the stroke", [text], [limits, Table(columns, rows)], [figure])
-
-
-def _coupling(validation: Validation) -> Section:
-    found = [q for q in validation.further if q.name.startswith("coupling") or q.name == "tilt"]
-    text = (
-        "Linear coupling of a symmetric part is zero while the actuator pushes on its axis, and stays zero where it is "
-        "off the axis within a symmetry plane. The second-order coupling, which grows with the square of travel, is "
-        "not in a linear solve."
-    )
-    if not validation.domain.planes and validation.study.design.part().symmetry():
-        text = (
-            "The crystal's axes lie askew to the part's planes of symmetry, so that the part as a whole has none: it "
-            "moves sideways and tilts even where the actuator pushes on its axis. The whole part was solved, on a mesh "
-            "that is its own mirror image only roughly; that leaves some coupling of its own."
-        )
-    rows = [[name_of(q), q.boundary, shown(q)] for q in found]
-    return Section("Coupling", [text], [Table(["quantity", "boundary", "FEM"], rows)])
-
-
-def _modes(validation: Validation) -> Section:
-    level, actuator = validation.modal, validation.study.design.actuator
-    spring = actuator.installed_stiffness if actuator else 0.0
-    rows = []
-    for installed, state in ((False, "no"), (True, "yes")):
-        for mode in [m for m in level.solution.modes if m.installed == installed][:6]:
-            share = quantities.output_share(mode, level.solution.compliance, spring)
-            driven = quantities.drive_share(mode, level.solution.compliance, spring)
-            moved = f"{100 * share:.0f} %" if share > 0 else "output at rest"
-            answer = f"{round(100 * driven)} %" if installed and share > 0 else "–"
-            rows.append([f"{units.significant(mode.frequency, 4)} Hz", state, mode.symmetry, moved, answer])
-    keys = ("first_frequency", "output_frequency", "output_share")
-    limits = [[name_of(q), q.boundary, shown(q)] for q in validation.further if q.name in keys]
-    text = (
-        "Ground held. The actuator is a spring between the input blocks that holds nothing sideways, and has no mass "
-        "here: the frequencies are upper bounds for modes that move the input blocks. The second table lists single "
-        f"modes on one mesh ({level.solution.facts['unknowns']} unknowns), before extrapolation. What a mode answers "
-        "the actuator with is its part of the output's static motion under voltage, negative where it moves the output "
-        "the other way; all modes together make 100 %."
-    )
-    tables = [
-        Table(["quantity", "boundary", "FEM"], limits),
-        Table(["frequency", "actuator", "symmetry", "carries of 1/K_out", "answers the actuator with"], rows),
-    ]
-    return Section("Natural frequencies", [text], tables)
 
 
 def _stress(validation: Validation) -> Section:

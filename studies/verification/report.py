@@ -10,7 +10,7 @@ from flexdesign.files import FORMAT
 from flexdesign.report.document import Document, Section, Table
 from studies.verification.finding import Finding
 
-HEAD = ("problem", "quantity", "source", "reference", "found", "difference", "allowed", "unknowns", "seconds")
+HEAD = ("problem", "quantity", "source", "unit", "reference", "found", "difference", "allowed")
 #: What each group of problems shows.
 TEXTS = {
     "Elements": "What must hold on any mesh; most on meshes of which no two elements are alike.",
@@ -77,19 +77,18 @@ def _section(title: str, findings: Sequence[Finding]) -> Section:
             finding.problem,
             finding.quantity,
             finding.source,
+            "" if finding.unit == "1" else finding.unit,
             _number(finding.reference, finding.unit),
             _number(finding.found, finding.unit),
             "–" if finding.difference is None else f"{100 * finding.difference:+.2g} %",
             allowed(finding) if finding.holds else f"{allowed(finding)}: outside",
-            f"{finding.unknowns}",
-            f"{finding.seconds:.1f}",
         ]
         for finding in findings
     ]
-    reasons = dict.fromkeys((finding.problem, finding.note) for finding in findings)
-    caption = "Problems with several rows are solved once; seconds are those of the problem"
-    why = Table(("problem", "what the range allows for, or explains"), list(reasons))
-    return Section(title, [TEXTS[title]], [Table(HEAD, rows, caption), why])
+    reasons = dict.fromkeys((f.problem, f.note, f"{f.unknowns}", f"{f.seconds:.1f} s") for f in findings)
+    caption = "Problems with several numbers are solved once, in the time of each row"
+    heads = ("problem", "what the range allows for, or explains", "unknowns", "time")
+    return Section(title, [TEXTS[title]], [Table(HEAD, rows), Table(heads, list(reasons), caption)])
 
 
 def allowed(finding: Finding) -> str:
@@ -103,5 +102,4 @@ def allowed(finding: Finding) -> str:
 
 
 def _number(value: float, unit: str) -> str:
-    shown = f"{value:.2g}" if 0 < abs(value) < 1e-6 and unit == "1" else f"{value:.5g}"
-    return shown if unit == "1" else f"{shown} {unit}"
+    return f"{value:.2g}" if 0 < abs(value) < 1e-6 and unit == "1" else f"{value:.5g}"

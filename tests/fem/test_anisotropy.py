@@ -12,12 +12,13 @@ from skfem import Basis, BilinearForm, ElementTetP2, ElementVector
 from skfem.helpers import sym_grad
 
 from flexdesign import materials
-from flexdesign.fem import analysis
+from flexdesign.fem import analysis, domain
 from flexdesign.fem.elasticity import Elasticity, stress_points
+from flexdesign.fem.mesh import mirrored
 from flexdesign.fem.solver import times
 from flexdesign.materials import Crystal, Material
-from studies.verification.solids import METAL, Array, lattice, tagged
-from tests.fem.solids import Bracket, full, ring
+from studies.verification.solids import METAL, Array, Solid, lattice, tagged, welded
+from tests.fem.solids import RING_PATCHES, RING_PLANES, RING_PORTS, Bracket, full, relative, ring, solve
 
 LENGTH, SIDE = 4e-3, 1e-3
 # Sums of thousands of terms in double precision.
@@ -149,3 +150,39 @@ def test_a_crystal_that_breaks_the_part_s_symmetry_is_not_solved_on_a_piece_of_i
     solid = ring(silicon(ASKEW))
     with pytest.raises(ValueError, match="mesh the whole part"):
         analysis.solve(Bracket(), solid.material, solid.domain, solid.mesh)
+
+
+#: About the wafer's normal a part may lie at any angle; then the plane of the wafer alone is left.
+TURNED = {"x": [1, 0, 0], "z": [0, 0, 1], "turn": "20 deg"}
+
+
+def test_a_domain_is_cut_by_the_planes_that_part_and_crystal_share() -> None:
+    for orientation, planes, inputs in (
+        ("<110>", "xz", {"input_right"}),
+        (TURNED, "z", {"input_left", "input_right"}),
+        (ASKEW, "", {"input_left", "input_right"}),
+    ):
+        body = domain.of_part(Bracket(), material=silicon(orientation), chord=1e-5)
+        assert "".join(plane.axis for plane in body.planes) == planes
+        assert body.ports.keys() == inputs | {"output", "ground"}
+        assert body.copies * body.volume == pytest.approx(domain.of_part(Bracket(), chord=1e-5).volume * 4, rel=1e-9)
+    assert len(domain.of_part(Bracket(), material=METAL, chord=1e-5).planes) == 2
+    assert not domain.of_part(Bracket(), material=METAL, symmetric=False, chord=1e-5).planes
+
+
+def test_half_a_ring_of_turned_silicon_is_the_whole_ring() -> None:
+    """Two classes on the half z > 0 against the whole, on meshes that are mirror images: to rounding.
+
+    That the crystal breaks the symmetry in x shows: an actuator on the axis moves the output sideways.
+    """
+    turned = silicon(TURNED)
+    quarter = ring(turned)
+    points, tets, _ = mirrored(quarter.mesh.points, quarter.mesh.tets, RING_PLANES[:1], {})
+    half = Solid.of(welded(points, tets), RING_PATCHES, RING_PORTS, RING_PLANES[1:], turned)
+    solved, whole = solve(half), solve(half.whole(RING_PATCHES))
+    assert relative(solved.matrix, whole.matrix) < 1e-8
+    motion = solved.matrix @ solved.space.extension
+    sideways, along = motion[solved.space.rows("output")][:2]
+    assert 1e-3 < abs(sideways / along) < 1.0
+    straight = solve(ring(silicon("<100>")))
+    assert (straight.matrix @ straight.space.extension)[straight.space.rows("output")][0] == 0

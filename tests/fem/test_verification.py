@@ -188,7 +188,8 @@ def test_the_command_writes_the_table(
         True,
     )
     text = (tmp_path / "report.md").read_text()
-    assert "2 of 2 numbers" in text and "| bar | length | a ruler | 2 m | 2.01 m | +0.5 % | ± 1 % | 30 |" in text
+    assert "2 of 2 numbers" in text and "| bar | length | a ruler | m | 2 | 2.01 | +0.5 % | ± 1 % |" in text
+    assert "| bar | rounding | 30 | 0.0 s |" in text
     assert (tmp_path / "report.html").exists()
     assert str(tmp_path / "report.md") in capsys.readouterr().out
 

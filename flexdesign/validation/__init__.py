@@ -1,0 +1,7 @@
+"""Validation: from a design through solid, meshes and solves to FEM and formulas side by side."""
+
+from flexdesign.validation.course import validate
+from flexdesign.validation.cross_check import CrossCheck, Way
+from flexdesign.validation.findings import Comparison, Validation, provenance
+
+__all__ = ["Comparison", "CrossCheck", "Validation", "Way", "provenance", "validate"]

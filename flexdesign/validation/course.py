@@ -1,0 +1,132 @@
+"""From a design through solid, meshes and solves to FEM and formulas side by side.
+
+Meshes and solutions are cached by content, so that an interrupted run resumes where it stopped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from time import perf_counter
+
+from flexdesign import large_stroke, quantities, refinement
+from flexdesign import part as parts
+from flexdesign.cache import Cache, content_key
+from flexdesign.design import Design
+from flexdesign.errors import InputError
+from flexdesign.fem import convergence, domain
+from flexdesign.fem.domain import Domain
+from flexdesign.fem.load_path import StrokePath
+from flexdesign.large_stroke import LargeStroke
+from flexdesign.model import Quantity
+from flexdesign.refinement import Level
+from flexdesign.study import Study
+from flexdesign.validation import cross_check
+from flexdesign.validation.findings import Comparison, Validation
+
+Progress = Callable[[str], None]
+
+
+def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) -> Validation:
+    """Run a validation.
+
+    Parameters
+    ----------
+    study
+        What to validate.
+    cache
+        Where meshes and solutions are looked up and kept.
+    progress
+        Is told what is going on.
+
+    Raises
+    ------
+    InputError
+        If the solid, a port or a mesh cannot be used.
+    """
+    began = perf_counter()
+    design = study.design
+    part = design.part()
+    progress("building the solid")
+    try:
+        body = domain.of_part(part, material=design.material, chord=cross_check.chord(part))
+    except InputError as error:
+        file = parts.file_of(type(part)) if error.file == "part" else error.file
+        raise InputError(file, error.field, error.value, error.remedy) from error
+    method = refinement.method_of(study, part, body)
+    levels = refinement.refined(study, part, body, method, cache, progress)
+    gathered = refinement.gathered(study, levels, method.scatter)
+    comparisons, further = _compare(design, part, study.output.load, gathered)
+    large = _large(study, part, body, levels[0], cache, progress)
+    further += large.quantities() if large else []
+    others = cross_check.run(study, part, body, method, levels, cache, progress) if study.mesh.cross_check else None
+    return Validation(
+        study=study,
+        domain=body,
+        method=method,
+        levels=levels,
+        comparisons=comparisons,
+        further=further,
+        shares=_shares(design, body, levels),
+        formula_shares=part.formula_shares(design.material),
+        large=large,
+        cross_check=others,
+        stage_model=quantities.stage_model(
+            design,
+            {q.key: q for q in further} | {c.fem.key: c.fem for c in comparisons},
+            next(level.solution for level in reversed(levels) if level.solution.modes),
+            large.effects() if large else {},
+        ),
+        seconds=perf_counter() - began,
+    )
+
+
+# --- from meshes to quantities ----------------------------------------------------------------------------------
+
+
+def _large(
+    study: Study, part: parts.Part, body: Domain, level: Level, cache: Cache, progress: Progress
+) -> LargeStroke | None:
+    """Follow large displacements to full drive; None without an actuator, for a crystal, or if nobody wants it."""
+    material, actuator, steps = study.design.material, study.design.actuator, study.output.large_steps
+    if actuator is None or material.crystal is not None or steps == 0:
+        return None
+    stiffness, free = actuator.installed_stiffness, actuator.free_stroke
+    ports = [vars(port) for port in part.ports()]
+    mesh_key = content_key(*level.mesh.arrays().values())
+    key = content_key(refinement.engine(), mesh_key, material.mechanics, stiffness, free, steps, ports)
+    if (stored := cache.load("large", key)) is not None:
+        return LargeStroke(StrokePath(**stored[0]), stiffness, free)
+
+    def say(text: str) -> None:
+        progress(f"large displacements: {text}")
+
+    linear = level.solution.compliance
+    found = large_stroke.follow(part, material, body, level.mesh, linear, stiffness, free, steps, say)
+    cache.store("large", key, dict(vars(found.path)), {})
+    return found
+
+
+def _shares(design: Design, body: Domain, levels: Sequence[Level]) -> dict[str, dict[str, float]]:
+    """Extrapolate every piece of the compliances; as that is linear, the pieces still add up."""
+    sizes = [level.size for level in levels]
+    found = [quantities.compliance_shares(design.material, body, level.solution) for level in levels]
+    return {
+        key: {p: convergence.extrapolate([f[key][p] for f in found], sizes).value for p in found[-1][key]}
+        for key in found[-1]
+    }
+
+
+def _compare(
+    design: Design, part: parts.Part, load: float | None, gathered: Sequence[Quantity]
+) -> tuple[list[Comparison], list[Quantity]]:
+    stiffness = design.actuator.installed_stiffness if design.actuator else None
+    given = part.formulas(design.material, stiffness, load)
+    formulas = {model: {q.key: q for q in found} for model, found in given.items()}
+    comparisons, further = [], []
+    for quantity in gathered:
+        analytic = {model: found[quantity.key] for model, found in formulas.items() if quantity.key in found}
+        if analytic:
+            comparisons.append(Comparison(quantity, analytic))
+        else:
+            further.append(quantity)
+    return comparisons, further

@@ -1,0 +1,141 @@
+"""What a validation finds, and what made it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flexdesign import part as parts
+from flexdesign import refinement, versions
+from flexdesign.fem import convergence, stress
+from flexdesign.fem.analysis import Solution
+from flexdesign.fem.domain import Domain
+from flexdesign.fem.methods import Method
+from flexdesign.files import as_text
+from flexdesign.large_stroke import LargeStroke
+from flexdesign.model import Quantity
+from flexdesign.refinement import LIBRARIES, Level
+from flexdesign.stage_model import StageModel
+from flexdesign.study import Study
+from flexdesign.validation.cross_check import CrossCheck
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One quantity as the analytic models and FEM see it.
+
+    Parameters
+    ----------
+    fem
+        From FEM, extrapolated, with its discretisation error as sigma.
+    analytic
+        The same quantity from each analytic model that has it, by the model's name.
+    """
+
+    fem: Quantity
+    analytic: Mapping[str, Quantity]
+
+    def error(self, model: str) -> float | None:
+        """Return the model's relative deviation from FEM, or None where it has no such quantity."""
+        if model not in self.analytic or self.fem.value == 0:
+            return None
+        return self.analytic[model].value / self.fem.value - 1
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Everything a validation found.
+
+    Parameters
+    ----------
+    study
+        What was asked.
+    domain, method, levels
+        The fundamental domain, how it was meshed, and its meshes, coarse to fine.
+    comparisons
+        Table 1: FEM beside the analytic models.
+    further
+        Quantities only FEM gives: stroke, load line, modes, coupling, stress.
+    shares
+        Where the compliances sit [m/N]: by the stiffness's key, what each kind of member and deformation carries.
+    formula_shares
+        The same as the first analytic model sees it.
+    large
+        What large displacements do on the way to full drive; None if they were not followed.
+    cross_check
+        The part solved in other ways, too; None if nobody asked.
+    stage_model
+        What dynamics needs; None without an actuator.
+    seconds
+        Wall time of the run.
+    """
+
+    study: Study
+    domain: Domain
+    method: Method
+    levels: Sequence[Level]
+    comparisons: Sequence[Comparison]
+    further: Sequence[Quantity]
+    shares: Mapping[str, Mapping[str, float]]
+    formula_shares: Mapping[str, Mapping[str, float]]
+    large: LargeStroke | None
+    cross_check: CrossCheck | None
+    stage_model: StageModel | None
+    seconds: float
+
+    @property
+    def finest(self) -> Level:
+        """The finest mesh."""
+        return self.levels[-1]
+
+    @property
+    def sharp(self) -> bool:
+        """Whether hinge roots are sharp, so that the stress there grows without bound under refinement."""
+        return any(stress.is_sharp(hinge) for hinge in self.study.design.part().linkage().of_kind("hinge"))
+
+    def limit(self, value: Callable[[Solution], float]) -> convergence.Extrapolated:
+        """Extrapolate a number that every mesh's solution gives."""
+        sizes = [level.size for level in self.levels]
+        values = [value(level.solution) for level in self.levels]
+        return convergence.extrapolate(values, sizes, scatter=self.method.scatter)
+
+    @property
+    def modal(self) -> Level:
+        """The finest mesh on which modes were sought."""
+        return next(level for level in reversed(self.levels) if level.solution.modes)
+
+    @property
+    def estimated_error(self) -> float:
+        """The largest relative error of stiffnesses and amplification, as estimated."""
+        return refinement.estimated_error([comparison.fem for comparison in self.comparisons])
+
+    @property
+    def extrapolation(self) -> str:
+        """How the limit for vanishing element size and its error were found, in words."""
+        return convergence.described(self.method.scatter)
+
+    def fem(self, key: str) -> Quantity:
+        """Return a FEM quantity by its key, e.g. ``K_in_output_free``."""
+        for quantity in (*(c.fem for c in self.comparisons), *self.further):
+            if quantity.key == key:
+                return quantity
+        raise KeyError(key)
+
+
+def provenance(study: Study) -> dict[str, Any]:
+    """Return the inputs and versions that made a result."""
+    design = study.design
+    return {
+        "design": design.name,
+        "title": design.title,
+        "provenance": design.provenance,
+        "part": f"{design.part_class.__name__} ({parts.source_hash(design.part_class)})",
+        "dimensions": {name: f"{value * 1e3:g} mm" for name, value in design.dimensions.items()},
+        "material": design.material.as_text(),
+        "actuator": as_text(design.actuator) if design.actuator else None,
+        "mesh": as_text(study.mesh),
+        "modes": as_text(study.modes),
+        "output": as_text(study.output),
+        "versions": versions.installed(LIBRARIES),
+    }
