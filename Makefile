@@ -9,7 +9,7 @@ HIDDEN := studies/hidden_effect_demo
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo example test benchmark trial verification slow lint format lock clean clean-venv
+.PHONY: help demo example test benchmark peers trial verification error-bars slow lint format lock clean clean-venv
 
 help: ## Show this list
 	@echo "make TARGET [PYTHON=python3.12]"
@@ -31,11 +31,17 @@ test: $(VENV)/.ready ## Run the tests, with coverage
 benchmark: $(VENV)/.ready ## Time the dynamics engine beside SciPy at equal accuracy; a few minutes
 	$(BIN)/python -m studies.benchmarks.dynamics
 
+peers: $(VENV)/.ready ## Time the finite elements beside NGSolve, gmsh with scikit-fem, and CalculiX; several minutes
+	$(BIN)/python -m studies.benchmarks.fem_peers
+
 trial: $(VENV)/.ready ## Diagnose 680 recordings with hidden effects; hours, goes on where it stopped
 	$(BIN)/python -m studies.hidden_effect_trial
 
 verification: $(VENV)/.ready ## Solve problems with known answers; half a minute
 	$(BIN)/python -m studies.verification
+
+error-bars: $(VENV)/.ready ## Try the error estimates on designs with a known answer; an hour, goes on where it stopped
+	$(BIN)/python -m studies.error_bars
 
 slow: $(VENV)/.ready ## Run the long studies that `test` leaves out
 	$(BIN)/python -m pytest -m slow

@@ -11,6 +11,7 @@ length at the roots squared: measured by that length, both methods have the same
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
@@ -34,6 +35,8 @@ WILD_GRADING = (0.3, 0.45)
 EXTRUDED_GRADING = (0.05, 0.6)
 #: How much longer edges may be at rounded roots than the singularity of sharp ones would allow, for extruded meshes.
 ROUNDED = 6.0
+#: Edges of wild meshes at fillets, in radii: with 0.8 a hinge was off its bending stiffness by 0.6 %.
+LONGEST_ARC = 0.6
 #: Layers that a free end's side of an extruded domain has at least on the finest mesh, before they are made whole: as
 #: meshes get coarser 2.6 and 1.9, hence 4, 3 and 2. With fewer, meshes in turn would have equally many layers, whose
 #: error, 0.2 % of K_in with two, no extrapolation sees.
@@ -102,13 +105,17 @@ class Grading:
         slender = [m.thickness for m in self.members if m.kind in ("arm", "rod", "guide")]
         return self.largest or 0.4 * min(slender or [hinge.length for hinge in self.hinges])
 
-    def sizing(self, at_roots: float, elsewhere: float, rounded: float = 1.0) -> Sizing:
-        """Return the sizing field, coarsened by factors at the roots, elsewhere, and at rounded roots besides."""
+    def sizing(self, at_roots: float, elsewhere: float, rounded: float = 1.0, arc: float = math.inf) -> Sizing:
+        """Return the sizing field, coarsened by factors at the roots, elsewhere, and at rounded roots besides.
+
+        At rounded roots no edge is asked to be longer than `arc` radii.
+        """
         edges, owners = root_edges([m for m in self.members if m.kind in ("hinge", "rod")], self.domain)
         lengths = [_resolved(owner) * (rounded if owner.root_radius > 0 else 1.0) for owner in owners]
+        longest = [arc * owner.root_radius if owner.root_radius > 0 else math.inf for owner in owners]
         return Sizing(
             roots=edges,
-            at_roots=self.at_root * at_roots * np.array(lengths),
+            at_roots=np.minimum(self.at_root * at_roots * np.array(lengths), longest),
             growth=self.growth * elsewhere,
             largest=self.coarsest * elsewhere,
         )
@@ -144,7 +151,7 @@ class Wild:
         return edge_length_at_roots(mesh.points, mesh.tets, roots, self.grading.thinnest / 2)
 
     def _sizing(self, coarseness: float) -> Sizing:
-        return self.grading.sizing(coarseness, coarseness)
+        return self.grading.sizing(coarseness, coarseness, arc=LONGEST_ARC)
 
     @property
     def _envelope(self) -> float:
