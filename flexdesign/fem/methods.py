@@ -35,8 +35,8 @@ WILD_GRADING = (0.3, 0.45)
 EXTRUDED_GRADING = (0.05, 0.6)
 #: How much longer edges may be at rounded roots than the singularity of sharp ones would allow, for extruded meshes.
 ROUNDED = 6.0
-#: Edges of wild meshes at fillets, in radii: with 0.8 a hinge was off its bending stiffness by 0.6 %.
-LONGEST_ARC = 0.6
+#: Edges of wild meshes at fillets, in radii, at most: with 0.8 and 0.6 hinges were off in bending by 0.6 and 0.5 %.
+LONGEST_ARC = 0.4
 #: Layers that a free end's side of an extruded domain has at least on the finest mesh, before they are made whole: as
 #: meshes get coarser 2.6 and 1.9, hence 4, 3 and 2. With fewer, meshes in turn would have equally many layers, whose
 #: error, 0.2 % of K_in with two, no extrapolation sees.
