@@ -241,6 +241,19 @@ def test_worst_of_two_checks_keeps_the_larger_and_never_hides_a_failed_one() -> 
     assert math.isnan(failed.worst(a).reciprocity)
 
 
+def test_a_residual_may_be_what_rounding_explains_and_no_more() -> None:
+    Checks(0.0, 0.0, 0.0, 2e-6, rounding=4e-7).require()
+    for failed in (Checks(0.0, 0.0, 0.0, 2e-6), Checks(0.0, 0.0, 5e-6, 0.0, rounding=4e-7), Checks(math.nan, 0, 0, 0)):
+        with pytest.raises(ArithmeticError, match=r"reciprocity|energy|residual"):
+            failed.require()
+
+
+def test_rounding_explains_the_residual_of_a_solve(cantilever: Solved) -> None:
+    """A residual is a sum of some hundred products in each row: between a tenth of one rounding and ten."""
+    seen = checked(cantilever, cantilever.stiffness)
+    assert 0.1 * seen.rounding < seen.residual < 10 * seen.rounding
+
+
 def test_motions_of_a_cut_port_by_class() -> None:
     """A port cut by both planes has in each class the motions of that class's parities, and nothing else.
 
