@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from time import perf_counter
 
@@ -124,12 +125,13 @@ def add(
         setting = course.with_better_between(model, setting, each, progress)
         dynamics, case = course.case_of(model, setting, each, progress)
 
-        def alone(stand: Stand) -> list[Candidate]:
+        @cache
+        def alone(stand: Stand) -> tuple[Candidate]:
             lines = periodic.frequencies(setting, stand)
-            return [candidates.candidate_of(dynamics, effects.find(name), name, fields.ELSEWHERE.get(name), lines)]
+            return (candidates.candidate_of(dynamics, effects.find(name), name, fields.ELSEWHERE.get(name), lines),)
 
         case, gone = course.search(setting, case, dynamics, alone, seed)
-        candidate = alone(gone.calibrated)[0]
+        (candidate,) = alone(gone.calibrated)
         final, reason = _added(case, gone, candidate)
     judging = setting.judging
     errors = [stand.rms(judging) for stand in (gone.designed, gone.calibrated, final)]

@@ -182,9 +182,8 @@ def _behind(trial: Trial, best: Trial) -> float:
 def _polished(case: Case, before: Stand, best: Trial, rivals: Sequence[Trial]) -> tuple[Trial, list[Trial]]:
     """Return the best trial and its rivals with fits carried to the end; where it was caught they begin as it ends."""
     ended = _ended(case, before, best)
-    if ended.stand.cost >= FOUND * before.cost or ended.stand.scale <= CAUGHT:
-        return ended, [_ended(case, before, trial) for trial in rivals]
-    free = _from_aside(case, ended.stand)
+    is_caught = ended.stand.cost < FOUND * before.cost and ended.stand.scale > CAUGHT
+    free = _from_aside(case, ended.stand) if is_caught else ended.stand
     if free is ended.stand:
         return ended, [_ended(case, before, trial) for trial in rivals]
     values = free.solution.problem.where.values(free.solution.x)

@@ -22,6 +22,8 @@ from flexdesign.model import Member
 from flexdesign.part import Part, Port, SymmetryPlane, extrusion_axis
 
 MM = 1e-3
+#: Tessellations of curved faces keep to this share of the thinnest hinge.
+CHORD = 1e-2
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -158,6 +160,11 @@ def of_part(part: Part, *, material: Material | None = None, symmetric: bool = T
         fingerprint=_fingerprint(solid),
         section=section.of_solid(solid, axis) if (axis := extrusion_axis(part)) else None,
     )
+
+
+def chord(part: Part) -> float:
+    """Return how far the tessellation of curved faces may stray from them [m]."""
+    return CHORD * min(hinge.thickness for hinge in part.linkage().of_kind("hinge"))
 
 
 def shared_planes(part: Part, material: Material | None) -> tuple[SymmetryPlane, ...]:

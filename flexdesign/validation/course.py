@@ -48,7 +48,7 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
     part = design.part()
     progress("building the solid")
     try:
-        body = domain.of_part(part, material=design.material, chord=cross_check.chord(part))
+        body = domain.of_part(part, material=design.material, chord=domain.chord(part))
     except InputError as error:
         file = parts.file_of(type(part)) if error.file == "part" else error.file
         raise InputError(file, error.field, error.value, error.remedy) from error

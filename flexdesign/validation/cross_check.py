@@ -26,8 +26,6 @@ Progress = Callable[[str], None]
 
 #: What is compared.
 KEYS = ("K_in_output_free", "lambda_output_free", "K_out_input_free")
-#: Tessellations of curved faces keep to this share of the thinnest hinge.
-CHORD = 1e-2
 
 
 @dataclass(frozen=True)
@@ -122,18 +120,13 @@ def run(
     chosen = _answered(study, method, body, levels)
     bodies = [body]
     if body.planes:
-        bodies.append(domain.of_part(part, symmetric=False, chord=chord(part)))
+        bodies.append(domain.of_part(part, symmetric=False, chord=domain.chord(part)))
     others = []
     for piece in bodies:
         for name in ("extruded", "wild") if piece.section is not None else ("wild",):
             if name != method.name or piece is not body:
                 others.append(_tried(_by(study, name, method.name), part, piece, cache, progress))
     return CrossCheck(chosen, tuple(others))
-
-
-def chord(part: Part) -> float:
-    """Return how far the tessellation of curved faces may stray from them [m]."""
-    return CHORD * min(hinge.thickness for hinge in part.linkage().of_kind("hinge"))
 
 
 def _by(study: Study, method: str, chosen: str) -> Study:

@@ -36,8 +36,7 @@ def solve(case: Case, coarseness: list[float], symmetric: bool = True) -> Answer
     watch = Stopwatch()
     part = read.part()
     members = part.linkage().members
-    thinnest = min(member.thickness for member in members if member.kind == "hinge")
-    body = domain.of_part(part, symmetric=symmetric, chord=thinnest / 100)
+    body = domain.of_part(part, symmetric=symmetric, chord=domain.chord(part))
     method = methods.Extruded(methods.Grading(body, members, *methods.EXTRUDED_GRADING, None))
     meshing, solving, values, sizes, unknowns = watch.lap(), 0.0, [], [], 0
     for level in coarseness:

@@ -30,8 +30,7 @@ def body_of(design_name: str, unknowns: str) -> tuple[Any, Any, Any]:
     read = design.read(design.find(design_name))
     part = read.part()
     members = part.linkage().members
-    thinnest = min(member.thickness for member in members if member.kind == "hinge")
-    body = domain.of_part(part, chord=thinnest / 100)
+    body = domain.of_part(part, chord=domain.chord(part))
     method = methods.Extruded(methods.Grading(body, members, *methods.EXTRUDED_GRADING, None))
     return part, body, Elasticity(method.mesh(COARSENESS[unknowns]), read.material)
 
