@@ -25,7 +25,7 @@ from flexdesign.fem.gate import HingeCheck
 from flexdesign.fem.mesh import MeshError, TaggedMesh
 from flexdesign.fem.methods import Extruded, Grading, Method, Wild
 from flexdesign.fem.solver import NotEnoughMemory
-from flexdesign.model import Quantity
+from flexdesign.model import Member, Quantity
 from flexdesign.study import Study
 
 Progress = Callable[[str], None]
@@ -114,8 +114,7 @@ def _level(
     design = study.design
     began = perf_counter()
     try:
-        tagged, mesh_key = _mesh(method, body, coarseness, cache, progress)
-        hinges = gate.check(tagged, body, part.linkage().of_kind("hinge"))
+        tagged, hinges = _mesh(method, body, coarseness, part.linkage().of_kind("hinge"), cache, progress)
     except MeshError as error:
         raise InputError(design.file, "mesh", None, str(error)) from error
     actuator = design.actuator.installed_stiffness if design.actuator else 0.0
@@ -124,7 +123,8 @@ def _level(
     count = study.modes.count if all_classes else 0
     material = design.material
     key = content_key(
-        engine(), mesh_key, material.mechanics, actuator, count, all_classes, versions.installed(LIBRARIES),
+        engine(), content_key(*tagged.arrays().values()), material.mechanics, actuator, count, all_classes,
+        versions.installed(LIBRARIES),
         [vars(port) for port in part.ports()], [vars(member) for member in part.linkage().members],
         [vars(plane) for plane in body.planes],
     )  # fmt: skip
@@ -150,18 +150,31 @@ def _level(
     return Level(size, tagged, solution, hinges, seconds, cached=False)
 
 
-def _mesh(method: Method, body: Domain, coarseness: float, cache: Cache, progress: Progress) -> tuple[TaggedMesh, str]:
-    """Return the mesh and the hash of its content (one mesher is not deterministic: its input does not identify it)."""
+def _mesh(
+    method: Method, body: Domain, coarseness: float, hinges: Sequence[Member], cache: Cache, progress: Progress
+) -> tuple[TaggedMesh, list[HingeCheck]]:
+    """Return a mesh that passes the gate, and what that measured; one mesher is not deterministic and may try again.
+
+    Only a mesh that passes is kept.
+    """
     asked = method.question(coarseness)
     question = content_key(engine(), body.fingerprint, *asked, versions.installed(LIBRARIES))
     stored = cache.load("mesh", question)
     if stored is not None:
         tagged = TaggedMesh(**stored[0])
-    else:
+        return tagged, gate.check(tagged, body, hinges)
+    for left in reversed(range(method.tries)):
         progress(f"meshing with {method.finest_edge(coarseness) * 1e3:.3g} mm at the hinge roots ({method.name})")
-        tagged = method.mesh(coarseness)
-        cache.store("mesh", question, tagged.arrays(), {})
-    return tagged, content_key(*tagged.arrays().values())
+        try:
+            tagged = method.mesh(coarseness)
+            checks = gate.check(tagged, body, hinges)
+            break
+        except MeshError as error:
+            if not left:
+                raise
+            progress(f"meshing again: {error}")
+    cache.store("mesh", question, tagged.arrays(), {})
+    return tagged, checks
 
 
 def method_of(study: Study, part: parts.Part, body: Domain) -> Method:

@@ -10,8 +10,10 @@ import pytest
 from flexdesign import refinement, study
 from flexdesign.cache import Cache
 from flexdesign.errors import InputError
+from flexdesign.fem import domain
 from flexdesign.fem.convergence import Scatter
 from flexdesign.fem.mesh import MeshError
+from flexdesign.fem.methods import Extruded, Grading
 from flexdesign.model import Quantity
 
 SIZES = (2e-5, 1e-5)
@@ -48,6 +50,45 @@ def test_two_meshes_are_needed_and_memory_is_no_matter_of_the_mesh(
 ) -> None:
     with pytest.raises(InputError, match=f"mesh {min(refused) + 1} is too coarse"):
         refined(monkeypatch, tmp_path, refused, cause)
+
+
+@pytest.mark.parametrize(("refused", "tries", "meshed"), [(2, 3, 3), (3, 3, 3), (1, 1, 1), (0, 3, 1)])
+def test_a_mesh_that_a_second_try_may_better_is_tried_again_and_only_a_good_one_kept(
+    tmp_path: Path, refused: int, tries: int, meshed: int
+) -> None:
+    part = study.read("bridge_amplifier").design.part()
+    body = domain.of_part(part, chord=domain.chord(part))
+    hinges = part.linkage().of_kind("hinge")
+    method = Stubborn(Extruded(Grading(body, part.linkage().members, 0.2, 1.2, None)), refused, tries)
+    cache, said = Cache(tmp_path), list[str]()
+    if refused < tries:
+        _, checks = refinement._mesh(method, body, 1.0, hinges, cache, said.append)
+        assert len(checks) == 4 and all(check.passed for check in checks)
+        refinement._mesh(method, body, 1.0, hinges, cache, said.append)
+    else:
+        with pytest.raises(MeshError, match="upside down"):
+            refinement._mesh(method, body, 1.0, hinges, cache, said.append)
+    assert method.meshed == meshed
+    assert said.count("meshing again: upside down") == min(refused, tries - 1)
+
+
+class Stubborn:
+    """A way to mesh that fails a number of times before it does not."""
+
+    name = "stubborn"
+    scatter = Scatter(0.0, 0.25)
+
+    def __init__(self, method: Extruded, refused: int, tries: int) -> None:
+        self.method, self.refused, self.tries, self.meshed = method, refused, tries, 0
+
+    def mesh(self, coarseness: float) -> Any:
+        self.meshed += 1
+        if self.meshed <= self.refused:
+            raise MeshError("upside down")
+        return self.method.mesh(coarseness)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.method, name)
 
 
 def found(k_in: float, ratio: float) -> dict[str, Quantity]:

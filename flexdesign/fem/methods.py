@@ -51,6 +51,8 @@ class Method(Protocol):
     name: ClassVar[str]
     scatter: ClassVar[Scatter]
     """Of results over meshes made alike."""
+    tries: ClassVar[int]
+    """How often a mesh that cannot be used is made again: more than once where no two are alike."""
 
     def question(self, coarseness: float) -> tuple[object, ...]:
         """Return what the mesh depends on besides the domain, for the cache."""
@@ -131,6 +133,8 @@ class Wild:
     name: ClassVar[str] = "wild"
     #: Along a root there are many elements, of which no two are alike: what they leave open is their mean.
     scatter: ClassVar[Scatter] = convergence.SCATTER
+    #: Of coarse meshes of a whole amplifier one in sixteen was refused.
+    tries: ClassVar[int] = 3
 
     def question(self, coarseness: float) -> tuple[object, ...]:
         """Return what the mesh depends on besides the domain, for the cache."""
@@ -168,6 +172,7 @@ class Extruded:
     #: Of K_in over gradings that differ by up to 3 %, found as 1e-4 on fine and 1e-3 on coarse meshes of few layers;
     #: all layers repeat the same triangles about a root. The share is measured: `studies.error_bars`.
     scatter: ClassVar[Scatter] = Scatter(2e-4, 0.25)
+    tries: ClassVar[int] = 1
 
     def question(self, coarseness: float) -> tuple[object, ...]:
         """Return what the mesh depends on besides the domain, for the cache."""
