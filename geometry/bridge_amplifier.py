@@ -140,7 +140,7 @@ class BridgeAmplifier:
             inner -= (self.input_block_depth - self.rod_thickness) / 2
         return inner, inner + self.input_block_depth
 
-    def _outside(self, block_height: float) -> list[tuple[float, float]]:
+    def outer_corners(self, block_height: float) -> list[tuple[float, float]]:
         """Corners of the outer contour of one quarter, from the end block to the input block [m]."""
         (xi, yi), (xo, yo) = self.inner_hinge, self.outer_hinge
         l, t, a = self.hinge_length / 2, self.hinge_thickness / 2, self.arm_thickness / 2
@@ -151,7 +151,7 @@ class BridgeAmplifier:
             (xo - l, yo + a), (xo - l, yo + t), (xo + l, yo + t), (xo + l, yo + a), *rod, corner,
         ]  # fmt: skip
 
-    def _inside(self) -> list[tuple[float, float]]:
+    def inner_corners(self) -> list[tuple[float, float]]:
         """Corners of the inner contour of one quarter, from the end block to the input block [m]."""
         (xi, yi), (xo, yo) = self.inner_hinge, self.outer_hinge
         l, t, a = self.hinge_length / 2, self.hinge_thickness / 2, self.arm_thickness / 2
@@ -172,8 +172,8 @@ class BridgeAmplifier:
             right = upper + [(x, -y) for x, y in reversed(lower)]
             return [(x * 1e3, y * 1e3) for x, y in right + [(-x, y) for x, y in reversed(right)]]
 
-        outer = ring(self._outside(self.output_block_height), self._outside(self.ground_block_height))
-        inner = ring(self._inside(), self._inside())
+        outer = ring(self.outer_corners(self.output_block_height), self.outer_corners(self.ground_block_height))
+        inner = ring(self.inner_corners(), self.inner_corners())
         front = cq.Workplane("XY").polyline(outer).close().polyline(inner).close()
         body = front.extrude(self.width * 1e3 / 2, both=True)
         if self.fillet_radius > 0:

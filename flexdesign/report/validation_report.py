@@ -235,7 +235,7 @@ def _mesh(validation: Validation) -> Section:
                 f"{facts['unknowns']}",
                 f"{facts['tetrahedra']}",
                 f"{level.size * 1e6:.0f} um",
-                f"{facts['worst quality']:.2f}",
+                f"{facts['worst quality']:.2g}",
                 units.to_text(c.input_stiffness, "N/mm", 5, si="N/m"),
                 units.significant(c.amplification, 5),
                 units.to_text(c.output_stiffness(0.0), "N/mm", 5, si="N/m"),

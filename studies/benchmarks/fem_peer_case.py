@@ -50,8 +50,8 @@ class Case:
         def half(upper: list[Corner], lower: list[Corner]) -> list[Corner]:
             return [(0.0, upper[0][1]), *upper, *((x, -y) for x, y in reversed(lower)), (0.0, -lower[0][1])]
 
-        outer = half(part._outside(part.output_block_height), part._outside(part.ground_block_height))
-        inner = half(part._inside(), part._inside())
+        outer = half(part.outer_corners(part.output_block_height), part.outer_corners(part.ground_block_height))
+        inner = half(part.inner_corners(), part.inner_corners())
         around = [*inner, *reversed(outer)]
         return cls(
             name=design.name,

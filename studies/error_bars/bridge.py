@@ -44,9 +44,9 @@ class Bridge(Protocol):
     rod_face: float
     input_block: tuple[float, float]
 
-    def _outside(self, block_height: float) -> list[tuple[float, float]]: ...
+    def outer_corners(self, block_height: float) -> list[tuple[float, float]]: ...
 
-    def _inside(self) -> list[tuple[float, float]]: ...
+    def inner_corners(self) -> list[tuple[float, float]]: ...
 
 
 @dataclass(frozen=True)
@@ -264,9 +264,9 @@ def _block_without_rods(roots: _Roots, face: float, y: float, x: Array, beside: 
 
 def _check_area(part: Bridge, plan: Plan) -> None:
     """Raise if the mesh does not fill the contour of the part, which then has changed its shape."""
-    upper, lower = (part._outside(block) for block in (part.output_block_height, part.ground_block_height))
+    upper, lower = (part.outer_corners(block) for block in (part.output_block_height, part.ground_block_height))
     area = 16 * (1 - np.pi / 4) * part.fillet_radius**2
-    for sign, above, below in ((1, upper, lower), (-1, part._inside(), part._inside())):
+    for sign, above, below in ((1, upper, lower), (-1, part.inner_corners(), part.inner_corners())):
         corners = above + [(x, -y) for x, y in reversed(below)]
         x, y = np.array([(0.0, corners[0][1]), *corners, (0.0, corners[-1][1])]).T
         area += sign * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
