@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator
 
 from flexdesign import materials, part, shipped
+from flexdesign.assembly import Stage
 from flexdesign.errors import InputError, suggest
 from flexdesign.files import Bounds, Table, as_written, attributed, check, in_si, read_toml
 from flexdesign.materials import Material
@@ -68,7 +69,7 @@ class Design:
     file
         The file it was read from.
     part_class
-        The class of its part.
+        The class of its part or stage.
     dimensions
         The part's dimensions, in SI, in the part's order.
     material, actuator
@@ -79,10 +80,15 @@ class Design:
     title: str
     provenance: str
     file: Path
-    part_class: type[part.Part]
+    part_class: type[Any]
     dimensions: Mapping[str, float]
     material: Material
     actuator: Actuator | None
+
+    @property
+    def is_stage(self) -> bool:
+        """Whether it is a whole stage rather than one part."""
+        return part.is_stage(self.part_class)
 
     def part(self) -> part.Part:
         """Return the part with these dimensions.
@@ -92,6 +98,15 @@ class Design:
         InputError
             If the dimensions cannot be built; it names the field, its value and the allowed range.
         """
+        built: part.Part = self._built()
+        return built
+
+    def stage(self) -> Stage:
+        """Return the stage with these dimensions; raise InputError as `part` does."""
+        built: Stage = self._built()
+        return built
+
+    def _built(self) -> Any:
         try:
             return self.part_class(**self.dimensions)
         except InputError as error:
@@ -167,7 +182,10 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
         actuator=checked.actuator,
     )
     try:
-        part.examine(design.part())
+        if design.is_stage:
+            design.stage().assembly()
+        else:
+            part.examine(design.part())
     except InputError as error:  # the value as it was written
         given = checked.dimensions.get(error.field.removeprefix("dimensions."), error.value)
         raise InputError(error.file, error.field, as_written(given), error.remedy) from error

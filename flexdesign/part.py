@@ -26,8 +26,11 @@ from flexdesign.model.linkage import Vector
 
 Axis = Literal["x", "y", "z"]
 
-#: What the engine calls on a part.
-METHODS = ("solid", "ports", "linkage", "symmetry", "formulas", "formula_shares", "intermediates")
+#: What the engine calls on a piece, and on a part besides.
+PIECE_METHODS = ("solid", "ports", "linkage", "symmetry")
+METHODS = (*PIECE_METHODS, "formulas", "formula_shares", "intermediates")
+#: What it calls on a whole stage, which is told from a part by the first.
+STAGE_METHODS = ("assembly", "solid", "formulas")
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class Port:
         ``input_left``, ``input_right``, ``output``, ``ground``.
     role
         What it is for. The actuator pushes the input ports apart, against their outward normals; the output
-        moves along its outward normal; the ground is held.
+        moves along its outward normal; the ground is held; a joint is a face by which a piece of a stage is bonded.
     point
         A point in the middle of the face [m]: the face is found by it, and moments are taken about it.
     normal
@@ -48,7 +51,7 @@ class Port:
     """
 
     name: str
-    role: Literal["input", "output", "ground"]
+    role: Literal["input", "output", "ground", "joint"]
     point: Vector
     normal: Vector
 
@@ -74,8 +77,8 @@ class SymmetryPlane:
         return "xyz".index(self.axis)
 
 
-class Part(Protocol):
-    """A parametric shape: what the engine asks of it. `dimensions` are the fields that a design must give."""
+class Piece(Protocol):
+    """A parametric shape that can be meshed, alone or in a stage; `dimensions` are the fields that make it."""
 
     dimensions: ClassVar[tuple[Parameter, ...]]
 
@@ -96,6 +99,10 @@ class Part(Protocol):
 
         Such a part is meshed by layers, many times sooner at the same accuracy. What is extruded is read off the solid.
         """
+
+
+class Part(Piece, Protocol):
+    """A piece with inputs, output and ground: what the engine asks of it, to compare it with theory."""
 
     def formulas(
         self, material: Material, actuator_stiffness: float | None, output_load: float | None
@@ -143,8 +150,8 @@ def is_file(path: Path) -> bool:
         return False
 
 
-def load(name: str, folder: Path | None = None) -> type[Part]:
-    """Load the class of the part `name`.
+def load(name: str, folder: Path | None = None, methods: Sequence[str] = METHODS) -> type[Any]:
+    """Load the class of the part or stage `name`, or of a piece, which has the fewer `methods` `PIECE_METHODS`.
 
     Whatever its methods raise later comes out as an InputError that names the file and the line.
 
@@ -164,16 +171,23 @@ def load(name: str, folder: Path | None = None) -> type[Part]:
         found = ", ".join(c.__name__ for c in classes) or "none"
         raise InputError(path, "", None, f"a part file holds one class with `dimensions`, this one: {found}")
     (cls,) = classes
-    missing = [method for method in METHODS if not callable(getattr(cls, method, None))]
+    if is_stage(cls):
+        methods = STAGE_METHODS
+    missing = [method for method in methods if not callable(getattr(cls, method, None))]
     if missing:
         raise InputError(path, cls.__name__, None, f"the part lacks {', '.join(f'{m}()' for m in missing)}; add it")
     if not _all_are(cls.dimensions, Parameter):
         raise InputError(path, f"{cls.__name__}.dimensions", None, "must be a tuple of flexdesign.model.Parameter")
-    for method in (*METHODS, "prismatic"):
+    for method in (*methods, "prismatic"):
         function = inspect.getattr_static(cls, method, None)
         if inspect.isfunction(function):
             setattr(cls, method, _guarded(function, f"{cls.__name__}.{method}()", path))
     return cls
+
+
+def is_stage(cls: type[Any]) -> bool:
+    """Tell whether a class is a stage rather than one part."""
+    return callable(getattr(cls, STAGE_METHODS[0], None))
 
 
 def examine(part: Part) -> None:
@@ -217,18 +231,18 @@ def examine(part: Part) -> None:
         require(not held, "symmetry", ", ".join(held), "a ground port must be its own mirror image")
 
 
-def extrusion_axis(part: Part) -> Axis | None:
+def extrusion_axis(part: Piece) -> Axis | None:
     """Return the axis along which a part declares itself an extrusion, or None."""
     declared: Callable[[], Axis | None] | None = getattr(part, "prismatic", None)
     return declared() if declared is not None else None
 
 
-def file_of(part: type[Part]) -> Path:
+def file_of(part: type[Piece]) -> Path:
     """Return the file a part came from."""
     return Path(sys.modules[part.__module__].__file__ or "")
 
 
-def source_hash(part: type[Part]) -> str:
+def source_hash(part: type[Piece]) -> str:
     """Return the hash of the file a part came from; it travels with results."""
     return hashlib.sha256(file_of(part).read_bytes()).hexdigest()[:16]
 

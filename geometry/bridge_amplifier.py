@@ -15,8 +15,10 @@ y; z is the width. The upper right quarter, seen from the front (the others are 
     - - - - - - - actuator - - - - - |  input  | - - -
                                      |  block  |
 
-The two hinge centres of an arm are l_x apart along x and l_y along y. As the output end lies farther from the axis
-than the input end (a convex bridge), pushing the inputs apart pulls the output in: the amplification is negative.
+The two hinge centres of an arm are l_x apart along x and l_y along y. In the bridge drawn here the output end lies
+farther from the axis than the input end (convex, l_y > 0): pushing the inputs apart draws the output in, and the
+amplification is negative. In a concave bridge (l_y < 0) the arms fall towards the output, pushing the inputs apart
+pushes the output out, and the amplification is positive.
 """
 
 from __future__ import annotations
@@ -32,6 +34,9 @@ from flexdesign.materials import Material
 from flexdesign.model import Linkage, Member, Parameter, Quantity
 from flexdesign.model.linkage import Vector
 from flexdesign.part import Axis, Port, SymmetryPlane
+
+#: The least that an arm may rise or fall between its hinges, |l_y| [m].
+FLATTEST = 5e-5
 
 
 def _length(name: str, meaning: str, smallest: float, largest: float, symbol: str = "") -> Parameter:
@@ -59,7 +64,7 @@ class BridgeAmplifier:
 
     dimensions: ClassVar[tuple[Parameter, ...]] = (
         _length("arm_span", "distance between an arm's hinge centres along x", 2e-3, 0.2, "l_x"),
-        _length("arm_offset", "distance between an arm's hinge centres along y", 5e-5, 5e-2, "l_y"),
+        _length("arm_offset", "rise of an arm from outer to inner hinge centre; negative: concave", -5e-2, 5e-2, "l_y"),
         _length("arm_thickness", "thickness of an arm, measured along y", 2e-4, 5e-2),
         _length("hinge_length", "length of a hinge leaf along x", 1e-4, 5e-2),
         _length("hinge_thickness", "thickness of a hinge leaf", 2e-5, 1e-2, "t"),
@@ -79,25 +84,47 @@ class BridgeAmplifier:
             self._require(p.name, *p.plausible)
         self._require("hinge_thickness", upper=0.9 * self.arm_thickness, why="a hinge is thinner than its arm")
         self._require("hinge_length", upper=0.9 * self.arm_span, why="the two hinges of an arm must not meet")
-        steepest = self.arm_span - self.hinge_length
-        self._require("arm_offset", upper=steepest, why="arms steeper than 45 degrees are no bridge amplifier")
+        self._require_slope()
         self._require("output_block_height", self.arm_thickness, why="the block covers the arm's end")
         self._require("ground_block_height", self.arm_thickness, why="the block covers the arm's end")
-        if self.rod_length > 0:
-            clear = 0.55 * self.arm_thickness
-            self._require("rod_length", clear, why="0 for no rod; else the arm overlaps the input block")
-            thicker, thickest = 1.05 * self.rod_thickness, self.rod_thickness + 1.8 * self.rod_face
-            why = "the block stands out from the rod on both sides and leaves room for the actuator"
-            self._require("input_block_depth", thicker, thickest, why)
-        else:
-            clear = 2.1 * self.arm_thickness
-            self._require("input_block_height", clear, why="without rods the block must carry both arms")
+        self._require_room()
         if self.fillet_radius > 0:
             self._require(
                 "fillet_radius", 1e-2 * self.hinge_thickness, why="0 for sharp roots; smaller ones cannot be meshed"
             )
             tightest = 0.45 * min(self.hinge_length, self.arm_thickness - self.hinge_thickness)
             self._require("fillet_radius", upper=tightest, why="two fillets must fit on a hinge and on an arm's end")
+
+    def _require_slope(self) -> None:
+        """Refuse arms that are too flat or too steep, rising or falling."""
+        why = "flat arms amplify nothing; the offset of a concave bridge is negative"
+        if self.arm_offset < 0:
+            self._require("arm_offset", upper=-FLATTEST, why=why)
+        else:
+            self._require("arm_offset", FLATTEST, why=why)
+        steepest, why = self.arm_span - self.hinge_length, "arms steeper than 45 degrees are no bridge amplifier"
+        self._require("arm_offset", upper=steepest, why=why)
+        self._require("arm_offset", -steepest, why=why)
+
+    def _require_room(self) -> None:
+        """Refuse arms and blocks that run into the actuator, the input blocks or each other.
+
+        The limits of concave bridges keep their output and ground block where those of convex ones keep the outer ends
+        of the arms: with rods, off an actuator as high as the face that it pushes; without, off the actuator's axis.
+        """
+        if self.rod_length > 0:
+            clear = 0.55 * self.arm_thickness
+            self._require("rod_length", clear, why="0 for no rod; else the arm overlaps the input block")
+            why = "arms that fall farther take output and ground block into the actuator: longer rods"
+            self._require("arm_offset", clear - self.rod_length, why=why)
+            thicker, thickest = 1.05 * self.rod_thickness, self.rod_thickness + 1.8 * self.rod_face
+            why = "the block stands out from the rod on both sides and leaves room for the actuator"
+            self._require("input_block_depth", thicker, thickest, why)
+        else:
+            clear = 2.1 * self.arm_thickness
+            self._require("input_block_height", clear, why="without rods the block must carry both arms")
+            why = "arms that fall farther take output and ground block to the actuator's axis: a higher input block"
+            self._require("arm_offset", (clear - self.input_block_height) / 2, why=why)
 
     def _require(self, name: str, lower: float = -math.inf, upper: float = math.inf, why: str = "") -> None:
         value = getattr(self, name)
@@ -257,12 +284,13 @@ class BridgeAmplifier:
     def formulas(
         self, material: Material, actuator_stiffness: float | None, output_load: float | None
     ) -> Mapping[str, Sequence[Quantity]]:
-        """Return the paper's pseudo-rigid-body model and the textbook bridge, signed along the output axis."""
+        """Return the paper's pseudo-rigid-body model and the textbook bridge, lambda along the output's normal."""
         model = self._pseudo_rigid(material)
         pseudo_rigid = prb.quantities(model, actuator_stiffness=actuator_stiffness)
         if output_load is not None:
             pseudo_rigid |= prb.quantities(model, output_load)
         models = {"PRB": pseudo_rigid, "textbook": textbook.quantities(self._textbook(material), actuator_stiffness)}
+        # The models count the output's motion inwards, as the paper does; ports count it along their normals.
         return {
             model: tuple(replace(q, value=-q.value) if q.name == "lambda" else q for q in found.values())
             for model, found in models.items()
@@ -281,7 +309,10 @@ class BridgeAmplifier:
         }
 
     def intermediates(self, material: Material, force: float) -> Mapping[str, Quantity]:
-        """Return every quantity of the pseudo-rigid-body model under an actuator force [N], output free."""
+        """Return every quantity of the pseudo-rigid-body model under an actuator force [N], output free.
+
+        Signed as in the paper: what moves inwards is positive.
+        """
         return prb.intermediates(self._pseudo_rigid(material), force)
 
     def _pseudo_rigid(self, material: Material) -> prb.PseudoRigidBridge:

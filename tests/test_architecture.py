@@ -77,7 +77,7 @@ def test_dynamics_needs_nothing_of_the_design_extra(module: str) -> None:
 
 @pytest.mark.parametrize("path", PARTS, ids=names)
 def test_part_files_load_without_cad(path: Path) -> None:
-    loaded = imported_by(f"from flexdesign import part; part.load({str(path)!r})")
+    loaded = imported_by(f"from flexdesign import part; part.load({str(path)!r}, methods=part.PIECE_METHODS)")
     assert not loaded & SLOW
 
 

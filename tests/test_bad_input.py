@@ -205,7 +205,7 @@ DESIGNS: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
     "missing part": ('part = "bridge_amplifier"\n', "", "part", None, ("is missing", 'part = "bridge_amplifier"')),
     "missing material": ('material = "Al 7075-T6"\n', "", "material", None, ("is missing", 'material = "AZ31B"')),
     "unknown part": ("bridge_amplifier", "bridge_amplifer", "part", "bridge_amplifer", ("mean bridge_amplifier?",)),
-    "another unknown part": ("bridge_amplifier", "xyz", "part", "xyz", ("no such part in", "known: bridge_amplifier")),
+    "another unknown part": ("bridge_amplifier", "quoin", "part", "quoin", ("no such part", "known: bridge_amplifier")),
     "unknown material": ("Al 7075-T6", "Al 7075", "material", "Al 7075", ("did you mean Al 7075-T6?", "[material]")),
     "number for a material": ('"Al 7075-T6"', "7075", "material", 7075, ("expected a name", "[material] table")),
     "list for a part": ('"bridge_amplifier"', "[1]", "part", [1], ("expected text",)),

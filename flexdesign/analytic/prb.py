@@ -13,12 +13,17 @@ against a spring as stiff as the amplifier itself: its ``4 K_r`` stands for ``2 
 
 **The rod is not reciprocal.** The hinge moment bends the rod and so shortens the input (15), but the rod's
 tip rotation, which would turn the hinge and through it the output, is left out. Hence the input motion per
-output force exceeds the output motion per input force, by the share `PseudoRigidBridge.reciprocity_defect`.
+output force differs from the output motion per input force, by the share `PseudoRigidBridge.reciprocity_defect`:
+it is larger in a convex bridge and smaller in a concave one.
 The energy-consistent counterpart, with the tip rotation, is `flexdesign.analytic.textbook`.
 
-The rod's two contributions add for a convex bridge (output hinge farther from the actuator's axis than the
-input hinge), which is what the paper writes and what is meant here; in a concave one the moment would relieve
-the rod.
+**Signs.** The paper writes a convex bridge: its output hinges lie farther from the actuator's axis than its input
+hinges, by ``l_y > 0``, and the output is drawn in as the actuator extends. Rotation, output motion and amplification
+count positive that way, inwards. A concave bridge has ``l_y < 0``, and the same equations return all three negative:
+its output is pushed out. The hinge moment turns round with the rotation. It adds to what the force does to the rod in
+a convex bridge and relieves the rod in a concave one, so that the coefficient of (14) has the sign of ``l_y``;
+without a rod K_in and K_out are the same for either sign. Where ``l_1 < 3 |l_y| / 4`` the moment in (15), for want of
+its counterpart, would give out more energy than the actuator puts in: such concave bridges are refused.
 
 Source: Lin, Yu, Wu, Shen (2019), Decoupling and control of micromotion stage based on hysteresis of
 piezoelectric actuation, Microsystem Technologies.
@@ -67,14 +72,15 @@ class PseudoRigidBridge:
     hinge_thickness, hinge_length
         t and l_h of the leaf hinges [m].
     arm_span, arm_offset
-        l_x and l_y, between an arm's hinge centres [m].
+        l_x and l_y, between an arm's hinge centres [m]; l_y is negative for a concave bridge.
     rod_length, rod_thickness
         l_1 and l_3 of the input rod [m]; length 0 means no rod.
 
     Raises
     ------
     ValueError
-        If a dimension or the modulus is not positive (`rod_length` may be 0).
+        If a dimension or the modulus is not positive (`rod_length` may be 0, `arm_offset` negative), or if the rods
+        of a concave bridge are shorter than 3 |l_y| / 4.
 
     Examples
     --------
@@ -83,6 +89,9 @@ class PseudoRigidBridge:
     20.0
     >>> round(bridge.amplification(bridge.output_stiffness), 6)  # ... or loaded, as nothing else gives way
     20.0
+    >>> concave = PseudoRigidBridge(70e9, 10e-3, 0.4e-3, 2e-3, 20e-3, -1e-3)
+    >>> round(concave.amplification(), 6)  # l_y negative: the output is pushed out
+    -20.0
     """
 
     youngs_modulus: float
@@ -97,8 +106,15 @@ class PseudoRigidBridge:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if not (value > 0 or (field.name == "rod_length" and value == 0)):
+            if field.name == "arm_offset":
+                if not abs(value) > 0:
+                    raise ValueError(f"arm_offset must be positive (convex) or negative (concave), found {value!r}")
+            elif not (value > 0 or (field.name == "rod_length" and value == 0)):
                 raise ValueError(f"{field.name} must be positive, found {value!r}")
+        if 0 < self.rod_length < -0.75 * self.arm_offset:
+            raise ValueError(
+                f"rod_length of a concave bridge must be 0 or at least 3 |l_y| / 4, found {self.rod_length!r}"
+            )
 
     # --- stiffness of hinges and amplifier, (4)-(5)
 
@@ -133,7 +149,7 @@ class PseudoRigidBridge:
         """Rotation of the arm, dalpha = F_x l_y / (2 K_r + K_load l_x^2) [rad]: Lin et al. (2019), eq. (7).
 
         From moments on the arm (1), the hinge (2), the arm's kinematics (3) and the load (6), which is
-        `output_load` in place of the paper's K_out.
+        `output_load` in place of the paper's K_out. Positive where it draws the output in.
 
         Parameters
         ----------
@@ -149,7 +165,7 @@ class PseudoRigidBridge:
         return self.hinge_stiffness * self.rotation(quarter_force, output_load)
 
     def output_displacement(self, quarter_force: float, output_load: float = 0.0) -> float:
-        """Output displacement of a quarter, dy = l_x dalpha [m]: Lin et al. (2019), eq. (3)."""
+        """Output displacement of a quarter, inwards, dy = l_x dalpha [m]: Lin et al. (2019), eq. (3)."""
         return self.arm_span * self.rotation(quarter_force, output_load)
 
     def output_force(self, quarter_force: float, output_load: float = 0.0) -> float:
@@ -157,11 +173,13 @@ class PseudoRigidBridge:
 
         The paper has K_out for K_load. Load stiffness times travel, K_load 2 dy, is shared by left and right.
         """
-        return output_load * self.output_displacement(quarter_force, output_load)
+        force = output_load * self.output_displacement(quarter_force, output_load)
+        return force + 0.0  # a free output carries 0, not -0
 
     def arm_input_displacement(self, quarter_force: float, output_load: float = 0.0) -> float:
         """Input displacement of the rigid arm, dx = l_y dalpha [m]: Lin et al. (2019), eq. (9).
 
+        Positive for either sign of l_y, as the actuator extends.
         What the virtual work (8), F_x dx - F_y dy = 2 M dalpha, gives with (1) and (3).
         """
         return self.arm_offset * self.rotation(quarter_force, output_load)
@@ -176,7 +194,8 @@ class PseudoRigidBridge:
     def moment_arm(self, output_load: float = 0.0) -> float:
         """Hinge moment per unit of F_x, l_y K_r / (2 K_r + K_load l_x^2) [m].
 
-        l_y/4 in the paper's case, Lin et al. (2019), eq. (13); l_y/2 when the output is free.
+        l_y/4 in the paper's case, Lin et al. (2019), eq. (13); l_y/2 when the output is free. Negative in a concave
+        bridge, where the moment bends the rod against F_x.
         """
         return self.arm_offset * self.hinge_stiffness / self.rotation_resistance(output_load)
 
@@ -196,7 +215,8 @@ class PseudoRigidBridge:
     def rod_coefficient(self, output_load: float = 0.0) -> float:
         """Coefficient of y^2 that stems from the hinge moment, 6 l_y K_r / (2 K_r + K_load l_x^2) [m].
 
-        1.5 l_y in the paper's case, Lin et al. (2019), eq. (14); 3 l_y when the output is free.
+        1.5 l_y in the paper's case, Lin et al. (2019), eq. (14); 3 l_y when the output is free. Negative in a
+        concave bridge.
         """
         return 6 * self.moment_arm(output_load)
 
@@ -224,7 +244,7 @@ class PseudoRigidBridge:
         return 1 / self.input_displacement(1.0, output_load)
 
     def amplification(self, output_load: float = 0.0) -> float:
-        """Amplification lambda = dy / dx_in, its magnitude: Lin et al. (2019), eq. (17)."""
+        """Amplification lambda = dy / dx_in, positive inwards (convex bridge): Lin et al. (2019), eq. (17)."""
         return self.output_displacement(1.0, output_load) / self.input_displacement(1.0, output_load)
 
     # --- between the ports: not in the paper, but what its equations imply
@@ -232,10 +252,10 @@ class PseudoRigidBridge:
     def port_compliance(self) -> NDArray[np.float64]:
         """Compliance between input and output port, 2 by 2 [m/N], made symmetric.
 
-        Row and column 0: the actuator's force and its extension; 1: a force on the output and its travel,
-        both positive along the motion that the actuator causes. It keeps the paper's numbers:
+        Row and column 0: the actuator's force and its extension; 1: a force on the output and its travel, both
+        positive inwards, as the actuator moves a convex bridge. It keeps the paper's numbers:
         C11 = 1/K_in and C21 = lambda/K_in, output free, and C22 = 1/K_out. The paper's own equations give the
-        other off-diagonal, C12, larger by `reciprocity_defect`; here C12 = C21, as work demands. The price:
+        other off-diagonal, C12, which differs by `reciprocity_defect`; here C12 = C21, as work demands. The price:
         with a loaded output the matrix does not return (17) exactly, because (15) then takes the load's share
         of the hinge moment off the rod, which is the very term without a counterpart.
         """
@@ -250,7 +270,8 @@ class PseudoRigidBridge:
         C12, input motion per output force, has the rod bent by the hinge moment, l_1^2 M / (2 E I). C21,
         output motion per input force, lacks its mirror image: the rod's tip rotation F_x l_1^2 / (2 E I)
         turns the outer hinge. So the number is also the share by which that rotation would raise the output's
-        motion per force, to first order in the ratio of the hinge's stiffness to the rod's, K_r l_1 / (E I).
+        motion per force, to first order in the ratio of the hinge's stiffness to the rod's, K_r l_1 / (E I). It has
+        the sign of l_y: in a concave bridge the rotation takes from the output's motion.
         """
         return self.hinge_stiffness * self.rod_length**2 / (2 * self.rod_bending_stiffness * self.arm_offset)
 
@@ -269,7 +290,7 @@ class PseudoRigidBridge:
         c11 = self.input_displacement(1.0)
         # C11 - C12^2 / C22 is the rod's share exactly; as a difference a stiff rod would vanish in rounding.
         series = self.rod_tip_deflection(1.0) + 1 / actuator_stiffness
-        if series == 0:
+        if series <= 0:  # below 0 by rounding alone: l_1 is 3 |l_y| / 4 or more
             return math.inf
         return self.output_stiffness * (c11 + 1 / actuator_stiffness) / series
 
@@ -311,9 +332,9 @@ def intermediates(model: PseudoRigidBridge, force: float, output_load: float = 0
         ("dx_2", m.rod_tip_deflection(f, load), "m", "um", f"{SOURCE}, eq. (15)"),
         ("dx_in", m.input_displacement(f, load), "m", "um", f"{SOURCE}, eq. (16)"),
         ("extension", 2 * m.input_displacement(f, load), "m", "um", "2 dx_in: left and right half"),
-        ("travel", 2 * m.output_displacement(f, load), "m", "um", "2 dy: upper and lower half"),
+        ("travel", 2 * m.output_displacement(f, load), "m", "um", "2 dy: upper and lower half, positive inwards"),
         ("K_in", m.input_stiffness(load), "N/m", "N/mm", f"{SOURCE}, eq. (17)"),
-        ("lambda", m.amplification(load), "1", "", f"{SOURCE}, eq. (17)"),
+        ("lambda", m.amplification(load), "1", "", f"{SOURCE}, eq. (17), positive inwards"),
     )
     free = {"K_r": "", "K_out": "input free"}  # properties of the amplifier, whatever it is loaded with
     return {
@@ -325,7 +346,7 @@ def intermediates(model: PseudoRigidBridge, force: float, output_load: float = 0
 def quantities(
     model: PseudoRigidBridge, output_load: float = 0.0, actuator_stiffness: float | None = None
 ) -> dict[str, Quantity]:
-    """Return the model's stiffnesses and amplification (a magnitude), by `Quantity.key`.
+    """Return the model's stiffnesses and amplification (positive inwards), by `Quantity.key`.
 
     Parameters
     ----------

@@ -29,6 +29,11 @@ but a good part of what is left with the input held. *Input rods* are cantilever
 under force and moment. Unlike in the paper's model, the rotation turns the outer hinge, and lifts it by the
 lever between rod axis and hinge centre, so the compliance between the ports is symmetric by itself.
 
+Signs are those of `flexdesign.analytic.prb`: ``l_y`` is negative for a concave bridge, and the output's force,
+motion and amplification count positive inwards, as the actuator moves a convex one. Without rods a concave bridge is
+the convex one with its output reversed, as ``l_y`` stands squared everywhere but in ``lambda``. With rods it is not:
+their tips rotate one way in both kinds, with the arms of a convex bridge and against those of a concave one.
+
 Left out: bending and stretch of the arms, shear, root flexibility, plane strain.
 """
 
@@ -85,7 +90,7 @@ class TextbookBridge:
     axial_stiffness
         K_l of one hinge [N/m]; infinite switches the stretch off.
     arm_span, arm_offset
-        l_x and l_y, between an arm's hinge centres [m].
+        l_x and l_y, between an arm's hinge centres [m]; l_y is negative for a concave bridge.
     sway_stiffness
         K_s of one hinge, transverse force over transverse motion with both ends kept parallel [N/m]; infinite
         (the bare formula) switches it off.
@@ -97,7 +102,7 @@ class TextbookBridge:
     Raises
     ------
     ValueError
-        If a stiffness or a dimension is not positive.
+        If a stiffness or a dimension is not positive (`arm_offset` may be negative, but not 0).
 
     Examples
     --------
@@ -115,9 +120,11 @@ class TextbookBridge:
     rod_lever: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("rotational_stiffness", "axial_stiffness", "arm_span", "arm_offset", "sway_stiffness"):
+        for name in ("rotational_stiffness", "axial_stiffness", "arm_span", "sway_stiffness"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, found {getattr(self, name)!r}")
+        if not abs(self.arm_offset) > 0:
+            raise ValueError(f"arm_offset must be positive (convex) or negative (concave), found {self.arm_offset!r}")
 
     @classmethod
     def of_leaves(
@@ -144,7 +151,7 @@ class TextbookBridge:
         hinge_thickness, hinge_length
             t and l [m].
         arm_span, arm_offset
-            l_x and l_y [m].
+            l_x and l_y [m]; l_y is negative for a concave bridge.
         rod_length, rod_thickness
             Of the input rod [m]; length 0 means no rod.
         """
@@ -175,7 +182,8 @@ class TextbookBridge:
     def input_lever(self) -> float:
         """Moment that turns the arm, per actuator force: l_y + K' b [m].
 
-        The force bends the rod, whose tip rotates by b F_x and, through the outer hinge, takes the arm along.
+        The force bends the rod, whose tip rotates by b F_x and, through the outer hinge, takes the arm along. That
+        draws the output in, whatever the sign of l_y: in a concave bridge it takes from the lever.
         """
         return self.arm_offset + self.outer_stiffness * self.rod.cross
 
@@ -204,9 +212,8 @@ class TextbookBridge:
     def port_compliance(self) -> NDArray[np.float64]:
         """Compliance between input and output port, 2 by 2 and symmetric [m/N].
 
-        Row and column 0: the actuator's force and its extension; 1: a force on the output and its travel,
-        both positive along the motion that the actuator causes. Of a quarter and of the whole amplifier
-        alike.
+        Row and column 0: the actuator's force and its extension; 1: a force on the output and its travel, both
+        positive inwards, as the actuator moves a convex bridge. Of a quarter and of the whole amplifier alike.
         """
         p, q, hinges = self.input_lever, self.output_lever, self.hinge_sum
         r11, r12, r22 = self._rigid_arm_compliance()
@@ -215,7 +222,7 @@ class TextbookBridge:
 
     @property
     def amplification(self) -> float:
-        """Output travel over actuator extension, output free; a magnitude."""
+        """Output travel over actuator extension, output free; positive inwards (convex bridge)."""
         compliance = self.port_compliance()
         return float(compliance[1, 0] / compliance[0, 0])
 
@@ -250,7 +257,7 @@ class TextbookBridge:
 
 
 def quantities(bridge: TextbookBridge, actuator_stiffness: float | None = None) -> dict[str, Quantity]:
-    """Return the bridge's stiffnesses and amplification (a magnitude), by `Quantity.key`.
+    """Return the bridge's stiffnesses and amplification (positive inwards), by `Quantity.key`.
 
     Parameters
     ----------

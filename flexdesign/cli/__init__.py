@@ -14,6 +14,7 @@ from flexdesign.errors import InputError
 # A verb is one module with a function under @app.command(help=HELP), and one line here; the help has this order:
 # from flexdesign.cli import my_verb as my_verb
 # isort: off
+from flexdesign.cli import size as size
 from flexdesign.cli import validate as validate
 from flexdesign.cli import simulate as simulate
 from flexdesign.cli import identify as identify

@@ -19,7 +19,7 @@ from flexdesign.fem import section
 from flexdesign.fem.section import Section
 from flexdesign.materials import Material
 from flexdesign.model import Member
-from flexdesign.part import Part, Port, SymmetryPlane, extrusion_axis
+from flexdesign.part import Piece, Port, SymmetryPlane, extrusion_axis
 
 MM = 1e-3
 #: Tessellations of curved faces keep to this share of the thinnest hinge.
@@ -115,7 +115,7 @@ class Domain:
         return stacked[first], welded[proper], np.concatenate(owners)[proper]
 
 
-def of_part(part: Part, *, material: Material | None = None, symmetric: bool = True, chord: float) -> Domain:
+def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = True, chord: float) -> Domain:
     """Cut the part's solid down to its fundamental domain and find the ports on it.
 
     Parameters
@@ -162,12 +162,12 @@ def of_part(part: Part, *, material: Material | None = None, symmetric: bool = T
     )
 
 
-def chord(part: Part) -> float:
+def chord(part: Piece) -> float:
     """Return how far the tessellation of curved faces may stray from them [m]."""
     return CHORD * min(hinge.thickness for hinge in part.linkage().of_kind("hinge"))
 
 
-def shared_planes(part: Part, material: Material | None) -> tuple[SymmetryPlane, ...]:
+def shared_planes(part: Piece, material: Material | None) -> tuple[SymmetryPlane, ...]:
     """Return the planes in which both a part and what it is made of are their own mirror images."""
     return tuple(plane for plane in part.symmetry() if material is None or material.mirrors_in(plane.index))
 

@@ -66,16 +66,8 @@ def class_modes(system: ClassSystem, mass: sp.csr_matrix, space: PortSpace, coun
         Stiffness of the spring between the inputs [N/m], 0 for none.
     """
     free, copies = system.free, 2 ** len(space.planes)
-    upper = mass[free][:, free]
-    inner = (upper + sp.triu(upper, k=1).T).tocsr()
     extension, output = (_measure(space, system, motion)[free] for motion in (space.extension, space.output))
-    inverse = _spring_inverse(system, extension, actuator / copies)
-    size = len(free)
-    unused = LinearOperator((size, size), matvec=lambda v: v, dtype=float)  # shift-invert only asks for its inverse
-    values, vectors = eigsh(
-        unused, count, M=inner, sigma=0.0, OPinv=LinearOperator((size, size), matvec=inverse, dtype=float),
-        v0=np.random.default_rng(0).standard_normal(size), ncv=max(2 * count + 1, 10), tol=1e-7,
-    )  # fmt: skip
+    values, vectors = lowest(mass[free][:, free], _spring_inverse(system, extension, actuator / copies), count)
     modes = []
     for value, vector in zip(values, vectors.T, strict=True):
         shape = vector / np.sqrt(copies)
@@ -93,6 +85,37 @@ def class_modes(system: ClassSystem, mass: sp.csr_matrix, space: PortSpace, coun
             )
         )
     return sorted(modes, key=lambda mode: mode.frequency)
+
+
+def lowest(
+    mass: sp.csr_matrix, inverse: Callable[[FloatArray], FloatArray], count: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the squares of the lowest angular frequencies, and their vectors of unit modal mass.
+
+    Parameters
+    ----------
+    mass
+        Upper triangle, shape (n, n).
+    inverse
+        Returns K^-1 b of a vector b.
+    count
+        How many; k < n.
+
+    Returns
+    -------
+    squares
+        Shape (k,) [rad^2/s^2].
+    vectors
+        Shape (n, k).
+    """
+    size = mass.shape[0]
+    inner = (mass + sp.triu(mass, k=1).T).tocsr()
+    unused = LinearOperator((size, size), matvec=lambda v: v, dtype=float)  # shift-invert only asks for its inverse
+    values, vectors = eigsh(
+        unused, count, M=inner, sigma=0.0, OPinv=LinearOperator((size, size), matvec=inverse, dtype=float),
+        v0=np.random.default_rng(0).standard_normal(size), ncv=max(2 * count + 1, 10), tol=1e-7,
+    )  # fmt: skip
+    return values, vectors
 
 
 def _spring_inverse(system: ClassSystem, extension: FloatArray, spring: float) -> Callable[[FloatArray], FloatArray]:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.elasticity import Elasticity, quadrature, shape_functions
+from flexdesign.fem.port_shapes import rigid_motions
 from flexdesign.part import Port, SymmetryPlane
 
 FloatArray = NDArray[np.float64]
@@ -102,6 +103,11 @@ class PortSpace:
         index = [port.name for port in self.ports].index(name)
         return slice(6 * index, 6 * index + 6)
 
+    def of_role(self, role: str) -> NDArray[np.bool_]:
+        """Tell which kept motions belong to ports of a role, shape (6 * kept,)."""
+        roles = {port.name: port.role for port in self.ports}
+        return np.repeat([roles[name] == role for name in self.kept], 6)
+
     def along(self, role: str, sign: float) -> FloatArray:
         """Return the vector that adds up motions along (+1) or against (-1) the outward normals of a role's ports."""
         vector = np.zeros(self.size)
@@ -163,8 +169,8 @@ def _loads(body: Elasticity, domain: Domain, port: Port) -> FloatArray:
     corners = body.positions[nodes[:, :3]]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     barycentric, weights = quadrature(3, 4)
-    places = np.einsum("qk,fki->fqi", barycentric, corners) - np.array(port.point)
-    rigid = _rigid_motions(places)  # (f, q, 3, 6)
+    places = np.einsum("qk,fki->fqi", barycentric, corners)
+    rigid = rigid_motions(places, np.array(port.point))  # (f, q, 3, 6)
     shape = shape_functions(barycentric)  # (q, 6)
     forces = np.einsum("f,q,qa,fqim->faim", areas, weights, shape, rigid, optimize=True)
     nodal = np.zeros((body.n_dofs // 3, 3, 6))
@@ -175,11 +181,3 @@ def _loads(body: Elasticity, domain: Domain, port: Port) -> FloatArray:
             signs = parity(plane.index)
             gram = gram + gram * np.outer(signs, signs)
     return np.asarray(nodal.reshape(-1, 6) @ np.linalg.inv(gram))
-
-
-def _rigid_motions(places: FloatArray) -> FloatArray:
-    motions = np.zeros((*places.shape[:-1], 3, 6))
-    for axis, unit in enumerate(np.eye(3)):
-        motions[..., axis] = unit
-        motions[..., 3 + axis] = np.cross(unit, places)
-    return motions

@@ -171,9 +171,9 @@ def class_system(
 
 def free_dofs(body: Elasticity, domain: Domain, cls: SymmetryClass, ground: Sequence[int]) -> IntArray:
     """Return the degrees of freedom that neither the ground faces nor a class hold on its planes."""
-    held = [_dofs_on(body, ground, range(3))]
+    held = [dofs_on(body, ground, range(3))]
     for index in range(len(domain.planes)):
-        held.append(_dofs_on(body, domain.plane_faces[index], cls.held_components(index)))
+        held.append(dofs_on(body, domain.plane_faces[index], cls.held_components(index)))
     return np.setdiff1d(np.arange(body.n_dofs), np.concatenate(held))
 
 
@@ -234,6 +234,7 @@ def _checks(
     )
 
 
-def _dofs_on(body: Elasticity, faces: Sequence[int], components: Sequence[int]) -> IntArray:
+def dofs_on(body: Elasticity, faces: Sequence[int], components: Sequence[int]) -> IntArray:
+    """Return the degrees of freedom of some components of the nodes on CAD faces, node by node."""
     nodes = np.unique(body.surface_nodes(body.mesh.on_face(*faces)))
     return (3 * nodes[:, None] + np.array(list(components))).ravel()

@@ -36,7 +36,13 @@ def between(low: float, high: float) -> st.SearchStrategy[float]:
     return st.floats(math.log(low), math.log(high)).map(math.exp)
 
 
-BRIDGES = st.builds(
+def concave(bridge: PseudoRigidBridge) -> PseudoRigidBridge:
+    """Return the bridge with its arms falling, by no more than its rods are long."""
+    fall = min(bridge.arm_offset, bridge.rod_length or math.inf)
+    return dataclasses.replace(bridge, arm_offset=-fall)
+
+
+CONVEX = st.builds(
     PseudoRigidBridge,
     youngs_modulus=between(1e9, 4e11),
     width=between(1e-3, 0.1),
@@ -47,6 +53,7 @@ BRIDGES = st.builds(
     rod_length=st.one_of(st.just(0.0), between(1e-3, 5e-2)),
     rod_thickness=between(5e-4, 2e-2),
 )
+BRIDGES = st.one_of(CONVEX, CONVEX.map(concave))
 RODDED = BRIDGES.filter(lambda bridge: bridge.rod_length > 0)
 LOADS = st.one_of(st.just(0.0), between(1.0, 1e8))
 FORCES = between(1e-2, 1e4)
@@ -152,13 +159,14 @@ def test_input_stiffness_and_amplification_as_printed(bridge: PseudoRigidBridge)
     assert b.amplification(load) == pytest.approx(b.arm_span * b.arm_offset / (4 * k_r) / sum_, rel=1e-12)
 
 
+@pytest.mark.parametrize("bridge", [XY, concave(XY)])
 @pytest.mark.parametrize("load_share", [0.0, 0.3, 1.0, 7.0])
 @pytest.mark.parametrize("place", [0.25, 0.6, 1.0])
-def test_rod_against_numerical_integration(load_share: float, place: float) -> None:
+def test_rod_against_numerical_integration(bridge: PseudoRigidBridge, load_share: float, place: float) -> None:
     """Eqs. (10), (14), (15): integrate M/(EI) of a cantilever with tip force and moment, once and twice."""
-    force, y_end, length = 18.0, place * XY.rod_length, XY.rod_length
+    force, y_end, length = 18.0, place * bridge.rod_length, bridge.rod_length
     leaf = 45e9 * 20e-3 * 0.5e-3**3 / (12 * 3.30e-3)
-    tip_moment = force * XY.arm_offset * leaf / (2 * leaf + load_share * 2 * leaf)
+    tip_moment = force * bridge.arm_offset * leaf / (2 * leaf + load_share * 2 * leaf)
     bending = 45e9 * 20e-3 * 3e-3**3 / 12
 
     def curvature(y: float) -> float:
@@ -166,12 +174,12 @@ def test_rod_against_numerical_integration(load_share: float, place: float) -> N
 
     rotation, _ = quad(curvature, 0, y_end, epsabs=0, epsrel=1e-12)
     deflection, _ = quad(lambda y: (y_end - y) * curvature(y), 0, y_end, epsabs=0, epsrel=1e-12)
-    load = load_share * XY.output_stiffness
-    assert XY.rod_moment(y_end, force, load) == pytest.approx(curvature(y_end) * bending, rel=1e-10)
-    assert XY.rod_rotation(y_end, force, load) == pytest.approx(rotation, rel=1e-10)
-    assert XY.rod_deflection(y_end, force, load) == pytest.approx(deflection, rel=1e-10)
+    load = load_share * bridge.output_stiffness
+    assert bridge.rod_moment(y_end, force, load) == pytest.approx(curvature(y_end) * bending, rel=1e-10)
+    assert bridge.rod_rotation(y_end, force, load) == pytest.approx(rotation, rel=1e-10)
+    assert bridge.rod_deflection(y_end, force, load) == pytest.approx(deflection, rel=1e-10)
     if place == 1.0:
-        assert XY.rod_tip_deflection(force, load) == pytest.approx(deflection, rel=1e-10)
+        assert bridge.rod_tip_deflection(force, load) == pytest.approx(deflection, rel=1e-10)
 
 
 # --- limits
@@ -200,8 +208,58 @@ def test_a_load_stiffens_the_input_and_costs_amplification() -> None:
 @pytest.mark.parametrize("field", [f.name for f in dataclasses.fields(PseudoRigidBridge)])
 @pytest.mark.parametrize("value", [-1e-3, math.nan])
 def test_refuses_what_is_not_positive(field: str, value: float) -> None:
+    if field == "arm_offset" and value < 0:
+        assert dataclasses.replace(XY, arm_offset=value).amplification() < 0  # a concave bridge
+        return
     with pytest.raises(ValueError, match=field):
         dataclasses.replace(XY, **{field: value})
+
+
+# --- concave bridges
+
+
+@given(CONVEX, LOADS)
+def test_without_a_rod_a_concave_bridge_is_the_convex_one_with_its_output_reversed(
+    bridge: PseudoRigidBridge, load: float
+) -> None:
+    convex = dataclasses.replace(bridge, rod_length=0.0)
+    other = dataclasses.replace(convex, arm_offset=-convex.arm_offset)
+    assert other.input_stiffness(load) == convex.input_stiffness(load)
+    assert other.amplification(load) == -convex.amplification(load)
+    reverse = np.diag([1.0, -1.0])
+    np.testing.assert_array_equal(other.port_compliance(), reverse @ convex.port_compliance() @ reverse)
+    assert other.output_stiffness_with_input(6e7) == convex.output_stiffness_with_input(6e7)
+
+
+@given(CONVEX.map(concave).filter(lambda bridge: bridge.rod_length > 0), LOADS)
+def test_the_hinge_moment_relieves_the_rod_of_a_concave_bridge(bridge: PseudoRigidBridge, load: float) -> None:
+    """Beside a cantilever that the force alone bends, F l_1^3 / (3 E I)."""
+    alone = bridge.rod_length**3 / (3 * bridge.rod_bending_stiffness)
+    assert bridge.rod_tip_deflection(1.0, load) < alone * (1 + 1e-12)
+    assert bridge.rod_coefficient() == pytest.approx(3 * bridge.arm_offset, rel=1e-12)
+    convex = dataclasses.replace(bridge, arm_offset=-bridge.arm_offset)
+    assert bridge.input_stiffness(load) > convex.input_stiffness(load) * (1 - 1e-12)
+    assert bridge.output_stiffness == convex.output_stiffness
+    assert bridge.rod_tip_deflection(1.0, load) + convex.rod_tip_deflection(1.0, load) == pytest.approx(2 * alone)
+
+
+def test_a_concave_bridge_has_no_rods_that_give_out_energy() -> None:
+    """At l_1 = 3 |l_y| / 4 the rod's deflection is nil and the bridge passes on all energy; below it is refused."""
+    shortest = dataclasses.replace(XY, arm_offset=-4e-3, rod_length=3e-3)
+    assert shortest.rod_tip_deflection(1.0) == pytest.approx(0.0, abs=1e-9 / shortest.input_stiffness())
+    passed_on = shortest.amplification() ** 2 * shortest.output_stiffness / shortest.input_stiffness()
+    assert passed_on == pytest.approx(1.0, rel=1e-9)
+    with pytest.raises(ValueError, match="rod_length of a concave bridge"):
+        dataclasses.replace(shortest, rod_length=2.9e-3)
+    with pytest.raises(ValueError, match="arm_offset must be positive"):
+        dataclasses.replace(XY, arm_offset=0.0)
+
+
+def test_intermediates_of_a_concave_bridge_move_outwards() -> None:
+    found = intermediates(concave(XY), 36.0)
+    outwards = {"dalpha", "M", "dy", "M(l_1)", "c", "travel", "lambda"}
+    assert {name for name, quantity in found.items() if quantity.value < 0} == outwards
+    assert found["F_y"].shown() == "0 N"
 
 
 # --- between the ports

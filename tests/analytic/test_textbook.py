@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -34,6 +34,9 @@ STOUT = {  # short, thick and steep: where axial and transverse compliance are a
     "arm_span": 12e-3,
     "arm_offset": 3e-3,
 }
+CONCAVE = {**XY, "arm_offset": -1.213e-3}
+STOUT_CONCAVE = {**STOUT, "arm_offset": -3e-3}
+KINDS = [XY, Z, STOUT, CONCAVE, STOUT_CONCAVE]
 NO_ROD: dict[str, float] = {}
 ROD = {"rod_length": 13.58e-3, "rod_thickness": 3e-3}
 
@@ -76,7 +79,7 @@ def frame_compliance(
 
     The inner leaf ends on the output block (moves along y only), the outer one on the input block or on the
     face of a rod whose root moves along x only. The arm is rigid, and so is the lever from the rod's face to
-    its axis.
+    its axis. The output is nearer to the actuator's axis than the input if the offset is negative.
     """
     half, rod_axis = hinge_length / 2, arm_span + hinge_length / 2 + rod_thickness / 2
     outer = np.linspace([arm_span + half, 0.0], [arm_span - half, 0.0], elements + 1)
@@ -110,7 +113,7 @@ def frame_compliance(
     reduction = np.delete(tie, tied + held, axis=1)
     loads = np.zeros((len(stiffness), 2))
     loads[3 * source, 0] = 1.0  # the actuator pushes outward
-    loads[3 * output + 1, 1] = -1.0  # a convex bridge pulls its output in
+    loads[3 * output + 1, 1] = -1.0  # inwards
     reduced_loads = reduction.T @ loads
     moved = np.linalg.solve(reduction.T @ stiffness @ reduction, reduced_loads)
     return np.asarray(reduced_loads.T @ moved)
@@ -130,9 +133,10 @@ def test_the_frame_itself_on_a_cantilever() -> None:
 
 
 @pytest.mark.parametrize("rod", [NO_ROD, ROD])
-@pytest.mark.parametrize("dimensions", [XY, Z, STOUT])
+@pytest.mark.parametrize("dimensions", KINDS)
 def test_exact_for_elastic_hinges_and_rods(dimensions: dict[str, float], rod: dict[str, float]) -> None:
     frame = frame_compliance(3, **dimensions, **rod)
+    assert frame[0, 1] * dimensions["arm_offset"] > 0  # a convex bridge draws its output in, a concave one does not
     bridge = TextbookBridge.of_leaves(**dimensions, **rod)
     # Same theory on both sides: what is left is rounding, and the frame's condition number is 1e6 to 1e8.
     np.testing.assert_allclose(bridge.port_compliance(), frame, rtol=1e-8)
@@ -149,7 +153,7 @@ def test_one_element_a_leaf_is_as_good_as_ten() -> None:
     np.testing.assert_allclose(frame_compliance(1, **STOUT, **ROD), frame_compliance(10, **STOUT, **ROD), rtol=1e-7)
 
 
-@pytest.mark.parametrize("dimensions", [XY, Z, STOUT])
+@pytest.mark.parametrize("dimensions", KINDS)
 def test_the_bare_formula_lacks_sway_at_the_output_alone(dimensions: dict[str, float]) -> None:
     """K_theta and K_l alone: exact at the input, and off by l^2 / (3 l_x^2) in the output compliance."""
     frame = frame_compliance(3, **dimensions)
@@ -181,7 +185,7 @@ LEAVES = st.fixed_dictionaries(
         "hinge_thickness": between(1e-4, 2e-3),
         "hinge_length": between(5e-4, 1e-2),
         "arm_span": between(5e-3, 0.1),
-        "arm_offset": between(1e-4, 1e-2),
+        "arm_offset": st.one_of(between(1e-4, 1e-2), between(1e-4, 1e-2).map(lambda fall: -fall)),
     }
 )
 
@@ -228,17 +232,62 @@ def test_more_compliance_never_makes_energy(dimensions: dict[str, float], length
 def test_the_reciprocal_rod_makes_good_the_defect(
     dimensions: dict[str, float], length: float, thickness: float
 ) -> None:
-    """C12 exceeds the paper's C21 by the reciprocity defect, up to the rod's own rotation under moment.
+    """C12 differs from the paper's C21 by the reciprocity defect, up to the rod's own rotation under moment.
 
-    With x = c K_theta the two differ by less than x / (2 + x), whatever the dimensions; the lever between rod
-    and hinge, which the paper's model does not know, is left out.
+    With x = c K_theta what is left is at most x / (2 + x) of both of C12's terms, whatever the dimensions; the lever
+    between rod and hinge, which the paper's model does not know, is left out.
     """
+    assume(length >= -dimensions["arm_offset"])
     paper = PseudoRigidBridge(**dimensions, rod_length=length, rod_thickness=thickness)
     leaves = TextbookBridge.of_leaves(**dimensions, rod_length=length, rod_thickness=thickness)
     rigid = dataclasses.replace(leaves, axial_stiffness=math.inf, sway_stiffness=math.inf, rod_lever=0.0)
     x = rigid.rod.moment * rigid.rotational_stiffness
-    expected = paper.port_compliance()[1, 0] * (1 + paper.reciprocity_defect)
-    assert abs(rigid.port_compliance()[0, 1] / expected - 1) <= x / (2 + x) + 1e-12
+    c21, defect = paper.port_compliance()[1, 0], paper.reciprocity_defect
+    left = rigid.port_compliance()[0, 1] - c21 * (1 + defect)
+    assert abs(left) <= abs(c21) * (1 + abs(defect)) * (x / (2 + x) + 1e-12)
+
+
+@given(LEAVES, between(1e-2, 3e-2), between(1e-3, 1e-2))
+def test_the_paper_has_half_of_what_tells_concave_from_convex(
+    dimensions: dict[str, float], length: float, thickness: float
+) -> None:
+    """What is odd in l_y at the input is 4 l_y b / (2 + c K_theta) here, and l_y b by eq. (15): b = l_1^2 / 2EI.
+
+    The paper has the rod bent by the hinge's moment, and leaves out the equal part: the hinge turned by the rod.
+    """
+    mirrored = {**dimensions, "arm_offset": -dimensions["arm_offset"]}
+    ours, papers = (
+        [kind(**sides, rod_length=length, rod_thickness=thickness).port_compliance()[0, 0] for sides in both]
+        for kind, both in (
+            (TextbookBridge.of_leaves, (dimensions, mirrored)),
+            (PseudoRigidBridge, (dimensions, mirrored)),
+        )
+    )
+    rod = TextbookBridge.of_leaves(**dimensions, rod_length=length, rod_thickness=thickness).rod
+    x = rod.moment * TextbookBridge.of_leaves(**dimensions).rotational_stiffness
+    odd, rounding = ours[0] - ours[1], 1e-13 * max(*ours, *papers)
+    assert odd == pytest.approx(4 / (2 + x) * (papers[0] - papers[1]), rel=1e-9, abs=rounding)
+
+
+@given(LEAVES)
+def test_without_rods_a_concave_bridge_is_the_convex_one_with_its_output_reversed(
+    dimensions: dict[str, float],
+) -> None:
+    bridge = TextbookBridge.of_leaves(**dimensions)
+    other = dataclasses.replace(bridge, arm_offset=-bridge.arm_offset)
+    reverse = np.diag([1.0, -1.0])
+    np.testing.assert_array_equal(other.port_compliance(), reverse @ bridge.port_compliance() @ reverse)
+    assert other.output_stiffness_with_input() == bridge.output_stiffness_with_input()
+
+
+@pytest.mark.parametrize("dimensions", [XY, Z, STOUT])
+def test_rods_tell_the_two_kinds_apart(dimensions: dict[str, float]) -> None:
+    """In the frame, too: a stiffer input, and less motion per force, as the rods' tips turn against the arms."""
+    convex, other = (
+        frame_compliance(3, **{**dimensions, "arm_offset": sign * dimensions["arm_offset"]}, **ROD) for sign in (1, -1)
+    )
+    assert other[0, 0] < convex[0, 0] and abs(other[0, 1]) < convex[0, 1]
+    assert other[1, 1] == pytest.approx(convex[1, 1], rel=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -268,6 +317,9 @@ def test_rod_flexibility_of_nothing_is_zero() -> None:
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
 def test_refuses_what_is_not_positive(field: str, value: float) -> None:
     changed: dict[str, Any] = {field: value}
+    if field == "arm_offset" and value < 0:
+        assert dataclasses.replace(TextbookBridge.of_leaves(**XY), **changed).amplification < 0  # a concave bridge
+        return
     with pytest.raises(ValueError, match=field):
         dataclasses.replace(TextbookBridge.of_leaves(**XY), **changed)
 

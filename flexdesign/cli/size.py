@@ -1,0 +1,141 @@
+"""``flexdesign size``: dimensions of amplifiers and guides from what a stage shall do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from flexdesign.cli.shared import AsJson, app, print_json
+
+if TYPE_CHECKING:
+    from flexdesign.model import Quantity
+    from flexdesign.report.document import Document, Table
+    from flexdesign.sizing import Sizing
+
+HELP = """Find the dimensions of amplifiers and guides from what a stage shall do.
+
+TARGETS is a file with stiffness, input stiffness, amplification or gain of the axes X/Y and Z and the coupling of a
+motion along X, or the bare name of one in studies/. The formulas of Lin et al. (2019) are solved for hinges, arms,
+input rods and the chains that guide the table; width, hinge thickness and rod thickness are chosen.
+
+**Examples**
+
+    flexdesign size lin2019_targets
+
+    flexdesign size lin2019_targets --set targets.xy.amplification=6.08 --out reports/longer_chains
+
+    flexdesign size lin2019_targets --set choices.hinge_thickness="0.4 mm" --json
+
+**What --set can change:** `targets.*` (of amplification and gain the one that is set takes the place of the other),
+`topology.*` (how many amplifiers and guide hinges take part), `choices.*`, `material`, `rounded`. With `rounded` the
+targets are printed numbers, and ± says how far half a unit of their last digits moves a dimension, at worst.
+
+**What it writes:** dimensions.toml, report.html, report.md and result.json, into --out; without it nothing.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+"""
+
+
+@app.command(help=HELP)
+def size(
+    targets: Annotated[str, typer.Argument(help="Targets: a path, or a bare name.")],
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change one value, e.g. targets.xy.amplification=6."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the dimensions [default: none].", show_default=False)
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Size a stage, and write its dimensions."""
+    from flexdesign import sizing
+    from flexdesign.report import render, terminal
+
+    found = sizing.size(targets, overrides or [])
+    document, result = _document(found), found.result()
+    written = render.write(out, document, result, {"dimensions.toml": found.to_toml()}) if out else []
+    if as_json:
+        print_json(result)
+        return
+    terminal.brief(document, _dimensions(found), written)
+
+
+def _document(found: Sizing) -> Document:
+    from flexdesign.report.document import Document, Section, Table
+
+    given = Table(["target or choice", "value", "source"], found.given)
+    returned = Table(
+        ["", "of", "target", "returned", "equation"],
+        [[asked.name, asked.boundary, asked.shown(), back.shown(), _place(back)] for asked, back in found.returned()],
+    )
+    builds = Table(
+        ["X/Y", "amplifiers M_b", "amplifiers K_b", "guide hinges K_r", "stiffness"],
+        [
+            [name, str(t.moving_amplifiers), str(t.bending_amplifiers), str(t.guide_hinges), stiffness.shown()]
+            for name, t, stiffness in found.topologies()
+        ],
+    )
+    sections = [
+        Section("Dimensions", [], [_dimensions(found)]),
+        Section("What the formulas return for them", [_circular()], [returned]),
+        Section("The same elements in other topologies", [], [builds]),
+        Section("What was given", [], [given]),
+    ]
+    return Document(found.title, _summary(found), sections)
+
+
+def _circular() -> str:
+    return (
+        "The formulas return the targets with these dimensions by construction: that is circular, and says only that "
+        "the equations were solved."
+    )
+
+
+def _summary(found: Sizing) -> list[str]:
+    """Say what the dimensions are, and what the targets leave doubtful; every number is of this run."""
+    text = [f"The dimensions are reconstructed: they follow from the targets, and are one realisation. {_circular()}"]
+    x, _ = found.found.driven()
+    if x.load:
+        text.append(
+            f"K_in and lambda of X/Y hold for an output that pushes against {x.load / 1e3:.4g} N/mm. With its output "
+            f"free the amplifier has K_in = {x.bridge.input_stiffness() / 1e6:.4g} N/um and "
+            f"lambda = {x.bridge.amplification():.4g}."
+        )
+    text.append(
+        f"Eq. (30) makes the gain of X/Y, k_in / (4 lambda k), {x.gain:.4g}, while lambda is {x.amplification:.4g}. If "
+        f"the gain were the amplification, L_1 and L_2 would be {x.gain / x.amplification:.3g} times as long."
+    )
+    own = found.found.targets.topology_xy
+    if not own.consistent:
+        (_, _, counted), (_, _, whole), *_ = found.topologies()  # the targets' own, and with all of them bending
+        text.append(
+            f"In X/Y the targets count the mass of {own.moving_amplifiers} amplifiers and the stiffness of "
+            f"{own.bending_amplifiers}. If all that move bend, too, the same elements make {whole.shown()}, "
+            f"{whole.value / counted.value:.2g} times {counted.shown()}."
+        )
+    return text
+
+
+def _dimensions(found: Sizing) -> Table:
+    from flexdesign.report.document import Table
+
+    rounded = found.quantities[0].sigma is not None
+    rows = []
+    for quantity in found.quantities:
+        sigma = quantity.sigma or 0.0
+        half = [replace(quantity, value=sigma, sigma=None).shown(2)] if rounded else []
+        rows.append([quantity.name, quantity.boundary, replace(quantity, sigma=None).shown(), *half, _place(quantity)])
+    caption = "± by rounding: half a unit of every target's last digit, all of them together, at worst"
+    heads = ["", "of", "value", *(["± by rounding"] if rounded else []), "from"]
+    return Table(heads, rows, caption if rounded else "")
+
+
+def _place(quantity: Quantity) -> str:
+    """Return where a quantity comes from, the paper's name left to the report's title."""
+    from flexdesign.analytic.prb import SOURCE
+
+    return quantity.source.removeprefix(f"{SOURCE}, ")
