@@ -30,7 +30,7 @@ Axis = Literal["x", "y", "z"]
 PIECE_METHODS = ("solid", "ports", "linkage", "symmetry")
 METHODS = (*PIECE_METHODS, "formulas", "formula_shares", "intermediates")
 #: What it calls on a whole stage, which is told from a part by the first.
-STAGE_METHODS = ("assembly", "solid", "formulas")
+STAGE_METHODS = ("assembly", "solid", "formulas", "springs", "arms")
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,8 @@ Progress = Callable[[str], None]
 
 #: Distributions whose versions travel with every result.
 LIBRARIES = ("cadquery", "pytetwild", "scikit-fem", "numpy", "scipy", "pypardiso", "pyvista", "meshio")
+#: Modules of `flexdesign.fem` that make neither meshes nor solutions.
+AFTERWARDS = ("assembled", "convergence", "corotated", "second_order")
 #: Where an accuracy is asked for there are no more meshes than these.
 MOST_LEVELS = 5
 
@@ -114,7 +116,7 @@ def _level(
     design = study.design
     began = perf_counter()
     try:
-        tagged, hinges = _mesh(method, body, coarseness, part.linkage().of_kind("hinge"), cache, progress)
+        tagged, hinges = meshed(method, body, coarseness, part.linkage().of_kind("hinge"), cache, progress)
     except MeshError as error:
         raise InputError(design.file, "mesh", None, str(error)) from error
     actuator = design.actuator.installed_stiffness if design.actuator else 0.0
@@ -150,12 +152,17 @@ def _level(
     return Level(size, tagged, solution, hinges, seconds, cached=False)
 
 
-def _mesh(
+def meshed(
     method: Method, body: Domain, coarseness: float, hinges: Sequence[Member], cache: Cache, progress: Progress
 ) -> tuple[TaggedMesh, list[HingeCheck]]:
     """Return a mesh that passes the gate, and what that measured; one mesher is not deterministic and may try again.
 
     Only a mesh that passes is kept.
+
+    Raises
+    ------
+    MeshError
+        If none passes.
     """
     asked = method.question(coarseness)
     question = content_key(engine(), body.fingerprint, *asked, versions.installed(LIBRARIES))
@@ -177,7 +184,7 @@ def _mesh(
     return tagged, checks
 
 
-def method_of(study: Study, part: parts.Part, body: Domain) -> Method:
+def method_of(study: Study, part: parts.Piece, body: Domain) -> Method:
     """Return the way to mesh that the study asks for, or else the fastest that the part allows."""
     asked = study.mesh
     if asked.method == "extruded" and body.section is None:
@@ -238,8 +245,7 @@ def _left_open(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float]) 
 def engine() -> str:
     """Return a hash of the code that makes meshes and solutions, lest results of other code be taken for its.
 
-    How results are extrapolated does not enter: another estimate asks for no other meshes.
+    What is done with results afterwards does not enter: another estimate asks for no other meshes.
     """
     sources = sorted(Path(analysis.__file__).parent.glob("*.py"))
-    made = [source for source in sources if not source.samefile(convergence.__file__)]
-    return content_key([source.read_text(encoding="utf-8") for source in made])
+    return content_key([source.read_text(encoding="utf-8") for source in sources if source.stem not in AFTERWARDS])

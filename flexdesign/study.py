@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, Field
 
 from flexdesign import design as designs
 from flexdesign import files
@@ -84,6 +84,16 @@ class OutputSettings(Table):
     large_steps: whole(0, 50) = 4  # type: ignore[valid-type]
 
 
+class StageSettings(Table):
+    """What is asked of a whole stage besides.
+
+    `inputs` is by axis how far each actuator parts its inputs where coupling and pictures are stated; half the free
+    stroke where nothing is said.
+    """
+
+    inputs: dict[str, in_si("m", 1e-9, 1e-2)] = Field(default_factory=dict)  # type: ignore[valid-type]
+
+
 class _StudyFile(Table):
     format: int
     design: str
@@ -91,6 +101,9 @@ class _StudyFile(Table):
     mesh: MeshSettings = MeshSettings()
     modes: ModeSettings = ModeSettings()
     output: OutputSettings = OutputSettings()
+    stage: StageSettings = StageSettings()
+    published: dict[str, dict[str, str]] = Field(default_factory=dict)
+    variants: dict[str, list[str]] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -103,8 +116,12 @@ class Study:
         Name of its file; reports go to a folder of that name.
     design
         What is validated; the study's own title, if it has one, takes the place of the design's.
-    mesh, modes, output
+    mesh, modes, output, stage
         How.
+    published
+        Numbers of others, as text with units, by where they come from and by the quantity's key.
+    variants
+        Designs that are solved besides, on the coarsest mesh, to see what makes a difference, by what they are called.
     """
 
     name: str
@@ -112,6 +129,9 @@ class Study:
     mesh: MeshSettings
     modes: ModeSettings
     output: OutputSettings
+    stage: StageSettings = field(default_factory=StageSettings)
+    published: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    variants: Mapping[str, Design] = field(default_factory=dict)
 
 
 def read(name: str | Path, overrides: Sequence[str] = ()) -> Study:
@@ -147,7 +167,10 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> Study:
     design = designs.read(design_path, of_design)
     if checked.title:
         design = replace(design, title=checked.title)
-    return Study(path.stem, design, checked.mesh, checked.modes, checked.output)
+    variants = {label: designs.read(design_path, [*of_design, *changes]) for label, changes in checked.variants.items()}
+    return Study(
+        path.stem, design, checked.mesh, checked.modes, checked.output, checked.stage, checked.published, variants
+    )
 
 
 def _sorted(overrides: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -40,9 +40,11 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 from flexdesign import part
-from flexdesign.analytic import lagrange, prb
-from flexdesign.assembly import Assembly, Axis, AxisName, Body, Box, Element, cad
+from flexdesign.analytic.branched_stage import BranchedAxis, Hinges, as_the_paper_counts
+from flexdesign.analytic.prb import PseudoRigidBridge
+from flexdesign.assembly import Assembly, Axis, Body, Box, cad
 from flexdesign.assembly.branches import Bar, Branch, Leaf, centred, spanning, strung
+from flexdesign.errors import InputError
 from flexdesign.materials import Material
 from flexdesign.model import Parameter, Quantity
 from flexdesign.model.linkage import Vector
@@ -50,8 +52,6 @@ from flexdesign.model.linkage import Vector
 X, Y, Z, DOWN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
 #: Branches, counted from positive x against the clock, by the side of the table they lie on.
 SIDES = ("x_plus", "y_plus", "x_minus", "y_minus")
-#: Name of their term among the springs.
-AMPLIFIERS = "amplifiers K_b"
 #: Between parts of different branches, and around what moves [m].
 CLEARANCE = 3e-3
 
@@ -103,6 +103,7 @@ class XYZStage:
     table_size: float
     table_height: float
     body_thickness: float
+    lateral_branches: float = 4.0
 
     dimensions: ClassVar[tuple[Parameter, ...]] = (
         _length("arm_span", "distance between an amplifier arm's hinge centres along its input", 2e-3, 0.2, "l_x"),
@@ -137,7 +138,12 @@ class XYZStage:
         _length("table_size", "side of the table", 5e-3, 0.5),
         _length("table_height", "height of the table", 1e-3, 0.1),
         _length("body_thickness", "thickness of lateral blocks, bridges, carriers, ribs and frame", 1e-3, 0.1),
+        Parameter("lateral_branches", "1", "", "4, or 2 for X and Y amplifiers on one side alone", plausible=(2, 4)),
     )
+
+    def __post_init__(self) -> None:
+        if self.lateral_branches not in (2, 4):
+            raise InputError("design", "dimensions.lateral_branches", self.lateral_branches, "must be 2 or 4")
 
     # --- parts ------------------------------------------------------------------------------------------------
 
@@ -272,22 +278,21 @@ class XYZStage:
 
     def assembly(self) -> Assembly:
         """Return table, frame and the four branches."""
-        branch = self._sideways()
-        branch += self._upward()
-        frame = [box for quarter in range(4) for box in branch.turned(quarter, "").frame]
+        sideways, upward = self._sideways(), self._upward()
+        sides = SIDES[: int(self.lateral_branches)]
+        branches = [upward.turned(quarter, side) for quarter, side in enumerate(SIDES)]
+        branches += [sideways.turned(quarter, side) for quarter, side in enumerate(sides)]
+        frame = [box for branch in branches for box in branch.frame]
         reach = max(abs(box.centre[0]) + box.size[0] / 2 for box in frame)
         base = spanning((-reach, reach), (-reach, reach), (self._floor - self.body_thickness, self._floor))
         bodies = [Body("table", self._table()), Body("frame", (base, *frame), fixed=True)]
-        elements: list[Element] = []
-        for quarter, side in enumerate(SIDES):
-            turned = branch.turned(quarter, side)
-            bodies += turned.bodies
-            elements += turned.elements
-        pairs = {f"{side}_{kind}": 1.0 for side in SIDES for kind in ("concave", "convex")}
-        axes: dict[AxisName, Axis] = {
-            "x": Axis(X, {"x_plus_amplifier": 1.0, "x_minus_amplifier": -1.0}),
-            "y": Axis(Y, {"y_plus_amplifier": 1.0, "y_minus_amplifier": -1.0}),
-            "z": Axis(Z, pairs),
+        bodies += [body for branch in branches for body in branch.bodies]
+        elements = [element for branch in branches for element in branch.elements]
+        lateral = {f"{side}_amplifier": -1.0 if side.endswith("minus") else 1.0 for side in sides}
+        axes = {
+            "x": Axis(X, {name: sign for name, sign in lateral.items() if name.startswith("x")}),
+            "y": Axis(Y, {name: sign for name, sign in lateral.items() if name.startswith("y")}),
+            "z": Axis(Z, {f"{side}_{kind}": 1.0 for side in SIDES for kind in ("concave", "convex")}),
         }
         return Assembly(tuple(bodies), tuple(elements), "table", (0.0, 0.0, self.table_height / 2), axes)
 
@@ -298,73 +303,49 @@ class XYZStage:
     def formulas(
         self, material: Material, actuator_stiffness: float | None, output_load: float | None
     ) -> Mapping[str, Sequence[Quantity]]:
-        """Return the stage as the paper's equation (21) counts its springs, and as they are counted here.
+        """Return the stage as the paper's equation (21) counts its springs, and as they are counted here."""
+        axes = self._axes(material)
+        counted = [quantity for axis in axes for quantity in axis.quantities()]
+        return {"paper (21)": as_the_paper_counts(axes, self.limb_length), "springs counted": counted}
 
-        Both by the pseudo-rigid-body model. The paper has each amplifier push against its own output stiffness; here
-        it pushes against what else holds the table, or the share of it that falls to one amplifier.
-        """
-        elements = self._pseudo_rigid(material, "xy")
-        printed = lagrange.as_printed(
-            lagrange.Elements(elements.output_stiffness, elements.hinge_stiffness, self.limb_length)
-        )
-        found: dict[str, list[Quantity]] = {"paper (21)": [], "springs counted": []}
-        for names, kind, here, paper in (
-            (("x", "y"), "xy", self.sideways(material), printed[0]),
-            (("z",), "z", self.upwards(material), printed[1]),
-        ):
-            bridge = self._pseudo_rigid(material, kind)
-            amplifiers = next(term for term in here.potential if term.name == AMPLIFIERS)
-            # The other springs' force falls to so many amplifiers, each at its share of the travel.
-            load = (here.stiffness - amplifiers.contribution) / (amplifiers.count * amplifiers.share**2)
-            for model, coordinate, carried in (("paper (21)", paper, None), ("springs counted", here, load)):
-                driven = lagrange.DrivenAxis(coordinate, bridge, carried)
-                for name in names:
-                    found[model] += [
-                        Quantity("K_out", coordinate.stiffness, "N/m", "N/mm", f"{name}, inputs free"),
-                        Quantity("K_in", driven.input_stiffness, "N/m", "N/mm", f"{name}, table free"),
-                        Quantity("lambda", driven.amplification / amplifiers.share, "1", "", f"{name}, table free"),
-                    ]
-        return found
+    def springs(self, material: Material) -> Mapping[str, Sequence[tuple[str, int, Quantity, str]]]:
+        """Return what the table's motion bends, by axis."""
+        return {name: axis.coordinate.table() for axis in self._axes(material) for name in axis.names}
 
-    def _pseudo_rigid(self, material: Material, axis: str) -> prb.PseudoRigidBridge:
-        return prb.PseudoRigidBridge(
-            youngs_modulus=material.youngs_modulus, width=self.width, hinge_thickness=self.hinge_thickness,
-            hinge_length=self.hinge_length, arm_span=self.arm_span, arm_offset=getattr(self, f"{axis}_arm_offset"),
-            rod_length=getattr(self, f"{axis}_rod_length"), rod_thickness=self.rod_thickness,
-        )  # fmt: skip
-
-    def sideways(self, material: Material) -> lagrange.Coordinate:
-        """Return the springs that the table's motion along x bends, by name."""
-
-        def hinges(name: str, count: int, thickness: float, width: float, arm: float) -> lagrange.Term:
-            stiffness = prb.leaf_rotational_stiffness(material.youngs_modulus, width, thickness, self.hinge_length)
-            return lagrange.Term(name, count, stiffness, 1.0, arm)
-
-        amplifier = self._pseudo_rigid(material, "xy").output_stiffness
-        strut, across = self.strut_hinge_thickness, self.strut_length + 2 * _apart(self._strut())
-        return lagrange.Coordinate("X/Y", (), (
-            lagrange.Term(AMPLIFIERS, 2, amplifier),
-            hinges("limb hinges", 8, self.limb_hinge_thickness, self.limb_height, self.limb_length),
-            hinges("guide hinges of the blocks", 16, self.guide_hinge_thickness, self.guide_width, self.guide_length),
-            hinges("strut hinges along", 4, strut, self.strut_thickness, self.strut_length),
-            hinges("strut hinges across", 4, strut, self.strut_thickness, across),
-        ))  # fmt: skip
-
-    def upwards(self, material: Material) -> lagrange.Coordinate:
-        """Return the springs that the table's motion along z bends, by name."""
-
-        def hinges(name: str, thickness: float, width: float, arm: float, share: float = 1.0) -> lagrange.Term:
-            stiffness = prb.leaf_rotational_stiffness(material.youngs_modulus, width, thickness, self.hinge_length)
-            return lagrange.Term(name, 16, stiffness, share, arm)
-
-        guide = (self.guide_hinge_thickness, self.guide_width, self.guide_length)
+    def arms(self) -> Mapping[tuple[str, str], float]:
+        """Return L_1 for X and Y, L_2 for Z, and for what Z does to X and Y the distance of the limbs' cross hinges."""
         across = self.limb_length + 2 * _apart(self._limb())
-        return lagrange.Coordinate("Z", (), (
-            lagrange.Term(AMPLIFIERS, 8, self._pseudo_rigid(material, "z").output_stiffness, 0.5),
-            hinges("cross hinges of the limbs", self.cross_hinge_thickness, self.limb_thickness, across),
-            hinges("guide hinges of the bridges", *guide, share=0.5),
-            hinges("guide hinges of the carriers", *guide),
-        ))  # fmt: skip
+        return {
+            ("y", "x"): self.limb_length, ("x", "y"): self.limb_length, ("z", "x"): self.strut_length,
+            ("z", "y"): self.strut_length, ("x", "z"): across, ("y", "z"): across,
+        }  # fmt: skip
+
+    def _axes(self, material: Material) -> tuple[BranchedAxis, BranchedAxis]:
+        xy, z = (
+            PseudoRigidBridge(
+                youngs_modulus=material.youngs_modulus, width=self.width, hinge_thickness=self.hinge_thickness,
+                hinge_length=self.hinge_length, arm_span=self.arm_span, arm_offset=offset, rod_length=rod,
+                rod_thickness=self.rod_thickness,
+            )
+            for offset, rod in ((self.xy_arm_offset, self.xy_rod_length), (self.z_arm_offset, self.z_rod_length))
+        )  # fmt: skip
+        sides, leaf = int(self.lateral_branches) // 2, self.hinge_length
+        guide = (self.guide_hinge_thickness, self.guide_width, leaf, self.guide_length)
+        strut = (self.strut_hinge_thickness, self.strut_thickness, leaf)
+        limb, cross = self.limb_hinge_thickness, self.cross_hinge_thickness
+        sideways = (
+            Hinges("limb hinges", 4 * sides, limb, self.limb_height, leaf, self.limb_length),
+            Hinges("guide hinges of the blocks", 8 * sides, *guide),
+            Hinges("strut hinges along", 4, *strut, self.strut_length),
+            Hinges("strut hinges across", 4, *strut, self.strut_length + 2 * _apart(self._strut())),
+        )
+        across = self.limb_length + 2 * _apart(self._limb())
+        upwards = (
+            Hinges("cross hinges of the limbs", 8 * sides, cross, self.limb_thickness, leaf, across),
+            Hinges("guide hinges of the bridges", 16, *guide, share=0.5),
+            Hinges("guide hinges of the carriers", 16, *guide),
+        )
+        return BranchedAxis(("x", "y"), xy, sides, 1.0, sideways), BranchedAxis(("z",), z, 8, 0.5, upwards)
 
     def _table(self) -> tuple[Box, ...]:
         """Return the plate and, under it, a cross of ribs from strut to strut."""

@@ -62,12 +62,12 @@ def test_a_mesh_that_a_second_try_may_better_is_tried_again_and_only_a_good_one_
     method = Stubborn(Extruded(Grading(body, part.linkage().members, 0.2, 1.2, None)), refused, tries)
     cache, said = Cache(tmp_path), list[str]()
     if refused < tries:
-        _, checks = refinement._mesh(method, body, 1.0, hinges, cache, said.append)
+        _, checks = refinement.meshed(method, body, 1.0, hinges, cache, said.append)
         assert len(checks) == 4 and all(check.passed for check in checks)
-        refinement._mesh(method, body, 1.0, hinges, cache, said.append)
+        refinement.meshed(method, body, 1.0, hinges, cache, said.append)
     else:
         with pytest.raises(MeshError, match="upside down"):
-            refinement._mesh(method, body, 1.0, hinges, cache, said.append)
+            refinement.meshed(method, body, 1.0, hinges, cache, said.append)
     assert method.meshed == meshed
     assert said.count("meshing again: upside down") == min(refused, tries - 1)
 

@@ -12,7 +12,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ from flexdesign.model.linkage import Vector
 from flexdesign.part import Piece, Port
 
 FloatArray = NDArray[np.float64]
-AxisName = Literal["x", "y", "z"]
 
 
 @dataclass(frozen=True)
@@ -168,7 +167,7 @@ class Assembly:
     elements: tuple[Element, ...]
     table: str
     point: Vector
-    axes: Mapping[AxisName, Axis] = field(default_factory=dict)
+    axes: Mapping[str, Axis] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         names = [body.name for body in self.bodies]
@@ -234,3 +233,9 @@ class Stage(Protocol):
         self, material: Material, actuator_stiffness: float | None, output_load: float | None
     ) -> Mapping[str, Sequence[Quantity]]:
         """Return the quantities of each analytic model by the model's name; each one's source names its equation."""
+
+    def springs(self, material: Material) -> Mapping[str, Sequence[tuple[str, int, Quantity, str]]]:
+        """Return by axis what the table's motion bends: name, count, share of the stiffness [N/m], and source."""
+
+    def arms(self) -> Mapping[tuple[str, str], float]:
+        """Return the lengths [m] of the arms that tilt, by the axis they draw aside and the one that is driven."""

@@ -72,11 +72,19 @@ class AssembledStage:
             whole[at, at] += body.inertia(self.density)
         return whole
 
-    def extension(self, element: str) -> FloatArray:
-        """Return what an element's actuator feels, over all unknowns, shape (size,)."""
+    def extension(self, element: str, offset: FloatArray | None = None) -> FloatArray:
+        """Return what an element's actuator feels, over all unknowns, shape (size,).
+
+        `offset` is by how much its line of action lies off the ports' points, in the part's frame, shape (3,) [m].
+        """
         places, onto = self.connection(element)
-        row = np.zeros(self.size)
-        row[places] = self.parts[element].extension @ onto
+        part, row = self.parts[element], np.zeros(self.size)
+        felt = part.extension
+        if offset is not None:
+            for port in self.assembly.element(element).part.ports():
+                if port.role == "input":
+                    felt = felt + np.cross(offset, -np.array(port.normal)) @ part.averages[port.name][3:]
+        row[places] = felt @ onto
         return row
 
     def motion(self, body: str, point: FloatArray) -> FloatArray:
@@ -95,7 +103,7 @@ class AssembledStage:
 
     def drive(self, axis: str) -> FloatArray:
         """Return the loads of an axis' actuators, each with a force of one newton, shape (size,)."""
-        drives = self.assembly.axes[axis].drives  # type: ignore[index]
+        drives = self.assembly.axes[axis].drives
         return np.asarray(sum((sign * self.extension(name) for name, sign in drives.items()), np.zeros(self.size)))
 
     def installed(self, actuator: float) -> FloatArray:

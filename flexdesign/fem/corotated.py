@@ -80,7 +80,7 @@ class CorotatedStage:
 
     def drive(self, axis: str, force: float) -> dict[str, float]:
         """Return the forces [N] of an axis' actuators, by element, if each pushes or pulls with this one."""
-        return {name: sign * force for name, sign in self.assembly.axes[axis].drives.items()}  # type: ignore[index]
+        return {name: sign * force for name, sign in self.assembly.axes[axis].drives.items()}
 
     def equilibrium(
         self, actuators: Mapping[str, float], loads: FloatArray | None = None, start: State | None = None

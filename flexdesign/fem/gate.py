@@ -66,7 +66,7 @@ def check(mesh: TaggedMesh, domain: Domain, hinges: Sequence[Member]) -> list[Hi
     MeshError
         If one is off by more than its limit, or missing; it names the hinge and what to change.
     """
-    checks = [_measure(mesh, hinge) for hinge in hinges if domain.keeps(hinge)]
+    checks = [_measure(_around(mesh, domain, hinge), hinge) for hinge in hinges if domain.keeps(hinge)]
     for found in checks:
         if math.isnan(found.deviation):
             raise MeshError(f"{found.hinge.name} is missing in the mesh; reduce mesh.envelope")
@@ -80,12 +80,22 @@ def check(mesh: TaggedMesh, domain: Domain, hinges: Sequence[Member]) -> list[Hi
     return checks
 
 
-def _measure(mesh: TaggedMesh, hinge: Member, along: int = 21, across: int = 7) -> HingeCheck:
+def _around(mesh: TaggedMesh, domain: Domain, hinge: Member) -> FloatArray:
+    """Return the corners of the surface's facets (k, 3, 3), mirrored in the planes that cut the hinge in two."""
+    cut = {face for faces in domain.plane_faces for face in faces}
+    facets = mesh.points[mesh.facets[~np.isin(mesh.faces, sorted(cut))]]
+    for plane in domain.planes:
+        if abs(hinge.centre[plane.index]) < 1e-12:
+            facets = np.concatenate([facets, facets * np.where(np.arange(3) == plane.index, -1.0, 1.0)])
+    return facets
+
+
+def _measure(surface: FloatArray, hinge: Member, along: int = 21, across: int = 7) -> HingeCheck:
     axis = np.array(hinge.axis)
     depth = np.array([0.0, 0.0, 1.0])
     normal = np.cross(depth, axis)
     frame = np.stack([axis, depth, normal])
-    facets = (mesh.points[mesh.facets] - np.array(hinge.centre)) @ frame.T  # (k, 3 corners, 3 components)
+    facets = (surface - np.array(hinge.centre)) @ frame.T  # (k, 3 corners, 3 components)
     near = np.all(np.abs(facets[:, :, 0]).min(axis=1, keepdims=True) <= hinge.length / 2, axis=1)
     near &= np.abs(facets[:, :, 2]).max(axis=1) <= 2 * hinge.thickness_at(hinge.length / 2)
     facets = facets[near]

@@ -1,19 +1,21 @@
 """What large displacements do to a condensed part, to second order.
 
-Green's strain of a displacement u is e(u) + h(u) with e linear and h = (grad u)^T grad u / 2 quadratic. With stresses
-sigma = C e the strain energy of amplitudes c (u = sum c_i u_i) is
+Green's strain of a displacement u is e(u) + h(u) with e linear and h = (grad u)^T grad u / 2 quadratic. Amplitudes c are
+rigid motions of each bonded port's face and, where an actuator pushes, the extension it causes. As a face turns by the
+rotation vector theta, places r from its port's point go along an arc: by theta x r + theta x (theta x r) / 2, the inside
+following by u = sum c_i u_i + sum c_j c_k w_jk. With stresses sigma = C e the strain energy is
 
-    U = c^T K c / 2 + sum_ijk B_ijk c_i c_j c_k + ...,     B_ijk = int sigma_i : h(u_j, u_k) dV.
+    U = c^T K c / 2 + sum_ijk B_ijk c_i c_j c_k + ...,     B_ijk = int sigma_i : (h(u_j, u_k) + e(w_jk)) dV.
 
-A leaf spring that bends shortens by 0.6 d^2 / L in this way. Of fourth order, what is left once the inside has adjusted
-is taken for a complete square: the same energy is
+A leaf spring that bends shortens by 0.6 d^2 / L in this way. What w gives is work of the ports' forces alone, but no
+trifle: without it the stubs of a hinge would seem to lengthen as they turn. Of fourth order, what is left once the
+inside has adjusted is taken for a complete square: the same energy is
 
     U = s^T K s / 2,     s = c + K^+ B(c, c),
 
 so that a part that is free to shorten does so without stress, and one that is not stiffens.
 
-Amplitudes c are rigid motions of each bonded port's face and, where an actuator pushes, the extension it causes. Large
-rotations of the part as a whole are none of theirs: they are seen from a frame that goes along (`corotated`).
+Large rotations of the part as a whole are seen from a frame that goes along (`corotated`).
 """
 
 from __future__ import annotations
@@ -26,14 +28,16 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from flexdesign.fem.elasticity import shape_derivatives, stress_points
-from flexdesign.fem.superelement import Superelement
+from flexdesign.fem.port_shapes import Motions, rigid_motions
+from flexdesign.fem.superelement import Inside, Superelement
+from flexdesign.materials import Material
 
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SecondOrder:
-    """A condensed part's energy to third order.
+    """A condensed part's energy to third order. Methods take amplitudes of many equal parts at once.
 
     Parameters
     ----------
@@ -52,33 +56,39 @@ class SecondOrder:
     extension: FloatArray
     actuator: float = 0.0
 
-    def energy(self, amplitudes: FloatArray) -> float:
-        """Return U [J] of amplitudes, shape (k,)."""
-        strained = self._strained(amplitudes)
-        spring = self.actuator * (self.extension @ amplitudes) ** 2
-        return float(strained @ self.stiffness @ strained + spring) / 2
+    def energy(self, amplitudes: FloatArray) -> FloatArray:
+        """Return U [J] of amplitudes, shapes (...) and (..., k)."""
+        strained = self.strained(amplitudes)
+        spring = self.actuator * (amplitudes @ self.extension) ** 2
+        return np.asarray(np.einsum("...i,ij,...j", strained, self.stiffness, strained) + spring) / 2
 
     def forces(self, amplitudes: FloatArray) -> FloatArray:
-        """Return dU/dc, shape (k,)."""
-        elastic = self._slope(amplitudes).T @ self.stiffness @ self._strained(amplitudes)
-        return np.asarray(elastic + self.actuator * (self.extension @ amplitudes) * self.extension)
+        """Return dU/dc, shape (..., k)."""
+        stress = self.strained(amplitudes) @ self.stiffness
+        spring = self.actuator * np.multiply.outer(amplitudes @ self.extension, self.extension)
+        return np.asarray(np.einsum("...i,...ij->...j", stress, self._slope(amplitudes)) + spring)
 
     def tangent(self, amplitudes: FloatArray) -> FloatArray:
-        """Return d^2 U/dc^2, shape (k, k)."""
-        slope, stress = self._slope(amplitudes), self.stiffness @ self._strained(amplitudes)
-        bent = np.einsum("i,ij,jkl->kl", stress, self._inverse, self.tensor, optimize=True)
+        """Return d^2 U/dc^2, shape (..., k, k)."""
+        slope, stress = self._slope(amplitudes), self.strained(amplitudes) @ self.stiffness
+        bent = np.tensordot(stress, self._shift, axes=1)
         spring = self.actuator * np.outer(self.extension, self.extension)
-        return np.asarray(slope.T @ self.stiffness @ slope + 2 * bent + spring)
+        return np.asarray(slope.swapaxes(-1, -2) @ self.stiffness @ slope + 2 * bent + spring)
+
+    def strained(self, amplitudes: FloatArray) -> FloatArray:
+        """Return s, the amplitudes that would cost as much if displacements were small, shape (..., k)."""
+        return np.asarray(amplitudes + np.einsum("ijk,...j,...k->...i", self._shift, amplitudes, amplitudes))
 
     def _slope(self, amplitudes: FloatArray) -> FloatArray:
-        return np.asarray(np.eye(len(amplitudes)) + 2 * self._inverse @ (self.tensor @ amplitudes))
-
-    def _strained(self, amplitudes: FloatArray) -> FloatArray:
-        return np.asarray(amplitudes + self._inverse @ (self.tensor @ amplitudes @ amplitudes))
+        shift = np.tensordot(amplitudes, self._shift, axes=(-1, 2))
+        return np.asarray(np.eye(len(self.stiffness)) + 2 * shift)
 
     @cached_property
-    def _inverse(self) -> FloatArray:
-        return np.asarray(scipy.linalg.pinvh(self.stiffness, rtol=1e-10))
+    def _shift(self) -> FloatArray:
+        """K^+ B, shape (k, k, k); K has been made free of units, so that rigid motions stand out from all others."""
+        scale = 1 / np.sqrt(np.diag(self.stiffness))
+        inverse = scipy.linalg.pinvh(scale[:, None] * self.stiffness * scale, rtol=1e-3)
+        return np.asarray(np.tensordot(scale[:, None] * inverse * scale, self.tensor, axes=1))
 
 
 def amplitudes(part: Superelement) -> FloatArray:
@@ -101,19 +111,51 @@ def amplitudes(part: Superelement) -> FloatArray:
 
 
 def of(part: Superelement) -> SecondOrder:
-    """Integrate a superelement's energy to third order, over its fundamental domain and all its images."""
+    """Integrate a superelement's energy to third order, over its fundamental domain and all its images.
+
+    Raises
+    ------
+    ValueError
+        If the superelement does not know its inside.
+    """
+    if part.inside is None:
+        raise ValueError("a part that does not know its inside tells nothing of large displacements: condense it anew")
     basis = amplitudes(part)
-    tensor = _of_domain(part, basis)
+    forces = basis.T @ part.stiffness
+    tensor = _of_domain(part.inside, part.material, basis)
     for reflection in part.inside.reflections:
         turned = np.linalg.lstsq(basis, reflection @ basis, rcond=None)[0]
         tensor = tensor + np.einsum("ijk,ia,jb,kc->abc", tensor, turned, turned, turned, optimize=True)
-    return SecondOrder(basis.T @ part.stiffness @ basis, tensor, part.extension @ basis)
+    return SecondOrder(forces @ basis, tensor + np.tensordot(forces, _arcs(part, basis), axes=1), part.extension @ basis)
 
 
-def _of_domain(part: Superelement, basis: FloatArray) -> FloatArray:
-    """Return B of the fundamental domain alone."""
-    body = part.inside.body
-    fields = (part.inside.vectors @ basis).reshape(-1, 3, basis.shape[1])
+def _arcs(part: Superelement, basis: FloatArray) -> FloatArray:
+    """Return w, the superelement's amplitudes by pairs of c, shape (n + m, k, k); an actuator feels nothing of it."""
+    arcs = np.zeros((*basis.shape, basis.shape[1]))
+    for index, shapes in enumerate(part.shapes):
+        turns = slice(6 * index + 3, 6 * index + 6)
+        arc = shapes.coordinates(_arc(np.array(shapes.port.point)))
+        arcs[part.rows(shapes.port.name), turns, turns] = arc.reshape(-1, 3, 3)
+    if np.any(part.extension):
+        arcs -= np.multiply.outer(basis[:, -1], np.tensordot(part.extension, arcs, axes=1))
+    return arcs
+
+
+def _arc(point: FloatArray) -> Motions:
+    """Return the motions e_j x (e_k x r) / 2 of pairs of rotations about a point, the mean of both orders."""
+
+    def motions(places: FloatArray) -> FloatArray:
+        turned = rigid_motions(places, point)[..., 3:]
+        twice = np.einsum("abj,nbk->najk", np.cross(np.eye(3)[:, None], np.eye(3)).transpose(2, 1, 0), turned)
+        return np.asarray((twice + twice.swapaxes(2, 3)).reshape(len(places), 3, 9) / 4)
+
+    return motions
+
+
+def _of_domain(inside: Inside, material: Material, basis: FloatArray) -> FloatArray:
+    """Return what h gives to B in the fundamental domain alone."""
+    body = inside.body
+    fields = (inside.vectors @ basis).reshape(-1, 3, basis.shape[1])
     points, weights = stress_points()
     gradients, volumes = body.barycentric_gradients
     slopes = shape_derivatives(points)
@@ -123,15 +165,14 @@ def _of_domain(part: Superelement, basis: FloatArray) -> FloatArray:
         shape = np.einsum("qak,eki->eqai", slopes, gradients[chunk], optimize=True)
         # d u_c / d x_i of each amplitude, shape (e, q, component, direction, k)
         grad = np.einsum("eqai,eacn->eqcin", shape, fields[body.nodes[chunk]], optimize=True)
-        stress = _stress(part, grad)
+        stress = _stress(material, grad)
         share = np.einsum("e,q->eq", volumes[chunk], weights)
         moved = np.einsum("eqabn,eqcaj->nebqcj", share[:, :, None, None, None] * stress, grad, optimize=True)
         tensor += np.einsum("nebqcj,eqcbk->njk", moved, grad, optimize=True) / 2
     return tensor
 
 
-def _stress(part: Superelement, grad: FloatArray) -> FloatArray:
-    material = part.inside.body.material
+def _stress(material: Material, grad: FloatArray) -> FloatArray:
     strain = (grad + grad.swapaxes(2, 3)) / 2
     if material.crystal is not None:
         return np.asarray(np.einsum("abcd,eqcdn->eqabn", material.tensor, strain, optimize=True))

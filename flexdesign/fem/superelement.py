@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -83,7 +84,7 @@ class Superelement:
     unknowns
         Of the mesh of the fundamental domain it was condensed from.
     inside
-        What goes on inside, for pictures and for large displacements.
+        What goes on inside, for pictures and for large displacements; None if nobody asked.
     """
 
     shapes: tuple[PortShapes, ...]
@@ -93,7 +94,7 @@ class Superelement:
     extension: FloatArray
     material: Material
     unknowns: int
-    inside: Inside
+    inside: Inside | None = None
 
     @property
     def size(self) -> int:
@@ -121,6 +122,38 @@ class Superelement:
         for shapes in self.shapes:
             motions[self.rows(shapes.port.name)] = shapes.coordinates(lambda x: rigid_motions(x, np.zeros(3)))
         return motions
+
+    def to_store(self) -> tuple[dict[str, FloatArray], dict[str, Any]]:
+        """Return arrays and a JSON-ready table from which `from_store` makes the same superelement."""
+        arrays = {"stiffness": self.stiffness, "mass": self.mass, "extension": self.extension}
+        arrays |= {f"average {port}": rows for port, rows in self.averages.items()}
+        if self.inside is not None:
+            arrays |= {"vectors": self.inside.vectors}
+            arrays |= {f"reflection {i}": each for i, each in enumerate(self.inside.reflections)}
+        shapes = {each.port.name: {"size": each.size, "degree": each.degree} for each in self.shapes}
+        return arrays, {"shapes": shapes, "unknowns": self.unknowns}
+
+    @classmethod
+    def from_store(
+        cls, arrays: dict[str, FloatArray], table: dict[str, Any], piece: Piece, body: Elasticity, domain: Domain
+    ) -> Superelement:
+        """Rebuild a superelement of a piece from what `to_store` returned, and the body it was condensed from."""
+        found = {port.name: port for port in piece.ports()}
+        inside = None
+        if "vectors" in arrays:
+            reflections = tuple(arrays[f"reflection {i}"] for i in range(len(domain.planes)))
+            inside = Inside(body, domain.planes, arrays["vectors"], reflections)
+        averages = {key.partition(" ")[2]: rows for key, rows in arrays.items() if key.startswith("average ")}
+        return cls(
+            shapes=tuple(PortShapes(found[name], **sizes) for name, sizes in table["shapes"].items()),
+            stiffness=arrays["stiffness"],
+            mass=arrays["mass"],
+            averages=averages,
+            extension=arrays["extension"],
+            material=body.material,
+            unknowns=table["unknowns"],
+            inside=inside,
+        )
 
     def made_of(self, material: Material) -> Superelement:
         """Return the same shape of another isotropic material with the same Poisson's ratio.
@@ -170,6 +203,7 @@ def condense(
     *,
     degree: int = 2,
     mode_count: int = 3,
+    inside: bool = False,
     progress: Progress = lambda _: None,
 ) -> Superelement:
     """Condense a part, meshed on its fundamental domain, to its ports.
@@ -182,6 +216,8 @@ def condense(
         Of the polynomials in which the faces of bonded ports may move, 1 at least.
     mode_count
         Internal modes to keep of each symmetry class; 0 for statics alone.
+    inside
+        Whether to keep what goes on inside, too.
     progress
         Is told what is going on.
     """
@@ -200,9 +236,10 @@ def condense(
     k = np.sum([onto.T @ share.stiffness @ onto for share, onto in pairs], axis=0)
     m = np.sum([onto.T @ share.mass @ onto for share, onto in pairs], axis=0)
     averages = np.sum([share.averages @ onto for share, onto in pairs], axis=0)
-    vectors = np.zeros((body.n_dofs, len(k)))
-    for share, onto in pairs:
-        vectors += share.vectors @ onto
+    within = None
+    if inside:
+        vectors = np.sum([share.vectors @ onto for share, onto in pairs], axis=0)
+        within = Inside(body, domain.planes, vectors, _on_all(reflections, shares))
     return Superelement(
         shapes=tuple(shapes),
         stiffness=(k + k.T) / 2,
@@ -211,7 +248,7 @@ def condense(
         extension=space.extension @ averages,
         material=material,
         unknowns=body.n_dofs,
-        inside=Inside(body, domain.planes, vectors, _on_all(reflections, shares)),
+        inside=within,
     )
 
 

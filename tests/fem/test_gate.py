@@ -233,7 +233,7 @@ def test_fillets_are_judged_by_what_bending_feels_of_them() -> None:
 def test_chords_across_a_notch_thicken_it_as_much_as_geometry_says() -> None:
     """At the gate's lines, every 0.049 of the length: the chord's height less the arc's, on either side."""
     radius = SHALLOW.curvature_radius
-    found = gate._measure(shaped(SHALLOW, 8), SHALLOW)
+    found = gate._measure(gate._around(shaped(SHALLOW, 8), EVERYWHERE, SHALLOW), SHALLOW)
     corners = knots(SHALLOW, 8)
     lines = np.linspace(-0.49, 0.49, 21) * LENGTH
     rise = radius - np.sqrt(radius**2 - lines**2)

@@ -1,0 +1,182 @@
+"""A stage's parts meshed and condensed, each kind once however often it is built in; cached by content.
+
+Condensed parts are kept at unit modulus and density, and serve every isotropic material with the same Poisson's ratio:
+stiffness goes with Young's modulus, mass with density.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+from flexdesign import part as parts
+from flexdesign import refinement, versions
+from flexdesign.assembly import Assembly
+from flexdesign.cache import Cache, content_key
+from flexdesign.errors import InputError
+from flexdesign.fem import domain, superelement
+from flexdesign.fem.elasticity import Elasticity
+from flexdesign.fem.gate import HingeCheck
+from flexdesign.fem.mesh import MeshError
+from flexdesign.fem.solver import NotEnoughMemory
+from flexdesign.fem.superelement import Superelement
+from flexdesign.materials import Material
+from flexdesign.part import Piece
+from flexdesign.refinement import LIBRARIES, Progress
+from flexdesign.study import Study
+
+#: Port faces sit on rigid bodies, whose motions are polynomials of this degree.
+DEGREE = 1
+#: The modulus [Pa] and density [kg/m^3] at which condensed parts are kept.
+UNIT_MODULUS, UNIT_DENSITY = 1e9, 1e3
+#: Internal modes of each symmetry class: of a part with inputs, and of a hinge, whose own are far above any stage's.
+MODES, HINGE_MODES = 3, 0
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of part on one mesh.
+
+    Parameters
+    ----------
+    name
+        Of its class.
+    method
+        How it was meshed.
+    elements
+        How many there are in the stage.
+    part
+        Condensed.
+    copies
+        Mirror images that make the whole part of what was meshed.
+    hinges
+        What the mesh gate measured.
+    seconds
+        Wall time for mesh and condensation; of the run that made them, if cached.
+    cached
+        Whether it came from the cache.
+    """
+
+    name: str
+    method: str
+    elements: int
+    part: Superelement
+    copies: int
+    hinges: Sequence[HingeCheck]
+    seconds: float
+    cached: bool
+
+
+@dataclass(frozen=True)
+class StageLevel:
+    """All parts of a stage on meshes of one coarseness.
+
+    Parameters
+    ----------
+    size
+        Edge length at the roots of the first kind's hinges [m], by which results are extrapolated.
+    kinds
+        Each once.
+    parts
+        Each element's superelement, by the element's name.
+    """
+
+    size: float
+    kinds: tuple[Kind, ...]
+    parts: Mapping[str, Superelement]
+
+    @property
+    def unknowns(self) -> int:
+        """Unknowns that the whole stage would have on such meshes, its bodies left out."""
+        return sum(kind.elements * kind.copies * kind.part.unknowns for kind in self.kinds)
+
+    @property
+    def seconds(self) -> float:
+        """Wall time for all kinds."""
+        return sum(kind.seconds for kind in self.kinds)
+
+
+def condensed(
+    study: Study,
+    assembly: Assembly,
+    coarseness: float,
+    cache: Cache,
+    *,
+    inside: bool = False,
+    progress: Progress = lambda _: None,
+) -> StageLevel:
+    """Condense every kind of part of a stage.
+
+    Parameters
+    ----------
+    study
+        How to mesh, and of what the design is made.
+    assembly
+        The stage.
+    coarseness
+        1 for the finest mesh.
+    cache
+        Where meshes and condensed parts are looked up and kept.
+    inside
+        Whether to keep what goes on inside, for pictures and large displacements.
+    progress
+        Is told what is going on.
+
+    Raises
+    ------
+    InputError
+        If a part, or its mesh, cannot be used, or memory does not suffice.
+    """
+    kinds, sizes = [], []
+    by_element: dict[str, Superelement] = {}
+    for piece, elements in assembly.kinds():
+        kind, size = _kind(study, piece, len(elements), coarseness, cache, inside, progress)
+        kinds.append(kind)
+        sizes.append(size)
+        by_element |= {element.name: kind.part for element in elements}
+    return StageLevel(sizes[0], tuple(kinds), by_element)
+
+
+def _kind(
+    study: Study, piece: Piece, elements: int, coarseness: float, cache: Cache, inside: bool, progress: Progress
+) -> tuple[Kind, float]:
+    """Return a kind of part, and the edge length at its hinge roots [m]."""
+    began, name, file = perf_counter(), type(piece).__name__, parts.file_of(type(piece))
+    material = study.design.material
+    if material.crystal is not None:
+        remedy = "is a crystal, and parts lie in a stage in several directions; choose an isotropic material"
+        raise InputError(study.design.file, "material", material.name, remedy)
+    unit = Material("unit", UNIT_MODULUS, material.poissons_ratio, UNIT_DENSITY, None)
+
+    def say(text: str) -> None:
+        progress(f"{name}: {text}")
+
+    say("building the solid")
+    body = domain.of_part(piece, chord=domain.chord(piece))
+    method = refinement.method_of(study, piece, body)
+    modes = MODES if any(port.role == "input" for port in piece.ports()) else HINGE_MODES
+    try:
+        mesh, hinges = refinement.meshed(method, body, coarseness, piece.linkage().of_kind("hinge"), cache, say)
+        key = content_key(
+            refinement.engine(), content_key(*mesh.arrays().values()), unit.mechanics, DEGREE, modes, inside,
+            versions.installed(LIBRARIES), [vars(port) for port in piece.ports()], [vars(p) for p in body.planes],
+        )  # fmt: skip
+        stored = cache.load("superelement", key)
+        if stored is not None:
+            found = Superelement.from_store(*stored, piece, Elasticity(mesh, unit), body)
+            seconds = float(stored[1]["seconds"])
+        else:
+            found = superelement.condense(
+                piece, unit, body, mesh, degree=DEGREE, mode_count=modes, inside=inside, progress=say
+            )
+            seconds = perf_counter() - began
+            arrays, table = found.to_store()
+            cache.store("superelement", key, arrays, table | {"seconds": seconds})
+    except MeshError as error:
+        raise InputError(file, "mesh", None, str(error)) from error
+    except NotEnoughMemory as error:
+        raise InputError(file, "mesh", None, f"{error}; ask for a coarser mesh: mesh.levels, mesh.at_root") from error
+    part = found.made_of(material)
+    kind = Kind(name, method.name, elements, part, body.copies, hinges, seconds, cached=stored is not None)
+    return kind, method.size(mesh, coarseness)

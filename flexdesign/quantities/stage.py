@@ -1,0 +1,167 @@
+"""What a designer asks of a stage, axis by axis, from its condensed parts.
+
+An axis is driven by n actuators at once, some of which push while their opposites draw. With E the extensions of all
+actuated elements as rows over the unknowns, w the axis' signs, t the table's motion along it and C = K^-1,
+
+    K_in = n / (w E C E^T w),   lambda = n (t C E^T w) / (w E C E^T w),   K_out = 1 / (t C t),
+
+per actuator, the inputs of all others free. Springs k between all inputs, actuators installed, make of the compliance
+
+    C_k = C - C E^T (E C E^T + 1/k)^-1 E C,
+
+in whatever elements they sit: what stands still has its actuators, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from flexdesign.fem.assembled import AssembledStage, StageMode
+from flexdesign.model import Quantity
+from flexdesign.study import Study
+
+FloatArray = NDArray[np.float64]
+#: How many modes are told.
+TOLD = 6
+#: Smaller motions aside, relative to the travel, are those of rounding [1] and [rad/m].
+NEGLIGIBLE = 1e-9
+
+
+@dataclass(frozen=True)
+class StageStatics:
+    """A stage's answers to unit loads of its actuators and on its table.
+
+    Parameters
+    ----------
+    stage
+        The assembled stage.
+    """
+
+    stage: AssembledStage
+
+    @cached_property
+    def _rows(self) -> FloatArray:
+        """Extensions of all actuated elements, then the six motions of the table, shape (e + 6, size)."""
+        extensions = [self.stage.extension(name) for name in self.stage.assembly.driven]
+        return np.vstack([*extensions, self.stage.table])
+
+    @cached_property
+    def free(self) -> FloatArray:
+        """Compliance between all actuators, then the table's motions, inputs free, shape (e + 6, e + 6)."""
+        factor = scipy.linalg.cho_factor(self.stage.stiffness)
+        found = self._rows @ scipy.linalg.cho_solve(factor, self._rows.T)
+        return np.asarray((found + found.T) / 2)
+
+    def installed(self, actuator: float) -> FloatArray:
+        """Return that compliance with a spring [N/m] between the inputs of every element, infinite to hold them."""
+        count = len(self.stage.assembly.driven)
+        across = self.free[:, :count]
+        gap = across[:count] + np.eye(count) / actuator
+        return np.asarray(self.free - across @ np.linalg.solve(gap, across.T))
+
+    def signs(self, axis: str) -> FloatArray:
+        """Return how actuators and table take part in driving an axis: w, zero for the table, shape (e + 6,)."""
+        drives = self.stage.assembly.axes[axis].drives
+        return np.array([*(drives.get(name, 0.0) for name in self.stage.assembly.driven), *np.zeros(6)])
+
+    def along(self, axis: str) -> FloatArray:
+        """Return the table's motion along an axis, over the compliance's rows, shape (e + 6,)."""
+        direction = self.stage.assembly.axes[axis].direction
+        return np.concatenate([np.zeros(len(self.stage.assembly.driven)), direction, np.zeros(3)])
+
+    def driven(self, axis: str, free_stroke: float, actuator: float) -> FloatArray:
+        """Return extensions and table's motions when an axis' actuators are energised, shape (e + 6,).
+
+        Each by its free stroke [m], its way by the axis' sign; all have the stiffness [N/m].
+        """
+        return self.installed(actuator) @ (actuator * free_stroke * self.signs(axis))
+
+
+def of_stage(study: Study, stage: AssembledStage) -> list[Quantity]:
+    """Return every quantity of a stage whose limit for vanishing element size is sought."""
+    statics, actuator = StageStatics(stage), study.design.actuator
+    found: list[Quantity] = []
+    for axis in stage.assembly.axes:
+        w, t, free = statics.signs(axis), statics.along(axis), statics.free
+        n, held = np.abs(w).sum(), statics.installed(math.inf)
+        push, moved = float(w @ free @ w), float(t @ free @ w)
+        found += [
+            Quantity("K_in", n / push, "N/m", "N/mm", f"{axis}, table free"),
+            Quantity("lambda", n * moved / push, "1", "", f"{axis}, table free"),
+            Quantity("K_out", 1 / float(t @ free @ t), "N/m", "N/mm", f"{axis}, inputs free"),
+            Quantity("K_out", 1 / float(t @ held @ t), "N/m", "N/mm", f"{axis}, inputs held"),
+        ]
+        if actuator is not None:
+            k = actuator.installed_stiffness
+            stiffness = 1 / float(t @ statics.installed(k) @ t)
+            stroke = float(t @ statics.driven(axis, actuator.free_stroke, k))
+            found += [
+                Quantity("K_out", stiffness, "N/m", "N/mm", f"{axis}, actuators installed"),
+                Quantity("stroke", stroke, "m", "um", f"{axis}, table free"),
+            ]
+    return found + frequencies(stage, actuator.installed_stiffness if actuator else 0.0)
+
+
+def frequencies(stage: AssembledStage, actuator: float) -> list[Quantity]:
+    """Return the first modes without and with actuators [N/m], and for each axis the one that answers its drive."""
+    found = []
+    for stiffness, boundary in ((0.0, "inputs free"), (actuator, "actuators installed")):
+        if stiffness or boundary == "inputs free":
+            for rank, mode in enumerate(stage.modes(TOLD, stiffness), 1):
+                found.append(Quantity(f"frequency_{rank}", mode.frequency, "Hz", "Hz", boundary))
+    if actuator:
+        for axis in stage.assembly.axes:
+            mode, share = drive_mode(stage, axis, actuator)
+            found.append(Quantity("drive_frequency", mode.frequency, "Hz", "Hz", f"{axis}, actuators installed"))
+            found.append(Quantity("drive_share", share, "1", "%", f"{axis}, actuators installed"))
+    return found
+
+
+def drive_mode(stage: AssembledStage, axis: str, actuator: float, count: int = 40) -> tuple[StageMode, float]:
+    """Return the mode that carries most of an axis' static response to its actuators, and what part of it.
+
+    By mode superposition each carries (t phi)(d phi) / omega^2 of t K^-1 d, with d the actuators' forces.
+    """
+    drive, direction = stage.drive(axis), np.array(stage.assembly.axes[axis].direction)
+    along = direction @ stage.table[:3]
+    whole = float(along @ np.linalg.solve(stage.installed(actuator), drive))
+    modes = stage.modes(min(count, stage.size), actuator)
+    shares = [
+        float((along @ m.amplitudes) * (drive @ m.amplitudes)) / (2 * np.pi * m.frequency) ** 2 / whole for m in modes
+    ]
+    main = int(np.argmax(shares))
+    return modes[main], shares[main]
+
+
+def linear_coupling(statics: StageStatics, loads: Mapping[str, FloatArray]) -> dict[str, dict[str, float]]:
+    """Return the table's motions aside under loads, each named, per travel along the axis that they drive.
+
+    Parameters
+    ----------
+    statics
+        Of the stage.
+    loads
+        For each driven axis its loads over the compliance's rows, shape (e + 6,).
+
+    Returns
+    -------
+    dict
+        By axis: the other axes' translations per travel [1], and rotations ``rx``, ``ry``, ``rz`` per travel [rad/m].
+    """
+    found = {}
+    for axis, load in loads.items():
+        motion = (statics.free @ load)[-6:]
+        travel = float(statics.along(axis)[-6:] @ motion)
+        found[axis] = {name: value / travel for name, value in zip(NAMES, motion.tolist(), strict=True) if name != axis}
+    return found
+
+
+#: The table's motions, in order.
+NAMES: Sequence[str] = ("x", "y", "z", "rx", "ry", "rz")
