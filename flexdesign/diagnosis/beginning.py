@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from flexdesign.dynamics.axis_model import CAME_FROM, TRIGGER, AxisDynamics
 from flexdesign.effects import creep
 from flexdesign.evidence.noise import Whitening
-from flexdesign.evidence.stand import Case
+from flexdesign.evidence.screening import Candidate
+from flexdesign.evidence.selection import PLAIN_CHANCE, SURE, Step, forward
+from flexdesign.evidence.stand import Case, Stand, fitted
 from flexdesign.evidence.suite import Problem
 from flexdesign.model import Observation, Parameter
 from flexdesign.runs import Run
@@ -27,6 +29,9 @@ LATE, TURNED, SWINGS, SLOW = 0.3, 0.4, 0.1, 0.01
 RELAXING = (0.1, 0.4, 1.6, 6.4, 25.6)
 #: Before the first fit, delays are tried up to this one [s], at so many periods of the mode from each other.
 LATEST, IN_TIME = 0.012, 0.125
+#: And natural frequencies this far away, relative, at such steps: from farther than a resonance is wide, slopes lead
+#: nowhere. A payload or a loose part may have changed it by so much.
+OUT_OF_TUNE, IN_TUNE = 0.24, 0.03
 
 
 def known_of_start(parameter: Parameter, runs: Sequence[Run], volts: float) -> tuple[float, float] | None:
@@ -41,10 +46,11 @@ def known_of_start(parameter: Parameter, runs: Sequence[Run], volts: float) -> t
 
 @dataclass(frozen=True)
 class Beginning:
-    """What adds to a record because of how it began: an offset, a mode that rings, slow states that relax."""
+    """What adds to a record because of how it began: an offset, a mode that rings, and slow states if `is_slow`."""
 
     axis: AxisModel
     stroke: float
+    is_slow: bool = True
 
     def __call__(self, observation: Observation) -> tuple[Array, Array]:
         """Return the columns, samples by k, and how large each may be [response]."""
@@ -52,7 +58,7 @@ class Beginning:
         t = run.time - run.time[0]
         w = 2 * math.pi * self.axis.natural_frequency
         ringing = np.exp(-self.axis.damping_ratio * w * t)
-        slow = [(tau, SLOW * self.stroke) for tau in RELAXING] + self.creeping
+        slow = [(tau, SLOW * self.stroke) for tau in RELAXING if self.is_slow] + self.creeping
         relaxing = [np.exp(-t / tau) for tau, _ in slow]
         columns = np.column_stack([np.ones_like(t), ringing * np.cos(w * t), ringing * np.sin(w * t), *relaxing])
         swings = SWINGS * self.stroke
@@ -72,11 +78,35 @@ def begins_otherwise(before: AxisDynamics, after: AxisDynamics) -> bool:
     return "creep" in after.axis.effects and "creep" not in before.axis.effects
 
 
-def begun_like(case: Case, model: AxisDynamics, noise: Whitening | None = None) -> Case:
+def begun_like(case: Case, model: AxisDynamics, noise: Whitening | None = None, *, is_slow: bool = True) -> Case:
     """Return the case with records that begin as the numbers of a model allow, and perhaps with other noise."""
-    ways = Beginning(model.axis, model.stroke)
+    ways = Beginning(model.axis, model.stroke, is_slow)
     identify, validate = (suite.with_shapes(ways, noise) for suite in (case.identify, case.validate))
     return replace(case, identify=identify, validate=validate)
+
+
+def at_rest(
+    case: Case, stand: Stand, candidates: Sequence[Candidate], noise: Whitening | None = None
+) -> tuple[Case, Stand, Step] | None:
+    """Return the case with records that begin at rest, the stand there, and what to add, if likelier; else None.
+
+    States that relax slowly, in each record by an amount of its own, make up for what moves slowly in all of them, such
+    as a drift. That is the likelier cause if it explains as much: amounts that happen to agree cost their freedom.
+    """
+    model = cast(AxisDynamics, stand.model)
+    if "creep" in stand.names:
+        return None
+    still = begun_like(case, model, noise, is_slow=False)
+    calm = fitted(still, model, stand.effects, {})
+    if calm is None or calm.seen_cost - stand.seen_cost < SURE * PLAIN_CHANCE * max(stand.scale, 1.0):
+        return None  # nothing moves slowly
+    step = forward(still, calm, candidates)
+    if step.chosen is None:
+        return None
+    after, scale = step.chosen.stand, max(stand.scale, 1.0)
+    saved = sum(a.freedom - b.freedom for a, b in ((case.identify, still.identify), (case.validate, still.validate)))
+    more = (after.total - stand.total) / scale
+    return (still, calm, step) if more < saved else None
 
 
 def in_time(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
@@ -87,13 +117,31 @@ def in_time(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
     if not math.isinf(case.believed):
         return dynamics
 
-    def cost(late: float) -> float:
-        model = dynamics.replace({f"{run}:{TRIGGER}": late for run in dynamics.apart})
-        where = case.coordinates(model, (), case.identify)
-        problem = Problem(case.identify, model, where, case.each)
-        return math.inf if (left := problem.residuals(where.start)) is None else float(sum(e @ e for e in left))
+    def late_by(late: float) -> AxisDynamics:
+        return dynamics.replace({f"{run}:{TRIGGER}": late for run in dynamics.apart})
 
     step = IN_TIME / dynamics.first.natural_frequency
-    costs = {late: cost(late) for late in np.arange(0.0, LATEST, step).tolist()}
+    costs = {late: _cost(case, late_by(late)) for late in np.arange(0.0, LATEST, step).tolist()}
     best = min(costs, key=lambda late: costs[late])
-    return dynamics.replace({f"{run}:{TRIGGER}": best for run in dynamics.apart}) if best > step else dynamics
+    return late_by(best) if best > step else dynamics
+
+
+def in_tune(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
+    """Return the model with the natural frequency that the data ask for, if that is farther than slopes would find."""
+    designed = dynamics.first.natural_frequency
+
+    def tuned(factor: float) -> AxisDynamics:
+        return dynamics.replace({"natural_frequency": factor * designed})
+
+    factors = (1 + np.arange(-OUT_OF_TUNE, OUT_OF_TUNE + IN_TUNE / 2, IN_TUNE)).tolist()
+    costs = {factor: _cost(case, tuned(factor)) for factor in factors}
+    best = min(costs, key=lambda factor: costs[factor])
+    return tuned(best) if abs(best - 1) > 1.5 * IN_TUNE else dynamics
+
+
+def _cost(case: Case, model: AxisDynamics) -> float:
+    """Return what a model leaves of the runs that are fitted, nothing of it fitted but what may add to a record."""
+    where = case.coordinates(model, (), case.identify)
+    problem = Problem(case.identify, model, where, case.each)
+    left = problem.residuals(where.start)
+    return math.inf if left is None else float(sum(e @ e for e in left))

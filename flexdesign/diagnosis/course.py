@@ -22,7 +22,15 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from flexdesign.diagnosis import conflicts, periodic, rounding
-from flexdesign.diagnosis.beginning import Beginning, begins_otherwise, begun_like, in_time, known_of_start
+from flexdesign.diagnosis.beginning import (
+    Beginning,
+    at_rest,
+    begins_otherwise,
+    begun_like,
+    in_time,
+    in_tune,
+    known_of_start,
+)
 from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.findings import Diagnosis
@@ -353,7 +361,7 @@ def search(
     case.progress("predicting with the model as it is")
     designed = fitted(replace(case, free=(), believed=BELIEVED), dynamics, (), {})
     case.progress("calibrating")
-    stand, agreed = calibrated(case, in_time(case, dynamics), seed=seed)
+    stand, agreed = calibrated(case, in_tune(case, in_time(case, dynamics)), seed=seed)
     if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
         case = begun_like(case, cast(AxisDynamics, stand.model), setting.rounded(stand))
         stand = fitted(case, stand.model, (), {})
@@ -364,6 +372,9 @@ def search(
     base, stands, steps, every = stand, list[Stand](), list[Step](), catalogue(stand)
     while len(stand.effects) < MOST:
         step = forward(case, stand, every)
+        if step.chosen is None and (other := at_rest(case, stand, every, setting.rounded(stand))) is not None:
+            case, stand, step = other
+            base, stands = (base, [*stands[:-1], stand]) if stands else (stand, stands)
         steps.append(step)
         if step.chosen is None:
             break

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.ndimage import median_filter
+from scipy.optimize import minimize_scalar
 from scipy.stats import chi2, gamma
 
 from flexdesign.evidence.coloured import Process
@@ -19,12 +20,15 @@ Array = NDArray[np.float64]
 FALSE_ALARM = 1e-3
 #: A peak that quiet noise reaches more often than this is not looked at.
 COMMON = 0.1
-#: How often a steady line may seem to fade.
-FADES = 1e-3
+#: How often a steady line may seem to fade, and what share of its squares that must be worth: noise that is not quite
+#: as it was taken to be lets a strong one seem to. Where the amplitude changes by a sixth either way it is a hundredth.
+FADES, FADING = 1e-3, 0.01
 #: Most lines that are taken out, and peaks that are tried before each.
 MOST, TRIED = 8, 5
 #: Width over which the spectrum around a peak is judged, in resolutions of the longest stretch.
 AROUND = 24
+#: A line's frequency is found to this share of half a resolution.
+PRECISE = 1e-4
 #: A line turns at least so often in the longest stretch: slower ones are drift.
 FEWEST_TURNS = 6
 
@@ -108,6 +112,7 @@ def _running_median(power: Array, width: int) -> Array:
 def _tested(stretches: Sequence[Stretch], frequency: float, period: float) -> tuple[Line, tuple[Stretch, ...]] | None:
     """Return the line at a frequency and the stretches without it; None if noise explains the peak."""
     span = max(s.first + len(s.values) for s in stretches) - min(s.first for s in stretches)
+    frequency = _refined(stretches, frequency, period)
     _, without, _ = _explained(stretches, frequency, period, Process(np.zeros(0), 1.0))
     reflections = burg([s.residual for s in without])
     unit = Process(reflections, 1.0)
@@ -120,9 +125,25 @@ def _tested(stretches: Sequence[Stretch], frequency: float, period: float) -> tu
     if chi2.sf(gain, 2 * len(_runs(stretches))) * span > FALSE_ALARM:
         return None
     fades, _, _ = _explained(without, frequency, period, process, fading=True)
-    if chi2.sf(fades, 2 * len(_runs(stretches))) < FADES:  # what dies away is a mode that still rings
-        return None
+    if fades > FADING * gain and chi2.sf(fades, 2 * len(_runs(stretches))) < FADES:
+        return None  # what dies away is a mode that still rings
     return Line(frequency, amplitude), without
+
+
+def _refined(stretches: Sequence[Stretch], frequency: float, period: float) -> float:
+    """Return the frequency at which a sinusoid explains most, within a resolution of a peak of the periodogram.
+
+    The peak is known to a share of the resolution only: of a strong line that leaves a beat, which would seem to fade.
+    """
+    reach = 0.5 / (max(len(s.values) for s in stretches) * period)
+    white = Process(np.zeros(0), 1.0)
+    found = minimize_scalar(
+        lambda at: -_explained(stretches, at, period, white)[0],
+        bounds=(frequency - reach, frequency + reach),
+        method="bounded",
+        options={"xatol": PRECISE * reach},
+    )
+    return float(found.x)
 
 
 def _explained(

@@ -199,24 +199,24 @@ def _gradient(problem: Problem, x: Array, slopes: Sequence[Slopes], residuals: S
 
 
 def _step(normal: Array, gradient: Array, damping: float, x: Array, problem: Problem) -> Array:
-    """Return the damped step; coordinates at a bound that would leave it stay."""
-    lower, upper = problem.where.lower, problem.where.upper
-    moving = np.ones(len(x), dtype=bool)
-    step = np.zeros(len(x))
+    """Return the damped step within the bounds; what would leave goes to its bound, and the rest makes up for that."""
+    lower, upper = problem.where.lower - x, problem.where.upper - x
+    scale = np.sqrt(np.where(np.diag(normal) > 0, np.diag(normal), 1.0))
+    damped = normal / np.outer(scale, scale) + damping * np.eye(len(x))
+    step, moving = np.zeros(len(x)), np.ones(len(x), dtype=bool)
     for _ in range(len(x)):
-        step = np.zeros(len(x))
-        places = np.flatnonzero(moving)
+        places, stopped = np.flatnonzero(moving), np.flatnonzero(~moving)
         if not len(places):
             break
-        inner = normal[np.ix_(places, places)]
-        scale = np.sqrt(np.where(np.diag(inner) > 0, np.diag(inner), 1.0))
-        damped = inner / np.outer(scale, scale) + damping * np.eye(len(places))
-        step[places] = -np.linalg.lstsq(damped, gradient[places] / scale, rcond=1e-14)[0] / scale
-        leaving = moving & (((x <= lower) & (step < 0)) | ((x >= upper) & (step > 0)))
+        pull = gradient[places] / scale[places] + damped[np.ix_(places, stopped)] @ (scale * step)[stopped]
+        inner = damped[np.ix_(places, places)]
+        step[places] = -np.linalg.lstsq(inner, pull, rcond=1e-14)[0] / scale[places]
+        leaving = moving & ((step < lower) | (step > upper))
         if not leaving.any():
             break
+        step[leaving] = np.clip(step, lower, upper)[leaving]
         moving &= ~leaving
-    return np.clip(x + step, lower, upper) - x
+    return np.clip(step, lower, upper)
 
 
 def _inverse(normal: Array) -> Array:

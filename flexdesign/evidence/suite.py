@@ -44,6 +44,9 @@ class Record:
         Orthonormal basis of these columns, whitened, with a row for what is known of each: n + k by k or fewer.
     amounts
         Takes a vector of length n + k to the k amounts of the columns that it holds.
+    freedom
+        Logarithm of the volume, in units of the noise, of what the columns may add: the price of their freedom in the
+        marginal likelihood, but for columns of which nothing is known.
     """
 
     observation: Observation
@@ -52,6 +55,7 @@ class Record:
     columns: Array
     basis: Array
     amounts: Array
+    freedom: float
 
     @property
     def rows(self) -> int:
@@ -93,6 +97,11 @@ class Suite:
         """Number of values present."""
         return int(sum(record.present.sum() for record in self.records))
 
+    @property
+    def freedom(self) -> float:
+        """What the freedom of the columns costs, in the units of the sum of squares: twice the sum over the records."""
+        return 2 * sum(record.freedom for record in self.records)
+
     def whitened(self, record: Record, difference: Array) -> Array:
         """Return a difference (n, SI) whitened, what may add to it taken out: a vector of `record.rows`."""
         vector = self._whitened(record.observation, record.present, difference)
@@ -125,7 +134,10 @@ class Suite:
         kept = singular > HIDDEN * singular.max(initial=0.0)
         basis = left[:, kept]
         amounts = (right[kept].T / singular[kept]) @ basis.T / np.where(lengths > 0, lengths, 1.0)[:, None]
-        return Record(observation, np.where(present, measured, 0.0), present, columns, basis, amounts)
+        freedom = (
+            np.log(singular[kept]).sum() + np.log(lengths[lengths > 0]).sum() + np.log(sizes[np.isfinite(sizes)]).sum()
+        )
+        return Record(observation, np.where(present, measured, 0.0), present, columns, basis, amounts, float(freedom))
 
     def _whitened(self, observation: Observation, present: NDArray[np.bool_], difference: Array) -> Array:
         return np.asarray(self.noise.whiten(observation, difference[:, None])[:, 0] * present)

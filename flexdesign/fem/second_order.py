@@ -1,9 +1,9 @@
 """What large displacements do to a condensed part, to second order.
 
-Green's strain of a displacement u is e(u) + h(u) with e linear and h = (grad u)^T grad u / 2 quadratic. Amplitudes c are
-rigid motions of each bonded port's face and, where an actuator pushes, the extension it causes. As a face turns by the
-rotation vector theta, places r from its port's point go along an arc: by theta x r + theta x (theta x r) / 2, the inside
-following by u = sum c_i u_i + sum c_j c_k w_jk. With stresses sigma = C e the strain energy is
+Green's strain of a displacement u is e(u) + h(u) with e linear and h = (grad u)^T grad u / 2 quadratic. Amplitudes c
+are rigid motions of each bonded port's face and, where an actuator pushes, the extension it causes. As a face turns by
+the rotation vector theta, places r from its port's point go along an arc, by theta x r + theta x (theta x r) / 2; the
+inside follows by u = sum c_i u_i + sum c_j c_k w_jk. With stresses sigma = C e the strain energy is
 
     U = c^T K c / 2 + sum_ijk B_ijk c_i c_j c_k + ...,     B_ijk = int sigma_i : (h(u_j, u_k) + e(w_jk)) dV.
 
@@ -126,7 +126,9 @@ def of(part: Superelement) -> SecondOrder:
     for reflection in part.inside.reflections:
         turned = np.linalg.lstsq(basis, reflection @ basis, rcond=None)[0]
         tensor = tensor + np.einsum("ijk,ia,jb,kc->abc", tensor, turned, turned, turned, optimize=True)
-    return SecondOrder(forces @ basis, tensor + np.tensordot(forces, _arcs(part, basis), axes=1), part.extension @ basis)
+    return SecondOrder(
+        forces @ basis, tensor + np.tensordot(forces, _arcs(part, basis), axes=1), part.extension @ basis
+    )
 
 
 def _arcs(part: Superelement, basis: FloatArray) -> FloatArray:
@@ -145,8 +147,8 @@ def _arc(point: FloatArray) -> Motions:
     """Return the motions e_j x (e_k x r) / 2 of pairs of rotations about a point, the mean of both orders."""
 
     def motions(places: FloatArray) -> FloatArray:
-        turned = rigid_motions(places, point)[..., 3:]
-        twice = np.einsum("abj,nbk->najk", np.cross(np.eye(3)[:, None], np.eye(3)).transpose(2, 1, 0), turned)
+        once = rigid_motions(places, point)[..., 3:].swapaxes(1, 2)
+        twice = np.moveaxis(np.cross(np.eye(3)[:, None], once[:, None]), 3, 1)
         return np.asarray((twice + twice.swapaxes(2, 3)).reshape(len(places), 3, 9) / 4)
 
     return motions
