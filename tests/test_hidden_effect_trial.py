@@ -169,7 +169,8 @@ def test_static_effects_rest_where_their_forces_balance() -> None:
     for (name, key, value), balance in balances.items():
         assert balance(read(LINEAR, {name: {key: value}}, u)[-1]) == pytest.approx(0.0, abs=CLOSE * LINEAR.stroke)
     x = read(LINEAR, {"preload_loss": {"ratio": ratio, "onset": onset}}, u)[-1]
-    assert x == pytest.approx((d + ratio * onset) / (1 + ratio), abs=CLOSE * LINEAR.stroke)
+    rest = ratio * onset  # the onset counts from there
+    assert x == pytest.approx(rest + d / (1 + ratio), abs=CLOSE * LINEAR.stroke)
 
 
 def test_a_base_that_shakes_is_answered_as_a_driven_oscillator() -> None:

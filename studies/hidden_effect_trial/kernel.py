@@ -186,8 +186,12 @@ def _bristle(m: Array, x: float, p: Array) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _force(x: float, velocity: float, m: Array, p: Array) -> float:
-    """Return the sum of forces over the stiffness [m]."""
-    f = -(p[_CUBIC] * x + p[_QUADRATIC]) * x * x - p[_OPENING] * min(x - p[_ONSET], 0.0)
+    """Return the sum of forces over the stiffness [m].
+
+    What is open below an onset pulls the stage to x = opening * onset without any voltage. The onset counts from there:
+    nobody sees another zero.
+    """
+    f = -(p[_CUBIC] * x + p[_QUADRATIC]) * x * x - p[_OPENING] * min(x - p[_ONSET] * (1.0 + p[_OPENING]), 0.0)
     if p[_FRICTION] != 0.0:
         f -= p[_FRICTION] * _bristle(m, x, p) / p[_PRESLIDING]
     if p[_LOSS] != 0.0:
