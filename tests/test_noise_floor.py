@@ -103,6 +103,19 @@ def test_hum_is_a_line_and_no_noise() -> None:
     assert kept.rms["jumps"] == pytest.approx(math.sqrt(3) * LEVEL, rel=0.2)  # the sine adds 2^2 / 2 to the variance
 
 
+@pytest.mark.parametrize("noise", [slow, white])
+@pytest.mark.parametrize("strength", [5.0, 50.0])
+def test_a_strong_line_is_no_noise_either(noise: Any, strength: float) -> None:
+    """Its frequency must be known far better than a resolution, or a beat is left that seems to fade."""
+    t = PERIOD * np.arange(1500)
+    x = strength * LEVEL * np.sin(2 * np.pi * 13.583 * t + 1.0) + noise(np.random.default_rng(1), len(t))
+    floor = noise_floor([run("quiet", np.zeros(len(t)), x)], "x", settle=0.2)
+    (line,) = floor.lines
+    assert line.frequency == pytest.approx(13.583, abs=0.05 / strength)
+    assert line.amplitude == pytest.approx(strength * LEVEL, rel=1.0 / strength)
+    assert floor.rms["quiet"] < 2 * LEVEL
+
+
 def test_noise_alone_shows_no_line() -> None:
     """One false alarm in a thousand: two in 20 would come once in 5000 draws."""
     assert sum(bool(noise_floor(suite(seed), "x", settle=0.2).lines) for seed in range(20)) < 2

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
 
 from flexdesign.errors import InputError
 from flexdesign.evidence.coordinates import coordinates, value
@@ -203,6 +203,24 @@ def test_what_holds_a_number_at_its_bound_does_not_hold_the_others() -> None:
     found = solved(problem(model, T**2, 0.1))
     assert values(found)["slope"] == 1.0
     assert values(found)["offset"] == pytest.approx(np.mean(T**2 - T), abs=CLOSE * 0.1 / math.sqrt(len(T)))
+
+
+def test_the_rest_makes_up_for_a_number_that_stops_at_its_bound() -> None:
+    """Two numbers that nearly cancel, one of which reaches its bound on the way: the other must not go where it would.
+
+    The free minimum lies at 10 and -9; cut off at the bound, the step to there would be uphill. Beside the bounded
+    least squares of an independent program.
+    """
+    first, second = np.cos(T), np.cos(T) + 0.05 * np.sin(3 * T)
+    model = Toy(
+        lambda v, t: v["a"] * first + v["b"] * second,
+        (parameter("a", 0.5, -99.0, 99.0), parameter("b", 0.0, -1.0, 9.0)),
+    )
+    data = 10 * first - 9 * second
+    found = values(solved(problem(model, data, 1e-3)))
+    wanted = lsq_linear(np.column_stack([first, second]), data, ([-99.0, -1.0], [99.0, 9.0])).x
+    assert [found["a"], found["b"]] == pytest.approx(wanted, abs=1e-3)
+    assert found["b"] == -1.0
 
 
 # --- failure, and slopes that are known -----------------------------------------------------------------------------
