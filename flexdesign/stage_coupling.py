@@ -6,7 +6,7 @@ assumed for each, and what follows per travel is worked out:
 - unequal actuators of an axis that is driven by several,
 - an actuator whose line of action lies off the axis of its amplifier,
 - a load that pushes the table beside its point,
-- a sensor whose axis is tilted, or that looks at a point off the axis of motion (Abbe's arm) while the table tilts.
+- a sensor whose axis is tilted, or that looks at another point than the table's (Abbe's arm) while the table tilts.
 
 Second order, with the square of the travel, are the arms that tilt, delta^2 / 2L: equation (25) of Lin et al. (2019).
 Only large displacements show it (`flexdesign.fem.corotated`), the same whichever way the axis goes: of two equal and
@@ -31,6 +31,8 @@ FloatArray = NDArray[np.float64]
 MISMATCH, ACTUATOR_OFFSET, LOAD_OFFSET, SENSOR_TILT, ABBE_ARM = 0.01, 1e-4, 1e-3, 1e-3, 1e-2
 #: How often a force is corrected until it causes the input asked for; second order leaves a thousandth at the first.
 CORRECTIONS = 3
+#: Motion aside of even order per travel that is rounding: Newton's method leaves 1e-12, what is looked for is 1e-4.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -89,10 +91,14 @@ class CrossMotion:
         return self.even[other] / self.travel**2
 
     def quantities(self) -> list[Quantity]:
-        """Return what is reported: couplings of even order per travel, at this input."""
+        """Return what is reported: travel and couplings of even order per travel at this input; 0 for rounding."""
         at = f"{self.axis}, input of {1e6 * self.extension:g} um"
-        aside = [Quantity(f"coupling_{o}", abs(e) / self.travel, "1", "%", at) for o, e in self.even.items()]
-        return [Quantity("travel", self.travel, "m", "um", at), *aside]
+        aside = {other: abs(even) / self.travel for other, even in self.even.items()}
+        ratios = [
+            Quantity(f"coupling_{other}", ratio if ratio > ROUNDING else 0.0, "1", "%", at)
+            for other, ratio in aside.items()
+        ]
+        return [Quantity("travel", self.travel, "m", "um", at), *ratios]
 
 
 def causes(stage: AssembledStage, point: FloatArray | None = None) -> list[Cause]:
@@ -112,7 +118,8 @@ def causes(stage: AssembledStage, point: FloatArray | None = None) -> list[Cause
     offset = {a: drives[a] + _moved_aside(stage, a) for a in axes}
     pushed = {a: np.array(axes[a].direction) @ _at(stage, a, LOAD_OFFSET)[:3] for a in axes}
     tilted = {a: {b: SENSOR_TILT for b in axes if b != a} for a in axes}
-    abbe = {a: _aside(stage, a, drives[a], _arm(stage, a, ABBE_ARM, place)) for a in axes}
+    beside = place + ABBE_ARM / np.sqrt(3.0)
+    abbe = {a: _aside(stage, a, drives[a], beside) for a in axes}
     return [
         Cause("none", "the stage as drawn", {a: _aside(stage, a, drives[a], place) for a in axes}),
         Cause(
@@ -131,7 +138,7 @@ def causes(stage: AssembledStage, point: FloatArray | None = None) -> list[Cause
             {a: _aside(stage, a, load, place) for a, load in pushed.items()},
         ),
         Cause("tilted sensor", f"of the other axis, by {1e3 * SENSOR_TILT:g} mrad", tilted),
-        Cause("Abbe arm", f"sensors look {1e3 * ABBE_ARM:g} mm beside the table's point", abbe),
+        Cause("Abbe arm", f"sensors look {1e3 * ABBE_ARM:g} mm off the table's point, as far in x as in y and z", abbe),
     ]
 
 
@@ -201,14 +208,10 @@ def _moved_aside(stage: AssembledStage, axis: str) -> FloatArray:
 
 
 def _at(stage: AssembledStage, axis: str, offset: float) -> FloatArray:
-    """Return how a point of the table beside its own moves, shape (6, size)."""
-    return stage.motion(stage.assembly.table, _arm(stage, axis, offset, np.array(stage.assembly.point)))
-
-
-def _arm(stage: AssembledStage, axis: str, length: float, point: FloatArray) -> FloatArray:
-    """Return the point so far beside another, equally along both directions across an axis [m]."""
+    """Return how a point of the table beside its own moves, equally far along both directions across, (6, size)."""
     across = np.ones(3) - np.abs(np.array(stage.assembly.axes[axis].direction))
-    return point + length * across / np.linalg.norm(across)
+    point = np.array(stage.assembly.point) + offset * across / np.linalg.norm(across)
+    return stage.motion(stage.assembly.table, point)
 
 
 def coupling_by_arms(travel: float, lengths: Mapping[tuple[str, str], float], axis: str) -> dict[str, float]:

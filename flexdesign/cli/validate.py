@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +16,8 @@ HELP = """Solve a design with FEM and set the analytic model beside it.
 STUDY is a study or design file, or the bare name of one in studies/ or geometry/. Its part is built, meshed, checked
 (every hinge as thick on the mesh as drawn), solved on several meshes and extrapolated; the report shows stiffness,
 amplification, stroke, the six motions of table and sensor, modes and stress, each with the boundary it holds under,
-beside the formulas.
+beside the formulas. Of a whole stage every part is condensed to its ports and the stage put together from them; its
+report has stiffness, amplification and coupling axis by axis, beside the formulas and published numbers.
 
 **Examples**
 
@@ -29,11 +31,14 @@ beside the formulas.
 
     flexdesign validate my_design.toml --set output.sensor='["0 mm", "40 mm", "0 mm"]'
 
+    flexdesign validate studies/table1.toml --export stage.step
+
 **What --set can change:** the design (`dimensions.*`, `material`, `actuator.*`, `part`) and the study (`mesh.method`,
 `mesh.levels`, `mesh.accuracy`, `mesh.at_root`, `mesh.growth`, `mesh.largest`, `mesh.refinement`, `mesh.envelope`,
 `mesh.cross_check`, `modes.count`, `output.load`, `output.stroke`, `output.actuator_offset`, `output.sensor`,
-`output.large_steps`). With `mesh.cross_check` the part is solved on every kind of mesh, as a symmetric piece and whole,
-and the report says whether the answers agree within their estimates; that takes minutes.
+`output.large_steps`, and of a stage `stage.inputs.AXIS`). With `mesh.cross_check` the part is solved on every kind of
+mesh, as a symmetric piece and whole, and the report says whether the answers agree within their estimates; that takes
+minutes.
 
 **What it writes:** report.html, report.md, result.json, stage_model.toml and the pictures, into --out.
 
@@ -41,6 +46,9 @@ and the report says whether the answers agree within their estimates; that takes
 
 Meshes and solutions are cached by content, so that a second run takes seconds and an interrupted one resumes.
 """
+
+#: The files that the terminal names.
+NAMED = ("report.html", "report.md", "result.json", "stage_model.toml")
 
 
 @app.command(help=HELP)
@@ -75,19 +83,20 @@ def validate(
     from flexdesign import stage_model
     from flexdesign import study as studies
     from flexdesign.cache import Cache, default_folder
-    from flexdesign.report import render, terminal, validation_report
-    from flexdesign.validation import validate as run
+    from flexdesign.report import export as exporting
+    from flexdesign.report import render
 
     with progress() as say:
         asked = studies.read(study, overrides or [])
+        kind = _stage() if asked.design.is_stage else _part()
         folder = out or Path("reports") / asked.name
-        exports = [(path, _exporter(path)) for path in export or []]
+        exports = [(path, exporting.writer(Path(path), stage=asked.design.is_stage)) for path in export or []]
         render.prepare(folder)
         store = Cache(cache or default_folder())
         store.prepare()
-        found = run(asked, store, say)
-        result = validation_report.result(found)
-        document = validation_report.document(found, say)
+        found = kind.run(asked, store, say)
+        result = kind.result(found)
+        document = kind.document(found, say)
         others = {"stage_model.toml": stage_model.to_toml(found.stage_model)} if found.stage_model else {}
         written = render.write(folder, document, result, others)
         for path, write in exports:
@@ -95,14 +104,28 @@ def validate(
     if as_json:
         print_json(result)
         return
-    terminal.show(
-        document,
-        found,
-        [path for path in written if path.name in ("report.html", "report.md", "result.json", "stage_model.toml")],
-    )
+    kind.show(document, found, [path for path in written if path.name in NAMED])
 
 
-def _exporter(name: str) -> Callable[[Any, Path], None]:
-    from flexdesign.report import export
+@dataclass(frozen=True)
+class _Kind:
+    """How one kind of design is validated and reported."""
 
-    return export.writer(Path(name))
+    run: Callable[[Any, Any, Callable[[str], None]], Any]
+    result: Callable[[Any], dict[str, Any]]
+    document: Callable[[Any, Callable[[str], None]], Any]
+    show: Callable[[Any, Any, Sequence[Path]], None]
+
+
+def _part() -> _Kind:
+    from flexdesign.report import terminal, validation_report
+    from flexdesign.validation import validate as run
+
+    return _Kind(run, validation_report.result, validation_report.document, terminal.show)
+
+
+def _stage() -> _Kind:
+    from flexdesign.report import stage_report
+    from flexdesign.validation.stage_course import validate_stage
+
+    return _Kind(validate_stage, stage_report.result, stage_report.document, stage_report.show)

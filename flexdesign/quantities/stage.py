@@ -15,7 +15,7 @@ in whatever elements they sit: what stands still has its actuators, too.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,13 +23,14 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from flexdesign.fem.assembled import AssembledStage, StageMode
+from flexdesign.fem.assembled import AssembledStage
 from flexdesign.model import Quantity
+from flexdesign.quantities.stage_modes import NAMES, mode_shares
 from flexdesign.study import Study
 
 FloatArray = NDArray[np.float64]
-#: How many modes are told.
-TOLD = 6
+#: How many modes are told, and among how many those are sought that answer the drives.
+TOLD, SOUGHT = 6, 40
 #: Smaller motions aside, relative to the travel, are those of rounding [1] and [rad/m].
 NEGLIGIBLE = 1e-9
 
@@ -117,27 +118,13 @@ def frequencies(stage: AssembledStage, actuator: float) -> list[Quantity]:
             for rank, mode in enumerate(stage.modes(TOLD, stiffness), 1):
                 found.append(Quantity(f"frequency_{rank}", mode.frequency, "Hz", "Hz", boundary))
     if actuator:
+        modes = mode_shares(stage, actuator, SOUGHT)
         for axis in stage.assembly.axes:
-            mode, share = drive_mode(stage, axis, actuator)
-            found.append(Quantity("drive_frequency", mode.frequency, "Hz", "Hz", f"{axis}, actuators installed"))
-            found.append(Quantity("drive_share", share, "1", "%", f"{axis}, actuators installed"))
+            main = max(modes, key=lambda mode: mode.answers[axis])
+            at = f"{axis}, actuators installed"
+            found.append(Quantity("drive_frequency", main.mode.frequency, "Hz", "Hz", at))
+            found.append(Quantity("drive_share", main.answers[axis], "1", "%", at))
     return found
-
-
-def drive_mode(stage: AssembledStage, axis: str, actuator: float, count: int = 40) -> tuple[StageMode, float]:
-    """Return the mode that carries most of an axis' static response to its actuators, and what part of it.
-
-    By mode superposition each carries (t phi)(d phi) / omega^2 of t K^-1 d, with d the actuators' forces.
-    """
-    drive, direction = stage.drive(axis), np.array(stage.assembly.axes[axis].direction)
-    along = direction @ stage.table[:3]
-    whole = float(along @ np.linalg.solve(stage.installed(actuator), drive))
-    modes = stage.modes(min(count, stage.size), actuator)
-    shares = [
-        float((along @ m.amplitudes) * (drive @ m.amplitudes)) / (2 * np.pi * m.frequency) ** 2 / whole for m in modes
-    ]
-    main = int(np.argmax(shares))
-    return modes[main], shares[main]
 
 
 def linear_coupling(statics: StageStatics, loads: Mapping[str, FloatArray]) -> dict[str, dict[str, float]]:
@@ -161,7 +148,3 @@ def linear_coupling(statics: StageStatics, loads: Mapping[str, FloatArray]) -> d
         travel = float(statics.along(axis)[-6:] @ motion)
         found[axis] = {name: value / travel for name, value in zip(NAMES, motion.tolist(), strict=True) if name != axis}
     return found
-
-
-#: The table's motions, in order.
-NAMES: Sequence[str] = ("x", "y", "z", "rx", "ry", "rz")

@@ -7,6 +7,7 @@ import io
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +16,17 @@ from flexdesign.errors import InputError
 from flexdesign.fem import mesh
 from flexdesign.fem.mesh import TaggedMesh
 from flexdesign.validation import Validation
+from flexdesign.validation.stage_course import StageValidation
 
 #: Suffixes the CAD kernel writes, and what it calls the formats.
 SOLIDS = {".step": "STEP", ".stp": "STEP", ".stl": "STL", ".brep": "BREP"}
 
 
-def writer(path: Path) -> Callable[[Validation, Path], None]:
-    """Return what writes the kind of file that the suffix names.
+def writer(path: Path, *, stage: bool = False) -> Callable[[Any, Path], None]:
+    """Return what writes the kind of file that the suffix names, given a validation and the path.
 
-    A single tetrahedron is written on trial, so that what cannot be written is known before long work begins.
+    A single tetrahedron is written on trial, so that what cannot be written is known before long work begins. A `stage`
+    has a solid, but no mesh of the whole.
 
     Raises
     ------
@@ -40,15 +43,18 @@ def writer(path: Path) -> Callable[[Validation, Path], None]:
         raise _refusal(path, "is a folder; name a file in it")
     if not path.parent.is_dir():
         raise _refusal(path, "its folder does not exist; make it first")
+    if stage and suffix not in SOLIDS:
+        raise _refusal(path, f"a stage has no mesh of the whole, only a solid; known are {' '.join(SOLIDS)}")
     _written(path, _on_trial, keep=False)
     return write_solid if suffix in SOLIDS else write_mesh
 
 
-def write_solid(validation: Validation, path: Path) -> None:
+def write_solid(validation: Validation | StageValidation, path: Path) -> None:
     """Write the whole CAD solid [mm]."""
     import cadquery as cq
 
-    solid = cq.Workplane(validation.study.design.part().solid())
+    design = validation.study.design
+    solid = cq.Workplane(design.stage().solid() if design.is_stage else design.part().solid())
     _written(path, lambda file: cq.exporters.export(solid, str(file), SOLIDS[path.suffix.lower()]))
 
 

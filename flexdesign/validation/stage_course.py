@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
@@ -22,14 +21,20 @@ from flexdesign.fem.corotated import CorotatedStage, NoEquilibrium
 from flexdesign.fem.methods import Extruded
 from flexdesign.files import as_text
 from flexdesign.model import Quantity
-from flexdesign.quantities.stage import of_stage
+from flexdesign.quantities import stage_shares
+from flexdesign.quantities.stage import TOLD, of_stage
 from flexdesign.quantities.stage_handover import stage_model_of
+from flexdesign.quantities.stage_modes import ModeShares, mode_shares
+from flexdesign.quantities.stage_shares import InputChain, Spring
 from flexdesign.stage_coupling import Cause, CrossMotion
 from flexdesign.stage_model import StageModel
 from flexdesign.study import Study
 from flexdesign.validation.findings import Comparison
 
 Progress = Callable[[str], None]
+
+#: What keys of quantities at a stated input have after quantity and axis.
+AT_INPUT = "_input_of_"
 
 
 @dataclass(frozen=True)
@@ -50,10 +55,18 @@ class StageValidation:
         Quantities only FEM gives.
     motions
         Each axis driven through large displacements; empty where those were not asked for.
+    at_full_stroke
+        The same with inputs that part as far as a free actuator extends; empty without an actuator.
     causes
         Of coupling of first order.
+    springs, chains
+        By axis what gives way, on the finest mesh.
+    modes
+        The lowest without actuators and, where there are any, with them, on the finest mesh.
+    coarsest
+        Quantities on the coarsest mesh, by key.
     variants
-        By name what else was solved on the coarsest mesh, relative to the stage itself on that mesh, by key.
+        By name what else was solved on that mesh, by key.
     stage_model
         What dynamics needs; None without an actuator.
     seconds
@@ -67,8 +80,13 @@ class StageValidation:
     comparisons: Sequence[Comparison]
     further: Sequence[Quantity]
     motions: Sequence[CrossMotion]
+    at_full_stroke: Sequence[CrossMotion]
     causes: Sequence[Cause]
-    variants: Mapping[str, Mapping[str, float]]
+    springs: Mapping[str, Sequence[Spring]]
+    chains: Mapping[str, InputChain]
+    modes: tuple[Sequence[ModeShares], Sequence[ModeShares]]
+    coarsest: Mapping[str, Quantity]
+    variants: Mapping[str, Mapping[str, Quantity]]
     stage_model: StageModel | None
     seconds: float
 
@@ -77,12 +95,32 @@ class StageValidation:
         """The finest mesh."""
         return self.levels[-1]
 
+    @property
+    def inputs(self) -> dict[str, float]:
+        """By axis how far each actuator parts its inputs where coupling and pictures are stated [m]."""
+        return {axis: _stated(self.study, axis) for axis in self.assembly.axes}
+
+    @property
+    def scatter(self) -> Scatter:
+        """That of the meshes, by which results are extrapolated."""
+        return _scatter(self.levels)
+
     def fem(self, key: str) -> Quantity:
         """Return a FEM quantity by its key, e.g. ``K_in_x_table_free``."""
         for quantity in (*(c.fem for c in self.comparisons), *self.further):
             if quantity.key == key:
                 return quantity
         raise KeyError(key)
+
+    def as_in(self, variant: str, key: str) -> float | None:
+        """Return a quantity as a variant has it: the change on the coarsest mesh on top of the limit, in SI.
+
+        What is zero in the stage itself is told as the variant's mesh gives it; None for what the variant lacks.
+        """
+        there, here = self.variants[variant].get(key), self.coarsest.get(key)
+        if there is None or here is None:
+            return None
+        return there.value if here.value == 0 else self.fem(key).value * there.value / here.value
 
 
 def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: None) -> StageValidation:
@@ -112,9 +150,10 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     limits = refinement.limits(found, [level.size for level in levels], _scatter(levels))
     source = f"FEM, {len(levels)} meshes, the finest of {levels[-1].unknowns} unknowns condensed, extrapolated"
     limits = [replace(quantity, source=source) for quantity in limits]
-    motions = _motions(study, assembly, levels[0], stages[0], progress)
-    comparisons, further = _compare(study, limits, motions)
-    known = {q.key: q for q in limits}
+    motions, full = _motions(study, assembly, levels[0], stages[0], progress)
+    comparisons, further = compare(study, limits, [*motions, *full])
+    coarsest = found[0] | {q.key: q for motion in motions for q in motion.quantities()}
+    spring = design.actuator.installed_stiffness if design.actuator else 0.0
     return StageValidation(
         study=study,
         assembly=assembly,
@@ -123,9 +162,14 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
         comparisons=comparisons,
         further=further,
         motions=motions,
+        at_full_stroke=full,
         causes=stage_coupling.causes(stages[-1]),
-        variants=_variants(study, found[0], cache, progress),
-        stage_model=stage_model_of(design, stages[-1], known, stage_coupling.ratios(motions)),
+        springs=stage_shares.springs(stages[-1]),
+        chains=stage_shares.input_chains(design.stage(), design.material, stages[-1], found[-1]),
+        modes=(mode_shares(stages[-1], 0.0, TOLD), mode_shares(stages[-1], spring, TOLD) if spring else []),
+        coarsest=coarsest,
+        variants={label: _variant(study, label, cache, progress) for label in study.variants},
+        stage_model=stage_model_of(design, stages[-1], {q.key: q for q in limits}, stage_coupling.ratios(motions)),
         seconds=perf_counter() - began,
     )
 
@@ -154,34 +198,53 @@ def _scatter(levels: Sequence[StageLevel]) -> Scatter:
 
 
 def _motions(
-    study: Study, assembly: Assembly, level: StageLevel, linear: AssembledStage, progress: Progress
-) -> list[CrossMotion]:
+    study: Study,
+    assembly: Assembly,
+    level: StageLevel,
+    linear: AssembledStage,
+    progress: Progress,
+    *,
+    full: bool = True,
+) -> tuple[list[CrossMotion], list[CrossMotion]]:
+    """Drive each axis through large displacements at the stated input and, if `full`, at the actuator's free stroke."""
     if not study.output.large_steps:
-        return []
+        return [], []
     progress("integrating second order")
     energies = {id(kind.part): second_order.of(kind.part) for kind in level.kinds}
     stage = CorotatedStage(assembly, {name: energies[id(part)] for name, part in level.parts.items()})
-    motions = []
-    for axis in assembly.axes:
+    actuator = study.design.actuator
+
+    def driven(axis: str, extension: float) -> CrossMotion:
         progress(f"large displacements: driving {axis} both ways")
-        extension = study.stage.inputs.get(axis) or _half_stroke(study)
         try:
-            motions.append(stage_coupling.cross_motion(stage, linear, axis, extension))
+            return stage_coupling.cross_motion(stage, linear, axis, extension)
         except NoEquilibrium as error:
             value = units.to_text(extension, "um", si="m")
             raise InputError(study.design.file, f"stage.inputs.{axis}", value, str(error)) from error
-    return motions
+
+    stated = {axis: _stated(study, axis) for axis in assembly.axes}
+    far = {axis: actuator.free_stroke for axis in stated if actuator and full and stated[axis] != actuator.free_stroke}
+    return [driven(*each) for each in stated.items()], [driven(*each) for each in far.items()]
 
 
-def _half_stroke(study: Study) -> float:
+def _stated(study: Study, axis: str) -> float:
+    """Return what the study says, or half the free stroke."""
     actuator = study.design.actuator
+    if axis in study.stage.inputs:
+        return float(study.stage.inputs[axis])
     return actuator.free_stroke / 2 if actuator else 10e-6
 
 
-def _compare(
+def compare(
     study: Study, limits: Sequence[Quantity], motions: Sequence[CrossMotion]
 ) -> tuple[list[Comparison], list[Quantity]]:
-    """Set FEM beside formulas and published numbers where there are any; the rest stands for itself."""
+    """Set FEM beside formulas and published numbers where there are any; the rest stands for itself.
+
+    Raises
+    ------
+    InputError
+        If a published number belongs to no quantity, or cannot be read.
+    """
     design = study.design
     actuator = design.actuator.installed_stiffness if design.actuator else None
     models = {
@@ -200,47 +263,61 @@ def _compare(
     every = [*limits, *(q for motion in motions for q in motion.quantities())]
     by_key = {quantity.key: quantity for quantity in every}
     for label, numbers in study.published.items():
-        models[label] = {key: _published(study, label, key, text, by_key) for key, text in numbers.items()}
+        given = {key: text for key, text in numbers.items() if key in by_key or not _elsewhere(key, by_key)}
+        models[label] = {key: _published(study, label, key, text, by_key) for key, text in given.items()}
     compared = [q for q in every if any(q.key in model for model in models.values())]
     comparisons = [Comparison(q, {name: m[q.key] for name, m in models.items() if q.key in m}) for q in compared]
     return comparisons, [q for q in every if q not in compared]
 
 
 def _published(study: Study, label: str, key: str, text: str, known: Mapping[str, Quantity]) -> Quantity:
-    """Read a number of others by the quantity it is compared with."""
+    """Read a number of others, such as "238 um" or "238 ± 15 um", by the quantity it is compared with."""
     place = f"published.{label}.{key}"
     if key not in known:
         remedy = f"is no quantity of this stage{suggest(key, sorted(known))}"
         raise InputError(study.name, place, text, remedy)
     fem = known[key]
+    number, _, spread = (each.strip() for each in text.partition("±"))
+    unit = spread.lstrip("+-.0123456789eE").strip()
     try:
-        value = units.from_text(text, fem.si)
+        value = units.from_text(f"{number} {unit}".strip(), fem.si)
+        sigma = units.from_text(spread, fem.si) if spread else None
+        if sigma is not None and sigma <= 0:
+            raise ValueError("the uncertainty must be positive")
     except ValueError as error:
         raise InputError(study.name, place, text, str(error)) from None
-    return replace(fem, value=value, sigma=None, source=label)
+    return replace(fem, value=value, sigma=sigma, source=label)
+
+
+def _elsewhere(key: str, known: Mapping[str, Quantity]) -> bool:
+    """Tell whether a key is one of those that are known but for the input, at which nothing was computed."""
+    name, mark, _ = key.partition(AT_INPUT)
+    return bool(mark) and any(other.startswith(f"{name}{mark}") for other in known)
 
 
 def _refuse_unknown(study: Study, assembly: Assembly) -> None:
+    """Refuse what a stage has not, and what is done for a part alone, before long work begins."""
+    for key, value in (("accuracy", study.mesh.accuracy), ("cross_check", study.mesh.cross_check)):
+        if value:
+            remedy = "is for a part alone; for a stage say how many meshes: mesh.levels"
+            raise InputError(study.name, f"mesh.{key}", value, remedy)
     for axis in study.stage.inputs:
         if axis not in assembly.axes:
             remedy = f"is no axis of this stage{suggest(axis, list(assembly.axes))}"
             raise InputError(study.name, f"stage.inputs.{axis}", axis, remedy)
 
 
-def _variants(
-    study: Study, found: Mapping[str, Quantity], cache: Cache, progress: Progress
-) -> dict[str, dict[str, float]]:
-    """Return each variant's quantities relative to the stage's own, on the coarsest mesh, by key."""
-    ratios = {}
-    for label, design in study.variants.items():
-        other = replace(study, design=design)
-        assembly = design.stage().assembly()
-        coarseness = study.mesh.refinement ** (study.mesh.levels - 1)
-        say = _labelled(progress, label)
-        level = condensing.condensed(other, assembly, coarseness, cache, inside=True, progress=say)
-        there = {q.key: q.value for q in of_stage(other, _assembled(design, assembly, level))}
-        ratios[label] = {k: v / found[k].value for k, v in there.items() if k in found and not math.isclose(v, 0.0)}
-    return ratios
+def _variant(study: Study, label: str, cache: Cache, progress: Progress) -> dict[str, Quantity]:
+    """Return a variant's quantities on the coarsest mesh, by key."""
+    design = study.variants[label]
+    other = replace(study, design=design)
+    assembly = design.stage().assembly()
+    coarseness = study.mesh.refinement ** (study.mesh.levels - 1)
+    say = _labelled(progress, label)
+    level = condensing.condensed(other, assembly, coarseness, cache, inside=True, progress=say)
+    stage = _assembled(design, assembly, level)
+    motions, _ = _motions(other, assembly, level, stage, say, full=False)
+    return {q.key: q for q in [*of_stage(other, stage), *(q for motion in motions for q in motion.quantities())]}
 
 
 def _labelled(progress: Progress, label: str) -> Progress:
@@ -263,7 +340,7 @@ def provenance(study: Study) -> dict[str, Any]:
         "material": design.material.as_text(),
         "actuator": as_text(design.actuator) if design.actuator else None,
         "mesh": as_text(study.mesh),
-        "inputs": as_text(study.stage),
+        "inputs": {axis: units.to_text(value, "um", si="m") for axis, value in study.stage.inputs.items()},
         "variants": list(study.variants),
         "versions": versions.installed(refinement.LIBRARIES),
     }

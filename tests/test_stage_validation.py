@@ -1,0 +1,278 @@
+"""A whole stage on coarse meshes, from the command line to the report."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from flexdesign import cli, stage_model, study
+from flexdesign.cache import Cache
+from flexdesign.errors import InputError
+from flexdesign.quantities.stage import StageStatics
+from flexdesign.quantities.stage_modes import mode_shares
+from flexdesign.report import stage_report
+from flexdesign.report.stage_words import Axes
+from flexdesign.validation import stage_course
+from flexdesign.validation.stage_course import StageValidation, validate_stage
+from tests.conftest import Ended
+
+#: Coarse enough for half a minute: stiffnesses are right within a few percent, symmetry and balance exactly.
+STUDY = """\
+format = 1
+title = "Stage on coarse meshes"
+design = "lin2019_xyz_stage"
+
+[mesh]
+levels = 2
+at_root = 1.0
+growth = 1.5
+largest = "8 mm"
+
+[stage.inputs]
+x = "20 um"
+y = "20 um"
+z = "40 um"
+
+[published.theirs]
+K_out_x_inputs_free = "19.0 N/mm"
+coupling_y_x_input_of_20_um = "0.076 %"
+coupling_y_x_input_of_30_um = "0.1 %"
+
+[published.measured]
+travel_z_input_of_40_um = "222.96 ± 15 um"
+coupling_x_z_input_of_40_um = "0.96 ± 6.7 %"
+
+[variants]
+"one side" = ["dimensions.lateral_branches=2"]
+"""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one command did."""
+
+    code: int
+    found: StageValidation
+    folder: Path
+    cache: Path
+    file: Path
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("stage")
+    file, found = folder / "coarse.toml", []
+    file.write_text(STUDY, encoding="utf-8")
+
+    def recorded(*arguments: object) -> StageValidation:
+        found.append(validate_stage(*arguments))  # type: ignore[arg-type]
+        return found[-1]
+
+    options = ["--out", str(folder / "out"), "--cache", str(folder / "cache"), "--export", str(folder / "stage.step")]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stage_course, "validate_stage", recorded)
+        patch.setattr(sys, "argv", ["flexdesign", "validate", str(file), *options])
+        patch.setattr(sys, "dont_write_bytecode", True)
+        code = 0
+        try:
+            cli.main()
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+    return Run(code, found[0], folder / "out", folder / "cache", file)
+
+
+def test_command_writes_report_model_pictures_and_solid(run: Run) -> None:
+    assert run.code == 0
+    names = {path.name for path in run.folder.iterdir()}
+    assert {"report.html", "report.md", "result.json", "stage_model.toml", "stage.png"} <= names
+    assert {"deformation_x.png", "deformation_z.png", "mode_1.png", "mode_4.png"} <= names
+    assert "ADVANCED_FACE" in (run.folder.parent / "stage.step").read_text(encoding="utf-8")
+
+
+def test_pictures_show_the_stage(run: Run) -> None:
+    """A stage fills part of the picture, and a driven one has the colours of rest and of the largest motion."""
+    for name in ("stage.png", "deformation_x.png", "mode_1.png"):
+        pixels = np.asarray(Image.open(io.BytesIO((run.folder / name).read_bytes())).convert("RGB")).reshape(-1, 3)
+        assert 0.1 < np.mean(pixels.min(axis=1) < 235) < 0.9
+    moved = np.asarray(Image.open(run.folder / "deformation_x.png").convert("RGB")).reshape(-1, 3).astype(int)
+    assert np.mean(np.ptp(moved, axis=1) > 60) > 0.01  # the table and its limbs, bright; at rest all is grey
+
+
+def test_a_symmetric_stage_has_equal_axes_and_no_coupling_of_first_order(run: Run) -> None:
+    found = run.found
+    assert found.causes[0].largest < 1e-6
+    for name in ("K_out_{}_inputs_free", "K_in_{}_table_free", "lambda_{}_table_free"):
+        assert found.fem(name.format("x")).value == pytest.approx(found.fem(name.format("y")).value, rel=1e-6)
+    assert Axes(found).told == ["x", "z"]
+    assert Axes(found).label("y") == "X/Y"
+
+
+def test_coupling_of_second_order_is_even_and_grows_with_the_square(run: Run) -> None:
+    near = next(motion for motion in run.found.motions if motion.axis == "x")
+    far = next(motion for motion in run.found.at_full_stroke if motion.axis == "x")
+    assert abs(near.odd["z"]) < 1e-6 * abs(near.even["z"])
+    # What is of fourth order is the tilt squared of this, 1e-6; a percent leaves room for stiffening guides.
+    assert far.quadratic("z") == pytest.approx(near.quadratic("z"), rel=1e-2)
+    # Arms draw towards the frame: the table sinks, by no more than if they were rigid between ideal hinges.
+    drawn = near.travel**2 / 2 / run.found.study.design.dimensions["strut_length"]
+    assert -drawn < near.even["z"] < -0.5 * drawn
+
+
+def test_arms_on_both_sides_draw_equally_and_on_one_side_by_half_the_square_over_their_length(run: Run) -> None:
+    found = run.found
+    assert found.fem("coupling_y_x_input_of_20_um").value == 0
+    alone = found.as_in("one side", "coupling_y_x_input_of_20_um")
+    ideal = found.fem("travel_x_input_of_20_um").value / 2 / found.study.design.dimensions["limb_length"]
+    # The block they draw at gives way, so that less than the ideal is left of it.
+    assert alone is not None
+    assert 0.5 * ideal < alone < ideal
+
+
+def test_half_the_amplifiers_hold_half(run: Run) -> None:
+    """Of K_out, what amplifiers and limbs hold is halved; struts and what else tilts stay."""
+    whole = run.found.fem("K_out_x_inputs_free").value
+    half = run.found.as_in("one side", "K_out_x_inputs_free")
+    assert half is not None
+    assert 0.5 < half / whole < 0.55
+
+
+def test_springs_of_all_kinds_add_up_to_the_stiffness(run: Run) -> None:
+    statics = StageStatics(run.found.stages[-1])
+    for axis, springs in run.found.springs.items():
+        along = statics.along(axis)
+        assert sum(s.stiffness for s in springs) == pytest.approx(1 / (along @ statics.free @ along), rel=1e-9)
+
+
+def test_modes_answer_with_all_of_the_static_motion_and_symmetric_pairs_are_told_apart(run: Run) -> None:
+    stage, actuator = run.found.stages[0], run.found.study.design.actuator
+    assert actuator is not None
+    every = mode_shares(stage, actuator.installed_stiffness, stage.size)
+    for axis in "xyz":
+        # Frequencies range over five decades, and rounding goes with their squares.
+        assert sum(mode.answers[axis] for mode in every) == pytest.approx(1.0, abs=1e-5)
+    for mode in every[:6]:
+        assert abs(mode.answers["x"] * mode.answers["y"]) < 1e-6
+        assert sum(mode.table.values()) < 1
+
+
+def test_formula_and_fem_of_the_amplifier_bracket_what_the_stage_has(run: Run) -> None:
+    """An amplifier by FEM, loaded by what the springs counted hold, has the stage's K_in but for what joins them."""
+    for chain in run.found.chains.values():
+        assert chain.formula > chain.amplifier  # pseudo-rigid bodies are stiffer than the elastic amplifier
+        assert chain.stage == pytest.approx(chain.amplifier, rel=0.05)
+
+
+def test_thicker_limb_hinges_stiffen_formula_and_fem_alike(run: Run) -> None:
+    def springs(of: StageValidation) -> float:
+        design = of.study.design
+        return sum(row[2].value for row in design.stage().springs(design.material)["x"])
+
+    thicker = study.read(run.file, ["dimensions.limb_hinge_thickness=0.7 mm", "output.large_steps=0"])
+    other = validate_stage(replace(thicker, variants={}, published={}), Cache(run.cache))
+    counted = springs(other) - springs(run.found)
+    seen = other.fem("K_out_x_inputs_free").value - run.found.fem("K_out_x_inputs_free").value
+    design = run.found.study.design
+    limb = next(row[2].value for row in design.stage().springs(design.material)["x"] if row[0] == "limb hinges")
+    assert counted == pytest.approx(((0.7 / 0.63) ** 3 - 1) * limb, rel=1e-9)
+    # Hinges in series with what else gives way take part of it: two thirds of what is counted is in them at rest.
+    share = next(s.stiffness for s in run.found.springs["x"] if s.kind.startswith("limb leaf, 0.63")) / limb
+    assert seen == pytest.approx(share * counted, rel=0.25)
+    assert other.fem("K_out_z_inputs_free").value == pytest.approx(
+        run.found.fem("K_out_z_inputs_free").value, rel=1e-3
+    )  # they hardly bend as the table is lifted
+
+
+def test_table_1_has_the_findings(run: Run) -> None:
+    table = stage_report.table_1(run.found)
+    fem = run.found.fem("K_out_x_inputs_free")
+    rows = {row[0]: row for row in table.rows}
+    column = list(table.columns).index("theirs")
+    row = rows["K_out X/Y, inputs free"]
+    number, _, deviation = row[column].partition(" (")
+    assert (row[1], number) == (fem.shown(), "19.0")
+    assert float(deviation.removesuffix(" %)")) == pytest.approx(100 * (19.0e3 / fem.value - 1), abs=0.05)
+    coupling = rows["coupling X→Y, input of 20 um"]
+    assert (coupling[1], coupling[column]) == ("0 (by symmetry)", "0.076")  # no deviation from nothing
+
+
+def test_report_says_what_is_reconstructed_circular_measured_and_unexplained(run: Run) -> None:
+    text = (run.folder / "report.md").read_text(encoding="utf-8")
+    assert text.startswith("# Stage on coarse meshes, reconstructed: validation")
+    for heading in ("What explains the differences", "Coupling", "Tilt of the table", "What is assumed"):
+        assert f"## {heading}\n" in text
+    assert "left, unexplained" in text
+    assert "nothing: the number itself lies inside the uncertainty" in text  # 0.96 ± 6.7 %
+    assert "differs by more than the uncertainty: unexplained" in text  # 223 of 358 um
+
+
+def test_result_has_every_number_with_its_unit(run: Run) -> None:
+    result = json.loads((run.folder / "result.json").read_text(encoding="utf-8"))
+    assert result["kind"] == "stage validation"
+    quantities = result["quantities"]
+    assert all(each["unit"] and math.isfinite(each["value"]) for each in quantities)
+    found = next(q for q in quantities if (q["name"], q["boundary"]) == ("K_out", "x, inputs free"))
+    assert found["value"] == pytest.approx(run.found.fem("K_out_x_inputs_free").value / 1e3, rel=1e-12)
+    assert result["made_by"]["provenance"].startswith("reconstructed")
+    assert {cause["name"] for cause in result["coupling"]["first_order"]} >= {"none", "Abbe arm"}
+
+
+def test_stage_model_reads_back(run: Run) -> None:
+    model = stage_model.read(run.folder / "stage_model.toml")
+    for name, axis in model.axes.items():
+        fem = run.found.fem(f"K_out_{name}_actuators_installed").value
+        assert axis.stiffness == pytest.approx(fem, rel=1e-6)  # seven digits are written
+        assert axis.mass == pytest.approx(fem / (2 * math.pi * axis.natural_frequency) ** 2, rel=1e-6)
+    assert set(model.coupling.quadratic) == {("z", "x"), ("z", "y")}
+
+
+@pytest.mark.slow
+def test_stage_model_can_be_simulated(run: Run, command_line: Callable[..., Ended], tmp_path: Path) -> None:
+    ended = command_line("simulate", str(run.folder / "stage_model.toml"), "--out", str(tmp_path / "simulated"))
+    assert ended.code == 0, ended.stderr
+    assert (tmp_path / "simulated" / "report.html").is_file()
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "said"),
+    [
+        ("K_out_x_input_free", "19 N/mm", "no quantity of this stage"),
+        ("K_out_x_inputs_free", "19", "unit"),
+        ("K_out_x_inputs_free", "19 mm", "stiffness"),
+        ("K_out_x_inputs_free", "19 ± -1 N/mm", "must be positive"),
+        ("K_out_x_inputs_free", "19 ± N/mm", "begin with a number"),
+    ],
+)
+def test_published_numbers_that_cannot_be_used(run: Run, key: str, text: str, said: str) -> None:
+    found = run.found
+    asked = replace(found.study, published={"theirs": {key: text}})
+    limits = [q for q in [*(c.fem for c in found.comparisons), *found.further] if "input of" not in q.boundary]
+    with pytest.raises(InputError, match=said) as refused:
+        stage_course.compare(asked, limits, [*found.motions, *found.at_full_stroke])
+    assert refused.value.field == f"published.theirs.{key}"
+    assert refused.value.value == text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--set", "stage.inputs.w=20 um"), ("stage.inputs.w", "is no axis of this stage")),
+        (("--set", "mesh.accuracy=1 %"), ("mesh.accuracy", "mesh.levels")),
+        (("--export", "stage.vtu"), ("stage.vtu", "a stage has no mesh of the whole", ".step")),
+    ],
+)
+def test_what_a_stage_has_not_is_refused_before_work_begins(
+    command_line: Callable[..., Ended], arguments: tuple[str, str], said: tuple[str, ...]
+) -> None:
+    ended = command_line("validate", "lin2019_xyz_stage", *arguments)
+    assert ended.code == 2
+    for words in said:
+        assert words in ended.stderr.replace("\n", " ")
