@@ -15,7 +15,6 @@ in whatever elements they sit: what stands still has its actuators, too.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,14 +24,12 @@ from numpy.typing import NDArray
 
 from flexdesign.fem.assembled import AssembledStage
 from flexdesign.model import Quantity
-from flexdesign.quantities.stage_modes import NAMES, mode_shares
+from flexdesign.quantities.stage_modes import mode_shares
 from flexdesign.study import Study
 
 FloatArray = NDArray[np.float64]
 #: How many modes are told, and among how many those are sought that answer the drives.
 TOLD, SOUGHT = 6, 40
-#: Smaller motions aside, relative to the travel, are those of rounding [1] and [rad/m].
-NEGLIGIBLE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -124,27 +121,4 @@ def frequencies(stage: AssembledStage, actuator: float) -> list[Quantity]:
             at = f"{axis}, actuators installed"
             found.append(Quantity("drive_frequency", main.mode.frequency, "Hz", "Hz", at))
             found.append(Quantity("drive_share", main.answers[axis], "1", "%", at))
-    return found
-
-
-def linear_coupling(statics: StageStatics, loads: Mapping[str, FloatArray]) -> dict[str, dict[str, float]]:
-    """Return the table's motions aside under loads, each named, per travel along the axis that they drive.
-
-    Parameters
-    ----------
-    statics
-        Of the stage.
-    loads
-        For each driven axis its loads over the compliance's rows, shape (e + 6,).
-
-    Returns
-    -------
-    dict
-        By axis: the other axes' translations per travel [1], and rotations ``rx``, ``ry``, ``rz`` per travel [rad/m].
-    """
-    found = {}
-    for axis, load in loads.items():
-        motion = (statics.free @ load)[-6:]
-        travel = float(statics.along(axis)[-6:] @ motion)
-        found[axis] = {name: value / travel for name, value in zip(NAMES, motion.tolist(), strict=True) if name != axis}
     return found

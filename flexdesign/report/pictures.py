@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, ParamSpec
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from flexdesign import isolated
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+P = ParamSpec("P")
 
 #: What a Debian system lacks where pictures fail.
 REMEDY = "no OpenGL library; on Debian: apt-get install libgl1 libegl1 libegl-mesa0"
@@ -114,8 +115,19 @@ def draw(pictures: Sequence[Picture], reel: Reel | None = None) -> dict[str, byt
     NoPictures
         If that process cannot draw.
     """
+    return apart(_draw_all, pictures, reel)
+
+
+def apart(draw_all: Callable[P, dict[str, bytes]], *arguments: P.args, **options: P.kwargs) -> dict[str, bytes]:
+    """Return what a function draws in a process of its own: without a graphics library that process ends at once.
+
+    Raises
+    ------
+    NoPictures
+        If it cannot draw.
+    """
     try:
-        return isolated.call(_draw_all, pictures, reel)
+        return isolated.call(draw_all, *arguments, **options)
     except isolated.ProcessDied as error:
         raise NoPictures(REMEDY) from error
     except RuntimeError as error:

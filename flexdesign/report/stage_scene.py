@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign import isolated
-from flexdesign.report.pictures import REMEDY, NoPictures
+from flexdesign.report.pictures import apart
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -90,12 +89,7 @@ def draw(skins: Sequence[Skin], scenes: Sequence[Scene]) -> dict[str, bytes]:
     NoPictures
         If that process cannot draw.
     """
-    try:
-        return isolated.call(_draw_all, skins, scenes)
-    except isolated.ProcessDied as error:
-        raise NoPictures(REMEDY) from error
-    except RuntimeError as error:
-        raise NoPictures(f"{error}") from error
+    return apart(_draw_all, skins, scenes)
 
 
 def _draw_all(skins: Sequence[Skin], scenes: Sequence[Scene]) -> dict[str, bytes]:
