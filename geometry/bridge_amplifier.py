@@ -29,9 +29,10 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar
 
 from flexdesign.analytic import prb, textbook
+from flexdesign.analytic.compliance import ComplianceModel, drawn
 from flexdesign.errors import InputError
 from flexdesign.materials import Material
-from flexdesign.model import Linkage, Member, Parameter, Quantity
+from flexdesign.model import Linkage, Member, Parameter, Quantity, Root
 from flexdesign.model.linkage import Vector
 from flexdesign.part import Axis, Port, SymmetryPlane
 
@@ -256,45 +257,81 @@ class BridgeAmplifier:
 
     def _quarter(self, quarter: str, sx: int, sy: int, nodes: dict[str, Vector]) -> list[Member]:
         (xi, yi), (xo, yo) = self.inner_hinge, self.outer_hinge
-        l, rod_axis = self.hinge_length / 2, self.rod_face + self.rod_thickness / 2
+        l, with_rod = self.hinge_length / 2, self.rod_length > 0
         end, inlet = "output" if sy > 0 else "ground", "input_right" if sx > 0 else "input_left"
+        # The rod stands on the middle of the input block; without a rod the block itself runs up to the hinge.
+        axis, foot = sum(self.input_block) / 2, self.input_block_height / 2 if with_rod else yo
 
         def at(x: float, y: float) -> Vector:
             return (sx * x, sy * y, 0.0)
 
-        slope = math.atan2(self.arm_offset, self.arm_span - self.hinge_length)
         inner, outer, tip = f"arm_inner_{quarter}", f"arm_outer_{quarter}", f"rod_tip_{quarter}"
-        nodes |= {inner: at(xi + l, yi), outer: at(xo - l, yo), inlet: at(self.input_block[0], 0.0)}
+        heel = f"block_end_{quarter}"
+        nodes |= {inner: at(xi + l, yi), outer: at(xo - l, yo), heel: at(axis, foot)}
+        nodes[inlet] = at(self.input_block[0], 0.0)
+        slope = math.atan2(self.arm_offset, self.arm_span - self.hinge_length)
         leaf = {"thickness": self.hinge_thickness, "width": self.width, "root_radius": self.fillet_radius}
-        arm_thickness = self.arm_thickness * math.cos(slope)
+        near, far = self._roots(sx * sy)
         members = [
-            Member(f"hinge_inner_{quarter}", "hinge", (end, inner), at(xi - l, yi), at(xi + l, yi), **leaf),
-            Member(f"arm_{quarter}", "arm", (inner, outer), at(xi + l, yi), at(xo - l, yo), arm_thickness, self.width),
-        ]
-        if self.rod_length > 0:
-            nodes[tip] = at(rod_axis, yo)
-            foot = at(rod_axis, self.input_block_height / 2)
+            Member(f"hinge_inner_{quarter}", "hinge", (end, inner), at(xi - l, yi), at(xi + l, yi), **leaf, roots=near),
+            Member(
+                f"arm_{quarter}", "arm", (inner, outer), at(xi + l, yi), at(xo - l, yo),
+                self.arm_thickness * math.cos(slope), self.width,
+            ),
+        ]  # fmt: skip
+        if with_rod:
+            nodes[tip] = at(axis, yo)
+            rod_roots = (None, Root("end", self.input_block_depth))
             members.append(
-                Member(f"rod_{quarter}", "rod", (tip, inlet), nodes[tip], foot, self.rod_thickness, self.width)
-            )
-        far = tip if self.rod_length > 0 else inlet
-        members.append(Member(f"hinge_outer_{quarter}", "hinge", (outer, far), at(xo - l, yo), at(xo + l, yo), **leaf))
+                Member(
+                    f"rod_{quarter}", "rod", (tip, heel), nodes[tip], nodes[heel],
+                    self.rod_thickness, self.width, roots=rod_roots,
+                )
+            )  # fmt: skip
+        members += [
+            Member(
+                f"hinge_outer_{quarter}", "hinge", (outer, tip if with_rod else heel),
+                at(xo - l, yo), at(xo + l, yo), **leaf, roots=far,
+            ),
+            Member(
+                f"block_{quarter}", "block", (heel, inlet), nodes[heel], at(axis, 0.0),
+                self.input_block_depth, self.width,
+            ),
+        ]  # fmt: skip
         return members
+
+    def _roots(self, left: int) -> tuple[tuple[Root, Root], tuple[Root, Root]]:
+        """Return what the inner and the outer hinge run into; `left` is 1 where outwards is to the left of them.
+
+        The inner hinge sits half an arm's thickness above the lower edge of its block, the outer one as far below the
+        end of the rod, or of the input block.
+        """
+        arm, half = Root("end", self.arm_thickness), self.arm_thickness / 2
+        inwards, outwards = (-1, 1) if left > 0 else (1, -1)
+        across = self.rod_thickness if self.rod_length > 0 else self.input_block_depth
+        block = Root("block", self.block_width / 2, half, inwards)
+        flank = Root("flank", across, half, outwards, height=self.outer_hinge[1])
+        return (block, arm), (arm, flank)
 
     def formulas(
         self, material: Material, actuator_stiffness: float | None, output_load: float | None
     ) -> Mapping[str, Sequence[Quantity]]:
-        """Return the paper's pseudo-rigid-body model and the textbook bridge, lambda along the output's normal."""
+        """Return the paper's pseudo-rigid-body model, the textbook bridge and the compliance model.
+
+        lambda counts along the output's normal.
+        """
         model = self._pseudo_rigid(material)
         pseudo_rigid = prb.quantities(model, actuator_stiffness=actuator_stiffness)
         if output_load is not None:
             pseudo_rigid |= prb.quantities(model, output_load)
         models = {"PRB": pseudo_rigid, "textbook": textbook.quantities(self._textbook(material), actuator_stiffness)}
-        # The models count the output's motion inwards, as the paper does; ports count it along their normals.
-        return {
+        # These count the output's motion inwards, as the paper does; ports count it along their normals.
+        outwards = {
             model: tuple(replace(q, value=-q.value) if q.name == "lambda" else q for q in found.values())
             for model, found in models.items()
         }
+        beyond = ComplianceModel.of_part(self, material, actuator_stiffness).having(drawn(self))
+        return outwards | {"compliance": tuple(beyond.quantities().values())}
 
     def formula_shares(self, material: Material) -> Mapping[str, Mapping[str, float]]:
         """Return what the pseudo-rigid-body model's compliances consist of [m/N]."""

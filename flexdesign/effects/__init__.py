@@ -31,7 +31,7 @@ def names() -> tuple[str, ...]:
 
 @cache
 def _own() -> frozenset[str]:
-    return frozenset(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_"))
+    return frozenset(m.name for m in pkgutil.iter_modules(__path__) if not (m.ispkg or m.name.startswith("_")))
 
 
 @cache

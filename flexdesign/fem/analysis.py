@@ -209,7 +209,7 @@ def solve(
         if mass is not None:
             found += _vibrations(system, mass, space, mode_count, actuator)
         system.factor.free()
-    members, stresses = part.linkage().members, stress.nodal(body, fields["input"])
+    members, stresses = part.linkage().slender, stress.nodal(body, fields["input"])
     found.sort(key=lambda pair: pair[1].frequency)
     shapes = [mode.shape for mode, record in found if record.installed == (actuator > 0)]
     return Solution(

@@ -1,7 +1,19 @@
 """The nouns everything speaks: quantities, parameters, effects, linkages, observations, models."""
 
-from flexdesign.model.effect import OTHER, Adjust, Block, Controller, Disturbance, Effect, Resonance, Socket, Term
-from flexdesign.model.linkage import Linkage, Member
+from flexdesign.model.effect import (
+    OTHER,
+    Adjust,
+    Block,
+    Controller,
+    Disturbance,
+    Effect,
+    Elastic,
+    Reshape,
+    Resonance,
+    Socket,
+    Term,
+)
+from flexdesign.model.linkage import Linkage, Member, Root
 from flexdesign.model.observation import Model, Observation
 from flexdesign.model.parameter import Parameter
 from flexdesign.model.quantity import Quantity, output_boundary
@@ -13,13 +25,16 @@ __all__ = [
     "Controller",
     "Disturbance",
     "Effect",
+    "Elastic",
     "Linkage",
     "Member",
     "Model",
     "Observation",
     "Parameter",
     "Quantity",
+    "Reshape",
     "Resonance",
+    "Root",
     "Socket",
     "Term",
     "output_boundary",

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,10 +37,11 @@ class Socket(Enum):
 
 @dataclass(frozen=True)
 class Adjust:
-    """A face that changes base values: payload mass, modulus, over-cut.
+    """A face that changes base values: payload mass, modulus, a soft base.
 
     ``apply(base_values, own_values)`` returns the adjusted base values and leaves its arguments alone. The base values
-    of an axis are its ``natural_frequency``, ``damping_ratio`` and ``gain``.
+    of an axis are its ``natural_frequency``, ``damping_ratio`` and ``gain``; those of a mechanism at rest are listed in
+    `flexdesign.analytic.compliance.BASE`.
     """
 
     apply: Callable[[Values, Values], dict[str, float]]
@@ -109,6 +110,15 @@ class Block:
         force there, as `flow` does. However fast its state follows, it asks for no shorter steps.
     tick
         ``tick(value, state, constants)``, once per sample at the command or the sensor: returns the new value.
+    transfer
+        ``transfer(values, frequency, bias, amplitude)``, how small sines about a working point pass: n complex numbers
+        or one for n frequencies [Hz], output over input of the socket; for forces the force as `flow` gives it over the
+        position. `bias` is the input at the working point, `amplitude` that of the sine there, zero where it is not
+        known; what depends on it answers with its describing function. A block without it lets small sines through
+        as they are, and no frequency response shows it. It need not compile.
+    settled
+        ``settled(values, bias)``, what the block adds to its output at rest at a working point, where that is none of
+        `transfer` times the bias: for forces the force. It need not compile.
     """
 
     socket: Socket
@@ -120,6 +130,8 @@ class Block:
     flow: Callable[[float, float, float, Floats, Floats, Floats], float] | None = None
     pull: Callable[[float, float, Floats, Floats], float] | None = None
     tick: Callable[[float, Floats, Floats], float] | None = None
+    transfer: Callable[[Values, Floats, float, float], complex | NDArray[np.complex128]] | None = None
+    settled: Callable[[Values, float], float] | None = None
 
 
 @dataclass(frozen=True)
@@ -149,11 +161,48 @@ class Controller:
 
 
 @dataclass(frozen=True)
+class Elastic:
+    """What a member's material and width do to its stiffness.
+
+    Parameters
+    ----------
+    youngs_modulus
+        E [Pa].
+    poissons_ratio
+        nu.
+    constraint
+        How much of what keeps wide members from contracting sideways is reckoned with: 0 is plane stress, 1 as much as
+        there is.
+    """
+
+    youngs_modulus: float
+    poissons_ratio: float
+    constraint: float = 0.0
+
+    @property
+    def shear_modulus(self) -> float:
+        """G [Pa]."""
+        return self.youngs_modulus / (2 * (1 + self.poissons_ratio))
+
+
+@dataclass(frozen=True)
 class Term:
-    """A face that adds compliance to the members of one kind: ``compliance(member, values)`` is 6 by 6, SI."""
+    """A face that adds compliance to the members of one kind, in the plane of the mechanism.
+
+    ``compliance(member, elastic, values)`` is 3 by 3, SI: the motion of the member's end relative to its start, as the
+    one at its centre, per force there: along the member, across it to the left, and turning to the left.
+    """
 
     member_kind: MemberKind
-    compliance: Callable[[Member, Values], Any]
+    compliance: Callable[[Member, Elastic, Values], Floats]
+
+
+@dataclass(frozen=True)
+class Reshape:
+    """A face that changes the shape of the members of some kinds: ``shape(member, values)`` returns the true member."""
+
+    member_kinds: tuple[MemberKind, ...]
+    shape: Callable[[Member, Values], Member]
 
 
 @dataclass(frozen=True)
@@ -191,7 +240,7 @@ class Effect:
     remedy: str
     reference: str
     parameters: tuple[Parameter, ...]
-    faces: tuple[Adjust | Block | Disturbance | Resonance | Term, ...]
+    faces: tuple[Adjust | Block | Disturbance | Reshape | Resonance | Term, ...]
     confused_with: tuple[str, ...] = ()
     cautions: Callable[[Values], tuple[str, ...]] = lambda values: ()
 

@@ -12,6 +12,33 @@ from typing import Literal
 
 Vector = tuple[float, float, float]
 MemberKind = Literal["hinge", "arm", "rod", "block", "guide"]
+RootKind = Literal["end", "flank", "block"]
+
+
+@dataclass(frozen=True)
+class Root:
+    """What a member runs into at one of its ends.
+
+    Parameters
+    ----------
+    kind
+        ``end``: the end of a thicker beam on the same axis. ``flank``: the side of a beam that runs across and bends.
+        ``block``: the side of a body that a mirror image of the member pulls at from behind.
+    depth
+        Thickness of an ``end``'s or ``flank``'s beam; of a ``block`` the distance to the plane of its mirror [m].
+    overhang
+        How far the body reaches beyond the member's axis on its nearer side [m]; not asked for an ``end``.
+    side
+        1 if that side is to the left of the member's axis, seen from its start to its end; -1 to the right.
+    height
+        Of a ``flank``, the distance along its beam from the member's axis to where the beam is held [m].
+    """
+
+    kind: RootKind
+    depth: float
+    overhang: float = math.inf
+    side: Literal[1, -1] = 1
+    height: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -34,6 +61,8 @@ class Member:
         Fillet radius at its ends [m]; 0 for a sharp root.
     curvature_radius
         Radius of a circular notch [m]; infinite for a leaf.
+    roots
+        What its start and its end run into, where theory needs to know; None at the other ends.
     """
 
     name: str
@@ -45,6 +74,7 @@ class Member:
     width: float
     root_radius: float = 0.0
     curvature_radius: float = math.inf
+    roots: tuple[Root | None, Root | None] = (None, None)
 
     @property
     def length(self) -> float:
@@ -112,6 +142,11 @@ class Linkage:
         for port, node in self.ports.items():
             if node not in self.nodes:
                 raise ValueError(f"port {port} stands on {node}, which is not among the nodes")
+
+    @property
+    def slender(self) -> tuple[Member, ...]:
+        """The members that are beams by their shape: all but blocks."""
+        return tuple(member for member in self.members if member.kind != "block")
 
     def of_kind(self, kind: MemberKind) -> tuple[Member, ...]:
         """Return the members of one kind."""

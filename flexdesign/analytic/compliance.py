@@ -1,0 +1,211 @@
+"""The compliance model: a mechanism as hinges, arms and rods that give way, effect by effect.
+
+Without effects it is the paper's pseudo-rigid-body model: hinges that rotate, rigid arms and blocks, and rods that the
+hinge's moment bends. Each static effect of the catalogue (`flexdesign.effects.statics`) adds what it knows: compliance
+of members, a truer shape, another modulus, a spring at a port. With all that a drawing tells, it is a fast stand-in for
+finite elements; with those it does not tell, what a bench may hide.
+
+Between input and output the mechanism is a compliance of 2 by 2: the actuator's force and its extension, the output's
+force and its travel along its normal. Stiffness is a matter of what holds the other port, and follows from it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.analytic import frame
+from flexdesign.effects import statics
+from flexdesign.hinges import beam
+from flexdesign.materials import Material
+from flexdesign.model import Adjust, Elastic, Linkage, Member, Quantity, Reshape, Term
+from flexdesign.part import Piece, Port
+
+Array = NDArray[np.float64]
+Effects = Mapping[str, Mapping[str, float]]
+SOURCE = "compliance model"
+
+#: What effects may change besides the members: factor on E; share of the constraint by the width; springs [N/m] and
+#: compliances [m/N] at the ports, added to those that a quantity's boundary states.
+BASE: Mapping[str, float] = {
+    "modulus": 1.0,
+    "constraint": 0.0,
+    "output_load": 0.0,
+    "input_restraint": 0.0,
+    "contact_compliance": 0.0,
+    "base_compliance": 0.0,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ComplianceModel:
+    """A mechanism with effects.
+
+    Parameters
+    ----------
+    linkage, ports
+        Of the part.
+    youngs_modulus, poissons_ratio
+        E [Pa] and nu.
+    actuator_stiffness
+        Of the actuator with its seats [N/m]; None without one.
+    effects
+        Values of their parameters, SI, by effect and parameter.
+
+    Raises
+    ------
+    frame.Mechanism
+        When asked for a compliance, if the linkage can move freely.
+    """
+
+    linkage: Linkage
+    ports: tuple[Port, ...]
+    youngs_modulus: float
+    poissons_ratio: float
+    actuator_stiffness: float | None = None
+    effects: Effects = field(default_factory=dict)
+
+    @classmethod
+    def of_part(cls, part: Piece, material: Material, actuator_stiffness: float | None = None) -> ComplianceModel:
+        """Return the model of a part without effects; fillets that are drawn are one of them."""
+        linkage = part.linkage()
+        sharp = tuple(replace(member, root_radius=0.0) for member in linkage.members)
+        bare = replace(linkage, members=sharp)
+        return cls(bare, part.ports(), material.youngs_modulus, material.poissons_ratio, actuator_stiffness)
+
+    def having(self, effects: Effects) -> ComplianceModel:
+        """Return the model with these effects in the place of its own."""
+        return replace(self, effects=effects)
+
+    # --- members ----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def base(self) -> Mapping[str, float]:
+        """What stands beside the members: `BASE` as its effects change it."""
+        values: Mapping[str, float] = BASE
+        for name in sorted(self.effects):
+            for face in statics.find(name).faces:
+                if isinstance(face, Adjust):
+                    values = face.apply(values, self.effects[name])
+        return values
+
+    @cached_property
+    def members(self) -> tuple[Member, ...]:
+        """The members in their true shape."""
+        return tuple(self._shaped(member) for member in self.linkage.members)
+
+    def _shaped(self, member: Member) -> Member:
+        for name in sorted(self.effects):
+            for face in statics.find(name).faces:
+                if isinstance(face, Reshape) and member.kind in face.member_kinds:
+                    member = face.shape(member, self.effects[name])
+        return member
+
+    def member_compliance(self, member: Member) -> Array:
+        """Return what a member of true shape gives way, 3 by 3."""
+        elastic = Elastic(self.base["modulus"] * self.youngs_modulus, self.poissons_ratio, self.base["constraint"])
+        total = _pseudo_rigid(member, elastic)
+        for name in sorted(self.effects):
+            for face in statics.find(name).faces:
+                if isinstance(face, Term) and face.member_kind == member.kind:
+                    total = total + face.compliance(member, elastic, self.effects[name])
+        return total
+
+    # --- ports ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def port_compliance(self) -> Array:
+        """Compliance between the ports, 2 by 2 [m/N]: row and column 0 the actuator's, 1 the output's."""
+        compliances = {member.name: self.member_compliance(member) for member in self.members}
+        loads = [self._pull(role) for role in ("input", "output")]
+        grounds = [self.linkage.ports[port.name] for port in self.ports if port.role == "ground"]
+        moved = frame.motions(replace(self.linkage, members=self.members), compliances, grounds, loads)
+        found = [[sum(float(pull[n] @ moved_by[n]) for n in pull) for moved_by in moved] for pull in loads]
+        return np.array(found) + np.diag([0.0, self.base["base_compliance"]])
+
+    def _pull(self, role: str) -> dict[str, Array]:
+        """Return a unit load: an actuator pushes its ports apart, an output force acts along its normal."""
+        pull: dict[str, Array] = {}
+        for port in self.ports:
+            if port.role == role:
+                node = self.linkage.ports[port.name]
+                way = -1.0 if role == "input" else 1.0
+                force = (way * port.normal[0], way * port.normal[1])
+                at_node = frame.carried_to(self.linkage.nodes[node], port.point, force)
+                pull[node] = pull.get(node, np.zeros(3)) + at_node
+        return pull
+
+    # --- quantities -------------------------------------------------------------------------------------------
+
+    def input_stiffness(self, output_load: float = 0.0) -> float:
+        """K_in with a spring at the output [N/m]; an infinite one holds it."""
+        return 1 / self._driven(output_load)[0]
+
+    def amplification(self, output_load: float = 0.0) -> float:
+        """Amplification with a spring at the output, signed along the output's normal."""
+        extension, travel = self._driven(output_load)
+        return travel / extension
+
+    def output_stiffness(self, input_stiffness: float = 0.0) -> float:
+        """K_out with a spring between the inputs [N/m]: 0 leaves them free, infinite holds them."""
+        (c11, c12), (c21, c22) = self.port_compliance
+        hold = input_stiffness + self.base["input_restraint"] if input_stiffness == 0 else input_stiffness
+        if hold == 0:
+            return float(1 / c22)
+        series = c11 + 1 / hold + (self.base["contact_compliance"] if input_stiffness else 0.0)
+        left = c22 - c12 * c21 / series
+        return float(1 / left) if left > 1e-12 * abs(c22) else math.inf
+
+    def _driven(self, output_load: float) -> tuple[float, float]:
+        """Return extension and travel per force of the actuator, with a spring at the output."""
+        (c11, c12), (c21, c22) = self.port_compliance
+        load = output_load + self.base["output_load"]
+        per_travel = 1 / c22 if math.isinf(load) else load / (1 + load * c22)  # force of the spring per free travel
+        return float(c11 - c12 * c21 * per_travel), float(c21 - c22 * c21 * per_travel)
+
+    def quantities(self) -> dict[str, Quantity]:
+        """Return stiffnesses and amplification, as FEM states them, by `Quantity.key`; infinite ones are left out."""
+        holds = {"input free": 0.0, "input held": math.inf}
+        if self.actuator_stiffness is not None:
+            holds["actuator installed"] = self.actuator_stiffness
+        found = [
+            Quantity("K_in", self.input_stiffness(), "N/m", "N/mm", "output free", SOURCE),
+            Quantity("lambda", self.amplification(), "1", "", "output free", SOURCE),
+        ]
+        for boundary, stiffness in holds.items():
+            value = self.output_stiffness(stiffness)
+            if math.isfinite(value):
+                found.append(Quantity("K_out", value, "N/m", "N/mm", boundary, SOURCE))
+        return {quantity.key: quantity for quantity in found}
+
+
+def _pseudo_rigid(member: Member, elastic: Elastic) -> Array:
+    """Return what a member gives way in the paper's model: hinges rotate (2), rods bend as cantilevers (14).
+
+    The rod's tip moves under force and moment, and does not turn: with M = M_c + V l / 2 at the tip, V and M_c at the
+    rod's centre, l^3 V / 3EI - l^2 M / 2EI is l^3 V / 12EI - l^2 M_c / 2EI. A rod's start is its tip.
+    """
+    compliance = np.zeros((3, 3))
+    if member.kind == "hinge":
+        compliance[2, 2] = beam.rotation(member, elastic)
+    if member.kind == "rod":
+        compliance[1, 1] = beam.sway(member, elastic)
+        compliance[1, 2] = -member.length / 2 * beam.rotation(member, elastic)
+    return compliance
+
+
+def drawn(part: Piece) -> dict[str, dict[str, float]]:
+    """Return the effects that a part has by its drawing, in full strength."""
+    effects = {name: {"share": 1.0} for name in statics.BY_DRAWING}
+    radius = max((member.root_radius for member in part.linkage().of_kind("hinge")), default=0.0)
+    return effects | ({"fillet": {"radius": radius}} if radius > 0 else {})
+
+
+def ladder(names: Sequence[str], effects: Effects) -> list[dict[str, Mapping[str, float]]]:
+    """Return the sets of effects on the way from none to those named, in their order."""
+    return [{name: effects[name] for name in names[:count]} for count in range(len(names) + 1)]

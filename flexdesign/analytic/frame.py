@@ -1,0 +1,109 @@
+"""Rigid bodies joined by members that give way, in the plane: forces and motions together, so that rigid members do.
+
+Every node is a rigid body with two motions and a rotation; every member passes a force on from its start to its end and
+lets them part by its compliance times that force, both taken at its centre. With B the parting per motion of the nodes,
+C the compliances, f the members' forces and F the loads::
+
+    [ -C   B ] [ f ]   [ 0 ]
+    [ B^T  0 ] [ u ] = [ F ]
+
+C may be singular (a hinge that only rotates, a rigid arm) and need not be symmetric (the paper's input rod, whose tip
+bends under the hinge's moment and turns nothing).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.model import Linkage, Member
+from flexdesign.model.linkage import Vector
+
+Array = NDArray[np.float64]
+
+
+class Mechanism(ValueError):
+    """A frame that can move without any member giving way."""
+
+
+def motions(
+    linkage: Linkage, compliances: Mapping[str, Array], held: Sequence[str], loads: Sequence[Mapping[str, Array]]
+) -> list[dict[str, Array]]:
+    """Return how the nodes move under each of several loads.
+
+    Parameters
+    ----------
+    linkage
+        Nodes and members; z is left out.
+    compliances
+        Of each member by its name, 3 by 3: along it, across it to the left, turning to the left.
+    held
+        Nodes that do not move.
+    loads
+        Each by the node: force in x and y [N] and moment [N m] at the node.
+
+    Returns
+    -------
+    list of dict
+        For each load, by the node: motion in x and y [m] and rotation [rad].
+
+    Raises
+    ------
+    Mechanism
+        If something can move freely.
+    """
+    free = [node for node in linkage.nodes if node not in held]
+    place = {node: 3 * number for number, node in enumerate(free)}
+    forces, unknowns = 3 * len(linkage.members), 3 * len(free)
+    parting = np.zeros((forces, unknowns))
+    system = np.zeros((forces + unknowns, forces + unknowns))
+    for row, member in zip(range(0, forces, 3), linkage.members, strict=True):
+        for node, way in zip(member.nodes, (-1, 1), strict=True):
+            if node in place:
+                at = slice(place[node], place[node] + 3)
+                parting[row : row + 3, at] += way * _at_centre(member, linkage.nodes[node])
+        system[row : row + 3, row : row + 3] = -compliances[member.name]
+    system[:forces, forces:], system[forces:, :forces] = parting, parting.T
+    right = np.zeros((forces + unknowns, len(loads)))
+    for column, load in enumerate(loads):
+        for node, force in load.items():
+            if node in place:
+                right[forces + place[node] : forces + place[node] + 3, column] += force
+    moved = _solved(system, right)[forces:]
+    still = np.zeros(3)
+    return [
+        {node: moved[place[node] : place[node] + 3, column] if node in place else still for node in linkage.nodes}
+        for column in range(len(loads))
+    ]
+
+
+def _solved(system: Array, right: Array) -> Array:
+    """Return the solution; rows and columns are scaled, as forces and motions differ by many powers of ten."""
+    scale = np.sqrt(np.abs(system).max(axis=1))
+    scale = 1 / np.where(scale > 0, scale, 1.0)
+    scaled = scale[:, None] * system * scale
+    try:
+        answer = scale[:, None] * np.linalg.solve(scaled, scale[:, None] * right)
+    except np.linalg.LinAlgError as error:
+        raise Mechanism("the members leave something free to move, or hold it twice without giving way") from error
+    if not np.isfinite(answer).all():
+        raise Mechanism("the members leave something free to move")
+    return np.asarray(answer)
+
+
+def _at_centre(member: Member, node: Vector) -> Array:
+    """Return the motion of a rigid body at a member's centre, along, across and turning, per motion of its node."""
+    (x, y, _), (ax, ay, _) = member.centre, member.axis
+    dx, dy = x - node[0], y - node[1]
+    carried = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+    turned = np.array([[ax, ay, 0.0], [-ay, ax, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(turned @ carried)
+
+
+def carried_to(node: Vector, point: Vector, force: Sequence[float]) -> Array:
+    """Return a force in the plane at a point as force and moment at a node."""
+    fx, fy = force
+    dx, dy = point[0] - node[0], point[1] - node[1]
+    return np.array([fx, fy, dx * fy - dy * fx])

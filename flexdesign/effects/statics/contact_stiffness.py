@@ -1,0 +1,43 @@
+"""What holds the inputs gives way."""
+
+from __future__ import annotations
+
+import math
+
+from flexdesign.model import Adjust, Effect, Parameter
+from flexdesign.model.effect import Values
+
+
+def apply(base: Values, values: Values) -> dict[str, float]:
+    """Put a compliance in series with what holds the inputs."""
+    return {**base, "contact_compliance": base["contact_compliance"] + 1.0 / values["stiffness"]}
+
+
+EFFECT = Effect(
+    name="contact_stiffness",
+    physics=(
+        "An actuator touches its seats in a few asperities, or through a ball: the contact, glue or clamp is "
+        "in series with the stack. Under an output force the inputs give way more than the stack alone would "
+        "let them."
+    ),
+    where="the seats of the actuator, or the clamp of the inputs",
+    reveal=(
+        "K_out with the actuator installed beside K_out with the inputs free, under two preloads: contacts stiffen"
+    ),
+    remedy="more preload, lapped seats, or a ball of larger radius; state it as actuator.contact_stiffness",
+    reference="K. L. Johnson, Contact Mechanics (1985)",
+    parameters=(
+        Parameter(
+            "stiffness",
+            "N/m",
+            "N/um",
+            "stiffness of what is in series with what holds the inputs",
+            math.inf,
+            1e8,
+            (1e4, 1e12),
+            "inverse",
+        ),
+    ),
+    faces=(Adjust(apply),),
+    confused_with=("base_compliance", "hinge_shear"),
+)

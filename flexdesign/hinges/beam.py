@@ -1,0 +1,79 @@
+"""Members as Timoshenko beams, in the plane of the mechanism.
+
+About its centre a beam's compliance is diagonal: stretch l/EA, sway l^3/12EI and shear l/kGA, rotation l/EI. Where the
+thickness varies along the member these are the integrals of 1/EA, s^2/EI, 1/kGA and 1/EI, s from the centre.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.hinges import width
+from flexdesign.model import Elastic, Member
+
+Array = NDArray[np.float64]
+#: Share of a rectangular section that carries shear.
+SHEAR_SHARE = 5 / 6
+#: Places at which a profile is sampled.
+SAMPLES = 2001
+
+
+def stretch(member: Member, elastic: Elastic) -> float:
+    """Return the stretch per force along the member [m/N]."""
+    return _integral(member, 1, 0) / (width.stretching_modulus(member, elastic) * member.width)
+
+
+def rotation(member: Member, elastic: Elastic) -> float:
+    """Return the rotation of one end to the other per moment [rad/(N m)]."""
+    return 12 * _integral(member, 3, 0) / (width.bending_modulus(member, elastic) * member.width)
+
+
+def sway(member: Member, elastic: Elastic) -> float:
+    """Return the motion across the member per force across it, as it bends into an S [m/N]."""
+    return 12 * _integral(member, 3, 2) / (width.bending_modulus(member, elastic) * member.width)
+
+
+def shear(member: Member, elastic: Elastic) -> float:
+    """Return the motion across the member per force across it, as it shears [m/N]."""
+    return _integral(member, 1, 0) / (SHEAR_SHARE * elastic.shear_modulus * member.width)
+
+
+def evenly_loaded(member: Member, elastic: Elastic) -> Array:
+    """Return the compliance of half a block that is pressed evenly on one side and held at its ends, 3 by 3.
+
+    The member runs from the block's end, where it is held, to its middle, whose cross-section does not turn; its end
+    stands for the mean motion of the pressed side. With M(s) = M + V (s - s^2 / 2l), s from the held end, the integrals
+    of M^2 / EI and V^2 / kGA give 2 l^3 / 15 EI + l / 3 kGA across, l / EI turning, and l^2 / 3 EI between the two.
+    """
+    length, bending = member.length, elastic.youngs_modulus * member.second_moment
+    across = 2 * length**3 / (15 * bending) + length / (3 * SHEAR_SHARE * elastic.shear_modulus * member.area)
+    between = -(length**2) / (3 * bending)  # a force to the left at the start turns the block to the right
+    held = np.array([[0.0, 0.0, 0.0], [0.0, across, between], [0.0, between, length / bending]])
+    return from_place(held, -length / 2)
+
+
+def from_place(compliance: Array, place: float) -> Array:
+    """Return at the member's centre a compliance that is known at a place on its axis.
+
+    Parameters
+    ----------
+    compliance
+        3 by 3, for the forces at that place.
+    place
+        Where it is, from the centre towards the end [m]: the moment there is M - V place.
+    """
+    to_place = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -place, 1.0]])
+    return np.asarray(to_place.T @ compliance @ to_place)
+
+
+def _integral(member: Member, power: int, moment: int) -> float:
+    """Return the integral of s^moment / t(s)^power along the member, s from its centre."""
+    length, thickness = member.length, member.thickness
+    if member.root_radius == 0 and math.isinf(member.curvature_radius):
+        return float(length ** (moment + 1) / ((moment + 1) * 2**moment * thickness**power))
+    s = np.linspace(-length / 2, length / 2, SAMPLES)
+    t = np.array([member.thickness_at(float(place)) for place in s])
+    return float(np.trapezoid(s**moment / t**power, s))
