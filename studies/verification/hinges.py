@@ -13,8 +13,8 @@ around the roots. So a body in three dimensions has its stiffness between that o
 from __future__ import annotations
 
 import numpy as np
-from scipy.integrate import quad
 
+from flexdesign.analytic import notch
 from flexdesign.fem import loads
 from flexdesign.materials import Material
 from studies.verification.finding import Finding, around
@@ -44,20 +44,14 @@ def plane_stress(material: Material) -> Material:
 
 def euler_bernoulli() -> float:
     """Return the stiffness of the circular hinge as a beam of varying height, by quadrature [N m/rad]."""
-
-    def softness(x: float) -> float:
-        height = THICKNESS + 2 * (RADIUS - np.sqrt(RADIUS**2 - x**2))
-        return float(12 / (METAL.youngs_modulus * WIDTH * height**3))
-
-    return 1 / (2 * quad(softness, 0.0, RADIUS, limit=200)[0])
+    height = notch.circular_height(RADIUS, THICKNESS)
+    beam = notch.beam_integral(METAL.youngs_modulus, WIDTH, height, 2 * RADIUS, RADIUS)
+    return beam.rotational_stiffness
 
 
 def paros_weisbord() -> float:
-    """Return the same for a thin neck, 2 E b t^(5/2) / (9 pi R^(1/2)) [N m/rad].
-
-    Paros and Weisbord, How to design flexure hinges, Machine Design 37 (1965), 151-156.
-    """
-    return 2 * METAL.youngs_modulus * WIDTH * THICKNESS**2.5 / (9 * np.pi * np.sqrt(RADIUS))
+    """Return the same for a thin neck: Paros and Weisbord (1965), simplified [N m/rad]."""
+    return notch.thin_neck(METAL.youngs_modulus, WIDTH, THICKNESS, RADIUS).rotational_stiffness
 
 
 def circular(cells: tuple[int, int, int, int], material: Material) -> Bent:
