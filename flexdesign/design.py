@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, Field
 
 from flexdesign import materials, part, shipped
 from flexdesign.assembly import Stage
+from flexdesign.effects import statics
 from flexdesign.errors import InputError, suggest
 from flexdesign.files import Bounds, Table, as_written, attributed, check, in_si, read_toml
 from flexdesign.materials import Material
@@ -48,6 +49,16 @@ class Actuator(Table):
         return float(1 / (1 / self.stiffness + 1 / self.contact_stiffness))
 
 
+class Tolerances(Table):
+    """How well a part is what it is drawn as: the ends of what is likely, alike in all its hinges.
+
+    `dimensions` is that of wire EDM on any dimension, `modulus` the relative one of Young's modulus.
+    """
+
+    dimensions: in_si("m", 0.0, 1e-3) = 5e-6  # type: ignore[valid-type]
+    modulus: in_si("1", 0.0, 0.5) = 0.02  # type: ignore[valid-type]
+
+
 class _DesignFile(Table):
     format: int
     part: str
@@ -56,6 +67,8 @@ class _DesignFile(Table):
     title: str = ""
     provenance: str = ""
     actuator: Actuator | None = None
+    tolerances: Tolerances = Field(default_factory=Tolerances)
+    effects: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -74,6 +87,10 @@ class Design:
         The part's dimensions, in SI, in the part's order.
     material, actuator
         What it is made of and what drives it; a design without an actuator has no stroke.
+    tolerances
+        Of its dimensions and its modulus.
+    effects
+        Static effects that it has beside what the drawing tells: values of their parameters, SI, by name.
     """
 
     name: str
@@ -84,6 +101,8 @@ class Design:
     dimensions: Mapping[str, float]
     material: Material
     actuator: Actuator | None
+    tolerances: Tolerances = field(default_factory=Tolerances)
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def is_stage(self) -> bool:
@@ -180,6 +199,8 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
         dimensions=dimensions,
         material=materials.find(checked.material, path),
         actuator=checked.actuator,
+        tolerances=checked.tolerances,
+        effects={name: _effect(name, given, path) for name, given in checked.effects.items()},
     )
     try:
         if design.is_stage:
@@ -190,6 +211,28 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
         given = checked.dimensions.get(error.field.removeprefix("dimensions."), error.value)
         raise InputError(error.file, error.field, as_written(given), error.remedy) from error
     return design
+
+
+def _effect(name: str, given: Mapping[str, Any], path: Path) -> dict[str, float]:
+    """Return the values of an effect's parameters [SI]."""
+    try:
+        known = {p.name: p for p in statics.find(name).parameters}
+    except ValueError as error:
+        raise InputError(path, f"effects.{name}", None, str(error)) from None
+    values = {}
+    for key, p in known.items():
+        if key not in given:
+            raise InputError(path, f"effects.{name}.{key}", None, f"is missing ({p.meaning})")
+        try:
+            values[key] = Bounds(p.si, *p.plausible).read(given[key])
+        except ValueError as error:
+            raise InputError(path, f"effects.{name}.{key}", as_written(given[key]), str(error)) from None
+    for key in given:
+        if key not in known:
+            raise InputError(
+                path, f"effects.{name}.{key}", as_written(given[key]), f"is unknown{suggest(key, list(known))}"
+            )
+    return values
 
 
 def _dimensions(part_class: type[part.Part], given: Mapping[str, Any], path: Path) -> dict[str, float]:

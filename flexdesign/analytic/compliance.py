@@ -121,7 +121,15 @@ class ComplianceModel:
     @cached_property
     def port_compliance(self) -> Array:
         """Compliance between the ports, 2 by 2 [m/N]: row and column 0 the actuator's, 1 the output's."""
-        compliances = {member.name: self.member_compliance(member) for member in self.members}
+        found_once: dict[object, Array] = {}  # quarters are alike
+        compliances = {}
+        for member in self.members:
+            alike = replace(
+                member, name="", nodes=("", ""), start=(0.0, 0.0, 0.0), end=(round(member.length, 12), 0.0, 0.0)
+            )
+            if alike not in found_once:
+                found_once[alike] = self.member_compliance(member)
+            compliances[member.name] = found_once[alike]
         loads = [self._pull(role) for role in ("input", "output")]
         grounds = [self.linkage.ports[port.name] for port in self.ports if port.role == "ground"]
         moved = frame.motions(replace(self.linkage, members=self.members), compliances, grounds, loads)

@@ -7,6 +7,7 @@ thickness varies along the member these are the integrals of 1/EA, s^2/EI, 1/kGA
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +18,8 @@ from flexdesign.model import Elastic, Member
 Array = NDArray[np.float64]
 #: Share of a rectangular section that carries shear.
 SHEAR_SHARE = 5 / 6
-#: Places at which a profile is sampled.
-SAMPLES = 2001
+#: Points of the quadrature along an arc.
+POINTS = 32
 
 
 def stretch(member: Member, elastic: Elastic) -> float:
@@ -70,10 +71,24 @@ def from_place(compliance: Array, place: float) -> Array:
 
 
 def _integral(member: Member, power: int, moment: int) -> float:
-    """Return the integral of s^moment / t(s)^power along the member, s from its centre."""
+    """Return the integral of s^moment / t(s)^power along the member, s from its centre; `moment` is even."""
     length, thickness = member.length, member.thickness
-    if member.root_radius == 0 and math.isinf(member.curvature_radius):
-        return float(length ** (moment + 1) / ((moment + 1) * 2**moment * thickness**power))
-    s = np.linspace(-length / 2, length / 2, SAMPLES)
-    t = np.array([member.thickness_at(float(place)) for place in s])
-    return float(np.trapezoid(s**moment / t**power, s))
+    radius = min(member.curvature_radius, length / 2) if math.isfinite(member.curvature_radius) else member.root_radius
+    straight = length / 2 - radius
+    whole = 2 * straight ** (moment + 1) / ((moment + 1) * thickness**power)
+    if radius == 0:
+        return float(whole)
+    # Along an arc s runs as the sine of an angle in which the integrand is smooth.
+    angles, weights = _quarter()
+    arc = member.curvature_radius if math.isfinite(member.curvature_radius) else radius
+    angles, weights = angles * math.asin(radius / arc), weights * math.asin(radius / arc)
+    s = straight + arc * np.sin(angles)
+    t = thickness + 2 * arc * (1 - np.cos(angles))
+    return float(whole + 2 * (weights * arc * np.cos(angles)) @ (s**moment / t**power))
+
+
+@cache
+def _quarter() -> tuple[Array, Array]:
+    """Return places and weights of a quadrature from 0 to 1."""
+    places, weights = np.polynomial.legendre.leggauss(POINTS)
+    return (places + 1) / 2, weights / 2

@@ -23,7 +23,7 @@ EFFECT = Effect(
     remedy="measure again with the actuator out, or name the boundary that was there",
     reference="K. J. Bathe, Finite Element Procedures (1996), on boundary conditions",
     parameters=(
-        Parameter("stiffness", "N/m", "N/um", "stiffness of what holds the inputs", 0.0, 1e7, (0.0, 1e12), "log"),
+        Parameter("stiffness", "N/m", "N/um", "stiffness of what holds the inputs", 0.0, 1e7, (1e3, 1e12), "log"),
     ),
     faces=(Adjust(apply),),
     confused_with=("modulus",),

@@ -1,0 +1,11 @@
+"""Static tables: stiffness and amplification as a bench or a simulation gave them, and the model that predicts them.
+
+A table has one measurement in each row, with its boundary and its uncertainty, and a column for each dimension in which
+parts differ, so that a series of hinge thicknesses is one file.
+"""
+
+from flexdesign.static_tables.model import StaticModel, of_design
+from flexdesign.static_tables.table import Row, StaticTable, read, to_csv
+from flexdesign.static_tables.uncertainty import Uncertainty, uncertainty
+
+__all__ = ["Row", "StaticModel", "StaticTable", "Uncertainty", "of_design", "read", "to_csv", "uncertainty"]

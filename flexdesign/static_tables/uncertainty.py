@@ -1,0 +1,123 @@
+"""How far a prediction may be from a measurement although nothing is missing: the validation uncertainty.
+
+Three parts, as in ASME V&V 20 (2009): of the measurement, u_D; of the inputs, u_input, as parts are made within
+tolerances of dimensions and modulus, alike in all rows; and of the model, which is no solution of elasticity, u_model.
+A difference E says something of the model only where it exceeds U_val, twice the root of the sum of their squares.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.errors import InputError
+from flexdesign.model import Observation
+from flexdesign.static_tables.model import StaticModel
+from flexdesign.static_tables.table import StaticTable
+
+Array = NDArray[np.float64]
+#: A tolerance says where a number ends, evenly likely between: its standard deviation is this share of it.
+EVEN = 1 / math.sqrt(3)
+#: Standard deviation of what the compliance model is off by, relative, alike in all rows of a kind: of the amplifiers
+#: of `studies.error_bars` against hexahedra, rounded up.
+MODEL: Mapping[str, float] = {
+    "K_in_output_free": 0.005,
+    "K_in_output_held": 0.015,
+    "lambda_output_free": 0.004,
+    "K_out_input_free": 0.002,
+    "K_out_input_held": 0.015,
+    "K_out_actuator_installed": 0.012,
+}
+#: Of a measurement of which nobody said: relative.
+UNSAID = 0.02
+#: How many standard deviations count as a difference.
+COVERAGE = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """Standard deviations of the rows of a table, SI, n each, and how they go together; a `Whitening`.
+
+    Parameters
+    ----------
+    data, inputs, model
+        Of the measurement, of what the part was made like, and of the model.
+    covariance
+        Of all of them together, n by n.
+    unsaid
+        Whether some rows state no uncertainty of their own.
+    """
+
+    data: Array
+    inputs: Array
+    model: Array
+    covariance: Array
+    unsaid: bool
+
+    def without(self, row: int) -> Uncertainty:
+        """Return the uncertainty of the table without one row."""
+        data, inputs, model = (np.delete(part, row) for part in (self.data, self.inputs, self.model))
+        covariance = np.delete(np.delete(self.covariance, row, axis=0), row, axis=1)
+        return Uncertainty(data, inputs, model, covariance, self.unsaid)
+
+    @cached_property
+    def _root(self) -> Array:
+        return np.asarray(np.linalg.cholesky(self.covariance))
+
+    @property
+    def validation(self) -> Array:
+        """U_val [SI]: what a difference must exceed to say something."""
+        return COVERAGE * np.sqrt(self.data**2 + self.inputs**2 + self.model**2)
+
+    def whiten(self, observation: Observation, residual: Array) -> Array:
+        """Return residuals (n by k) as independent numbers of variance one."""
+        return np.asarray(np.linalg.solve(self._root, residual))
+
+
+def uncertainty(model: StaticModel, table: StaticTable) -> Uncertainty:
+    """Return the uncertainty of a prediction beside a table.
+
+    Raises
+    ------
+    InputError
+        If no number comes out of the model for some row.
+    """
+    predicted = model.predict(table)
+    for row, value in zip(table.rows, predicted, strict=True):
+        if not math.isfinite(value):
+            remedy = f"the model has no finite {row.key} of this part: nothing gives way there in it"
+            raise InputError(model.design.file, "part", None, remedy)
+    data = np.array([row.sigma if row.sigma is not None else UNSAID * abs(row.value) for row in table.rows])
+    slopes = _slopes(model, table, predicted)
+    kinds = [row.key for row in table.rows]
+    own = np.array([MODEL[kind] for kind in kinds]) * np.abs(predicted)
+    alike = np.array([[1.0 if a == b else 0.0 for b in kinds] for a in kinds])
+    covariance = np.diag(data**2) + slopes @ slopes.T + alike * np.outer(own, own)
+    unsaid = any(row.sigma is None for row in table.rows)
+    return Uncertainty(data, np.sqrt((slopes**2).sum(axis=1)), own, covariance, unsaid)
+
+
+def _slopes(model: StaticModel, table: StaticTable, predicted: Array) -> Array:
+    """Return how each row changes with each input by one standard deviation: rows by inputs."""
+    design, tolerances = model.design, model.design.tolerances
+    columns = [tolerances.modulus * EVEN * _of_modulus(table, predicted)]
+    for name, value in design.dimensions.items():
+        if value == 0:  # a feature that is not there has no tolerance
+            continue
+        sigma = tolerances.dimensions * EVEN
+        try:
+            moved = [replace(model, made_larger={name: way * sigma}).predict(table) for way in (-1, 1)]
+        except InputError:  # at the end of what can be built
+            continue
+        columns.append((moved[1] - moved[0]) / 2)
+    return np.column_stack(columns)
+
+
+def _of_modulus(table: StaticTable, predicted: Array) -> Array:
+    """Return the change per relative change of E: stiffnesses go with it, the amplification stays."""
+    return np.array([0.0 if row.quantity == "lambda" else v for row, v in zip(table.rows, predicted, strict=True)])
