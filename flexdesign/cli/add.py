@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from flexdesign.cli import tables
 from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
 
 HELP = """Fit one effect to recorded runs, and write it into a stage model.
@@ -22,6 +23,9 @@ of `flexdesign effects`, or the path of a file with an effect of your own. RUNS 
 
 **What it does:** fits the model's own numbers without and with the effect, and shows the fall of the error on runs that
 no fit has seen; says if the effect is not needed; and simulates a closed loop without and with it.
+
+**Of a part at rest:** where MODEL is a design, EFFECT is one of the static effects, and RUNS are static tables (see
+`flexdesign diagnose --help`); the design with the effect goes to -o.
 
 **What it writes:** the stage model with the effect, to -o; report.html, report.md, result.json and the figures, into
 --out.
@@ -48,6 +52,10 @@ def add(
     as_json: AsJson = False,
 ) -> None:
     """Add an effect to a stage model and write the report."""
+    if tables.is_design(model):
+        tables.refuse({"--axis": axis})
+        tables.add(model, effect, recordings, overrides or [], model_file, out, as_json)
+        return
     from flexdesign import runs, stage_model
     from flexdesign.diagnosis import adding
     from flexdesign.report import addition_report, identification_report, render, terminal
@@ -55,7 +63,7 @@ def add(
     with progress() as say:
         stage = stage_model.read(model, overrides or [])
         name = adding.known_effect(effect, "EFFECT")
-        seen = runs.read_runs(recordings)
+        seen = runs.read_recordings(recordings)
         folder = out or Path("reports") / f"{stage.name}_with_{Path(effect).stem}"
         render.prepare(folder)
         if model_file:

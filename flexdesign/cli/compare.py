@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from flexdesign.cli import tables
 from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
 
 HELP = """Compare a stage model with recorded runs: by how much it fails, and where.
@@ -24,6 +25,11 @@ the model as it is, driven by the voltage at the stack where a column `v [V]` ho
 **What it says:** the error of each run, largest and rms, beside the stroke and the noise floor; then where the error
 above the noise lies: by run, frequency band, position, velocity, voltage and time since the last step. The noise is
 measured where every command stands still, else from periods or runs that repeat themselves.
+
+**Of a part at rest:** where MODEL is a design (a file with `part = ...`, or the bare name of one in geometry/), RUNS
+are static tables, CSV with the columns `quantity,value,unit,sigma,boundary` and one for each dimension that differs,
+such as `hinge_thickness [mm]`: K_in, lambda and K_out with the other port free, held or (K_out) with the actuator in
+place. Differences count where they exceed the validation uncertainty, of measurement, tolerances and model.
 
 **What it writes:** report.html, report.md, result.json and the figures, into --out.
 
@@ -44,12 +50,16 @@ def compare(
     as_json: AsJson = False,
 ) -> None:
     """Compare a stage model with runs and write the report."""
+    if tables.is_design(model):
+        tables.refuse({"--axis": axis})
+        tables.compare(model, recordings, overrides or [], out, as_json)
+        return
     from flexdesign import comparison, runs, stage_model
     from flexdesign.report import comparison_report, render, terminal
 
     with progress() as say:
         stage = stage_model.read(model, overrides or [])
-        seen = runs.read_runs(recordings)
+        seen = runs.read_recordings(recordings)
         folder = out or Path("reports") / f"{stage.name}_compared"
         render.prepare(folder)
         found = comparison.compare(stage, seen, axis=axis, progress=say)

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from flexdesign.cli import tables
 from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
 
 HELP = """Find which physical effect a stage model lacks, from recorded runs.
@@ -29,6 +30,12 @@ the catalogue, and adds those that explain more than chance does, on runs that n
 **What it says:** nothing is missing; or which effects are, with value, unit and 95 % interval, how much each explains,
 what to do about it, and which others these runs cannot tell from it, with the experiment that would; or that something
 is missing that is none of these effects, and what it looks like.
+
+**Of a part at rest:** where MODEL is a design (a file with `part = ...`, or the bare name of one in geometry/), RUNS
+are static tables, CSV with the columns `quantity,value,unit,sigma,boundary` and one for each dimension that differs,
+such as `hinge_thickness [mm]`: the static effects are fitted, and the answer goes into design.toml.
+
+    flexdesign diagnose bridge_amplifier thickness_series.csv -o as_cut.toml
 
 **What it writes:** report.html, report.md, result.json, stage_model.toml and the figures, into --out.
 
@@ -56,6 +63,9 @@ def diagnose(
             show_default=False,
         ),
     ] = None,
+    bare: Annotated[
+        bool, typer.Option("--bare", help="For a design: begin with hinges that only rotate, and ask what they lack.")
+    ] = False,
     overrides: StageOverrides = None,
     out: Annotated[
         Path | None,
@@ -64,13 +74,18 @@ def diagnose(
     as_json: AsJson = False,
 ) -> None:
     """Diagnose a stage model and write the report."""
+    if tables.is_design(model):
+        tables.refuse({"--axis": axis, "--effect": effect, "--tolerance": tolerance})
+        tables.diagnose(model, recordings, overrides or [], model_file, out, as_json, bare=bare)
+        return
+    tables.refuse_bare(bare)
     from flexdesign import diagnosis, runs, stage_model
     from flexdesign.diagnosis import adding, telling
     from flexdesign.report import diagnosis_report, identification_report, render, terminal
 
     with progress() as say:
         stage = stage_model.read(model, overrides or [])
-        seen = runs.read_runs(recordings)
+        seen = runs.read_recordings(recordings)
         more = adding.own_effects(effect or [])
         least = adding.tolerance(stage, seen, axis, tolerance)
         folder = out or Path("reports") / f"{stage.name}_diagnosed"
@@ -80,7 +95,7 @@ def diagnose(
         found = diagnosis.diagnose(stage, seen, axis=axis, more=more, tolerance=least, progress=say)
         apart = telling.tellings(found, say)
         say("writing")
-        better = adding.with_knowledge(found.model, found.axis, adding.values(found), found.runs)
+        better = adding.with_knowledge(found.model, found.axis, adding.values(found), (*found.runs, *found.responses))
         document, result = diagnosis_report.document(found, apart), diagnosis_report.result(found, apart)
         others = {} if model_file else {"stage_model.toml": stage_model.to_toml(better, folder)}
         written = [path for path in render.write(folder, document, result, others) if path.suffix != ".svg"]

@@ -69,6 +69,8 @@ class TableDiagnosis:
         Relative errors, rms: of the design, with what was found, and so of each row left out of the fit in turn.
     remarks
         What was done to the table, or weakens the verdict.
+    asked
+        Whether `found` was asked for, and not found.
     """
 
     verdict: Verdict
@@ -81,6 +83,7 @@ class TableDiagnosis:
     tellings: tuple[Telling, ...]
     ladder: tuple[Rung, ...]
     remarks: tuple[str, ...]
+    asked: bool = False
 
     @property
     def groups(self) -> tuple[tuple[str, ...], ...]:
@@ -132,6 +135,29 @@ def diagnose(
     return TableDiagnosis(
         verdict, table, noise, before, best, alike, (*singles, *pairs), tellings, ladder, tuple(remarks)
     )
+
+
+def add(
+    model: StaticModel, effect: str, table: StaticTable, progress: Callable[[str], None] = lambda _: None
+) -> TableDiagnosis:
+    """Fit one effect, whether it is called for or not: the verdict is that of this effect alone.
+
+    Raises
+    ------
+    InputError
+        If it cannot be fitted to the table.
+    """
+    table, remarks = believable(model, table)
+    noise = uncertainty(model, table)
+    before = as_it_is(model, table, noise)
+    progress(f"fitting {effect}")
+    trial = fitted(model, [effect], table, noise)
+    if trial is None:
+        raise InputError("command line", "EFFECT", effect, "has as many numbers as the table has rows; measure more")
+    if not trial.counts_beside(before, 1):
+        remarks += ("the effect lowers the error by no more than chance does: it is not needed",)
+    ladder = _ladder(model, trial, table, noise)
+    return TableDiagnosis("effects-found", table, noise, before, trial, (), (trial,), (), ladder, remarks, asked=True)
 
 
 def believable(model: StaticModel, table: StaticTable) -> tuple[StaticTable, tuple[str, ...]]:

@@ -16,7 +16,7 @@ COLOURS = ("#0b84b5", "#e0702c", "#3f9c4d", "#b0529e", "#c9a227", "#6d7cce", "#8
 
 def shares(split: Mapping[str, Mapping[str, float]], label: str) -> bytes:
     """Draw stacked bars: for each named compliance, the percentage that each piece carries."""
-    figure, axes = _figure(7.2, 0.55 * len(split) + 1.7)
+    figure, axes = drawing(7.2, 0.55 * len(split) + 1.7)
     pieces = list(dict.fromkeys(piece for row in split.values() for piece in row))
     for position, row in enumerate(split.values()):
         left, right = 0.0, 0.0
@@ -35,7 +35,7 @@ def shares(split: Mapping[str, Mapping[str, float]], label: str) -> bytes:
 
 def lines(curves: Sequence[tuple[str, Sequence[float], Sequence[float]]], xlabel: str, ylabel: str) -> bytes:
     """Draw labelled curves over common axes."""
-    figure, axes = _figure(6.0, 3.6)
+    figure, axes = drawing(6.0, 3.6)
     for index, (label, x, y) in enumerate(curves):
         axes.plot(x, y, color=COLOURS[index], marker="o", label=label, linewidth=2)
     axes.set_xlabel(xlabel)
@@ -45,7 +45,8 @@ def lines(curves: Sequence[tuple[str, Sequence[float], Sequence[float]]], xlabel
     return svg(figure)
 
 
-def _figure(width: float, height: float) -> tuple[Any, Any]:
+def drawing(width: float, height: float) -> tuple[Any, Any]:
+    """Return an empty drawing of a size in inches, and its axes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")

@@ -1,0 +1,199 @@
+"""What `compare`, `diagnose` and `add` do where the model is a design and the measurements are static tables."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flexdesign.cli.shared import print_json, progress
+from flexdesign.errors import InputError
+
+if TYPE_CHECKING:
+    from flexdesign.design import Design
+    from flexdesign.static_tables import StaticModel, StaticTable
+
+
+def is_design(model: str) -> bool:
+    """Tell whether MODEL names a design, which says what its part is, and not a stage model."""
+    from flexdesign import design
+    from flexdesign.files import read_toml
+
+    try:
+        return "part" in read_toml(design.find(model))
+    except InputError:  # then it is not a design, or the reader of stage models says what is wrong
+        return False
+
+
+def refuse(options: dict[str, object]) -> None:
+    """Refuse options that mean nothing for static tables."""
+    for name, given in options.items():
+        if given:
+            raise InputError("command line", name, str(given), "is for recordings of a stage, not for static tables")
+
+
+def refuse_bare(bare: bool) -> None:
+    """Refuse the option of a design where the model is that of a stage."""
+    if bare:
+        raise InputError("command line", "--bare", None, "is for designs and static tables, not for a stage model")
+
+
+def compare(model: str, paths: Sequence[Path], overrides: Sequence[str], out: Path | None, as_json: bool) -> None:
+    """Compare a design with static tables and write the report."""
+    from flexdesign.comparison import tables
+    from flexdesign.report import render, table_report, terminal
+
+    with progress() as say:
+        stands, table = _read(model, paths, overrides)
+        folder = out or Path("reports") / f"{stands.design.name}_compared"
+        render.prepare(folder)
+        found = tables.compare(stands, table)
+        say("writing")
+        document, result = table_report.comparison_document(found), table_report.comparison_result(found)
+        written = render.write(folder, document, result, {})
+    if as_json:
+        print_json(result)
+        return
+    terminal.brief(document, table_report.rows_in_brief(found), _named(written))
+
+
+def diagnose(
+    model: str,
+    paths: Sequence[Path],
+    overrides: Sequence[str],
+    design_file: Path | None,
+    out: Path | None,
+    as_json: bool,
+    *,
+    bare: bool = False,
+) -> None:
+    """Diagnose a design from static tables and write the report."""
+    from flexdesign.diagnosis import tables
+    from flexdesign.report import render, table_report, terminal
+
+    with progress() as say:
+        stands, table = _read(model, paths, overrides, bare=bare)
+        folder = out or Path("reports") / f"{stands.design.name}_diagnosed"
+        render.prepare(folder)
+        found = tables.diagnose(stands, table, say)
+        say("writing")
+        document, result = table_report.diagnosis_document(found), table_report.diagnosis_result(found)
+        place = design_file or folder / "design.toml"
+        better = found.found.model if found.verdict == "effects-found" else stands
+        text = design_text(better, overrides, place.parent)
+        written = render.write(folder, document, result, {} if design_file else {"design.toml": text})
+        if design_file:
+            written.append(_write(design_file, text))
+    if as_json:
+        print_json(result)
+        return
+    terminal.brief(document, table_report.ladder(found), _named(written))
+
+
+def add(
+    model: str,
+    effect: str,
+    paths: Sequence[Path],
+    overrides: Sequence[str],
+    design_file: Path | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Fit one effect to static tables, and write it into a design."""
+    from flexdesign.diagnosis import tables
+    from flexdesign.effects import statics
+    from flexdesign.report import render, table_report, terminal
+
+    with progress() as say:
+        stands, table = _read(model, paths, overrides)
+        try:
+            statics.find(effect)
+        except ValueError as error:
+            raise InputError("command line", "EFFECT", effect, str(error)) from None
+        if effect in stands.effects:
+            raise InputError("command line", "EFFECT", effect, "is in the model already")
+        folder = out or Path("reports") / f"{stands.design.name}_with_{effect}"
+        render.prepare(folder)
+        found = tables.add(stands, effect, table, say)
+        say("writing")
+        document, result = table_report.diagnosis_document(found), table_report.diagnosis_result(found)
+        place = design_file or folder / "design.toml"
+        text = design_text(found.found.model, overrides, place.parent)
+        written = render.write(folder, document, result, {} if design_file else {"design.toml": text})
+        if design_file:
+            written.append(_write(design_file, text))
+    if as_json:
+        print_json(result)
+        return
+    terminal.brief(document, table_report.ladder(found), _named(written))
+
+
+def _read(
+    model: str, paths: Sequence[Path], overrides: Sequence[str], *, bare: bool = False
+) -> tuple[StaticModel, StaticTable]:
+    from flexdesign import design, static_tables
+
+    read = design.read(design.find(model), overrides)
+    files = [file for path in paths for file in (sorted(path.glob("*.csv")) if path.is_dir() else [path])]
+    if not files:
+        raise InputError("command line", "RUNS", ", ".join(map(str, paths)), "holds no CSV file")
+    return static_tables.of_design(read, bare=bare), static_tables.read(files, read)
+
+
+def design_text(model: StaticModel, overrides: Sequence[str], folder: Path) -> str:
+    """Return the design file with a model's effects written into it; its part is found from the new folder."""
+    from flexdesign import units
+    from flexdesign.analytic.compliance import drawn
+    from flexdesign.effects import statics
+    from flexdesign.files import read_toml
+
+    content = read_toml(model.design.file, overrides)
+    content["part"] = _part_name(model.design, folder)
+    there = drawn(model.design.part())
+    content["effects"] = {
+        name: {
+            p.name: f"{values[p.name] / units.factor(p.unit or '1', p.si):.6g} {p.unit}".rstrip()
+            for p in statics.find(name).parameters
+        }
+        for name, values in model.effects.items()
+        if values != there.get(name)
+    }
+    return "\n".join(_toml(content)) + "\n"
+
+
+def _toml(content: Mapping[str, Any], path: str = "") -> list[str]:
+    """Return a table as lines of TOML: its own values, then the tables in it."""
+    plain = {key: value for key, value in content.items() if not isinstance(value, Mapping)}
+    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in plain.items()]
+    for key, value in content.items():
+        if isinstance(value, Mapping) and value:
+            inner = f"{path}.{key}" if path else key
+            own = any(not isinstance(entry, Mapping) for entry in value.values())
+            lines += [*(["", f"[{inner}]"] if own else []), *_toml(value, inner)]
+    return lines
+
+
+def _part_name(design: Design, folder: Path) -> str:
+    from flexdesign import part
+
+    file = part.file_of(design.part_class)
+    try:
+        by_name = part.find(file.stem, folder).resolve() == file.resolve()
+    except InputError:
+        by_name = False
+    return file.stem if by_name else os.path.relpath(file, folder)
+
+
+def _write(path: Path, text: str) -> Path:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError("command line", "-o", str(path), f"cannot be written ({error.strerror})") from error
+    return path
+
+
+def _named(written: Sequence[Path]) -> list[Path]:
+    return [path for path in written if path.suffix != ".svg"]

@@ -1,0 +1,206 @@
+"""Reports of static tables: a comparison, a diagnosis, and an effect that was added."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flexdesign import units, versions
+from flexdesign.comparison.tables import TableComparison, compare
+from flexdesign.diagnosis.table_fit import Trial
+from flexdesign.diagnosis.tables import TableDiagnosis
+from flexdesign.effects import statics
+from flexdesign.files import FORMAT
+from flexdesign.report import table_words as words
+from flexdesign.report.document import Document, Figure, Section, Table
+from flexdesign.static_tables import StaticModel
+from flexdesign.static_tables.uncertainty import COVERAGE
+
+LIBRARIES = ("numpy", "scipy")
+
+
+def rows(comparison: TableComparison) -> Table:
+    """Return the rows of a table beside what the model says."""
+    noise, found = comparison.uncertainty, []
+    for i, row in enumerate(comparison.table.rows):
+        share = [100 * part[i] / abs(row.value) for part in (noise.data, noise.inputs, noise.model, noise.validation)]
+        found.append(
+            [
+                words.measurement(row),
+                words.number(row, row.value),
+                words.number(row, comparison.predicted[i]),
+                words.percent(comparison.errors[i]),
+                *(f"{value:.2g} %" for value in share),
+                "differs" if comparison.significance[i] > 1 else "agrees",
+            ]
+        )
+    caption = (
+        f"U is {COVERAGE:g} times the root of the sum of squares of u; the model is wrong where it differs by more"
+    )
+    head = ["measurement", "measured", "model", "error", "u measured", "u inputs", "u model", "U", "which"]
+    return Table(head, found, caption)
+
+
+def rows_in_brief(comparison: TableComparison) -> Table:
+    """Return what fits a terminal: measurement, error, and what would be none."""
+    whole = rows(comparison)
+    found = [[row[0], row[1], row[3], row[-2], row[-1]] for row in whole.rows]
+    return Table(["measurement", "measured", "error", "U", ""], found, "U: what a difference must exceed to count")
+
+
+def comparison_document(comparison: TableComparison) -> Document:
+    """Write the report of a comparison."""
+    wrong = int((comparison.significance > 1).sum())
+    count = len(comparison.table.rows)
+    said = [
+        f"{wrong} of {count} measurements differ from the model by more than the validation uncertainty."
+        if wrong
+        else f"All {count} measurements agree with the model within the validation uncertainty."
+    ]
+    picture = Figure("differences.svg", words.differences(comparison), "Each row, and what would be no difference")
+    return Document(
+        f"{comparison.model.design.title}: beside {comparison.table.name}",
+        said,
+        [
+            Section("Measured and predicted", _uncertainty(comparison), [rows(comparison)], [picture]),
+            _physics(comparison.model),
+        ],
+    )
+
+
+def diagnosis_document(found: TableDiagnosis) -> Document:
+    """Write the report of a diagnosis."""
+    before = compare(found.before.model, found.table)
+    after = compare(found.found.model, found.table)
+    pictures = [Figure("differences.svg", words.differences(before), "The design's model")]
+    tables = [rows(before)]
+    if found.found.names:
+        pictures.append(
+            Figure(
+                "differences_after.svg",
+                words.differences(after),
+                f"With {' and '.join(map(words.called, found.found.names))}",
+            )
+        )
+        tables.append(rows(after))
+    sections = [
+        Section("The error ladder", [], [ladder(found)]),
+        Section("Measured and predicted", _uncertainty(before), tables, pictures),
+        Section("What was tried", _tried_text(), [tried(found)]),
+    ]
+    if found.tellings:
+        head = Table(["measurement", "what each answer expects"], words.tellings(found))
+        sections.insert(2, Section("What would tell the answers apart", [], [head]))
+    sections.append(_physics(found.before.model))
+    return Document(f"{found.before.model.design.title}: diagnosis", words.summary(found), sections)
+
+
+def ladder(found: TableDiagnosis) -> Table:
+    """Return the error ladder."""
+    rungs = [[rung.label.replace("_", " "), f"{100 * rung.error:.3g} %"] for rung in found.ladder]
+    return Table(["model", "relative error, rms"], rungs)
+
+
+def tried(found: TableDiagnosis) -> Table:
+    """Return everything that was fitted."""
+    shown = []
+    for trial in found.tried[:20]:
+        values = "; ".join(words.quantity(value) for value in trial.values) or "there, or not"
+        outcome = "" if trial.is_adequate else "leaves more than chance"
+        if trial.names == found.found.names:
+            outcome = "the answer" if found.verdict == "effects-found" else "nearest"
+        elif any(trial.names == other.names for other in found.alike):
+            outcome = "does as well"
+        elif trial.cost > found.before.cost - 4:
+            outcome = "explains nothing"
+        shown.append([" + ".join(map(words.called, trial.names)), values, f"{trial.cost:.3g}", outcome])
+    caption = f"Without any: {found.before.cost:.3g}; {len(found.table.rows)} measurements"
+    return Table(["effect", "fitted", "sum of squares", "outcome"], shown, caption)
+
+
+def _tried_text() -> list[str]:
+    return [
+        "Each static effect that the model has not is fitted alone; where none suffices, in pairs. Sums of squares are "
+        "in units of what measurement, tolerances and model leave open: about one for each measurement."
+    ]
+
+
+def _uncertainty(comparison: TableComparison) -> list[str]:
+    tolerances = comparison.model.design.tolerances
+    return [
+        f"Inputs: dimensions within {1e6 * tolerances.dimensions:.3g} um and the modulus within "
+        f"{100 * tolerances.modulus:.3g} %, alike in all rows; both are ends of what is likely, not standard "
+        "deviations. The model's own part comes from amplifiers solved with hexahedra (python -m studies.error_bars)."
+    ]
+
+
+def _physics(model: StaticModel) -> Section:
+    there = [[words.called(name), statics.find(name).where] for name in model.effects]
+    return Section("What the model has", [], [Table(["effect", "where"], there)] if there else [], folded=True)
+
+
+def comparison_result(comparison: TableComparison) -> dict[str, Any]:
+    """Return a comparison as result.json has it."""
+    return {"format": FORMAT, "kind": "table comparison", **_compared(comparison), **_made_by(comparison.model)}
+
+
+def diagnosis_result(found: TableDiagnosis) -> dict[str, Any]:
+    """Return a diagnosis as result.json has it."""
+    return {
+        "format": FORMAT,
+        "kind": "table diagnosis",
+        "verdict": found.verdict,
+        "effects": _effects(found.found) if found.verdict == "effects-found" else {},
+        "confusable": [list(group) for group in found.groups] if found.verdict == "effects-found" else [],
+        "near": list(found.found.names) if found.verdict == "unknown" else [],
+        "ladder": [{"model": rung.label, "error": rung.error} for rung in found.ladder],
+        "sum_of_squares": {
+            "before": found.before.cost,
+            "after": found.found.cost,
+            "measurements": len(found.table.rows),
+        },
+        "remarks": list(found.remarks),
+        **_compared(compare(found.found.model, found.table)),
+        **_made_by(found.before.model),
+    }
+
+
+def _effects(trial: Trial) -> dict[str, Any]:
+    effects: dict[str, dict[str, Any]] = {name: {} for name in trial.names}
+    for value in trial.values:
+        name, _, parameter = value.parameter.name.partition(".")
+        scale = units.factor(value.parameter.unit or "1", value.parameter.si)
+        effects[name][parameter] = {
+            "value": value.value / scale,
+            "interval_95": [end / scale for end in value.interval],
+            "unit": value.parameter.unit,
+        }
+    return effects
+
+
+def _compared(comparison: TableComparison) -> dict[str, Any]:
+    measured = comparison.table.measured()
+    return {
+        "rows": [
+            {
+                "quantity": row.key,
+                "dimensions_mm": {name: 1e3 * value for name, value in row.dimensions.items()},
+                "measured_si": float(measured[i]),
+                "predicted_si": float(comparison.predicted[i]),
+                "validation_uncertainty_si": float(comparison.uncertainty.validation[i]),
+            }
+            for i, row in enumerate(comparison.table.rows)
+        ]
+    }
+
+
+def _made_by(model: StaticModel) -> dict[str, Any]:
+    design = model.design
+    return {
+        "made_by": {
+            "design": design.name,
+            "dimensions": {name: f"{value * 1e3:g} mm" for name, value in design.dimensions.items()},
+            "material": design.material.as_text(),
+            "effects": {name: dict(values) for name, values in model.effects.items()},
+            "versions": versions.installed(LIBRARIES),
+        }
+    }

@@ -1,0 +1,181 @@
+"""How comparisons and diagnoses of static tables are put into words and drawings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from flexdesign import units
+from flexdesign.comparison.tables import TableComparison
+from flexdesign.diagnosis import Value
+from flexdesign.diagnosis.table_fit import Trial
+from flexdesign.diagnosis.tables import TableDiagnosis, Telling
+from flexdesign.effects import statics
+from flexdesign.report import charts
+from flexdesign.static_tables import Row
+from flexdesign.static_tables.table import QUANTITIES
+
+
+def called(name: str) -> str:
+    """Return what an effect is called in a sentence.
+
+    >>> called("over_cut")
+    'over cut'
+    """
+    return name.replace("_", " ")
+
+
+def listed(names: Sequence[str], last: str = "and") -> str:
+    """Return names as a sentence lists them.
+
+    >>> listed(["a", "b", "c"])
+    'a, b and c'
+    """
+    return f" {last} ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else list(names))
+
+
+def measurement(row: Row) -> str:
+    """Return what a row measures: ``K_out, input held, hinge_thickness 0.3 mm``."""
+    shown = ", ".join(f"{name} {1e3 * value:.4g} mm" for name, value in row.dimensions.items())
+    return f"{row.quantity}, {row.boundary}{', ' + shown if shown else ''}"
+
+
+def number(row: Row, value: float, digits: int = 4) -> str:
+    """Return a number of a row, SI, in the row's unit."""
+    si = QUANTITIES[row.quantity][0]
+    unit = row.unit or {"N/m": "N/mm", "1": ""}[si]
+    shown = units.significant(value / units.factor(unit or "1", si), digits)
+    return f"{shown} {'' if unit == '1' else unit}".rstrip()
+
+
+def percentage(share: float) -> str:
+    """Return a percentage without sign."""
+    return f"{100 * share:.2g} %"
+
+
+def percent(share: float, digits: int = 2) -> str:
+    """Return a signed percentage."""
+    return f"{100 * share:+.{digits}g} %"
+
+
+def quantity(value: Value) -> str:
+    """Return a fitted number with its 95 % interval, in the parameter's unit."""
+    parameter = value.parameter
+    scale = units.factor(parameter.unit or "1", parameter.si)
+    name = parameter.name.rpartition(".")[2]
+    low, high = (end / scale for end in value.interval)
+    if _is_without_end(value):
+        return f"{name} too large to be told from a rigid one" if parameter.null == 0 else f"{name} next to nothing"
+    shown = units.significant(value.value / scale, 3)
+    return f"{name} {shown} {parameter.unit} (95 %: {low:.3g} to {high:.3g} {parameter.unit})"
+
+
+def _is_without_end(value: Value) -> bool:
+    """Tell whether a strength of many decades went to the end of its range."""
+    low, high = value.parameter.plausible
+    ends = [end for end in (low, high) if math.isfinite(end)]
+    return value.parameter.scale != "linear" and any(math.isclose(value.value, end, rel_tol=0.05) for end in ends)
+
+
+def verdict(found: TableDiagnosis) -> str:
+    """Return the verdict in a sentence or two."""
+    before, after = found.ladder[0].error, found.ladder[-1].error
+    if found.asked:
+        with_it = found.ladder[1].error
+        return (
+            f"With {_names(found.found)} the model misses the table by {percentage(with_it)} rms, without by "
+            f"{percentage(before)}."
+        )
+    if found.verdict == "nothing-missing":
+        return (
+            f"Nothing is missing. The design's model misses the table by {100 * before:.2g} % rms, no more than "
+            "measurement, tolerances and the model's own accuracy allow."
+        )
+    if found.verdict == "unknown":
+        near = f" Nearest, without explaining enough: {_names(found.found)}." if found.found.names else ""
+        return f"Something is missing, and it is none of the effects that are known here.{near}"
+    them = "them" if len(found.found.names) > 1 else "it"
+    return (
+        f"Missing: {listed([_alternatives(found, name) for name in found.found.names])}. With {them} the model misses "
+        f"rows that the fit did not see by {100 * after:.2g} % rms, without by {100 * before:.2g} %."
+    )
+
+
+def _alternatives(found: TableDiagnosis, name: str) -> str:
+    group = next((group for group in found.groups if group[0] == name), (name,))
+    return listed([called(other) for other in group], "or")
+
+
+def _names(trial: Trial) -> str:
+    return listed([called(name) for name in trial.names])
+
+
+def summary(found: TableDiagnosis) -> list[str]:
+    """Return the answer in a few paragraphs."""
+    said = [verdict(found)]
+    if found.verdict == "effects-found":
+        said += [effect(found.found, name) for name in found.found.names]
+    for group in found.groups if found.verdict == "effects-found" else ():
+        said.append(f"This table cannot tell {listed([called(name) for name in group], 'from')}. {_would_tell(found)}")
+    if found.verdict == "unknown":
+        said.append(f"What it looks like: {shape(found)}")
+    if found.remarks:
+        said.append(f"Take care: {'; '.join(found.remarks)}.")
+    return said
+
+
+def effect(trial: Trial, name: str) -> str:
+    """Return an effect with its numbers and what to do about it."""
+    values = [quantity(value) for value in trial.values if value.parameter.name.startswith(f"{name}.")]
+    known = statics.find(name)
+    strength = f": {'; '.join(values)}" if values else ""
+    return f"{called(name).capitalize()}{strength}. {known.physics} What to do about it: {known.remedy}."
+
+
+def _would_tell(found: TableDiagnosis) -> str:
+    if not found.tellings:
+        return "No single measurement of this part, or of one with a dimension changed by 40 %, would."
+    best = found.tellings[0]
+    return f"Measure {measurement(best.row)}: {_expectations(found, best)}."
+
+
+def _expectations(found: TableDiagnosis, telling: Telling) -> str:
+    answers = (found.found, *found.alike)[: len(telling.expected)]
+    expected = [number(telling.row, value, 3) for value in telling.expected]
+    return ", ".join(f"with {_names(a)} it is {value}" for a, value in zip(answers, expected, strict=True))
+
+
+def tellings(found: TableDiagnosis) -> list[list[str]]:
+    """Return rows of measurements that would tell, and what each answer expects."""
+    return [[measurement(telling.row), _expectations(found, telling)] for telling in found.tellings]
+
+
+def shape(found: TableDiagnosis) -> str:
+    """Return where what no effect explains is largest."""
+    measured, rows = found.table.measured(), found.table.rows
+    left = found.before.model.predict(found.table) / measured - 1
+    worst = np.argsort(-np.abs(left))[:3]
+    return f"the model is off most in {listed([f'{measurement(rows[i])} ({percent(left[i])})' for i in worst])}."
+
+
+def differences(comparison: TableComparison) -> bytes:
+    """Draw the difference of each row in percent, with what is no difference."""
+    labels = [measurement(row) for row in comparison.table.rows]
+    measured = np.abs(comparison.table.measured())
+    figure, axes = charts.drawing(7.2, 0.32 * len(labels) + 1.2)
+    places = np.arange(len(labels))
+    allowed = 100 * comparison.uncertainty.validation / measured
+    axes.barh(places, 2 * allowed, left=-allowed, color=charts.NEUTRAL, alpha=0.3, height=0.8, label="no difference")
+    wrong = comparison.significance > 1
+    for said, chosen, colour in (("within it", ~wrong, charts.COLOURS[0]), ("beyond it", wrong, charts.COLOURS[1])):
+        if chosen.any():
+            error = 100 * (comparison.predicted - comparison.table.measured()) / measured
+            axes.plot(error[chosen], places[chosen], "o", color=colour, label=said)
+    axes.axvline(0, color=charts.NEUTRAL, linewidth=1)
+    axes.set_yticks(places, labels)
+    axes.invert_yaxis()
+    axes.set_xlabel("predicted less measured, % of measured")
+    charts.below(figure, axes, 3)
+    return charts.svg(figure)
