@@ -98,6 +98,7 @@ def validate(
         result = kind.result(found)
         document = kind.document(found, say)
         others = {"stage_model.toml": stage_model.to_toml(found.stage_model)} if found.stage_model else {}
+        others |= kind.tables(found)
         written = render.write(folder, document, result, others)
         for path, write in exports:
             write(found, Path(path))
@@ -115,13 +116,18 @@ class _Kind:
     result: Callable[[Any], dict[str, Any]]
     document: Callable[[Any, Callable[[str], None]], Any]
     show: Callable[[Any, Any, Sequence[Path]], None]
+    tables: Callable[[Any], dict[str, str]] = lambda _: {}
 
 
 def _part() -> _Kind:
+    from flexdesign import static_tables
     from flexdesign.report import terminal, validation_report
     from flexdesign.validation import validate as run
 
-    return _Kind(run, validation_report.result, validation_report.document, terminal.show)
+    def tables(found: Any) -> dict[str, str]:
+        return {"fem.csv": static_tables.to_csv([comparison.fem for comparison in found.comparisons])}
+
+    return _Kind(run, validation_report.result, validation_report.document, terminal.show, tables)
 
 
 def _stage() -> _Kind:

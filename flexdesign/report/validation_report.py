@@ -13,6 +13,7 @@ from flexdesign.report import (
     charts,
     cross_check_words,
     explanation,
+    ladder_section,
     strength_words,
     table_motion,
     validation_pictures,
@@ -59,6 +60,7 @@ def result(validation: Validation) -> dict[str, Any]:
             for key, split in validation.shares.items()
         },
         "strain_energy_shares": strength_words.shares(validation),
+        "theory_ladder": ladder_section.result(validation.ladder),
         "mass": {"value": validation.modal.solution.facts["mass"], "unit": "kg"},
         "modes": [vibrations.result(mode) for mode in validation.modal.solution.modes],
         "meshes": [
@@ -103,6 +105,7 @@ def document(validation: Validation, progress: Progress = lambda _: None) -> Doc
         Section("FEM beside formulas", _table_1_text(validation), [table_1(validation)]),
         Section("Shape and deformation", [missing] if missing else [], figures=still),
         explanation.section(validation),
+        ladder_section.section(validation),
         _actuator(validation),
         _large(validation),
         table_motion.section(validation),

@@ -20,7 +20,7 @@ from flexdesign.large_stroke import LargeStroke
 from flexdesign.model import Quantity
 from flexdesign.refinement import Level
 from flexdesign.study import Study
-from flexdesign.validation import cross_check
+from flexdesign.validation import cross_check, ladder
 from flexdesign.validation.findings import Comparison, Validation
 
 Progress = Callable[[str], None]
@@ -69,6 +69,7 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
         shares=_shares(design, body, levels),
         formula_shares=part.formula_shares(design.material),
         large=large,
+        ladder=ladder.climb(design, {c.fem.key: c.fem for c in comparisons}),
         cross_check=others,
         stage_model=quantities.stage_model(
             design,

@@ -19,6 +19,7 @@ from flexdesign.refinement import LIBRARIES, Level
 from flexdesign.stage_model import StageModel
 from flexdesign.study import Study
 from flexdesign.validation.cross_check import CrossCheck
+from flexdesign.validation.ladder import Ladder
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,8 @@ class Validation:
         The same as the first analytic model sees it.
     large
         What large displacements do on the way to full drive; None if they were not followed.
+    ladder
+        The way from the pseudo-rigid model to FEM; None for a part that the compliance model cannot take.
     cross_check
         The part solved in other ways, too; None if nobody asked.
     stage_model
@@ -80,6 +83,7 @@ class Validation:
     shares: Mapping[str, Mapping[str, float]]
     formula_shares: Mapping[str, Mapping[str, float]]
     large: LargeStroke | None
+    ladder: Ladder | None
     cross_check: CrossCheck | None
     stage_model: StageModel | None
     seconds: float

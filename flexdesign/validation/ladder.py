@@ -1,0 +1,93 @@
+"""From the pseudo-rigid model to finite elements, effect by effect, in the order that earns most.
+
+Each rung has one effect of the drawing more, the one that lowers the error most; the error is the root mean square of
+the logarithms of model over FEM, of K_in and lambda with a free output and K_out with free inputs. Effects that work
+against each other (roots make hinges softer, width makes them stiffer) may raise it before they lower it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexdesign.analytic.compliance import drawn
+from flexdesign.design import Design
+from flexdesign.errors import InputError
+from flexdesign.model import Quantity
+from flexdesign.static_tables import Row, StaticModel, StaticTable, of_design, uncertainty
+
+#: What is compared.
+JUDGED = ("K_in_output_free", "lambda_output_free", "K_out_input_free")
+
+
+@dataclass(frozen=True)
+class Rung:
+    """The model with one effect more.
+
+    Parameters
+    ----------
+    effect
+        What was added; empty for the pseudo-rigid model.
+    errors
+        Model over FEM less one, by the quantity's key.
+    """
+
+    effect: str
+    errors: Mapping[str, float]
+
+    @property
+    def size(self) -> float:
+        """Root mean square of the logarithms of model over FEM."""
+        return float(np.sqrt(np.mean([math.log1p(error) ** 2 for error in self.errors.values()])))
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Every rung, and what tolerances do to the quantities.
+
+    Parameters
+    ----------
+    rungs
+        From the pseudo-rigid model to all that the drawing tells.
+    tolerances
+        Twice the standard deviation that tolerances of dimensions and modulus give a quantity, relative, by its key.
+    """
+
+    rungs: Sequence[Rung]
+    tolerances: Mapping[str, float]
+
+
+def climb(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
+    """Return the ladder of a design beside what FEM found; None for a part whose linkage is no frame."""
+    try:
+        model = of_design(design, bare=True)
+    except InputError:
+        return None
+    known = {key: fem[key].value for key in JUDGED if key in fem and fem[key].value}
+    effects, left = drawn(design.part()), list(drawn(design.part()))
+    there: dict[str, Mapping[str, float]] = {}
+    rungs = [_rung("", model, known, there)]
+    while left:
+        trials = [_rung(name, model, known, {**there, name: effects[name]}) for name in left]
+        best = min(trials, key=lambda rung: rung.size)
+        there[best.effect] = effects[best.effect]
+        left.remove(best.effect)
+        rungs.append(best)
+    return Ladder(rungs, _tolerances(of_design(design), fem))
+
+
+def _rung(
+    name: str, model: StaticModel, known: Mapping[str, float], effects: Mapping[str, Mapping[str, float]]
+) -> Rung:
+    found = StaticModel(model.design, effects, _built=model._built).compliance({}).quantities()
+    return Rung(name, {key: found[key].value / value - 1 for key, value in known.items()})
+
+
+def _tolerances(model: StaticModel, fem: Mapping[str, Quantity]) -> dict[str, float]:
+    kept = {key: q for key, q in fem.items() if key in model.compliance({}).quantities() and q.value}
+    table = StaticTable("", tuple(Row(q.name, q.boundary, q.value, abs(q.value), q.unit) for q in kept.values()))
+    inputs = uncertainty(model, table).inputs
+    return {key: float(2 * u / abs(q.value)) for (key, q), u in zip(kept.items(), inputs, strict=True)}
