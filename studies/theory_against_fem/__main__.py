@@ -48,10 +48,15 @@ def compared(drawn: Drawn, work: Path, store: Cache) -> Compared:
     answer = trial.answered(drawn, "extruded", work, store, lambda _: None)
     if answer.error:
         raise InputError("design", str(drawn.number), None, answer.error)
-    fem = {key: Quantity(trial.QUANTITIES[key], value, "", "") for key, value in answer.values.items()}
+    fem = {key: _quantity(key, value) for key, value in answer.values.items()}
     climbed = ladder.climb(drawn.study(trial.ACCURACY, "extruded").design, fem)
     assert climbed is not None
     return Compared(drawn, climbed, {key: e / abs(answer.values[key]) for key, e in answer.estimates.items()})
+
+
+def _quantity(key: str, value: float) -> Quantity:
+    name = trial.QUANTITIES[key]
+    return Quantity(name, value, "", "", key.removeprefix(f"{name}_").replace("_", " "))
 
 
 def distances(found: Sequence[Compared], rung: int) -> Array:
