@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
@@ -111,7 +111,7 @@ class Sheet:
         return InputError(self.path, f"{self.counted} {self.lines[row]}, column {column}", value, remedy)
 
 
-def read(path: Path, allowed: Mapping[str, Sequence[str]], *, gaps: bool = False) -> Sheet:
+def read(path: Path, allowed: Mapping[str, Sequence[str]], *, gaps: bool = False, plain: Collection[str] = ()) -> Sheet:
     """Read a CSV file, or a Parquet file whose column names are header cells.
 
     Parameters
@@ -122,6 +122,8 @@ def read(path: Path, allowed: Mapping[str, Sequence[str]], *, gaps: bool = False
         Which SI units a column may have, by name; others may have any of `ANY`.
     gaps
         Whether a cell may be empty or not finite: it is NaN then. The time ``t`` may not.
+    plain
+        Names of columns that are pure numbers, and may stand in the header without a unit.
 
     Raises
     ------
@@ -131,10 +133,10 @@ def read(path: Path, allowed: Mapping[str, Sequence[str]], *, gaps: bool = False
     """
     if path.suffix.lower() == PARQUET:
         cells, numbers = _from_parquet(path)
-        columns = _columns(path, "column", cells, allowed)
+        columns = _columns(path, "column", _with_units(cells, plain), allowed)
         lines = np.arange(1, len(numbers) + 1)
     else:
-        columns, numbers, lines = _from_csv(path, allowed, gaps)
+        columns, numbers, lines = _from_csv(path, allowed, gaps, plain)
     values = {}
     for number, (name, (unit, si)) in enumerate(columns.items()):
         column = in_si(numbers[:, number], unit, si)
@@ -249,7 +251,7 @@ def _from_si(values: Array, unit: str, si: str) -> Array:
 
 
 def _from_csv(
-    path: Path, allowed: Mapping[str, Sequence[str]], gaps: bool
+    path: Path, allowed: Mapping[str, Sequence[str]], gaps: bool, plain: Collection[str]
 ) -> tuple[dict[str, tuple[str, str]], Array, NDArray[np.intp]]:
     """Return unit and SI unit of each column, rows by columns as they are written, and the line of each row."""
     text = _text(path)
@@ -261,7 +263,7 @@ def _from_csv(
     if "," not in header and (";" in header or "\t" in header):
         remedy = "separate cells by commas, and write decimals with a point, or bring it in with flexdesign import"
         raise InputError(path, f"line {lines[0]}", header, remedy)
-    columns = _columns(path, f"line {lines[0]}, header cell", header.split(","), allowed)
+    columns = _columns(path, f"line {lines[0]}, header cell", _with_units(header.split(","), plain), allowed)
     if not rows:
         raise InputError(path, "", None, "has a header and no rows; add rows of numbers")
     try:
@@ -327,6 +329,11 @@ def _pyarrow(path: Path) -> ModuleType:
     except ImportError as error:
         raise InputError(path, "", None, "needs pyarrow: pip install 'flexdesign[import]', or use CSV") from error
     return pyarrow
+
+
+def _with_units(header: Sequence[str], plain: Collection[str]) -> list[str]:
+    """Return header cells, pure numbers with the unit that says so."""
+    return [f"{cell} [1]" if cell.strip().strip('"').strip() in plain else cell for cell in header]
 
 
 def _columns(

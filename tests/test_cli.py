@@ -32,7 +32,7 @@ def solved(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Study, Cache]]:
     def validate(study: Study, cache: Cache, progress: Callable[[str], None]) -> Any:
         progress("meshing with 0.1 mm at the hinge roots")
         asked.append((study, cache))
-        return SimpleNamespace(study=study, stage_model=StageModel({}, source="made up"))
+        return SimpleNamespace(study=study, comparisons=(), stage_model=StageModel({}, source="made up"))
 
     def document(found: Any, progress: Callable[[str], None]) -> Document:
         progress("drawing")

@@ -31,7 +31,8 @@ Effects = Mapping[str, Mapping[str, float]]
 SOURCE = "compliance model"
 
 #: What effects may change besides the members: factor on E; share of the constraint by the width; springs [N/m] and
-#: compliances [m/N] at the ports, added to those that a quantity's boundary states.
+#: compliances [m/N] at the ports, added to those that a quantity's boundary states; force of the actuator [N] under
+#: which stiffnesses are taken.
 BASE: Mapping[str, float] = {
     "modulus": 1.0,
     "constraint": 0.0,
@@ -39,7 +40,10 @@ BASE: Mapping[str, float] = {
     "input_restraint": 0.0,
     "contact_compliance": 0.0,
     "base_compliance": 0.0,
+    "force": 0.0,
 }
+#: Steps in which an actuator's force is put on.
+STEPS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,9 +136,30 @@ class ComplianceModel:
             compliances[member.name] = found_once[alike]
         loads = [self._pull(role) for role in ("input", "output")]
         grounds = [self.linkage.ports[port.name] for port in self.ports if port.role == "ground"]
-        moved = frame.motions(replace(self.linkage, members=self.members), compliances, grounds, loads)
-        found = [[sum(float(pull[n] @ moved_by[n]) for n in pull) for moved_by in moved] for pull in loads]
+        linkage, tensions = replace(self.linkage, members=self.members), None
+        if self.base["force"]:
+            linkage, tensions = self._loaded(linkage, compliances, grounds, loads[0])
+        answers = frame.answers(linkage, compliances, grounds, loads, tensions)
+        found = [[sum(float(pull[n] @ answer.motions[n]) for n in pull) for answer in answers] for pull in loads]
         return np.array(found) + np.diag([0.0, self.base["base_compliance"]])
+
+    def _loaded(
+        self, linkage: Linkage, compliances: Mapping[str, Array], grounds: Sequence[str], pull: Mapping[str, Array]
+    ) -> tuple[Linkage, dict[str, float]]:
+        """Return the linkage as the actuator's force has moved it, and the tensions then, by steps of the midpoint."""
+        tensions = dict.fromkeys(compliances, 0.0)
+        step = {node: self.base["force"] / STEPS * force for node, force in pull.items()}
+        half = {node: force / 2 for node, force in step.items()}
+
+        def pulled(more: Mapping[str, Array]) -> dict[str, float]:
+            return {name: tensions[name] + float(forces[0]) for name, forces in more.items()}
+
+        for _ in range(STEPS):
+            first = frame.answers(linkage, compliances, grounds, [half], tensions)[0]
+            middle = frame.moved(linkage, first.motions)
+            second = frame.answers(middle, compliances, grounds, [step], pulled(first.forces))[0]
+            linkage, tensions = frame.moved(linkage, second.motions), pulled(second.forces)
+        return linkage, tensions
 
     def _pull(self, role: str) -> dict[str, Array]:
         """Return a unit load: an actuator pushes its ports apart, an output force acts along its normal."""

@@ -13,7 +13,9 @@ bends under the hinge's moment and turns nothing).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +30,30 @@ class Mechanism(ValueError):
     """A frame that can move without any member giving way."""
 
 
-def motions(
-    linkage: Linkage, compliances: Mapping[str, Array], held: Sequence[str], loads: Sequence[Mapping[str, Array]]
-) -> list[dict[str, Array]]:
-    """Return how the nodes move under each of several loads.
+@dataclass(frozen=True)
+class Answer:
+    """How a frame answers to a load.
+
+    Parameters
+    ----------
+    motions
+        By the node: motion in x and y [m] and rotation [rad].
+    forces
+        By the member: what its start passes on to its end, at its centre: along, across [N] and moment [N m].
+    """
+
+    motions: Mapping[str, Array]
+    forces: Mapping[str, Array]
+
+
+def answers(
+    linkage: Linkage,
+    compliances: Mapping[str, Array],
+    held: Sequence[str],
+    loads: Sequence[Mapping[str, Array]],
+    tensions: Mapping[str, float] | None = None,
+) -> list[Answer]:
+    """Return how a frame answers to each of several loads.
 
     Parameters
     ----------
@@ -43,11 +65,9 @@ def motions(
         Nodes that do not move.
     loads
         Each by the node: force in x and y [N] and moment [N m] at the node.
-
-    Returns
-    -------
-    list of dict
-        For each load, by the node: motion in x and y [m] and rotation [rad].
+    tensions
+        Along members that are loaded already [N]: what is pulled straightens, what is pressed gives way, by N / L
+        across a member of length L.
 
     Raises
     ------
@@ -66,17 +86,47 @@ def motions(
                 parting[row : row + 3, at] += way * _at_centre(member, linkage.nodes[node])
         system[row : row + 3, row : row + 3] = -compliances[member.name]
     system[:forces, forces:], system[forces:, :forces] = parting, parting.T
+    for member in linkage.members if tensions else ():
+        across = np.zeros(unknowns)
+        for node, end, way in zip(member.nodes, (member.start, member.end), (-1, 1), strict=True):
+            if node in place:
+                carried = _at(end, member, linkage.nodes[node])
+                across[place[node] : place[node] + 3] += way * carried[1]
+        system[forces:, forces:] += (tensions or {})[member.name] / member.length * np.outer(across, across)
     right = np.zeros((forces + unknowns, len(loads)))
     for column, load in enumerate(loads):
         for node, force in load.items():
             if node in place:
                 right[forces + place[node] : forces + place[node] + 3, column] += force
-    moved = _solved(system, right)[forces:]
-    still = np.zeros(3)
+    found = _solved(system, right)
+    passed, moved, still = found[:forces], found[forces:], np.zeros(3)
     return [
-        {node: moved[place[node] : place[node] + 3, column] if node in place else still for node in linkage.nodes}
+        Answer(
+            {node: moved[place[node] : place[node] + 3, column] if node in place else still for node in linkage.nodes},
+            {
+                m.name: passed[row : row + 3, column]
+                for row, m in zip(range(0, forces, 3), linkage.members, strict=True)
+            },
+        )
         for column in range(len(loads))
     ]
+
+
+def moved(linkage: Linkage, motions: Mapping[str, Array]) -> Linkage:
+    """Return a linkage whose bodies have moved: its nodes, and the ends of its members with them."""
+
+    def to(point: Vector, node: str) -> Vector:
+        (x, y, z), (nx, ny, _), (ux, uy, angle) = point, linkage.nodes[node], motions[node]
+        dx, dy = x - nx, y - ny
+        c, s = math.cos(angle), math.sin(angle)
+        return (nx + ux + c * dx - s * dy, ny + uy + s * dx + c * dy, z)
+
+    nodes = {node: to(point, node) for node, point in linkage.nodes.items()}
+    members = tuple(
+        replace(member, start=to(member.start, member.nodes[0]), end=to(member.end, member.nodes[1]))
+        for member in linkage.members
+    )
+    return Linkage(nodes, members, linkage.ports)
 
 
 def _solved(system: Array, right: Array) -> Array:
@@ -94,8 +144,12 @@ def _solved(system: Array, right: Array) -> Array:
 
 
 def _at_centre(member: Member, node: Vector) -> Array:
-    """Return the motion of a rigid body at a member's centre, along, across and turning, per motion of its node."""
-    (x, y, _), (ax, ay, _) = member.centre, member.axis
+    return _at(member.centre, member, node)
+
+
+def _at(point: Vector, member: Member, node: Vector) -> Array:
+    """Return the motion of a rigid body at a point, along a member, across and turning, per motion of its node."""
+    (x, y, _), (ax, ay, _) = point, member.axis
     dx, dy = x - node[0], y - node[1]
     carried = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
     turned = np.array([[ax, ay, 0.0], [-ay, ax, 0.0], [0.0, 0.0, 1.0]])

@@ -13,7 +13,8 @@ from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progr
 HELP = """Compare a stage model with recorded runs: by how much it fails, and where.
 
 MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. RUNS are CSV
-files with the columns `t [s]`, `u [V]` and `x [um]`, or folders of them. Nothing is fitted: each run is predicted with
+files with the columns `t [s]`, `u [V]` and `x [um]`, frequency responses with the columns `f [Hz]`,
+`magnitude [um/V]`, `phase [deg]` and `coherence`, or folders of them. Nothing is fitted: each run is predicted with
 the model as it is, driven by the voltage at the stack where a column `v [V]` holds it.
 
 **Examples**

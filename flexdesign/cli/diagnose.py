@@ -13,7 +13,8 @@ from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progr
 HELP = """Find which physical effect a stage model lacks, from recorded runs.
 
 MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. RUNS are CSV
-files with the columns `t [s]`, `u [V]` and `x [um]`, or folders of them; a `measurements.toml` beside them may say
+files with the columns `t [s]`, `u [V]` and `x [um]`, frequency responses with the columns `f [Hz]`,
+`magnitude [um/V]`, `phase [deg]` and `coherence`, or folders of them; a `measurements.toml` beside them may say
 which runs are kept for validation (`role = "validate"`).
 
 **Examples**

@@ -29,11 +29,16 @@ effects are listed: where they act, and what reveals them.
 is confused with, what to do about it; and what it changes in the experiments that `flexdesign plan` writes, simulated
 with it and without it, at a strength at which the reading changes by 1 % of the stroke.
 
+Static effects, which act on a part at rest, are shown on a design: what each changes of its stiffnesses and its
+amplification, at the strength from which a fit begins.
+
 **What it writes:** report.html, report.md, result.json, stage_model.toml (the stage with the effect) and the figures,
 into --out.
 
 **Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
 """
+#: The design on which static effects are shown.
+DESIGN = "bridge_amplifier"
 #: The stage on which effects are shown, its damping as its step response rings: critically damped, as the paper's own
 #: poles have it, no resonance would show anything.
 STAGE, RINGING = "lin2019_stage", "axis.{axis}.damping_ratio=0.0242"
@@ -52,6 +57,7 @@ def effects(
     as_json: AsJson = False,
 ) -> None:
     """List the catalogue, or write the page of one effect."""
+    from flexdesign.effects import statics
     from flexdesign.report import effect_pages, render, terminal
     from flexdesign.report.document import Document
 
@@ -60,6 +66,9 @@ def effects(
             print_json(effect_pages.catalogue_result())
             return
         terminal.brief(Document("Effects", []), effect_pages.catalogue(), [])
+        return
+    if name in statics.names():
+        _static(name, DESIGN if model == STAGE else model, overrides or [], out, as_json)
         return
     with progress() as say:
         effect = effect_pages.find(name)
@@ -79,6 +88,27 @@ def effects(
         return
     shown = Document(effect.name, [effect.physics, *effect_pages.words(effect)])
     terminal.brief(shown, effect_pages.brief(effect), [path for path in written if path.suffix != ".svg"])
+
+
+def _static(name: str, design: str, overrides: list[str], out: Path | None, as_json: bool) -> None:
+    """Write the page of a static effect, which acts on a part and needs no time."""
+    from flexdesign import design as designs
+    from flexdesign.effects import statics
+    from flexdesign.report import effect_pages, render, static_effect_pages, terminal
+    from flexdesign.report.document import Document
+
+    with progress():
+        read = designs.read(designs.find(design), overrides)
+        folder = out or Path("reports") / "effects" / name
+        render.prepare(folder)
+        document, result = static_effect_pages.document(name, read), static_effect_pages.result(name, read)
+        written = render.write(folder, document, result, {})
+    if as_json:
+        print_json(result)
+        return
+    effect = statics.find(name)
+    shown = Document(name, [effect.physics, *effect_pages.words(effect)])
+    terminal.brief(shown, document.sections[0].tables[0], [path for path in written if path.suffix != ".svg"])
 
 
 def _signature(name: str, model: str, axis: str | None, overrides: list[str]) -> tuple[Signature, dict[str, str]]:

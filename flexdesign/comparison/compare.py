@@ -10,13 +10,16 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.comparison.by_line import ResponseComparison, compared_lines
 from flexdesign.comparison.where import Breakdown, where
+from flexdesign.dynamics import axis_response
 from flexdesign.dynamics.axis_choice import choose_axis
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_run import of_axis
 from flexdesign.errors import InputError
-from flexdesign.noise_floor import NoiseFloor, noise_floor
-from flexdesign.runs import Role, Run
+from flexdesign.noise_floor import NoiseFloor, line_noise, noise_floor
+from flexdesign.noise_floor.lines import noise_of_lines
+from flexdesign.runs import FrequencyResponse, Role, Run
 from flexdesign.stage_model import AxisModel, StageModel
 
 Array = NDArray[np.float64]
@@ -105,6 +108,8 @@ class Comparison:
         The runs as the axis sees them, with gaps where they cannot be compared.
     seconds
         How long it took.
+    responses
+        Frequency responses, in the order given.
     """
 
     model: StageModel
@@ -114,6 +119,7 @@ class Comparison:
     where: tuple[Breakdown, ...]
     observed: tuple[Run, ...]
     seconds: float
+    responses: tuple[ResponseComparison, ...] = ()
 
     @property
     def response(self) -> str:
@@ -122,12 +128,16 @@ class Comparison:
 
     @property
     def rms(self) -> float:
-        """Root of the mean square over runs, each counting the same [response]."""
+        """Root of the mean square over runs, each counting the same [response]; NaN without runs."""
+        if not self.runs:
+            return math.nan
         return math.sqrt(float(np.mean([run.rms**2 for run in self.runs])))
 
     @property
     def floor(self) -> float:
         """The same of the noise [response]."""
+        if not self.runs:
+            return math.nan
         return math.sqrt(float(np.mean([run.floor**2 for run in self.runs])))
 
     @property
@@ -142,12 +152,12 @@ class Comparison:
 
 def compare(
     model: StageModel,
-    runs: Sequence[Run],
+    runs: Sequence[Run | FrequencyResponse],
     *,
     axis: str | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
-    """Predict runs with a stage model as it is, and say by how much and where it fails.
+    """Predict runs and frequency responses with a stage model as it is, and say by how much and where it fails.
 
     Every run has an unknown offset of its own, which is taken out. What a mode did before the record began is unknown,
     too: until it has decayed, a run is not compared.
@@ -172,11 +182,18 @@ def compare(
     began = perf_counter()
     name = choose_axis(model, runs, axis)
     its = model.axes[name]
-    seen = [of_axis(run, name, its) for run in runs]
-    volts = max(float(np.abs(run.command()).max()) for run in seen) or 1.0
+    in_time = [run for run in runs if isinstance(run, Run)]
+    seen = [of_axis(run, name, its) for run in in_time]
+    measured = [axis_response.of_axis(each, name, its) for each in runs if isinstance(each, FrequencyResponse)]
+    volts = max((float(np.abs(run.command()).max()) for run in seen), default=0.0) or 1.0
     dynamics = AxisDynamics(name, its, volts, tolerance=TOLERANCE, delay=model.controller.delay)
     progress("reading the noise")
-    noise = noise_floor(runs, name, settle=settling(its), sensor_noise=its.sensor.noise)
+    lines = {each.name: line_noise(each) for each in measured}
+    responses = tuple(compared_lines(each, dynamics.response(each), lines[each.name]) for each in measured)
+    if not seen:
+        floor = noise_of_lines(measured, lines)
+        return Comparison(model, name, (), floor, (), (), perf_counter() - began, responses)
+    noise = noise_floor(in_time, name, settle=settling(its), sensor_noise=its.sensor.noise)
     stroke = max(float(np.nanmax(run.measured()) - np.nanmin(run.measured())) for run in seen)
     compared, observed = [], []
     for run in seen:
@@ -194,6 +211,7 @@ def compare(
         where=where(residuals, observed, predictions, noise),
         observed=tuple(observed),
         seconds=perf_counter() - began,
+        responses=responses,
     )
 
 

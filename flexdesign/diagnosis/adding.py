@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from time import perf_counter
@@ -13,8 +13,10 @@ import numpy as np
 
 from flexdesign import effects, simulation, standard_experiments, units
 from flexdesign.diagnosis import candidates, course, judgement, periodic
-from flexdesign.diagnosis.course import Course, Setting
+from flexdesign.diagnosis.course import Course
 from flexdesign.diagnosis.findings import Diagnosis, Rung, Value
+from flexdesign.diagnosis.setting import Setting, settle
+from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis_choice import choose_axis
 from flexdesign.dynamics.axis_run import acts_ahead_of_stack
 from flexdesign.dynamics.stage import missing
@@ -23,8 +25,8 @@ from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.stand import Case, Stand, fitted
 from flexdesign.experiments import AS_MODELLED
 from flexdesign.model import OTHER, Disturbance, Term
-from flexdesign.noise_floor import NoiseFloor
-from flexdesign.runs import Run
+from flexdesign.noise_floor import LineNoise, NoiseFloor
+from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.simulation import Simulation
 from flexdesign.stage_model import StageModel, fields
 
@@ -62,6 +64,8 @@ class Added:
         The runs with their roles, and what is left of them before and after.
     seconds
         How long it took.
+    responses, lines
+        The frequency responses with their roles, and the noise of each by its name.
     """
 
     name: str
@@ -79,12 +83,14 @@ class Added:
     runs: tuple[Run, ...]
     remainders: Mapping[str, Mapping[str, object]]
     seconds: float
+    responses: tuple[FrequencyResponse, ...] = ()
+    lines: Mapping[str, LineNoise] = field(default_factory=dict)
 
 
 def add(
     model: StageModel,
     effect: str,
-    runs: Sequence[Run],
+    runs: Sequence[Run | FrequencyResponse],
     *,
     axis: str | None = None,
     threads: int = 2,
@@ -119,7 +125,7 @@ def add(
     began = perf_counter()
     name = known_effect(effect, "EFFECT")
     progress("reading the noise")
-    setting = course.settle(model, runs, axis, None)
+    setting = settle(model, runs, axis, None)
     _check(setting, name, model)
     with course.simulating(threads) as each:
         setting = course.with_better_between(model, setting, each, progress)
@@ -133,8 +139,7 @@ def add(
         case, gone = course.search(setting, case, dynamics, alone, seed)
         (candidate,) = alone(gone.calibrated)
         final, reason = _added(case, gone, candidate)
-    judging = setting.judging
-    errors = [stand.rms(judging) for stand in (gone.designed, gone.calibrated, final)]
+    errors = [setting.error(stand) for stand in (gone.designed, gone.calibrated, final)]
     unexplained = max(errors[1] ** 2 - setting.floor**2, 1e-300)
     effect_values = judgement.values_of(final, candidate.free)
     own_values = judgement.values_of(final, judgement.own_numbers(final))
@@ -145,7 +150,7 @@ def add(
         axis=setting.name,
         before=model,
         without=judgement.model_of(model, setting, gone.calibrated),
-        model=with_knowledge(said, setting.name, numbers, setting.runs),
+        model=with_knowledge(said, setting.name, numbers, setting.recorded),
         values=effect_values,
         calibration=own_values,
         ladder=tuple(Rung(label, error) for label, error in zip(labels, errors, strict=True)),
@@ -156,6 +161,8 @@ def add(
         runs=setting.runs,
         remainders={"calibrated": gone.calibrated.remainders, "found": final.remainders},
         seconds=perf_counter() - began,
+        responses=setting.responses,
+        lines=setting.lines,
     )
 
 
@@ -187,6 +194,9 @@ def _check(setting: Setting, name: str, model: StageModel) -> None:
         raise InputError("command line", "EFFECT", name, remedy)
     if setting.is_at_stack and acts_ahead_of_stack(effects.find(name)):
         remedy = "acts ahead of the stack, and these runs know the voltage at the stack: none of it is left to show"
+        raise InputError("command line", "EFFECT", name, remedy)
+    if not setting.runs and not spectrum.shows(effects.find(name)):
+        remedy = "changes nothing about small sines, which are all that frequency responses show; add runs in time"
         raise InputError("command line", "EFFECT", name, remedy)
     for run in setting.runs:
         if lacking := missing(setting.name, effects.find(name), run.columns):
@@ -233,7 +243,9 @@ def own_effects(names: Sequence[str]) -> list[str]:
     return [name for name in dict.fromkeys(whole) if name not in effects.names()]
 
 
-def tolerance(model: StageModel, runs: Sequence[Run], axis: str | None, text: str | None) -> float | None:
+def tolerance(
+    model: StageModel, runs: Sequence[Run | FrequencyResponse], axis: str | None, text: str | None
+) -> float | None:
     """Return what an effect must move a prediction by [response]; None if nothing was said.
 
     Raises
@@ -260,7 +272,9 @@ def values(found: Diagnosis) -> list[Value]:
     return [*found.calibration, *(value for named in found.effects for value in named.values)]
 
 
-def with_knowledge(model: StageModel, axis: str, fitted_values: Sequence[Value], runs: Sequence[Run]) -> StageModel:
+def with_knowledge(
+    model: StageModel, axis: str, fitted_values: Sequence[Value], runs: Sequence[Run | FrequencyResponse]
+) -> StageModel:
     """Return a stage model that says of fitted numbers how well they are known, and from which runs.
 
     Parameters

@@ -18,7 +18,7 @@ from flexdesign.evidence.selection import PLAIN_CHANCE, SURE, Step, forward
 from flexdesign.evidence.stand import Case, Stand, fitted
 from flexdesign.evidence.suite import Problem
 from flexdesign.model import Observation, Parameter
-from flexdesign.runs import Run
+from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.stage_model import AxisModel
 
 Array = NDArray[np.float64]
@@ -53,7 +53,9 @@ class Beginning:
     is_slow: bool = True
 
     def __call__(self, observation: Observation) -> tuple[Array, Array]:
-        """Return the columns, samples by k, and how large each may be [response]."""
+        """Return the columns, samples by k, and how large each may be [response]; a frequency response has none."""
+        if isinstance(observation, FrequencyResponse):
+            return np.zeros((len(observation.measured()), 0)), np.zeros(0)
         run = cast(Run, observation)
         t = run.time - run.time[0]
         w = 2 * math.pi * self.axis.natural_frequency

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 from flexdesign import effects
+from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_parameters import of_catalogue
 from flexdesign.dynamics.axis_run import acts_ahead_of_stack
@@ -51,6 +52,7 @@ def candidates(
     *,
     loaded: bool = False,
     at_stack: bool = False,
+    in_time: bool = True,
 ) -> tuple[Candidate, ...]:
     """Return every effect of the catalogue that the axis does not have.
 
@@ -66,11 +68,15 @@ def candidates(
         Whether some runs carry a known mass: then the table's own mass shows.
     at_stack
         Whether all runs know the voltage at the stack: then nothing ahead of it shows.
+    in_time
+        Whether there are runs in time; frequency responses alone show small sines and nothing else.
     """
     made = []
     left_out = (*(name for name in IMITATED if not (loaded and name == LOADED)), *NOISE)
     for name in (*effects.names(), *more):
         if name in left_out or name in model.axis.effects or (at_stack and acts_ahead_of_stack(effects.find(name))):
+            continue
+        if not in_time and not spectrum.shows(effects.find(name)):
             continue
         number = fields.ELSEWHERE.get(name)
         present = {p.name: p.start for p in model.parameters()}

@@ -24,7 +24,7 @@ from flexdesign.evidence.stand import Stand
 from flexdesign.model import Parameter
 
 if TYPE_CHECKING:
-    from flexdesign.diagnosis.course import Setting
+    from flexdesign.diagnosis.setting import Setting
 
 #: A number that the fit moves by more standard deviations of what was known than this is a finding.
 CONFLICT = 3.0
@@ -163,6 +163,8 @@ def _late(setting: Setting, stand: Stand) -> Conflict | None:
 
 def coarse_step(setting: Setting) -> float | None:
     """Return the step of readings that come in whole steps, larger than noise and the stated resolution; else None."""
+    if not setting.runs:
+        return None
     seen = np.concatenate([run.measured() for run in setting.runs])
     levels = np.unique(seen[np.isfinite(seen)])
     gaps = np.diff(levels)

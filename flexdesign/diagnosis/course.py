@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
 from time import perf_counter
 from typing import Any, cast
 
@@ -21,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from flexdesign.diagnosis import conflicts, periodic, rounding
+from flexdesign.diagnosis import periodic
 from flexdesign.diagnosis.beginning import (
     Beginning,
     at_rest,
@@ -35,21 +34,17 @@ from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.findings import Diagnosis
 from flexdesign.diagnosis.judgement import conclude
-from flexdesign.dynamics.axis_choice import choose_axis
+from flexdesign.diagnosis.setting import Setting, line_weights, settle
 from flexdesign.dynamics.axis_model import AxisDynamics
-from flexdesign.dynamics.axis_run import is_at_stack, of_axis
 from flexdesign.errors import InputError
-from flexdesign.evidence.coloured import Coloured
-from flexdesign.evidence.noise import Whitening
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import MOST, Step, backward, forward
 from flexdesign.evidence.stand import Case, Stand, calibrated, fitted
 from flexdesign.evidence.suite import Suite
-from flexdesign.identification import HYSTERESIS, LINEAR, prior
+from flexdesign.identification import HYSTERESIS, LINEAR
 from flexdesign.model import Model
-from flexdesign.noise_floor import NoiseFloor, noise_floor
-from flexdesign.runs import Run, split
+from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.stage_model import AxisModel, StageModel
 
 Array = NDArray[np.float64]
@@ -58,8 +53,6 @@ EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
 #: Most steps in a sample for fits, and steps for screening; no step of either is longer than this [s], which the
 #: fastest relaxations of the catalogue bear.
 STEPS, STEPS_SCREENING, LONGEST_STEP = 16, 4, 4e-4
-#: An effect must move a held-out prediction by this share of the noise, or of the stroke if that is less.
-OF_NOISE, OF_STROKE = 0.3, 5e-4
 #: A run is no later than so many standard deviations, in the model as it was designed and where one record is all there
 #: is: it would be late by many samples for the lag that the model lacks. Several that are all late share a delay.
 BELIEVED = 4.0
@@ -69,10 +62,6 @@ SMOOTHER = 20.0
 SMOOTH = "the command is taken as smooth between its samples, which fits better than straight lines"
 #: Where the noise is unknown, an effect must explain this share of what was unexplained (in squares).
 LEAST = 1e-3
-#: How often rounding is drawn, to learn what chance makes of it.
-ROUNDED = 400
-#: Decades of decay after which a mode has rung down.
-RUNG_DOWN = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,85 +90,9 @@ class Course:
     agreed: int
 
 
-@dataclass(frozen=True, eq=False)
-class Setting:
-    """What is diagnosed, with what, and how well things are known.
-
-    Parameters
-    ----------
-    name, axis
-        The axis.
-    runs
-        With roles, seen by this axis.
-    noise
-        The noise floor.
-    tolerance
-        What an effect must move [response].
-    known
-        What is known of the model's own numbers.
-    """
-
-    name: str
-    axis: AxisModel
-    runs: tuple[Run, ...]
-    noise: NoiseFloor
-    tolerance: float
-    known: Mapping[str, tuple[float, float]]
-
-    @property
-    def is_loaded(self) -> bool:
-        """Whether some runs carry a known mass on an axis whose mass is known."""
-        return self.axis.mass is not None and any(run.payload for run in self.runs)
-
-    @property
-    def is_at_stack(self) -> bool:
-        """Whether the voltage at the stack is known of every run that moves."""
-        moving = [run for run in self.runs if np.ptp(run.command())]
-        return bool(moving) and all(is_at_stack(run) for run in moving)
-
-    @property
-    def is_one_record(self) -> bool:
-        """Whether no more than one run that moves teaches: then its own delay is not told from one that all have."""
-        return sum(bool(np.ptp(run.command())) for run in self.of("identify")) < 2
-
-    @cached_property
-    def coarse_step(self) -> float | None:
-        """The step of readings that come in whole steps larger than the noise [response]; else None."""
-        return conflicts.coarse_step(self)
-
-    def rounded(self, stand: Stand) -> Whitening | None:
-        """Return the noise with the rounding of what is predicted, where readings come in coarse steps."""
-        if self.coarse_step is None:
-            return None
-        return rounding.rounded({run.name: run for run in self.runs}, self.noise.whitening, stand, self.coarse_step)
-
-    def drawn(self, stand: Stand) -> Iterator[Mapping[str, Array]]:
-        """Yield what rounding makes of a prediction, where readings come in coarse steps; else nothing."""
-        if self.coarse_step is None:
-            return
-        runs = {run.name: run for run in self.of("identify")}
-        yield from rounding.errors(runs, self.noise.whitening, stand, self.coarse_step, ROUNDED)
-
-    def of(self, role: str) -> list[Run]:
-        """Return the runs of a role."""
-        return [run for run in self.runs if run.role == role]
-
-    @property
-    def judging(self) -> list[str]:
-        """Names of the runs that judge: those kept apart, or all if there are none."""
-        return [run.name for run in self.of("validate") or self.runs]
-
-    @property
-    def floor(self) -> float:
-        """Noise floor of the runs that judge [response]."""
-        sizes = {run.name: np.isfinite(run.measured()).sum() for run in self.runs}
-        squares = [self.noise.rms[name] ** 2 * sizes[name] for name in self.judging]
-        return float(np.sqrt(sum(squares) / sum(sizes[name] for name in self.judging)))
-
-
 def diagnose(
     model: StageModel,
-    runs: Sequence[Run],
+    runs: Sequence[Run | FrequencyResponse],
     *,
     axis: str | None = None,
     more: Sequence[str] = (),
@@ -195,7 +108,7 @@ def diagnose(
     model
         The stage model; its uncertainties say how far its numbers may move.
     runs
-        What was recorded; where nobody chose roles, they are split.
+        What was recorded, frequency responses among it; where nobody chose roles, they are split.
     axis
         Which one; may be left out where model and runs leave no choice.
     more
@@ -224,12 +137,19 @@ def diagnose(
 
         def every(stand: Stand) -> tuple[Candidate, ...]:
             lines = periodic.frequencies(setting, stand)
-            return candidates(dynamics, more, lines, loaded=setting.is_loaded, at_stack=setting.is_at_stack)
+            return candidates(
+                dynamics,
+                more,
+                lines,
+                loaded=setting.is_loaded,
+                at_stack=setting.is_at_stack,
+                in_time=bool(setting.runs),
+            )
 
         case, course = search(setting, case, dynamics, every, seed)
         progress("looking at what is left")
-        left = _rival(case, course.final)
-        before = _rival(case, course.calibrated) if course.final.effects else left
+        left = _rival(setting, case, course.final)
+        before = _rival(setting, case, course.calibrated) if course.final.effects else left
     found = conclude(model, setting, course, before, left)
     evaluations = sum(stand.solution.problem.evaluations for stand in (course.calibrated, *course.stands))
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
@@ -240,25 +160,6 @@ def simulating(threads: int) -> Iterator[Any]:
     """Give a `map` that runs on so many threads; those of linear algebra would fight with them, on small matrices."""
     with threadpool_limits(1), ThreadPoolExecutor(threads) as pool:
         yield pool.map if threads > 1 else map
-
-
-def settle(model: StageModel, runs: Sequence[Run], axis: str | None, tolerance: float | None) -> Setting:
-    """Return what is to be diagnosed, with its noise floor."""
-    name = choose_axis(model, runs, axis)
-    its = model.axes[name]
-    seen = tuple(of_axis(run, name, its) for run in split(runs))
-    if not any(run.role == "identify" for run in seen):
-        raise InputError("command line", "RUNS", None, "all are kept for validation; name a run with role identify")
-    rate = 2 * math.pi * its.natural_frequency * min(max(its.damping_ratio, 1e-3), 1.0)
-    noise = noise_floor(runs, name, settle=RUNG_DOWN * math.log(10) / rate, sensor_noise=its.sensor.noise)
-    noise = _of_blocks(noise, seen)
-    first = Setting(name, its, seen, noise, 0.0, _known(its))
-    if (step := first.coarse_step) is not None:  # a quiet record may show nothing of it
-        at_least = {run: max(rms, step / math.sqrt(12)) for run, rms in noise.rms.items()}
-        first = replace(first, noise=replace(noise, rms=at_least))
-    volts = max(float(np.abs(run.command()).max()) for run in seen) or 1.0
-    least = min(OF_NOISE * first.floor, OF_STROKE * abs(its.gain * its.driver.gain) * volts)
-    return replace(first, tolerance=least if tolerance is None else tolerance)
 
 
 def with_better_between(model: StageModel, setting: Setting, each: Any, progress: Callable[[str], None]) -> Setting:
@@ -286,13 +187,6 @@ def with_better_between(model: StageModel, setting: Setting, each: Any, progress
     return tried[1] if curved.cost < straight.cost - SMOOTHER * scale else setting
 
 
-def _of_blocks(noise: NoiseFloor, runs: Sequence[Run]) -> NoiseFloor:
-    """Return the noise with that of blocks of a record under their own names, too."""
-    records = {run.name: run.name if run.name in noise.rms else run.name.rpartition(":")[0] for run in runs}
-    processes = {name: noise.whitening.process(record) for name, record in records.items()}
-    return replace(noise, whitening=Coloured(processes), rms={n: noise.rms[r] for n, r in records.items()})
-
-
 def _from_rest(axis: AxisModel) -> AxisModel:
     """Return an axis that begins as it was never driven; where each run came from is a number of its own."""
     if "bouc_wen" not in axis.effects:
@@ -300,17 +194,13 @@ def _from_rest(axis: AxisModel) -> AxisModel:
     return replace(axis, effects={**axis.effects, "bouc_wen": {**axis.effects["bouc_wen"], "rest": 0.0}})
 
 
-def _known(axis: AxisModel) -> dict[str, tuple[float, float]]:
-    return prior(axis, [*LINEAR, *HYSTERESIS[:-1]] if "bouc_wen" in axis.effects else LINEAR)
-
-
 def case_of(
     model: StageModel, setting: Setting, each: Any, progress: Callable[[str], None]
 ) -> tuple[AxisDynamics, Case]:
     """Return the model of the axis, with numbers of its own for each run, and what it is confronted with."""
-    volts = max(float(np.abs(run.command()).max()) for run in setting.runs) or 1.0
+    volts = setting.volts
     stroke = abs(setting.axis.gain * setting.axis.driver.gain) * volts
-    least = math.ceil(max(run.period for run in setting.runs) / LONGEST_STEP)
+    least = math.ceil(max(setting.periods) / LONGEST_STEP)
     screening, fine = max(STEPS_SCREENING, least), max(STEPS, 2 * least)
     exact = float(np.clip(EXACT * setting.floor / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
     dynamics = AxisDynamics(
@@ -321,19 +211,20 @@ def case_of(
         delay=model.controller.delay,
         finest=fine,
         apart=tuple(run.name for run in setting.runs),
-        highest=0.5 / max(run.period for run in setting.runs),
+        highest=max(0.5 / max(setting.periods), *(float(each.frequencies[-1]) for each in setting.responses), 0.0),
         bipolar=any(bool(np.min(run.command()) < -0.05 * volts) for run in setting.runs),
     )
-    free = LINEAR + (HYSTERESIS[:-1] if "bouc_wen" in setting.axis.effects else ())
-    noise, shapes = setting.noise.whitening, Beginning(setting.axis, stroke)
+    # Small sines do not show how a loop bends.
+    free = LINEAR + (HYSTERESIS[:-1] if "bouc_wen" in setting.axis.effects and setting.runs else ())
+    noise, shapes = setting.whitening, Beginning(setting.axis, stroke)
 
     def known(of: Model) -> Mapping[str, tuple[float, float]]:
         own = {p.name: known_of_start(p, setting.runs, volts) for p in of.parameters() if p.run}
         return {**setting.known, **{name: about for name, about in own.items() if about}}
 
     return dynamics, Case(
-        identify=Suite(setting.of("identify"), noise, shapes),
-        validate=Suite(setting.of("validate"), noise, shapes),
+        identify=Suite(setting.observed("identify"), noise, shapes),
+        validate=Suite(setting.observed("validate"), noise, shapes),
         free=free,
         known=known,
         tolerance=setting.tolerance,
@@ -344,6 +235,9 @@ def case_of(
         designed={name: setting.axis.numbers[name] for name in LINEAR},
         believed=BELIEVED if setting.is_one_record else math.inf,
         drawn=setting.drawn,
+        weights=line_weights(setting),
+        scales=setting.scales,
+        judging=tuple(setting.judging) if setting.responses else (),
     )
 
 
@@ -391,6 +285,11 @@ def search(
     return case, Course(designed, base, tuple(stands), tuple(steps), stand, agreed)
 
 
-def _rival(case: Case, stand: Stand) -> Rival:
+def _rival(setting: Setting, case: Case, stand: Stand) -> Rival:
     seen = stand.solution.problem.suite  # records may begin in more ways in a later stand
-    return rival(replace(case, identify=seen), stand, Features(cast(AxisDynamics, stand.model)))
+    band, taught = None, [each for each in setting.responses if each.role == "identify"] or setting.responses
+    if taught:
+        low, high = (float(f([e.frequencies[k] for e in taught])) for f, k in ((min, 0), (max, -1)))
+        band = low, high, max(int(each.present.sum()) for each in taught)
+    functions = Features(cast(AxisDynamics, stand.model), band, bool(setting.runs))
+    return rival(replace(case, identify=seen), stand, functions)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +13,17 @@ from scipy.signal import lfilter
 from flexdesign import linear
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.model import Observation
-from flexdesign.runs import Run
+from flexdesign.runs import FrequencyResponse, Run
+from flexdesign.runs.frequency_response import parts, whole
 
 Array = NDArray[np.float64]
 #: Velocities are counted in this share of stroke times natural frequency; dry friction turns at a tenth of it.
 SLOW = 0.1
 #: Where thresholds are tried, in shares of the stroke.
 KNEES = (0.15, 0.3, 0.5, 0.7, 0.85)
+#: Numbers of bumps over the band of frequency responses, and lines for each at least; how broad each is, as a standard
+#: deviation in distances to the next.
+BUMPS, FEWEST_LINES, BROAD = (6, 12, 24, 48), 4, 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +34,56 @@ class Features:
     ----------
     model
         The axis.
+    band
+        Lowest and highest frequency of all frequency responses [Hz], and the number of their lines; None if there are
+        none. Then there are smooth functions of the logarithm of frequency, too, by which a response is multiplied.
+    in_time
+        Whether there are runs in time.
     """
 
     model: AxisDynamics
+    band: tuple[float, float, int] | None = None
+    in_time: bool = True
 
     def __call__(self, observation: Observation, predicted: Array) -> dict[str, Array]:
-        """Return the functions by name, n values each, about as large as one."""
+        """Return the functions by name, n values each, about as large as one; zero where they are not meant."""
+        if isinstance(observation, FrequencyResponse):
+            there = self._of_frequency(observation, predicted)
+        else:
+            there = self._in_time(observation, predicted)
+        if self.band is None:
+            return there
+        return {name: there.get(name, np.zeros(len(predicted))) for name in self._names}
+
+    @cached_property
+    def _names(self) -> list[str]:
+        """Names of all functions, those in time first."""
+        made = list(self._of_frequency(None, np.zeros(0))) if self.band else []
+        if not self.in_time:
+            return made
+        t = self.model.first.natural_frequency**-1 * np.arange(4.0)
+        blank = Run("blank", t, {"u": np.zeros(4), self.model.name: np.zeros(4)}, {"u": "V"})
+        return [*self._in_time(blank, np.zeros(4)), *made]
+
+    def _of_frequency(self, response: FrequencyResponse | None, predicted: Array) -> dict[str, Array]:
+        """Return bumps over the logarithm of frequency times the response, in step with it and a quarter ahead."""
+        assert self.band is not None
+        low, high, lines = self.band
+        made = dict[str, Array]()
+        for count in (many for many in BUMPS if many <= max(lines // FEWEST_LINES, BUMPS[0])):
+            centres = np.geomspace(low, high, count)
+            for centre in centres.tolist():
+                about = f"near {centre:.3g} Hz, 1/{count} of the band"
+                if response is None:
+                    made |= {f"magnitude {about}": predicted, f"phase {about}": predicted}
+                    continue
+                width = math.log(high / low) / (count - 1)
+                bump = np.exp(-0.5 * (np.log(response.frequencies / centre) / (BROAD * width)) ** 2)
+                made[f"magnitude {about}"] = parts(bump * whole(predicted))
+                made[f"phase {about}"] = parts(1j * bump * whole(predicted))
+        return made
+
+    def _in_time(self, observation: Observation, predicted: Array) -> dict[str, Array]:
         assert isinstance(observation, Run)
         made = self._functions(observation, predicted)
         forces = {f"force: {name}": self._through(values, observation.period) for name, values in made.items()}

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from flexdesign.evidence.rival import Rival
 from flexdesign.model import Parameter
-from flexdesign.noise_floor import NoiseFloor
-from flexdesign.runs import Run
+from flexdesign.noise_floor import LineNoise, NoiseFloor
+from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.stage_model import StageModel
 
 Verdict = Literal["nothing-missing", "effects-found", "unknown"]
@@ -124,6 +124,10 @@ class Diagnosis:
         The runs with their roles.
     confidence
         What weakens the verdict, in words; empty if nothing does.
+    evaluations, seconds
+        How many predictions were made, and how long it took.
+    responses, lines
+        The frequency responses with their roles, and the noise of each by its name.
     """
 
     verdict: Verdict
@@ -147,3 +151,5 @@ class Diagnosis:
     confidence: str
     evaluations: int
     seconds: float
+    responses: tuple[FrequencyResponse, ...] = ()
+    lines: Mapping[str, LineNoise] = field(default_factory=dict)

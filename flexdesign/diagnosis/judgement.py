@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
@@ -19,7 +19,8 @@ from flexdesign.evidence.stand import Stand
 from flexdesign.stage_model import StageModel
 
 if TYPE_CHECKING:
-    from flexdesign.diagnosis.course import Course, Setting
+    from flexdesign.diagnosis.course import Course
+    from flexdesign.diagnosis.setting import Setting
 
 #: What is left counts as noise if its mean square, whitened, is above one by no more than this ...
 ADEQUATE = 0.09
@@ -66,16 +67,41 @@ class Remainder:
 
 def remainder(setting: Setting, stand: Stand) -> Remainder:
     """Return how what a stand leaves compares with the noise."""
-    suite = stand.solution.problem.suite
-    seen, kept = suite.samples, sum(int(np.isfinite(run.measured()).sum()) for run in setting.of("validate"))
-    ratios = [(sum(float(part @ part) for part in stand.solution.residuals) / seen, seen)]
-    if kept:
-        ratios.append((stand.held_cost / kept, kept))
-    level = 2 * setting.noise.relative_error
-    margins = [(ratio - 1, ADEQUATE + ERRORS * math.hypot(math.sqrt(2 / count), level)) for ratio, count in ratios]
+    margins = [
+        (ratio - 1, ADEQUATE + ERRORS * math.hypot(math.sqrt(2 / count), level))
+        for ratio, count, level in _ratios(setting, stand)
+    ]
     excess, allowed = max(margins, key=lambda pair: pair[0] - pair[1])
-    left = stand.rms(setting.judging) ** 2 - setting.floor**2
+    left = setting.error(stand) ** 2 - setting.floor**2
     return Remainder(excess, allowed, math.sqrt(max(left, 0.0)), _jumps(setting, stand))
+
+
+def _ratios(setting: Setting, stand: Stand) -> Iterator[tuple[float, int, float]]:
+    """Yield mean squares of what is left, whitened, with their counts and twice the relative error of the noise.
+
+    Runs and frequency responses are judged apart: these have so few values that they would drown among those.
+    """
+    level = 2 * setting.noise.relative_error
+    pairs = list(zip(stand.solution.problem.suite.records, stand.solution.residuals, strict=True))
+    kinds = [(level, [pair for pair in pairs if pair[0].observation.name not in setting.lines])]
+    kinds += [(_line_level(setting), [pair for pair in pairs if pair[0].observation.name in setting.lines])]
+    for error, seen in kinds:
+        if count := int(sum(record.present.sum() for record, _ in seen)):
+            yield sum(float(part @ part) for _, part in seen) / count, count, error
+    held = 0.0
+    judging = [each for each in setting.responses if each.role == "validate"]
+    if judging:
+        left = [(stand.remainders[e.name] / setting.lines[e.name].of_values)[np.tile(e.present, 2)] for e in judging]
+        held = float(sum(part @ part for part in left))
+        values = sum(len(part) for part in left)
+        yield held / values, values, _line_level(setting)
+    if kept := sum(int(np.isfinite(run.measured()).sum()) for run in setting.of("validate")):
+        yield (stand.held_cost - held) / kept, kept, level
+
+
+def _line_level(setting: Setting) -> float:
+    """Return twice the relative error of the noise of frequency responses."""
+    return max((math.sqrt(2 / noise.dof) if noise.dof else math.inf for noise in setting.lines.values()), default=0.0)
 
 
 def _jumps(setting: Setting, stand: Stand) -> int:
@@ -84,6 +110,8 @@ def _jumps(setting: Setting, stand: Stand) -> int:
         return 0
     count = 0
     for record, part in zip(stand.solution.problem.suite.records, stand.solution.residuals, strict=True):
+        if record.observation.name in setting.lines:  # neighbouring lines are no neighbours in time
+            continue
         left = np.abs(part[: len(record.measured)][record.present])
         count += int((left > JUMP * GAUSSIAN * np.median(left)).sum())
     return count
@@ -124,7 +152,7 @@ def conclude(model: StageModel, setting: Setting, course: Course, before: Rival,
         conflicts=tuple(conflict.words for conflict in moved),
         noise=setting.noise,
         noise_floor=setting.floor,
-        validation_error=final.rms(setting.judging),
+        validation_error=setting.error(final),
         rival=left,
         remainder=doubt,
         remainders={"calibrated": course.calibrated.remainders, "found": final.remainders},
@@ -132,6 +160,8 @@ def conclude(model: StageModel, setting: Setting, course: Course, before: Rival,
         confidence="" if setting.noise.known else "the noise is unknown; it was guessed from neighbouring samples",
         evaluations=0,
         seconds=0.0,
+        responses=setting.responses,
+        lines=setting.lines,
     )
 
 
@@ -165,11 +195,20 @@ def _in_words(final: Remainder, left: Rival) -> str:
 def _named(setting: Setting, course: Course, name: str) -> Named:
     final = course.final
     effect = next(effect for effect in final.effects if effect.name == name)
-    errors = [course.calibrated.rms(setting.judging), *(stand.rms(setting.judging) for stand in course.stands)]
+    shares = [_share(setting, course, name, setting.judging, setting.floor)]
+    if setting.runs and (judging := [each.name for each in setting.responses if each.role == "validate"]):
+        floor = math.sqrt(float(np.mean([setting.noise.rms[each] ** 2 for each in judging])))
+        shares.append(_share(setting, course, name, judging, floor))  # what runs do not show, a frequency response may
+    return Named(name, values_of(final, effect.free), max(shares))
+
+
+def _share(setting: Setting, course: Course, name: str, judging: Sequence[str], floor: float) -> float:
+    """Return how much of what recalibration leaves of some observations an effect explains, in squares."""
+    errors = [stand.rms(judging, setting.scales) for stand in (course.calibrated, *course.stands)]
     place = next((i for i, stand in enumerate(course.stands) if name in stand.names), len(course.stands) - 1)
     before, after = errors[place] ** 2, errors[place + 1] ** 2
-    unexplained = max(errors[0] ** 2 - setting.floor**2, 1e-300)
-    return Named(name, values_of(final, effect.free), float(np.clip((before - after) / unexplained, 0.0, 1.0)))
+    unexplained = max(errors[0] ** 2 - floor**2, 1e-300)
+    return float(np.clip((before - after) / unexplained, 0.0, 1.0))
 
 
 def values_of(stand: Stand, names: Sequence[str]) -> tuple[Value, ...]:
@@ -227,12 +266,14 @@ def _not_chosen(step: Step, trial: Trial) -> str:
 
 
 def _ladder(setting: Setting, course: Course) -> tuple[Rung, ...]:
-    judging = setting.judging
-    rungs = [Rung("as designed", course.designed.rms(judging)), Rung("recalibrated", course.calibrated.rms(judging))]
+    rungs = [
+        Rung("as designed", setting.error(course.designed)),
+        Rung("recalibrated", setting.error(course.calibrated)),
+    ]
     before: tuple[str, ...] = ()
     for stand in course.stands:
         new = [name for name in stand.names if name not in before]
-        rungs.append(Rung(f"+ {' + '.join(new)}", stand.rms(judging)))
+        rungs.append(Rung(f"+ {' + '.join(new)}", setting.error(stand)))
         before = stand.names
     return tuple(rungs)
 

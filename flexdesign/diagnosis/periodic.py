@@ -15,7 +15,7 @@ from flexdesign.evidence.quiet import Stretch
 from flexdesign.evidence.stand import Stand
 
 if TYPE_CHECKING:
-    from flexdesign.diagnosis.course import Setting
+    from flexdesign.diagnosis.setting import Setting
 
 #: A line in what is left is sought in records of at least so many samples without a gap.
 FEWEST = 200

@@ -8,9 +8,9 @@ from typing import Literal, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.comparison import Comparison, RunComparison, where
-from flexdesign.noise_floor import NoiseFloor
-from flexdesign.runs import Run
+from flexdesign.comparison import Comparison, RunComparison, joined, where
+from flexdesign.noise_floor import LineNoise, NoiseFloor
+from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.stage_model import StageModel
 
 Array = NDArray[np.float64]
@@ -37,6 +37,14 @@ class Judged(Protocol):
         """The runs with their roles, as the axis sees them."""
 
     @property
+    def responses(self) -> Sequence[FrequencyResponse]:
+        """The frequency responses with their roles."""
+
+    @property
+    def lines(self) -> Mapping[str, LineNoise]:
+        """The noise of each of these, by name."""
+
+    @property
     def noise(self) -> NoiseFloor:
         """The noise floor."""
 
@@ -56,6 +64,10 @@ def compared(found: Judged, which: Which) -> Comparison:
         ``"calibrated"`` without further effects, ``"found"`` with them.
     """
     left = cast("Mapping[str, Array]", found.remainders[which])
+    model = found.before if which == "calibrated" else found.model
+    responses = joined(found.responses, left, found.lines) if found.responses else ()
+    if not found.runs:
+        return Comparison(model, found.axis, (), found.noise, (), (), 0.0, responses)
     stroke = max(float(np.nanmax(run.measured()) - np.nanmin(run.measured())) for run in found.runs)
     predicted = {run.name: _without_gaps(run.measured() - left[run.name]) for run in found.runs}
     runs = tuple(
@@ -73,13 +85,14 @@ def compared(found: Judged, which: Which) -> Comparison:
         for run in found.runs
     )
     return Comparison(
-        model=found.before if which == "calibrated" else found.model,
+        model=model,
         axis=found.axis,
         runs=runs,
         noise=found.noise,
         where=where({run.name: run.residual for run in runs}, found.runs, predicted, found.noise),
         observed=tuple(found.runs),
         seconds=0.0,
+        responses=responses,
     )
 
 

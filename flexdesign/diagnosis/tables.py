@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 ALIKE = 6.0
 #: Not more effects than these make a group.
 LARGEST_GROUP = 3
+#: Effects that are tried alone only: beside another one, turned arms pass for any offset that was not drawn.
+ALONE = ("geometric_stiffening",)
 #: By how much a dimension is changed to tell answers apart; a difference of this many percent tells.
 CHANGED, TELLS = (0.7, 1.4), 0.02
 #: A value so near a power of 1000 from what is expected has the wrong unit.
@@ -116,7 +118,7 @@ def diagnose(
     best, counted = _chosen(before, singles, len(names))
     pairs: list[Trial] = []
     if not best.is_adequate:
-        for pair in itertools.combinations(names, 2):
+        for pair in itertools.combinations([name for name in names if name not in ALONE], 2):
             progress(f"trying {' and '.join(pair)}")
             if (trial := fitted(model, pair, table, noise)) is not None:
                 pairs.append(trial)

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from flexdesign import effects
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError, suggest
-from flexdesign.runs import Run
+from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.stage_model import StageModel, fields
 
 
-def choose_axis(model: StageModel, runs: Sequence[Run], asked: str | None) -> str:
+def choose_axis(model: StageModel, runs: Sequence[Run | FrequencyResponse], asked: str | None) -> str:
     """Return the axis that is meant.
 
     Raises

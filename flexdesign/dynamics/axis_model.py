@@ -19,15 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign import effects
-from flexdesign.dynamics import axis_parameters
+from flexdesign.dynamics import axis_parameters, axis_response
 from flexdesign.dynamics import stage as stages
-from flexdesign.dynamics.axis_parameters import DELAY, changed
+from flexdesign.dynamics.axis_parameters import DELAY, changed, loaded
 from flexdesign.dynamics.axis_run import behind_amplifier, command_of, is_at_stack, smooth_way, span
 from flexdesign.dynamics.chain import AxisChain
 from flexdesign.dynamics.simulate import Loop, Response, Stage, simulate
 from flexdesign.errors import InputError, suggest
 from flexdesign.model import Block, Effect, Observation, Parameter
-from flexdesign.runs import Run
+from flexdesign.runs import FrequencyResponse, Run
+from flexdesign.runs.frequency_response import parts
 from flexdesign.stage_model import AxisModel
 from flexdesign.stage_model import fields as units_of
 
@@ -244,19 +245,29 @@ class AxisDynamics:
         return replace(self, axis=axis, origin=origin, steps=Steps())
 
     def predict(self, observation: Observation) -> Array:
-        """Return the reading that the recorded command gives [response], n values; NaN where the motion runs away.
+        """Return what is expected of a run or of a frequency response, shaped as `measured` gives it.
 
-        A record that begins at another command than zero is preceded by that command, held until the mode has
-        settled.
+        Of a run that is the reading that the recorded command gives [response], n values; NaN where the motion runs
+        away. A record that begins at another command than zero is preceded by that command, held until the mode has
+        settled. Of a frequency response it is the small-signal one at its working point [response/V], 2n values.
 
         Raises
         ------
         TypeError
-            If the observation is no `Run`.
+            If the observation is neither.
         """
+        if isinstance(observation, FrequencyResponse):
+            return parts(self.response(observation))
         if not isinstance(observation, Run):
-            raise TypeError("an axis predicts runs")
+            raise TypeError("an axis predicts runs and frequency responses")
         return self._reading(observation, self.steps_for(observation))
+
+    def response(self, measured: FrequencyResponse, frequencies: Array | None = None) -> NDArray[np.complex128]:
+        """Return the response about the working point of a measured one, at its lines or other ones [response/V]."""
+        axis = loaded(self.first, self.axis, measured.payload)
+        axis = axis if measured.command_is == "dac" else behind_amplifier(axis)
+        chain = self._chain if axis is self.axis else self._chain_of(axis)
+        return axis_response.predicted(chain, measured, self.delay, frequencies)
 
     def steps_for(self, run: Run) -> int:
         """Return the number of steps in a sample: with a margin what the first values need."""
@@ -330,7 +341,7 @@ class AxisDynamics:
         # A record that began early begins some samples later in a simulation with a longer delay.
         command, delay = np.concatenate([lead, command, np.full(early, command[-1])]), delay + early * run.period
         more = {name: value for name, value in own.items() if name not in (TRIGGER, *CAME_FROM)}
-        axis = self._loaded(changed(self.axis, more) if more else self.axis, run.payload)
+        axis = loaded(self.first, changed(self.axis, more) if more else self.axis, run.payload)
         axis = behind_amplifier(axis) if at_stack else axis
         return simulate(
             Stage((self._chain if axis is self.axis else self._chain_of(axis),)),
@@ -342,20 +353,6 @@ class AxisDynamics:
             substeps=steps,
             most_steps=self.finest,
             disturbances=self._disturbances(axis, run, len(command)),
-        )
-
-    def _loaded(self, axis: AxisModel, payload: float) -> AxisModel:
-        """Return the axis with a known mass added [kg]; without a mass of its own nobody knows what that does."""
-        if payload == 0 or self.first.mass is None:
-            return axis
-        extra = axis.effects.get("payload_mass", {}).get("ratio", 0.0)
-        slower = 1 / math.sqrt(1 + payload / (self.first.mass * (1 + extra)))
-        return changed(
-            axis,
-            {
-                "natural_frequency": slower * axis.natural_frequency,
-                "damping_ratio": slower * axis.damping_ratio,
-            },
         )
 
     def _lead(self, run: Run, own: Mapping[str, float], first: float) -> Array:

@@ -169,3 +169,26 @@ def changed(axis: AxisModel, values: Mapping[str, float]) -> AxisModel:
     driver, sensor = (replace(getattr(axis, key), **tables.pop(key, {})) for key in ("driver", "sensor"))
     acting = {name: {**given, **tables.get(name, {})} for name, given in axis.effects.items()}
     return replace(axis, **own, modes=modes, driver=driver, sensor=sensor, effects=acting)
+
+
+def loaded(first: AxisModel, axis: AxisModel, payload: float) -> AxisModel:
+    """Return an axis with a known mass added [kg]; without a mass of its own nobody knows what that does.
+
+    Parameters
+    ----------
+    first
+        The axis as it was designed, whose mass the known one adds to.
+    axis, payload
+        Its present numbers, and the mass.
+    """
+    if payload == 0 or first.mass is None:
+        return axis
+    extra = axis.effects.get("payload_mass", {}).get("ratio", 0.0)
+    slower = 1 / math.sqrt(1 + payload / (first.mass * (1 + extra)))
+    return changed(
+        axis,
+        {
+            "natural_frequency": slower * axis.natural_frequency,
+            "damping_ratio": slower * axis.damping_ratio,
+        },
+    )

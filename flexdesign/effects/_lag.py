@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
+import numpy as np
+from numpy.typing import NDArray
+
 from flexdesign.model.effect import Floats, Values
 
 
@@ -48,6 +51,11 @@ def moments(x: float) -> tuple[float, float, float]:
             total += term
         found.append(total)
     return found[0], found[1], found[2]
+
+
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> NDArray[np.complex128]:
+    """Return 1 / (1 + j f / bandwidth)."""
+    return np.asarray(1.0 / (1.0 + 1j * frequency / values["bandwidth"]))
 
 
 def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:

@@ -12,11 +12,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from flexdesign.model import Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
 #: A first value comes of a jump where it is this share of the step's way from where the voltage was, and the way bends.
 JUMP, STRAIGHT = 0.01, 1e-9
+#: A describing function is that of the last of so many cycles, each of so many steps.
+CYCLES, POINTS = 3, 32
 
 
 def constants(values: Values, step: float) -> tuple[float, float, float]:
@@ -73,6 +77,27 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
     state[0], state[1] = g - rest, v
 
 
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> complex:
+    """Return the describing function of a loop about a bias, or the slope there of the smallest ones."""
+    strength, b, _ = constants(values, 0.0)
+    if amplitude == 0.0:
+        return -2.0 * strength * abs(bias)
+    phase = 2 * math.pi * np.arange(1, POINTS + 1) / POINTS
+    way, g, v = (bias + amplitude * np.sin(phase)).tolist(), 0.0, bias
+    for _ in range(CYCLES):
+        loop = []
+        for to in way:
+            g, v = advance(g, v, to, strength, b), to
+            loop.append(g)
+    return complex(-2j * np.mean(np.array(loop) * np.exp(-1j * phase)) / amplitude)
+
+
+def settled(values: Values, bias: float) -> float:
+    """Return what is held back after the voltage went straight from rest to a bias."""
+    strength, b, rest = constants(values, 0.0)
+    return rest - advance(rest, 0.0, bias, strength, b)
+
+
 EFFECT = Effect(
     name="asymmetric_hysteresis",
     physics=(
@@ -103,6 +128,8 @@ EFFECT = Effect(
         ),
         Parameter("rest", "m", "um", "g at rest, where motion is zero", None, 0.0, (-1e-3, 1e-3), per_run=True),
     ),
-    faces=(Block(Socket.HYSTERESIS, states=("g", "v"), constants=constants, move=move),),
+    faces=(
+        Block(Socket.HYSTERESIS, states=("g", "v"), constants=constants, move=move, transfer=transfer, settled=settled),
+    ),
     confused_with=("bouc_wen", "electrostriction", "prandtl_ishlinskii"),
 )

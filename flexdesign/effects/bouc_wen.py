@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from flexdesign.model import Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
@@ -22,6 +24,9 @@ FINENESS = 0.04
 SATURATED = 40.0
 #: A first value comes of a jump where it is this share of the step's way from where the voltage was, and the way bends.
 JUMP, STRAIGHT = 0.01, 1e-9
+#: A describing function is that of the last of so many cycles, each of so many steps; a loop about a bias that is small
+#: beside its voltage scale has then left its first branch.
+CYCLES, POINTS = 3, 32
 
 
 def advance(h: float, start: float, end: float, a: float, b: float, c: float, n: float) -> float:
@@ -172,6 +177,27 @@ def invert(wanted: float, state: Floats, constants: Floats) -> float:
     return trial
 
 
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> complex:
+    """Return the describing function of a loop that has settled about zero, or the slope there of the smallest ones."""
+    a, b, c, n, _ = constants(values, 0.0)
+    if amplitude == 0.0:
+        return -a
+    phase = 2 * math.pi * np.arange(1, POINTS + 1) / POINTS
+    way, h, v = (amplitude * np.sin(phase)).tolist(), 0.0, 0.0
+    for _ in range(CYCLES):
+        loop = []
+        for to in way:
+            h, v = advance(h, v, to, a, b, c, n), to
+            loop.append(h)
+    return complex(-2j * np.mean(np.array(loop) * np.exp(-1j * phase)) / amplitude)
+
+
+def settled(values: Values, bias: float) -> float:
+    """Return what is held back after the voltage went straight from rest to a bias."""
+    a, b, c, n, rest = constants(values, 0.0)
+    return rest - advance(rest, 0.0, bias, a, b, c, n)
+
+
 def cautions(values: Values) -> tuple[str, ...]:
     """Say where the loop can grow without bound or give energy away: outside b >= |c|."""
     if values["a"] > 0 and values["b"] < abs(values["c"]):
@@ -211,7 +237,9 @@ EFFECT = Effect(
             "rest", "m", "um", "hysteresis at rest, where motion is zero", None, 0.0, (-1e-3, 1e-3), per_run=True
         ),
     ),
-    faces=(Block(Socket.HYSTERESIS, states=("h", "v"), constants=constants, move=move),),
+    faces=(
+        Block(Socket.HYSTERESIS, states=("h", "v"), constants=constants, move=move, transfer=transfer, settled=settled),
+    ),
     confused_with=("creep", "driver_bandwidth", "prandtl_ishlinskii", "coulomb_friction"),
     cautions=cautions,
 )

@@ -30,6 +30,11 @@ def pull(begin: float, end: float, state: Floats, constants: Floats) -> float:
     return -constants[0] * state[0]
 
 
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> complex:
+    """Return the elastic force of what sticks: motions far below the presliding do not make it slide."""
+    return -values["level"] / values["presliding"]
+
+
 EFFECT = Effect(
     name="coulomb_friction",
     physics=(
@@ -58,6 +63,6 @@ EFFECT = Effect(
         ),
         Parameter("rest", "1", "", "friction at the start over its level", None, 0.0, (-1.0, 1.0), per_run=True),
     ),
-    faces=(Block(Socket.FORCE, states=("z",), constants=constants, pull=pull),),
+    faces=(Block(Socket.FORCE, states=("z",), constants=constants, pull=pull, transfer=transfer),),
     confused_with=("hysteretic_spring", "bouc_wen", "structural_damping"),
 )

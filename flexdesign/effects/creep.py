@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
 from flexdesign.effects import _lag
 from flexdesign.model import Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
@@ -40,6 +45,12 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
         state[i] = end
 
 
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> NDArray[np.complex128]:
+    """Return the sum of the states' lags."""
+    w = 2j * math.pi * frequency
+    return np.asarray(sum(values["per_decade"] / (1.0 + w * tau) for tau in time_constants(values["t0"])))
+
+
 EFFECT = Effect(
     name="creep",
     physics=(
@@ -64,6 +75,14 @@ EFFECT = Effect(
             screen=(0.01, 0.03, 0.1, 0.3, 1.0),
         ),
     ),
-    faces=(Block(Socket.ACTUATOR, states=tuple(f"z{i}" for i in range(DECADES)), constants=constants, move=move),),
+    faces=(
+        Block(
+            Socket.ACTUATOR,
+            states=tuple(f"z{i}" for i in range(DECADES)),
+            constants=constants,
+            move=move,
+            transfer=transfer,
+        ),
+    ),
     confused_with=("bouc_wen", "sensor_drift", "thermal_expansion", "structural_damping"),
 )

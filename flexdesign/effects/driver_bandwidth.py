@@ -27,6 +27,15 @@ EFFECT = Effect(
             screen=(30.0, 60.0, 120.0, 250.0, 500.0, 1000.0, 2000.0),
         ),
     ),
-    faces=(Block(Socket.DRIVER, mode="replace", states=("v",), constants=_lag.constants, move=_lag.move),),
+    faces=(
+        Block(
+            Socket.DRIVER,
+            mode="replace",
+            states=("v",),
+            constants=_lag.constants,
+            move=_lag.move,
+            transfer=_lag.transfer,
+        ),
+    ),
     confused_with=("transport_delay", "sensor_bandwidth"),
 )

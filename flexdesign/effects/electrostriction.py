@@ -17,6 +17,16 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
         out[node] += constants[0] * path[node] * path[node]
 
 
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> complex:
+    """Return the slope of the parabola at the bias."""
+    return 2.0 * values["quadratic"] * bias
+
+
+def settled(values: Values, bias: float) -> float:
+    """Return quadratic v^2."""
+    return values["quadratic"] * bias * bias
+
+
 EFFECT = Effect(
     name="electrostriction",
     physics=(
@@ -33,6 +43,6 @@ EFFECT = Effect(
     parameters=(
         Parameter("quadratic", "m/V^2", "nm/V^2", "extension per square of the voltage", 0.0, 1e-9, (-1e-8, 1e-8)),
     ),
-    faces=(Block(Socket.HYSTERESIS, constants=constants, move=move),),
+    faces=(Block(Socket.HYSTERESIS, constants=constants, move=move, transfer=transfer, settled=settled),),
     confused_with=("stroke_dependent_amplification", "quadratic_stiffness"),
 )

@@ -25,6 +25,11 @@ def flow(drive: float, position: float, velocity: float, state: Floats, rates: F
     return -z
 
 
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> complex:
+    """Return the elastic force of small motions, after which z has come to zero."""
+    return -values["alpha"]
+
+
 EFFECT = Effect(
     name="hysteretic_spring",
     physics=(
@@ -50,6 +55,6 @@ EFFECT = Effect(
         Parameter("delta", "1/m", "1/mm", "how the branches differ (at nu = 1)", None, 0.0, (-1e9, 1e9)),
         Parameter("nu", "1", "", "sharpness of the bend", None, 1.0, (1.0, 5.0)),
     ),
-    faces=(Block(Socket.FORCE, states=("z",), constants=constants, flow=flow),),
+    faces=(Block(Socket.FORCE, states=("z",), constants=constants, flow=flow, transfer=transfer),),
     confused_with=("coulomb_friction", "structural_damping", "bouc_wen"),
 )

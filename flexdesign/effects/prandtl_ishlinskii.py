@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from flexdesign.model import Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
@@ -92,6 +94,29 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
     state[PLAYS] = v
 
 
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> complex:
+    """Return the describing function of all plays: one narrower than the sine waits, slips, and turns with it.
+
+    Of a play the input less its position is known in closed form: for thresholds r below the amplitude A it is that of
+    a slip over the way of 2 (A - r), whose real and imaginary parts follow from the angle of its corner.
+    """
+    numbers = np.array(constants(values, 0.0)).reshape(PLAYS, 3)
+    if amplitude == 0.0:
+        return complex(-numbers[:, 0].sum())
+    corner = 1.0 - 2.0 * np.minimum(numbers[:, 1] / amplitude, 1.0)  # sine of the angle at which a play slips
+    along = 0.5 + (np.arcsin(corner) + corner * np.sqrt(1.0 - corner**2)) / math.pi
+    behind_it = (1.0 - corner**2) / math.pi
+    return complex(-(numbers[:, 0] * (1.0 - along + 1j * behind_it)).sum())
+
+
+def settled(values: Values, bias: float) -> float:
+    """Return what is held back after the voltage went straight from rest to a bias."""
+    numbers = np.array(constants(values, 0.0)).reshape(PLAYS, 3)
+    weight, threshold, rest = numbers.T
+    at = np.maximum(bias - threshold, np.minimum(bias + threshold, rest))
+    return float(-(weight * (bias - at + rest)).sum())
+
+
 EFFECT = Effect(
     name="prandtl_ishlinskii",
     physics=(
@@ -132,7 +157,14 @@ EFFECT = Effect(
         Parameter("rest", "V", "V", "where the plays rest at the start", None, 0.0, (-1e3, 1e3), per_run=True),
     ),
     faces=(
-        Block(Socket.HYSTERESIS, states=(*(f"z{i}" for i in range(1, PLAYS + 1)), "v"), constants=constants, move=move),
+        Block(
+            Socket.HYSTERESIS,
+            states=(*(f"z{i}" for i in range(1, PLAYS + 1)), "v"),
+            constants=constants,
+            move=move,
+            transfer=transfer,
+            settled=settled,
+        ),
     ),
     confused_with=("bouc_wen", "rate_dependent_hysteresis", "asymmetric_hysteresis"),
 )

@@ -21,6 +21,17 @@ def pull(begin: float, end: float, state: Floats, constants: Floats) -> float:
     return -constants[0] * (min(end - constants[1], 0.0) - constants[2])
 
 
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> complex:
+    """Return the change of stiffness, below the onset."""
+    return -values["ratio"] if bias < values["onset"] else 0.0
+
+
+def settled(values: Values, bias: float) -> float:
+    """Return the force at a position, counted from that at the start."""
+    ratio, onset, begun = constants(values, 0.0)
+    return -ratio * (min(bias - onset, 0.0) - begun)
+
+
 def cautions(values: Values) -> tuple[str, ...]:
     """Say where no stiffness is left below the onset."""
     if values["ratio"] <= -1.0:
@@ -51,7 +62,7 @@ EFFECT = Effect(
             screen=(-2e-5, 1e-6, 1e-5, 2e-5, 3e-5, 5e-5, 7e-5, 9e-5),
         ),
     ),
-    faces=(Block(Socket.FORCE, constants=constants, pull=pull),),
+    faces=(Block(Socket.FORCE, constants=constants, pull=pull, transfer=transfer, settled=settled),),
     confused_with=("quadratic_stiffness", "stress_stiffening"),
     cautions=cautions,
 )

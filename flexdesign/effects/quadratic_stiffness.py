@@ -16,6 +16,16 @@ def flow(drive: float, position: float, velocity: float, state: Floats, rates: F
     return -constants[0] * position * position
 
 
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> complex:
+    """Return the slope of the force at a position."""
+    return -2.0 * values["quadratic"] * bias
+
+
+def settled(values: Values, bias: float) -> float:
+    """Return -k2/k x^2."""
+    return -values["quadratic"] * bias * bias
+
+
 EFFECT = Effect(
     name="quadratic_stiffness",
     physics=(
@@ -29,6 +39,6 @@ EFFECT = Effect(
     parameters=(
         Parameter("quadratic", "1/m", "1/mm", "quadratic stiffness over linear stiffness", 0.0, 500.0, (-2e4, 2e4)),
     ),
-    faces=(Block(Socket.FORCE, constants=constants, flow=flow),),
+    faces=(Block(Socket.FORCE, constants=constants, flow=flow, transfer=transfer, settled=settled),),
     confused_with=("electrostriction", "stroke_dependent_amplification", "preload_loss"),
 )

@@ -11,11 +11,18 @@ rest pushes it.
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
 from flexdesign.model import Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
 #: A first value comes of a jump where it is this share of the step's way from where the voltage was, and the way bends.
 JUMP, STRAIGHT = 0.01, 1e-9
+#: A describing function is that of the second of two cycles, each of so many steps.
+POINTS = 96
 
 
 def constants(values: Values, step: float) -> tuple[float, float, float, float]:
@@ -90,6 +97,29 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
     state[0], state[1] = v - lag - rest, v
 
 
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> complex | NDArray[np.complex128]:
+    """Return the describing function of the play; the smallest sines do not move it unless its threshold is zero."""
+    weight, threshold = values["weight"], values["threshold"]
+    if amplitude == 0.0 and threshold > 0.0:
+        return -weight
+    size = amplitude or 1.0
+    phase = 2 * math.pi * np.arange(1, POINTS + 1) / POINTS
+    rate = 2 * math.pi * frequency * size * values["slope"]
+    z, total = np.zeros(len(frequency)), np.zeros(len(frequency), dtype=np.complex128)
+    for cycle in range(2):
+        for angle in phase.tolist():
+            v, r = size * math.sin(angle), (threshold if amplitude else 0.0) + rate * abs(math.cos(angle))
+            z = np.maximum(v - r, np.minimum(v + r, z))
+            total += cycle * (v - z) * np.exp(-1j * angle)
+    return np.asarray(-weight * 2j * total / (POINTS * size))
+
+
+def settled(values: Values, bias: float) -> float:
+    """Return what is held back after the voltage went slowly from rest to a bias."""
+    weight, threshold, _, rest = constants(values, 1.0)
+    return -weight * (bias - max(bias - threshold, min(bias + threshold, rest)) + rest)
+
+
 EFFECT = Effect(
     name="rate_dependent_hysteresis",
     physics=(
@@ -120,6 +150,8 @@ EFFECT = Effect(
         ),
         Parameter("rest", "V", "V", "where the play rests at the start", None, 0.0, (-1e3, 1e3), per_run=True),
     ),
-    faces=(Block(Socket.HYSTERESIS, states=("z", "v"), constants=constants, move=move),),
+    faces=(
+        Block(Socket.HYSTERESIS, states=("z", "v"), constants=constants, move=move, transfer=transfer, settled=settled),
+    ),
     confused_with=("bouc_wen", "prandtl_ishlinskii", "driver_bandwidth", "structural_damping"),
 )

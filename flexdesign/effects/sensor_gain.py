@@ -17,6 +17,11 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
         out[node] += constants[0] * path[node]
 
 
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> complex:
+    """Return the factor."""
+    return 1.0 + values["error"]
+
+
 EFFECT = Effect(
     name="sensor_gain",
     physics=(
@@ -28,6 +33,6 @@ EFFECT = Effect(
     remedy="calibrate against an interferometer, at the working distance and with the real target",
     reference="A. J. Fleming, A review of nanometer resolution position sensors, Sens. Actuators A 190 (2013)",
     parameters=(Parameter("error", "1", "%", "excess of the reading, relative", 0.0, 0.01, (-0.3, 0.3)),),
-    faces=(Block(Socket.SENSOR, mode="replace", constants=constants, move=move),),
+    faces=(Block(Socket.SENSOR, mode="replace", constants=constants, move=move, transfer=transfer),),
     confused_with=("sensor_misalignment", "stiffness_loss"),
 )

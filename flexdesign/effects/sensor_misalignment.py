@@ -20,6 +20,11 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
         out[node] += constants[0] * path[node]
 
 
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> complex:
+    """Return the cosine."""
+    return math.cos(values["angle"])
+
+
 def reading(values: Values, recorded: Mapping[str, Floats], time: Floats) -> Floats:
     """Return the part of the other axis' motion that lies along the sensor."""
     return math.sin(values["angle"]) * recorded[OTHER]
@@ -37,7 +42,7 @@ EFFECT = Effect(
     reference="A. J. Fleming, A review of nanometer resolution position sensors, Sens. Actuators A 190 (2013)",
     parameters=(Parameter("angle", "rad", "mrad", "between sensor and axis", 0.0, 0.01, (-0.3, 0.3)),),
     faces=(
-        Block(Socket.SENSOR, mode="replace", constants=constants, move=move),
+        Block(Socket.SENSOR, mode="replace", constants=constants, move=move, transfer=transfer),
         Disturbance(reading, columns=(OTHER,)),
     ),
     confused_with=("cross_coupling", "abbe_error", "pair_mismatch"),

@@ -16,6 +16,16 @@ def flow(drive: float, position: float, velocity: float, state: Floats, rates: F
     return -constants[0] * position * position * position
 
 
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> complex:
+    """Return the slope of the force at a position."""
+    return -3.0 * values["cubic"] * bias * bias
+
+
+def settled(values: Values, bias: float) -> float:
+    """Return -k3/k x^3."""
+    return -values["cubic"] * bias**3
+
+
 EFFECT = Effect(
     name="stress_stiffening",
     physics=(
@@ -27,6 +37,6 @@ EFFECT = Effect(
     remedy="folded guides that let the ends move, a shorter stroke, or the cubic term in the feedforward",
     reference="S. Awtar and A. H. Slocum, ASME Journal of Mechanical Design 129 (2007), on XY flexure stages",
     parameters=(Parameter("cubic", "1/m^2", "1/mm^2", "cubic stiffness over linear stiffness", 0.0, 1e5, (-1e9, 1e9)),),
-    faces=(Block(Socket.FORCE, constants=constants, flow=flow),),
+    faces=(Block(Socket.FORCE, constants=constants, flow=flow, transfer=transfer, settled=settled),),
     confused_with=("electrostriction", "preload_loss"),
 )

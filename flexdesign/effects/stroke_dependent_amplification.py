@@ -17,6 +17,16 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
         out[node] += constants[0] * path[node] * path[node]
 
 
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> complex:
+    """Return the slope of the parabola at the bias."""
+    return 2.0 * values["slope"] * bias
+
+
+def settled(values: Values, bias: float) -> float:
+    """Return slope d^2."""
+    return values["slope"] * bias * bias
+
+
 EFFECT = Effect(
     name="stroke_dependent_amplification",
     physics=(
@@ -33,6 +43,6 @@ EFFECT = Effect(
     parameters=(
         Parameter("slope", "1/m", "1/mm", "relative growth of the drive with itself", 0.0, 500.0, (-5e3, 5e3)),
     ),
-    faces=(Block(Socket.ACTUATOR, constants=constants, move=move),),
+    faces=(Block(Socket.ACTUATOR, constants=constants, move=move, transfer=transfer, settled=settled),),
     confused_with=("electrostriction", "quadratic_stiffness"),
 )

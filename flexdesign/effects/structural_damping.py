@@ -16,6 +16,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from flexdesign.model import Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
@@ -41,6 +44,13 @@ def flow(drive: float, position: float, velocity: float, state: Floats, rates: F
     return -constants[0] * held - constants[1] * velocity
 
 
+def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -> NDArray[np.complex128]:
+    """Return the force of all relaxations per displacement, over the stiffness."""
+    g, dashpot, *rates = constants(values, 0.0)
+    w = 2j * math.pi * frequency
+    return np.asarray(-dashpot * w - g * sum(w / (w + rate) for rate in rates))
+
+
 EFFECT = Effect(
     name="structural_damping",
     physics=(
@@ -53,6 +63,10 @@ EFFECT = Effect(
     remedy="a monolithic mechanism without glue; in the model the loss factor beside the damping ratio",
     reference="S. H. Crandall, The role of damping in vibration theory, J. Sound Vib. 11 (1970)",
     parameters=(Parameter("loss_factor", "1", "", "energy lost per radian, over that stored", 0.0, 0.01, (0.0, 0.3)),),
-    faces=(Block(Socket.FORCE, states=tuple(f"y{i}" for i in range(TERMS)), constants=constants, flow=flow),),
+    faces=(
+        Block(
+            Socket.FORCE, states=tuple(f"y{i}" for i in range(TERMS)), constants=constants, flow=flow, transfer=transfer
+        ),
+    ),
     confused_with=("creep", "hysteretic_spring", "coulomb_friction"),
 )

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from flexdesign.evidence.stand import Case, Stand
+from flexdesign.evidence.stand import Case, Stand, free_part
 from flexdesign.evidence.suite import Suite
 from flexdesign.model import Observation
 
@@ -122,7 +122,7 @@ def _held(
     moved = np.clip(x + step * moves, np.maximum(where.lower, x - 1.0), np.minimum(where.upper, x + 1.0))
     shared = {n: v for n, v in where.values(moved).items() if ":" not in n}
     nudged = stand.model.replace(shared)
-    gained, squares, count = 0.0, 0.0, 0
+    gained, sizes = 0.0, {True: (0.0, 0), False: (0.0, 0)}
     for record in suite.records:
         here = np.asarray(stand.model.predict(record.observation))
         made = list(features(record.observation, here).values())
@@ -133,6 +133,7 @@ def _held(
             return 0.0, 0.0
         gained += float(before @ before - after @ after)
         whole = record.basis.shape[0] - record.columns.shape[1]
-        free = added[record.present] - np.mean(added[record.present])
-        squares, count = squares + float(free @ free), count + min(whole, len(free))
-    return gained, float(np.sqrt(squares / count))
+        free = free_part(record, added, case.weights)
+        squares, count = sizes[record.observation.name in case.weights]
+        sizes[record.observation.name in case.weights] = squares + float(free @ free), count + min(whole, len(free))
+    return gained, max(float(np.sqrt(squares / count)) for squares, count in sizes.values() if count)

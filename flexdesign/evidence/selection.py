@@ -344,8 +344,9 @@ def _extended(case: Case, stand: Stand, beginning: Sequence[Direction], *, is_st
 def _trial(case: Case, before: Stand, after: Stand, names: tuple[str, ...], needed: float) -> Trial:
     # Judged by the data alone: an effect is not needed because it lets a number stay where it was thought to be.
     gain, held = before.seen_cost - after.seen_cost, before.held_cost - after.held_cost
-    kept_apart = [record.observation.name for record in (case.validate.records or case.identify.records)]
-    far = moved(case.validate if case.validate.records else case.identify, before, after)
+    judges = [record.observation.name for record in (case.validate.records or case.identify.records)]
+    kept_apart = case.judging or judges
+    far = moved(case.validate if case.validate.records else case.identify, before, after, case.weights)
     scale = max(after.scale, 1.0)
     reason = ""
     if gain < needed * scale * len(names):
@@ -358,4 +359,4 @@ def _trial(case: Case, before: Stand, after: Stand, names: tuple[str, ...], need
         reason = SMALL
     elif after.at_bound():
         reason = f"{' and '.join(after.at_bound())} at the end of what is plausible"
-    return Trial(names, after, gain, held, far, after.rms(kept_apart), needed * scale, reason)
+    return Trial(names, after, gain, held, far, after.rms(kept_apart, case.scales), needed * scale, reason)

@@ -60,6 +60,14 @@ class Case:
     drawn
         Yields errors that readings of the runs in `identify` may have at a stand, by run [response], where these are no
         Gaussian noise; nothing where they are.
+    weights
+        By the name of an observation what a value of it counts, beside `tolerance`, when it is asked how far an effect
+        moves a prediction; one where it is not there.
+    scales
+        By the name of an observation whose values are not equally noisy what these are multiplied with before their
+        root mean square is stated: typical noise over their own.
+    judging
+        Names of the observations whose error is stated; by default those kept apart, or all if there are none.
     """
 
     identify: Suite
@@ -75,12 +83,17 @@ class Case:
     least: float = 0.0
     believed: float = math.inf
     drawn: Callable[[Stand], Iterable[Mapping[str, Array]]] = lambda _: ()
+    weights: Mapping[str, Array] = field(default_factory=dict)
+    scales: Mapping[str, Array] = field(default_factory=dict)
+    judging: tuple[str, ...] = ()
 
     def coordinates(self, model: Model, free: Sequence[str], suite: Suite) -> Coordinates:
         """Return free numbers and those of each run as coordinates."""
         runs = {record.observation.name for record in suite.records}
         own = [parameter.name for parameter in model.parameters() if parameter.run in runs]
         names = [*free, *own]
+        if not names:  # frequency responses have no numbers of their own
+            return Coordinates((), {}, np.zeros(0), np.zeros(0), np.zeros(0))
         known = {name: about for name, about in self.known(model).items() if name in names}
         return _near(coordinates(model, names, known), self.believed)
 
@@ -143,10 +156,21 @@ class Stand:
         """Names of the effects."""
         return tuple(effect.name for effect in self.effects)
 
-    def rms(self, runs: Sequence[str]) -> float:
-        """Return the root mean square of what is left of some runs [response]."""
-        left = np.concatenate([self.remainders[name] for name in runs])
+    def rms(self, runs: Sequence[str], scales: Mapping[str, Array] | None = None) -> float:
+        """Return the root mean square of what is left of some runs [response].
+
+        Parameters
+        ----------
+        runs
+            Names of observations.
+        scales
+            By name what values are multiplied with, where they are not alike; see `Case.scales`.
+        """
+        left = np.concatenate([self._scaled(name, scales or {}) for name in runs])
         return float(np.sqrt(np.nanmean(left**2)))
+
+    def _scaled(self, name: str, scales: Mapping[str, Array]) -> Array:
+        return self.remainders[name] * scales[name] if name in scales else self.remainders[name]
 
     @property
     def total(self) -> float:
@@ -299,18 +323,35 @@ def refitted(case: Case, stand: Stand, base: Model, effects: tuple[Candidate, ..
     return fitted(case, model, effects, values)
 
 
-def moved(suite: Suite, before: Stand, after: Stand) -> float:
+def moved(suite: Suite, before: Stand, after: Stand, weights: Mapping[str, Array] | None = None) -> float:
     """Return by how much two stands differ in what they predict of new runs, rms [response]; offsets are free.
 
-    New runs begin where the old ones did, but in time: a delay that every run has is not the runs' own.
+    New runs begin where the old ones did, but in time: a delay that every run has is not the runs' own. Observations
+    with weights, see `Case`, count on their own: the larger of both differences is returned.
     """
+    weights = weights or {}
+    weighted = [record for record in suite.records if record.observation.name in weights]
+    plain = [record for record in suite.records if record.observation.name not in weights]
+    return max(_moved(records, before, after, weights) for records in (plain, weighted) if records)
+
+
+def _moved(records: Sequence[Record], before: Stand, after: Stand, weights: Mapping[str, Array]) -> float:
     squares, count = 0.0, 0
     models = [stand.model.replace(_in_time(stand.model)) for stand in (before, after)]
-    for record in suite.records:
+    for record in records:
         first, second = (np.asarray(model.predict(record.observation)) for model in models)
-        difference = (second - first)[record.present]
-        squares, count = squares + float(np.sum((difference - np.mean(difference)) ** 2)), count + len(difference)
+        difference = free_part(record, (second - first), weights)
+        squares, count = squares + float(np.sum(difference**2)), count + len(difference)
     return math.sqrt(squares / count)
+
+
+def free_part(record: Record, difference: Array, weights: Mapping[str, Array]) -> Array:
+    """Return what of a difference is no offset, where there are values; or these with their weights."""
+    weight = weights.get(record.observation.name)
+    if weight is not None:
+        return np.asarray((difference * weight)[record.present])
+    there = difference[record.present]
+    return np.asarray(there - np.mean(there))
 
 
 def _in_time(model: Model) -> dict[str, float]:

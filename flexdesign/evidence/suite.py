@@ -270,6 +270,6 @@ class Problem:
         by = np.where(moved > 0, np.clip(wanted / np.maximum(np.sqrt(moved), 1e-300), 0.1, 10.0), 1.0)
         self.steps = np.clip(self.steps * by, SMALLEST * sizes, LARGEST * sizes)
         return [
-            Slopes(places, np.array([columns[r, int(j)] for j in places]).reshape(len(places), -1).T)
+            Slopes(places, np.array([columns[r, int(j)] for j in places]).reshape(len(places), len(residuals[r])).T)
             for r, places in enumerate(self.places)
         ]

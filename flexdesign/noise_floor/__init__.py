@@ -2,9 +2,11 @@
 
 In this order: quiet stretches, where every command stands still and modes have rung down; the difference of periods,
 where a command repeats itself; the difference of runs with one and the same command. It is never taken from the
-residual of a model, or whitening would swallow the physics that the model lacks.
+residual of a model, or whitening would swallow the physics that the model lacks. Frequency responses have their own,
+line by line: see `lines`.
 """
 
 from flexdesign.noise_floor.floor import NoiseFloor, noise_floor
+from flexdesign.noise_floor.lines import LineNoise, Mixed, line_noise
 
-__all__ = ["NoiseFloor", "noise_floor"]
+__all__ = ["LineNoise", "Mixed", "NoiseFloor", "line_noise", "noise_floor"]

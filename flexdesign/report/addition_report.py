@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexdesign import effects, units
+from flexdesign.comparison import Comparison
 from flexdesign.diagnosis.adding import Added, InTheLoop, variant
 from flexdesign.diagnosis.standing import compared
 from flexdesign.dynamics.axis_run import doubts
@@ -17,7 +18,7 @@ from flexdesign.report import comparison_words as words
 from flexdesign.report import diagnosis_figures as figures
 from flexdesign.report import diagnosis_report as reports
 from flexdesign.report import diagnosis_words as said
-from flexdesign.report import simulation_report
+from flexdesign.report import response_pages, simulation_report
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.identification_report import SHOWN
 from flexdesign.report.simulation_charts import Curve, panels
@@ -30,7 +31,7 @@ ROUNDING = 1e-12
 
 def ladder_of(found: Added) -> Table:
     """Return the error ladder."""
-    return reports.ladder(found.ladder, found.noise, found.noise_floor, _response(found))
+    return reports.ladder(found.ladder, found.noise, found.noise_floor, said.response(found))
 
 
 def summary(found: Added) -> list[str]:
@@ -65,19 +66,27 @@ def document(found: Added, loop: InTheLoop) -> Document:
         ),
         Section("Its numbers", _caveats(found), [reports.values_table(found.values)]),
         Section("In the loop", *_loop(found, loop)),
-        Section(
-            "Where the model fails without it", figures.where_text(stands), [], figures.where_figures(stands, kinds[:2])
-        ),
-        Section("Measured and predicted", [], [], figures.run_figures(stands)),
+        *_in_time(stands, kinds),
+        *response_pages.section([(n, s.responses) for n, s in stands], axis.response, axis.natural_frequency),
         Section("The model's own numbers", [], [reports.numbers_table(axis, found.calibration)]),
-        Section("Noise", reports.noise_text(found.noise, found.noise_floor, _response(found))),
+        Section("Noise", reports.noise_text(found.noise, found.noise_floor, said.response(found))),
     ]
     return Document(f"{title}: {name} added to axis {found.axis}", summary(found), sections)
 
 
+def _in_time(stands: list[tuple[str, Comparison]], kinds: list[str]) -> list[Section]:
+    if not stands[0][1].runs:
+        return []
+    drawn = figures.where_figures(stands, kinds[:2])
+    return [
+        Section("Where the model fails without it", figures.where_text(stands), [], drawn),
+        Section("Measured and predicted", [], [], figures.run_figures(stands)),
+    ]
+
+
 def result(found: Added, loop: InTheLoop) -> dict[str, Any]:
     """Return result.json's content: every number with its unit, and what made it."""
-    si = _response(found)
+    si = said.response(found)
     return {
         "format": FORMAT,
         "kind": "addition",
@@ -92,6 +101,7 @@ def result(found: Added, loop: InTheLoop) -> dict[str, Any]:
         "ladder": reports.ladder_json(found.ladder, si),
         "noise_floor": reports.noise_json(found.noise, found.noise_floor, si),
         "where": reports.where_json(found, si),
+        **response_pages.before_and_after(found),
         "calibration": [reports.value_json(value) for value in found.calibration],
         "loop": _loop_json(loop),
         "made_by": reports.made_by(found),
@@ -157,7 +167,7 @@ def _telling(simulation: Simulation, axis: str) -> list[tuple[Case, Case]]:
 
 def _side_by_side(found: Added, pair: tuple[Case, Case]) -> Figure:
     """Draw the motion without and with the effect, and how far each is from what was asked for."""
-    si = _response(found)
+    si = found.before.axes[found.axis].response
     large = SHOWN[si][0]
     scale, unit, first = units.factor(large, si), words.sign(large), pair[0]
     names = ("without", variant(found.name))
@@ -197,7 +207,3 @@ def _caveats(found: Added) -> list[str]:
 def _reason(reason: str) -> str:
     """Return why an effect is not needed, as the end of a sentence."""
     return f"explains {reason}" if reason.startswith("no more") else reason.replace("_", " ")
-
-
-def _response(found: Added) -> str:
-    return found.before.axes[found.axis].response

@@ -14,6 +14,7 @@ from flexdesign.dynamics.axis_run import doubts
 from flexdesign.files import FORMAT
 from flexdesign.report import comparison_words as words
 from flexdesign.report import residual_charts as charts
+from flexdesign.report import response_pages
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.identification_report import SHOWN, SLOW
 from flexdesign.report.residual_charts import Bars, Trace
@@ -28,7 +29,9 @@ JUMP = 0.05
 
 
 def errors(found: Comparison) -> Table:
-    """Return what the model leaves of every run."""
+    """Return what the model leaves of every run; without runs of every frequency response."""
+    if not found.runs:
+        return response_pages.table([("predicted", found.responses)])
     rows = [
         [
             run.name,
@@ -52,6 +55,10 @@ def errors(found: Comparison) -> Table:
 
 def summary(found: Comparison) -> list[str]:
     """Return the answer in a few sentences: by how much, and where."""
+    mode = found.model.axes[found.axis].natural_frequency
+    lines = [" ".join(response_pages.sentences(found.responses, mode))] if found.responses else []
+    if not found.runs:
+        return lines
     rms, floor = words.error(found.response, found.rms), words.error(found.response, found.floor, 2)
     share = words.percent(found.rms / found.runs[0].stroke if found.runs[0].stroke else math.nan)
     count = f"{len(found.runs)} runs" if len(found.runs) > 1 else found.runs[0].name
@@ -59,9 +66,9 @@ def summary(found: Comparison) -> list[str]:
     if found.rms < NOISE * found.floor:
         noise = f"the noise ({floor})" if found.noise.known else "no more than what may be noise"
         said.append(f"That is {noise}: nothing in these runs says that the model fails.")
-        return said
+        return [*said, *lines]
     said.append(" ".join(words.sentences(found)))
-    return said
+    return [*said, *lines]
 
 
 def result(found: Comparison) -> dict[str, Any]:
@@ -103,7 +110,8 @@ def result(found: Comparison) -> dict[str, Any]:
             for run in found.runs
         ],
         "where": [breakdown_json(b, si) for b in found.where],
-        "sentences": words.sentences(found) if found.rms >= NOISE * found.floor else [],
+        "sentences": words.sentences(found) if found.runs and found.rms >= NOISE * found.floor else [],
+        **({"frequency_responses": response_pages.result(found.responses, si)} if found.responses else {}),
         "made_by": {"model": found.model.name, "versions": versions.installed()},
     }
 
@@ -111,10 +119,15 @@ def result(found: Comparison) -> dict[str, Any]:
 def document(found: Comparison) -> Document:
     """Write the report of a comparison."""
     name = found.model.title or found.model.name
+    mode = found.model.axes[found.axis].natural_frequency
+    lines = response_pages.section([("predicted", found.responses)], found.response, mode)
+    if not found.runs:
+        return Document(f"{name}: axis {found.axis} against {_count(found)}", summary(found), lines)
     remarks = [f"{run.name}: {remark}." for run in found.runs for remark in run.remarks]
     traces = [_trace(found, run) for run in found.runs]
     sections = [
         Section("Errors", [*_noise_remarks(found), *remarks], [errors(found)]),
+        *lines,
         Section("Where it fails", _where_text(found), [], [_shares(found)]),
         Section("What is left", _left_text(), [], _pictures(found, traces)),
         Section("Runs", [], [], [f for run in found.runs for f in _figures(found, run)]),
@@ -258,7 +271,14 @@ def _left_text() -> list[str]:
 
 
 def _count(found: Comparison) -> str:
-    return f"{len(found.runs)} runs" if len(found.runs) > 1 else f"run {found.runs[0].name}"
+    runs = f"{len(found.runs)} runs" if len(found.runs) > 1 else "".join(f"run {run.name}" for run in found.runs)
+    count = len(found.responses)
+    more = (
+        f"{count} frequency responses"
+        if count > 1
+        else "".join(f"frequency response {r.name}" for r in found.responses)
+    )
+    return " and ".join(part for part in (runs, more) if part)
 
 
 def _table(found: Comparison, breakdown: Breakdown) -> Table:

@@ -11,6 +11,8 @@ from flexdesign.report.identification_report import SHOWN
 
 #: A breakdown with less contrast than this says that all parts are alike.
 ALIKE = 0.1
+#: The unit of errors below a tenth of another.
+FINER = {"um": "nm", "mV": "uV", "urad": "nrad"}
 
 
 def sentences(found: Comparison) -> list[str]:
@@ -122,7 +124,7 @@ def error(response: str, value: float, digits: int = 3) -> str:
     ('1.75 µm', '46 nm')
     """
     small = SHOWN[response][1]
-    finer = {"um": "nm", "mV": "uV", "urad": "nrad"}[small]
+    finer = FINER[small.removesuffix("/V")] + ("/V" if small.endswith("/V") else "")
     unit = finer if 0 < abs(value) < 0.1 * units.factor(small, response) else small
     return units.to_text(value, unit, digits, si=response).replace(unit, sign(unit))
 

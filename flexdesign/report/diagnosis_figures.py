@@ -19,7 +19,7 @@ from flexdesign.report import comparison_words as words
 from flexdesign.report import diagnosis_charts as drawings
 from flexdesign.report import diagnosis_words as said
 from flexdesign.report import residual_charts as charts
-from flexdesign.report.document import Figure
+from flexdesign.report.document import Figure, Section
 from flexdesign.report.identification_report import SHOWN
 from flexdesign.report.residual_charts import Bars, Trace
 
@@ -64,18 +64,18 @@ def pictures(names: Sequence[str]) -> list[str]:
 
 def ladder_figure(found: Judged, rungs: Sequence[Rung], floor: float) -> Figure:
     """Draw the error ladder."""
-    si = found.before.axes[found.axis].response
+    si = said.response(found)
     small = SHOWN[si][1]
     factor = units.factor(small, si)
     steps = [drawings.Step(said.label(r), r.error / factor, words.error(si, r.error)) for r in rungs]
     drawn = drawings.ladder(steps, floor / factor, words.error(si, floor, 2), words.sign(small))
-    return Figure("ladder.svg", drawn, f"Error of {said.judged_on(found.runs)}, step by step")
+    return Figure("ladder.svg", drawn, f"Error of {said.judged_on(said.recorded(found))}, step by step")
 
 
 def where_text(stands: Sequence[tuple[str, Comparison]]) -> list[str]:
     """Return where each model fails, in a few sentences."""
-    text = []
-    for name, stand in stands:
+    text = list[str]()
+    for name, stand in stands if stands[0][1].runs else []:
         if stand.rms < comparison_report.NOISE * stand.floor:
             text.append(f"{capital(name)}: nothing above the noise.")
         else:
@@ -87,7 +87,9 @@ def where_figures(
     stands: Sequence[tuple[str, Comparison]], kinds: Sequence[str], *, shares: bool = True
 ) -> list[Figure]:
     """Draw what models leave in some kinds of pictures, and where the error of the first one lies."""
-    made = []
+    made = list[Figure]()
+    if not stands[0][1].runs:
+        return made
     for kind in kinds:
         for k, (name, stand) in enumerate(stands):
             figure = _picture(kind, stand, name, "after" if k else "before")
@@ -117,6 +119,24 @@ def run_figures(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
         drawn = drawings.beside(run.time[there], measured, predicted, labels, factor)
         made.append(Figure(f"run_{file}.svg", drawn, _run_caption(stands, runs)))
     return made
+
+
+def in_time(stands: Sequence[tuple[str, Comparison]], text: Sequence[str], kinds: Sequence[str]) -> list[Section]:
+    """Return where models fail in runs in time, and their predictions; nothing without runs."""
+    if not stands[0][1].runs:
+        return []
+    return [
+        Section("Where it fails", where_text(stands), [], where_figures(stands, kinds[:2])),
+        Section("Measured and predicted", list(text), [], run_figures(stands)),
+    ]
+
+
+def more_pictures(stands: Sequence[tuple[str, Comparison]], kinds: Sequence[str]) -> list[Section]:
+    """Return the pictures that were not shown first; none without runs."""
+    if not stands[0][1].runs:
+        return []
+    drawn = where_figures(stands, kinds[2:], shares=False)
+    return [Section("More pictures of what is left", [], [], drawn, folded=True)]
 
 
 def _run_caption(stands: Sequence[tuple[str, Comparison]], runs: Sequence[RunComparison]) -> str:

@@ -16,17 +16,20 @@ from flexdesign.diagnosis.standing import Judged, Which, compared
 from flexdesign.diagnosis.telling import Telling
 from flexdesign.files import FORMAT
 from flexdesign.noise_floor import NoiseFloor
-from flexdesign.report import comparison_report, plan_pages
+from flexdesign.report import comparison_report, plan_pages, response_pages
 from flexdesign.report import comparison_words as words
 from flexdesign.report import diagnosis_words as said
-from flexdesign.report.diagnosis_figures import capital, ladder_figure, pictures, run_figures, where_figures, where_text
+from flexdesign.report.diagnosis_figures import capital, in_time, ladder_figure, more_pictures, pictures
 from flexdesign.report.document import Document, Section, Table
+from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.stage_model import AxisModel
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 #: Experiments that are listed as telling two effects apart.
 PROPOSED = 8
+#: How the names of smooth functions over frequency begin.
+OVER_FREQUENCY = ("magnitude near", "phase near")
 
 
 def ladder_of(found: Diagnosis) -> Table:
@@ -76,15 +79,15 @@ def document(found: Diagnosis, tellings: Sequence[Telling]) -> Document:
     kinds, bars = pictures(names), ladder_figure(found, found.ladder, found.noise_floor)
     sections = [
         Section("The error ladder", _ladder_text(found), [ladder_of(found)], [bars]),
-        Section("Where it fails", where_text(stands), [], where_figures(stands, kinds[:2])),
-        Section("Measured and predicted", _runs_text(found), [], run_figures(stands)),
+        *in_time(stands, _runs_text(found), kinds),
+        *response_pages.section([(n, s.responses) for n, s in stands], axis.response, axis.natural_frequency),
         *(_effect(named) for named in found.effects),
         Section("What was tried", _tried_text(found), [candidates(found)] if found.candidates else []),
         *_apart(found, tellings),
         *_left(found),
         Section("The model's own numbers", _numbers_text(found), [numbers_table(axis, found.calibration)]),
         Section("Noise", noise_text(found.noise, found.noise_floor, said.response(found))),
-        Section("More pictures of what is left", [], [], where_figures(stands, kinds[2:], shares=False), folded=True),
+        *more_pictures(stands, kinds),
         Section("How it was done", _how(found)),
     ]
     return Document(f"{name}: diagnosis of axis {found.axis}", said.summary(found, tellings), sections)
@@ -117,10 +120,11 @@ def result(found: Diagnosis, tellings: Sequence[Telling]) -> dict[str, Any]:
             ],
         },
         "where": where_json(found, si),
+        **response_pages.before_and_after(found),
         "calibration": [value_json(value) for value in found.calibration],
         "conflicts": list(found.conflicts),
         "confidence": found.confidence,
-        "remarks": {run.name: list(run.remarks) for run in found.runs if run.remarks},
+        "remarks": {each.name: list(each.remarks) for each in _every(found) if each.remarks},
         "made_by": made_by(found),
         "simulations": found.evaluations,
     }
@@ -180,7 +184,10 @@ def made_by(found: Judged) -> dict[str, Any]:
     """Return what made a result: the model, the runs with their roles, versions."""
     return {
         "model": found.before.name,
-        "runs": [{"name": run.name, "role": run.role, "samples": len(run.time)} for run in found.runs],
+        "runs": [
+            *({"name": run.name, "role": run.role, "samples": len(run.time)} for run in found.runs),
+            *({"name": r.name, "role": r.role, "lines": int(r.present.sum())} for r in found.responses),
+        ],
         "versions": versions.installed(),
     }
 
@@ -191,6 +198,8 @@ def noise_text(noise: NoiseFloor, floor: float, si: str) -> list[str]:
     if not noise.known:
         first = f"Nothing in these runs shows the noise: {value} was guessed from the quietest band. "
         first += "Record some seconds in which nothing moves."
+        if si.endswith("/V"):
+            first = f"No coherence says what the noise of these lines is: {value} was guessed from their neighbours."
     else:
         error = words.percent(noise.relative_error)
         known = f", known to {error} (one standard error)" if math.isfinite(noise.relative_error) else ""
@@ -221,11 +230,11 @@ def _stand_name(found: Diagnosis) -> str:
 
 
 def _ladder_text(found: Diagnosis) -> list[str]:
-    runs = said.judged_on(found.runs)
+    runs = said.judged_on(said.recorded(found))
     return [
         f"Each bar is the error of {runs}. As designed: nothing is fitted but how each record began. Recalibrated: the "
         "model's own numbers are fitted, each within what was known of it. Then effects are added while they earn "
-        "their place."
+        "their place." + ("" if found.runs else " Every line of a frequency response counts by its noise.")
     ]
 
 
@@ -289,12 +298,21 @@ def _left(found: Diagnosis) -> list[Section]:
     si = said.response(found)
     text = [f"{capital(found.remainder)}."] if found.remainder else ["Nothing stays above the noise."]
     rows = [
-        [name, words.percent(found.rival.shares[name]), words.error(si, amount)]
+        [name, words.percent(found.rival.shares[name]), _amount(name, amount, si)]
         for name, amount in found.rival.terms.items()
     ]
     caption = "Smooth functions that explain most of what is left, with no physics in them"
     table = Table(["function", "of what they explain", "amount"], rows, caption)
     return [Section("What stays", text, [table] if rows else [])]
+
+
+def _every(found: Judged) -> list[Run | FrequencyResponse]:
+    return [*found.runs, *found.responses]
+
+
+def _amount(name: str, amount: float, si: str) -> str:
+    """Write the amount of a smooth function; one over frequency multiplies the response."""
+    return words.percent(amount) if name.startswith(OVER_FREQUENCY) else words.error(si, amount)
 
 
 def numbers_table(axis: AxisModel, calibration: Sequence[Value]) -> Table:
@@ -317,8 +335,8 @@ def _numbers_text(found: Diagnosis) -> list[str]:
 
 
 def _how(found: Diagnosis) -> list[str]:
-    seen = [run.name for run in found.runs if run.role == "identify"]
-    kept = [run.name for run in found.runs if run.role == "validate"]
+    seen = [each.name for each in _every(found) if each.role == "identify"]
+    kept = [each.name for each in _every(found) if each.role == "validate"]
     text = f"Fitted: {words.listed(seen)}."
     text += f" Kept apart: {words.listed(kept)}." if kept else " None was kept apart."
     made = ", ".join(f"{name} {number}" for name, number in versions.installed().items())

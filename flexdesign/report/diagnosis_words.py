@@ -8,12 +8,13 @@ from collections.abc import Sequence
 from flexdesign import effects, units
 from flexdesign.bench import Resolved
 from flexdesign.diagnosis import Diagnosis, Named, Rung, Value
-from flexdesign.diagnosis.standing import compared
+from flexdesign.diagnosis.standing import Judged, compared
 from flexdesign.diagnosis.telling import Telling
 from flexdesign.dynamics.axis_run import doubts
 from flexdesign.evidence import Estimate
 from flexdesign.report import comparison_words as words
-from flexdesign.runs import Run
+from flexdesign.report import response_pages
+from flexdesign.runs import FrequencyResponse, Run
 
 #: Half-width of a 95 % interval, in standard deviations.
 HALF_WIDTH = 1.96
@@ -39,7 +40,7 @@ def called(name: str) -> str:
 def verdict(found: Diagnosis) -> str:
     """Return the verdict in a sentence or two."""
     error, floor = words.error(response(found), found.validation_error), _floor(found)
-    runs = judged_on(found.runs)
+    runs = judged_on(recorded(found))
     if found.verdict == "nothing-missing":
         return f"Nothing is missing. Recalibrated, the model misses {runs} by {error} rms; the noise is {floor}."
     if found.verdict == "unknown":
@@ -107,7 +108,10 @@ def summary(found: Diagnosis, tellings: Sequence[Telling]) -> list[str]:
     said = [*doubts(found.runs), verdict(found), *(effect(found, named) for named in found.effects)]
     said += [apart(group, tellings) for group in found.confusable]
     if found.verdict == "unknown":
-        said.append(f"What it looks like: {' '.join(words.sentences(compared(found, 'found')))}")
+        left, mode = compared(found, "found"), found.before.axes[found.axis].natural_frequency
+        looks = words.sentences(left) if found.runs else []
+        looks += response_pages.sentences(left.responses, mode) if found.responses else []
+        said.append(f"What it looks like: {' '.join(looks)}")
     if found.verdict == "effects-found" and found.remainder:
         said.append(f"Not all is explained: {found.remainder}.")
     if found.conflicts and all(named.values for named in found.effects):
@@ -117,17 +121,25 @@ def summary(found: Diagnosis, tellings: Sequence[Telling]) -> list[str]:
     return said
 
 
-def judged_on(runs: Sequence[Run]) -> str:
+def judged_on(runs: Sequence[Run | FrequencyResponse]) -> str:
     """Return which runs judge, in words."""
     kept = [run.name for run in runs if run.role == "validate"]
+    if kept and any(isinstance(run, FrequencyResponse) for run in runs):
+        return f"the lines of {words.listed([name.removesuffix(':validate') for name in kept])} that no fit has seen"
     if not kept:
         return "the runs that were fitted (none was kept apart)"
     return f"{len(kept)} runs that no fit has seen" if len(kept) > 1 else f"{kept[0]}, which no fit has seen"
 
 
-def response(found: Diagnosis) -> str:
-    """Return the SI unit of the response."""
-    return found.before.axes[found.axis].response
+def response(found: Judged) -> str:
+    """Return the SI unit of errors: that of the response, per volt where there are frequency responses alone."""
+    unit = found.before.axes[found.axis].response
+    return unit if found.runs else f"{unit}/V"
+
+
+def recorded(found: Judged) -> Sequence[Run | FrequencyResponse]:
+    """Return what the errors of the ladder are of: the runs, or frequency responses where there are no runs."""
+    return found.runs or found.responses
 
 
 def either(names: Sequence[str]) -> str:

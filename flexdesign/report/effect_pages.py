@@ -9,6 +9,7 @@ from typing import Any
 
 from flexdesign import effects, units, versions
 from flexdesign.bench.signature import Seen, Signature
+from flexdesign.effects import statics
 from flexdesign.errors import InputError
 from flexdesign.files import FORMAT
 from flexdesign.model import Effect, Parameter, Term
@@ -35,16 +36,18 @@ def find(name: str) -> Effect:
 
 
 def catalogue() -> Table:
-    """Return all effects: their names, where they act, what reveals them."""
+    """Return all effects, the static ones last: their names, where they act, what reveals them."""
     found = [(name, effects.find(name)) for name in effects.names()]
+    found += [(name, statics.find(name)) for name in statics.names()]
     rows = [[name, effect.where, effect.reveal] for name, effect in found]
     return Table(["effect", "where it acts", "what reveals it"], rows, "flexdesign effects NAME shows one in full")
 
 
 def catalogue_result() -> dict[str, Any]:
     """Return the catalogue as result.json has it."""
-    found = {name: _described(effects.find(name)) for name in effects.names()}
-    return {"format": FORMAT, "kind": "effects", "effects": found}
+    found = {name: described(effects.find(name)) for name in effects.names()}
+    static = {name: described(statics.find(name)) for name in statics.names()}
+    return {"format": FORMAT, "kind": "effects", "effects": found, "static_effects": static}
 
 
 def acts_in_time(effect: Effect) -> bool:
@@ -55,7 +58,7 @@ def acts_in_time(effect: Effect) -> bool:
 def result(name: str, signature: Signature | None) -> dict[str, Any]:
     """Return one effect as result.json has it: what it states, and what it changes in each experiment."""
     effect = find(name)
-    answer: dict[str, Any] = {"format": FORMAT, "kind": "effect", **_described(effect)}
+    answer: dict[str, Any] = {"format": FORMAT, "kind": "effect", **described(effect)}
     if signature is None:
         return answer
     axis = signature.effect.without
@@ -79,7 +82,8 @@ def result(name: str, signature: Signature | None) -> dict[str, Any]:
     return answer
 
 
-def _described(effect: Effect) -> dict[str, Any]:
+def described(effect: Effect) -> dict[str, Any]:
+    """Return what an effect states, as result.json has it."""
     return {
         "name": effect.name,
         "physics": effect.physics,
@@ -128,8 +132,13 @@ def document(name: str, signature: Signature | None, model: Mapping[str, str] | 
     sections = []
     if signature is not None:
         sections = [_signature(effect, signature, model or {}), _where_it_shows(signature)]
-    sections += [_parameters(effect, signature), _advice(effect)]
+    sections += stated(effect)
     return Document(effect.name, [effect.physics, f"Where it acts: {effect.where}."], sections)
+
+
+def stated(effect: Effect) -> list[Section]:
+    """Return the sections on what an effect states of itself."""
+    return [_parameters(effect), _advice(effect)]
 
 
 def _signature(effect: Effect, signature: Signature, model: Mapping[str, str]) -> Section:
@@ -178,7 +187,7 @@ def _where_it_shows(signature: Signature) -> Section:
     )
 
 
-def _parameters(effect: Effect, signature: Signature | None) -> Section:
+def _parameters(effect: Effect) -> Section:
     rows = [
         [
             p.name, p.meaning + (", of each run its own" if p.per_run else ""), p.unit or "–",
@@ -187,7 +196,10 @@ def _parameters(effect: Effect, signature: Signature | None) -> Section:
         ]
         for p in effect.parameters
     ]  # fmt: skip
-    caption = "For a stroke of 100 µm and 100 V; on another stage lengths and voltages scale with its own"
+    of_stage = effect.name not in statics.names()
+    caption = (
+        "For a stroke of 100 µm and 100 V; on another stage lengths and voltages scale with its own" if of_stage else ""
+    )
     heads = ["parameter", "meaning", "unit", "null", "start", "plausible"]
     return Section("Parameters", ["At the null of a parameter the effect is not there."], [Table(heads, rows, caption)])
 
@@ -212,7 +224,7 @@ def _advice(effect: Effect) -> Section:
 
 def brief(effect: Effect) -> Table:
     """Return what a terminal shows of an effect."""
-    table = _parameters(effect, None).tables[0]
+    table = _parameters(effect).tables[0]
     return Table(["parameter", "meaning", "null", "start", "plausible"], [_without_unit(row) for row in table.rows])
 
 

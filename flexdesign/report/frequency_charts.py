@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from flexdesign.report.charts import COLOURS, NEUTRAL, below, plain, svg
 
 #: Width of a chart, and height of one of its panels [in].
@@ -32,6 +35,48 @@ class Mark(NamedTuple):
 
     label: str
     x: float
+
+
+class Line(NamedTuple):
+    """A labelled frequency response: frequencies [Hz], complex numbers, and whether it is drawn as dots."""
+
+    label: str
+    frequencies: NDArray[np.float64]
+    response: NDArray[np.complex128]
+    dots: bool = False
+
+
+def measured_bode(lines: Sequence[Line], coherence: NDArray[np.float64] | None, unit: str) -> bytes:
+    """Draw frequency responses over the logarithm of frequency: magnitude, phase, and coherence where it is known.
+
+    Parameters
+    ----------
+    lines
+        The first is the measured one, whose frequencies the coherence has.
+    coherence
+        n numbers; None if there is none.
+    unit
+        Of the magnitude.
+    """
+    figure, axes = _panels(2 if coherence is None else 3, 0.85 * HEIGHT)
+    for index, line in enumerate(lines):
+        style = {"marker": ".", "markersize": 4, "linestyle": ""} if line.dots else {"linewidth": 1.6}
+        colour = NEUTRAL if line.dots else COLOURS[(index - 1) % len(COLOURS)]
+        phase = np.degrees(np.unwrap(np.angle(line.response)))
+        phase -= 360.0 * np.round((phase[0] - np.degrees(np.angle(lines[0].response[0]))) / 360.0)
+        axes[0].plot(line.frequencies, np.abs(line.response), color=colour, label=line.label, **style)
+        axes[1].plot(line.frequencies, phase, color=colour, **style)
+    _logarithmic(axes[0])
+    axes[0].set_ylabel(f"magnitude [{unit}]")
+    axes[1].set_ylabel("phase [deg]")
+    if coherence is not None:
+        axes[2].plot(lines[0].frequencies, coherence, color=NEUTRAL, linewidth=1.2)
+        axes[2].set_ylim(0, 1.02)
+        axes[2].set_ylabel("coherence")
+    axes[-1].set_xscale("log")
+    axes[-1].set_xlabel("frequency [Hz]")
+    below(figure, axes[0], min(3, len(lines)))
+    return svg(figure)
 
 
 def bode(

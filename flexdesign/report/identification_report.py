@@ -20,6 +20,8 @@ from flexdesign.stage_model import StageModel, to_toml
 
 #: In which unit a response is shown, and in which what is left of it.
 SHOWN = {"m": ("um", "um"), "V": ("V", "mV"), "rad": ("urad", "urad")}
+#: The same per volt, for frequency responses alone.
+SHOWN |= {f"{si}/V": (f"{large}/V", f"{small}/V") for si, (large, small) in SHOWN.items()}
 #: A command that moves less than this share of its span in a period of the mode is slow: then a loop is drawn.
 SLOW = 0.1
 

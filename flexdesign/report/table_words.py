@@ -55,9 +55,9 @@ def percentage(share: float) -> str:
     return f"{100 * share:.2g} %"
 
 
-def percent(share: float, digits: int = 2) -> str:
+def percent(share: float) -> str:
     """Return a signed percentage."""
-    return f"{100 * share:+.{digits}g} %"
+    return f"{100 * share:+.1f} %"
 
 
 def quantity(value: Value) -> str:

@@ -20,6 +20,14 @@
     role = "identify"
     closed_loop = false
     conditions = { payload = "50 g", temperature = "23 degC" }
+    [[run]]
+    file = "response.csv"                 # a frequency response
+    input = "dac"                         # what the command was, as command_is says of runs
+    output = "x"                          # the axis that was read
+    amplitude = "2 V"                     # of a sine stepped from line to line; left out for a multisine
+    bias = "40 V"                         # about which the command moved
+    averages = 16                         # of each line
+    period = "0.1 ms"                     # between samples of a command that is held; left out for a continuous one
 
 Everything may be left out. What a ``[[run]]`` says of ``closed_loop`` and ``between_samples`` goes before what the top
 of the file says of all.
@@ -154,6 +162,13 @@ class RunSettings(files.Table):
     conditions: Conditions = Conditions()
     closed_loop: bool | None = None
     between_samples: Annotated[Between | None, _one_of(*get_args(Between))] = None
+    # Of frequency responses alone:
+    input: Annotated[CommandIs | None, _one_of(*get_args(CommandIs))] = None
+    output: Annotated[str | None, _one_of(*AXES)] = None
+    amplitude: in_si("V", 0.0, 1e9) | None = None  # type: ignore[valid-type]
+    bias: in_si("V", -1e9, 1e9) | None = None  # type: ignore[valid-type]
+    averages: files.whole(1, 10**9) | None = None  # type: ignore[valid-type]
+    period: in_si("s", 0.0, 1e3) | None = None  # type: ignore[valid-type]
 
 
 class RunTable(RunSettings):

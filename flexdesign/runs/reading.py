@@ -10,8 +10,9 @@ from pathlib import Path
 from flexdesign import columns
 from flexdesign.columns import Sheet
 from flexdesign.errors import InputError, suggest
-from flexdesign.runs import bridging, clock, description, faults
+from flexdesign.runs import bridging, clock, description, faults, frequency_response
 from flexdesign.runs.description import Measurements, RunSettings, SensorTable, Setup, read_measurements
+from flexdesign.runs.frequency_response import FrequencyResponse
 from flexdesign.runs.run import AXES, COMMANDS, Array, Run, Sensor
 
 #: Which SI units a column may have. An electronic analogue of a stage answers in volts.
@@ -49,8 +50,7 @@ def read_run(path: str | Path) -> Run:
         ten usable rows, command or response is missing, no reading can be used, or the command has a long gap.
     """
     path = Path(path)
-    beside = path.parent / description.NAME
-    measurements = read_measurements(beside) if beside.is_file() else Measurements(beside, Setup(), {})
+    measurements = _beside(path)
     sheet = columns.read(path, ALLOWED, gaps=True)
     _needs(sheet, COMMANDS, "command", "u [V]")
     _needs(sheet, AXES, "response", "x [um]")
@@ -98,25 +98,60 @@ def _run(sheet: Sheet, measurements: Measurements, said: RunSettings) -> Run:
     )
 
 
-def read_runs(paths: Iterable[str | Path]) -> tuple[Run, ...]:
-    """Read files, and all CSV and Parquet files of folders in alphabetical order; one that is named twice, once.
+def read_frequency_response(path: str | Path) -> FrequencyResponse:
+    """Read a frequency response, and what ``measurements.toml`` beside it says about it.
+
+    See `flexdesign.runs.frequency_response` for what may stand in the file.
 
     Raises
     ------
     InputError
-        If a path does not exist, a folder has no such file or lacks one that its ``measurements.toml`` names, or a run
+        If it cannot be used.
+    """
+    path = Path(path)
+    measurements = _beside(path)
+    return frequency_response.read(path, measurements, measurements.runs.get(path.name, RunSettings()))
+
+
+def read_recordings(paths: Iterable[str | Path]) -> tuple[Run | FrequencyResponse, ...]:
+    """Read runs and frequency responses: files, and all CSV and Parquet files of folders in alphabetical order.
+
+    A file whose first column is ``f [Hz]`` is a frequency response; one that is named twice is read once.
+
+    Raises
+    ------
+    InputError
+        If a path does not exist, a folder has no such file or lacks one that its ``measurements.toml`` names, or a file
         cannot be read.
     """
-    found: dict[Path, Run] = {}
+    found: dict[Path, Run | FrequencyResponse] = {}
     for path in map(Path, paths):
         for file in _recordings(path) if path.is_dir() else [path]:
             if file.resolve() not in found:
-                found[file.resolve()] = read_run(file)
-    times = Counter(run.name for run in found.values())
+                is_response = frequency_response.is_frequency_response(file)
+                found[file.resolve()] = read_frequency_response(file) if is_response else read_run(file)
+    times = Counter(each.name for each in found.values())
     return tuple(
-        run if times[run.name] == 1 else replace(run, name=f"{file.parent.name}/{run.name}")
-        for file, run in found.items()
+        each if times[each.name] == 1 else replace(each, name=f"{file.parent.name}/{each.name}")
+        for file, each in found.items()
     )
+
+
+def read_runs(paths: Iterable[str | Path]) -> tuple[Run, ...]:
+    """Read runs in time alone, as `read_recordings` does.
+
+    Raises
+    ------
+    InputError
+        If a path does not exist, a folder has no such file or lacks one that its ``measurements.toml`` names, a run
+        cannot be read, or a file holds a frequency response.
+    """
+    found = read_recordings(paths)
+    for each in found:
+        if isinstance(each, FrequencyResponse):
+            remedy = "is a frequency response, which compare, diagnose and add take; here runs in time are needed"
+            raise InputError(each.name, "header", "f [Hz]", remedy)
+    return tuple(each for each in found if isinstance(each, Run))
 
 
 def write_run(
@@ -145,6 +180,12 @@ def write_run(
         If the file cannot be written.
     """
     columns.write(Path(path), {"t [s]": time, **recorded}, comment, gaps=gaps)
+
+
+def _beside(path: Path) -> Measurements:
+    """Return what ``measurements.toml`` beside a file says."""
+    beside = path.parent / description.NAME
+    return read_measurements(beside) if beside.is_file() else Measurements(beside, Setup(), {})
 
 
 def _needs(sheet: Sheet, names: tuple[str, ...], what: str, example: str) -> None:

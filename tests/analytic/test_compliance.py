@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from flexdesign import design
 from flexdesign.analytic import frame, prb, textbook
 from flexdesign.analytic.compliance import ComplianceModel, drawn, ladder
 from flexdesign.effects import statics
@@ -22,7 +23,9 @@ FREE = ("K_in_output_free", "lambda_output_free", "K_out_input_free")
 def cantilever(compliance):
     member = Member("beam", "arm", ("ground", "tip"), (0.0, 0.0, 0.0), (0.1, 0.0, 0.0), 2e-3, 10e-3)
     linkage = Linkage({"ground": (0.0, 0.0, 0.0), "tip": (0.1, 0.0, 0.0)}, (member,))
-    return frame.motions(linkage, {"beam": compliance}, ["ground"], [{"tip": np.array([0.0, 1.0, 0.0])}])[0]["tip"]
+    return frame.answers(linkage, {"beam": compliance}, ["ground"], [{"tip": np.array([0.0, 1.0, 0.0])}])[0].motions[
+        "tip"
+    ]
 
 
 def test_a_member_clamped_at_one_end_is_a_cantilever():
@@ -39,7 +42,7 @@ def test_what_moves_freely_is_refused():
     member = Member("beam", "arm", ("a", "b"), (0.0, 0.0, 0.0), (0.1, 0.0, 0.0), 2e-3, 10e-3)
     linkage = Linkage({"a": (0.0, 0.0, 0.0), "b": (0.1, 0.0, 0.0)}, (member,))
     with pytest.raises(frame.Mechanism):
-        frame.motions(linkage, {"beam": np.eye(3)}, [], [{"b": np.array([1.0, 0.0, 0.0])}])
+        frame.answers(linkage, {"beam": np.eye(3)}, [], [{"b": np.array([1.0, 0.0, 0.0])}])
 
 
 def built(drawn_design):
@@ -215,3 +218,40 @@ def test_a_ladder_begins_with_nothing_and_ends_with_all():
     assert steps[0] == {}
     assert steps[-1] == effects
     assert "fillet" in effects
+
+
+@pytest.mark.parametrize(
+    ("force", "k_in", "ratio", "k_out"),
+    [(18.44, 1.0798, 1.0191, 0.9556), (55.33, 1.2484, 1.0538, 0.8783), (92.21, 1.4275, 1.0839, 0.8139)],
+)
+def test_over_the_stroke_stiffness_changes_as_in_total_lagrangian_finite_elements(force, k_in, ratio, k_out):
+    """Tangents over those at rest, the section "Over the stroke" of `flexdesign validate bridge_amplifier`."""
+    bridge = design.read(design.find("bridge_amplifier"))
+    part, stack = bridge.part(), bridge.actuator.installed_stiffness
+    rest = ComplianceModel.of_part(part, bridge.material, stack).having(drawn(part))
+    loaded = rest.having(rest.effects | {"geometric_stiffening": {"force": force}})
+    assert loaded.input_stiffness() / rest.input_stiffness() == pytest.approx(k_in, rel=2e-3)
+    assert loaded.amplification() / rest.amplification() == pytest.approx(ratio, rel=2e-3)
+    assert loaded.output_stiffness(stack) / rest.output_stiffness(stack) == pytest.approx(k_out, rel=2e-3)
+
+
+def test_a_pressed_strut_gives_way_across():
+    """A bar that cannot bend between two hinges of stiffness k, pressed by P: its end moves by V / ((2k/L - P) / L)."""
+    length, k, press, push = 0.02, 2.0, 30.0, 0.5
+    nodes = {"ground": (0.0, 0.0, 0.0), "a": (0.0, 0.0, 0.0), "b": (length, 0.0, 0.0), "slide": (length, 0.0, 0.0)}
+    hinge = {"thickness": 1e-3, "width": 1e-2}
+    members = (
+        Member("first", "hinge", ("ground", "a"), (-1e-6, 0.0, 0.0), (1e-6, 0.0, 0.0), **hinge),
+        Member("bar", "arm", ("a", "b"), (0.0, 0.0, 0.0), (length, 0.0, 0.0), **hinge),
+        Member("second", "hinge", ("b", "slide"), (length - 1e-6, 0.0, 0.0), (length + 1e-6, 0.0, 0.0), **hinge),
+    )
+    turning, bar = np.diag([0.0, 0.0, 1 / k]), np.diag([1e-12, 0.0, 0.0])
+    held_upright = Member("guide", "guide", ("ground", "slide"), (length, -0.1, 0.0), (length, 0.1, 0.0), **hinge)
+    linkage = Linkage(nodes, (*members, held_upright))
+    # The guide lets the slide move along its own axis, which is across the bar, and keeps it from turning.
+    free_along = np.diag([1e6, 0.0, 0.0])
+    compliances = {"first": turning, "bar": bar, "second": turning, "guide": free_along}
+    tensions = {"first": 0.0, "bar": -press, "second": 0.0, "guide": 0.0}
+    load = {"slide": np.array([0.0, push, 0.0])}
+    (answer,) = frame.answers(linkage, compliances, ["ground"], [load], tensions)
+    assert answer.motions["slide"][1] == pytest.approx(push / ((2 * k / length - press) / length), rel=1e-4)

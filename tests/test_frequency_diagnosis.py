@@ -1,0 +1,246 @@
+"""Frequency responses in comparison, diagnosis and addition: known answers from closed forms that the package has not.
+
+Responses are transfer functions written down here, with Gaussian noise of the size that the stated coherence means. The
+runs in time beside them come from SciPy's lsim.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import TransferFunction, lsim
+
+from flexdesign.cli import app
+from flexdesign.comparison import compare
+from flexdesign.diagnosis import Diagnosis, adding, diagnose
+from flexdesign.diagnosis.telling import tellings
+from flexdesign.errors import InputError
+from flexdesign.report import addition_report, comparison_report, diagnosis_report
+from flexdesign.runs import FrequencyResponse, Run
+from flexdesign.stage_model import AxisModel, StageModel, to_toml
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+AXIS = AxisModel(118.3, 0.03, 1.98e-6, uncertainty={"natural_frequency": 0.02, "gain": 0.1, "damping_ratio": 1.0})
+MODEL = StageModel({"x": AXIS})
+#: The stage is a little other than its model.
+GAIN, NATURAL, DAMPING = 2.05e-6, 117.5, 0.025
+FAST, SLOW = np.geomspace(1.0, 400.0, 160), np.geomspace(0.01, 10.0, 100)
+
+
+def mode(f: Array, natural: float = NATURAL, damping: float = DAMPING) -> Complex:
+    return np.asarray(1 / (1 - (f / natural) ** 2 + 2j * damping * f / natural))
+
+
+def measured(
+    f: Array, response: Complex, seed: int = 0, coherence: float | None = 0.999, averages: int = 32
+) -> FrequencyResponse:
+    """Return a response with the noise that a coherence means; without one that of 0.999, unsaid."""
+    share, rng = coherence or 0.999, np.random.default_rng(seed)
+    sigma = np.abs(response) * np.sqrt((1 - share) / (2 * averages * share))
+    noisy = response + sigma * (rng.standard_normal(len(f)) + 1j * rng.standard_normal(len(f)))
+    if coherence is None:
+        return FrequencyResponse("sweep", f, noisy)
+    return FrequencyResponse("sweep", f, noisy, coherence=np.full(len(f), share), averages=averages)
+
+
+def found_in(response: FrequencyResponse) -> Diagnosis:
+    return diagnose(MODEL, [response], threads=1)
+
+
+def first(found: Diagnosis) -> tuple[set[str], dict[str, tuple[float, tuple[float, float]]]]:
+    """Return the effect that was found with all that it cannot be told from, and its numbers with their intervals."""
+    assert found.verdict == "effects-found"
+    (named,) = found.effects
+    group = next((set(group) for group in found.confusable if group[0] == named.name), {named.name})
+    return group, {v.parameter.name.rpartition(".")[2]: (v.value, v.interval) for v in named.values}
+
+
+@pytest.mark.parametrize("coherence", [0.999, 0.9, None])
+def test_a_response_that_the_model_explains_lacks_nothing(coherence: float | None) -> None:
+    found = found_in(measured(FAST, GAIN * mode(FAST), coherence=coherence))
+    assert found.verdict == "nothing-missing"
+    values = {value.parameter.name: value.value for value in found.calibration}
+    assert values["natural_frequency"] == pytest.approx(NATURAL, rel=2e-3)
+    assert found.noise.known == (coherence is not None)
+    assert ("guessed" in found.confidence) == (coherence is None)
+
+
+DELAY, BANDWIDTH = 6e-4, 300.0
+CREEPING = sum(0.02 / (1 + 2j * np.pi * SLOW * 0.1 * 10.0**k) for k in range(4))
+HIDDEN = {
+    "driver": (
+        FAST,
+        GAIN * mode(FAST) / (1 + 1j * FAST / BANDWIDTH),
+        {"driver_bandwidth", "sensor_bandwidth"},
+        {"bandwidth": BANDWIDTH},
+    ),
+    "delay": (
+        FAST,
+        GAIN * mode(FAST) * np.exp(-2j * np.pi * FAST * DELAY),
+        {"transport_delay"},
+        {"delay": DELAY},
+    ),
+    "second mode": (
+        FAST,
+        GAIN * (0.95 * mode(FAST) + 0.05 * mode(FAST, 260.0, 0.01)),
+        {"second_mode"},
+        {"share": 0.05, "frequency": 260.0, "damping_ratio": 0.01},
+    ),
+    "creep": (SLOW, GAIN * mode(SLOW) * (1 + CREEPING), {"creep"}, {"per_decade": 0.02, "t0": 0.1}),
+    "payload": (
+        FAST,
+        GAIN * mode(FAST, 118.3 / np.sqrt(1.5), 0.03 / np.sqrt(1.5)),
+        {"payload_mass", "stiffness_loss"},
+        {"ratio": 0.5},
+    ),
+}
+
+
+@pytest.mark.parametrize("hidden", list(HIDDEN))
+def test_a_hidden_effect_is_named_with_its_numbers(hidden: str) -> None:
+    """Each number within twice its interval's half-width: a 95 % interval misses one in twenty."""
+    f, response, expected, numbers = HIDDEN[hidden]
+    group, values = first(found_in(measured(f, response)))
+    assert group == expected
+    for name, number in numbers.items():
+        value, (low, high) = values[name]
+        assert abs(value - number) < high - low
+    strength, (low, high) = next(iter(values.values()))
+    if hidden != "payload":  # what the mass was is known no better than the model says
+        assert high - low < 0.15 * strength
+
+
+@pytest.mark.parametrize("outside", ["antiresonance", "fractional lag"])
+def test_what_no_effect_explains_is_unknown(outside: str) -> None:
+    notch = (1 - (FAST / 62) ** 2 + 0.04j * FAST / 62) / (1 - (FAST / 62) ** 2 + 0.12j * FAST / 62)
+    factor = {"antiresonance": notch, "fractional lag": 1 / (1 + (1j * FAST / 200.0) ** 0.6)}[outside]
+    found = found_in(measured(FAST, GAIN * mode(FAST) * factor))
+    assert found.verdict == "unknown"
+    assert "times the noise stays" in found.remainder
+    assert all(name.startswith(("magnitude near", "phase near")) for name in found.rival.terms)
+
+
+def test_an_effect_that_moves_no_line_by_what_is_asked_for_is_not_named() -> None:
+    f, response, expected, _ = HIDDEN["driver"]
+    found = diagnose(MODEL, [measured(f, response)], tolerance=1e-4, threads=1)
+    assert not found.effects
+    tried = {name: each.outcome for each in found.candidates for name in each.names if len(each.names) == 1}
+    assert any("less than the tolerance" in tried[name] for name in expected)
+
+
+def run(name: str, role: Literal["identify", "validate"], seed: int, bandwidth: float) -> Run:
+    """Return steps of a held command through mode and lag, from an integrator that is not ours; 10 nm of noise."""
+    rng, fine = np.random.default_rng(seed), 10
+    command = np.concatenate([np.zeros(600), np.repeat(rng.uniform(0.0, 80.0, 12), 100)])
+    w, t = 2 * np.pi * NATURAL, 1e-3 * np.arange(float(len(command)))
+    below = np.polymul([1.0, 2 * DAMPING * w, w * w], [1 / (2 * np.pi * bandwidth), 1.0])
+    times = 1e-3 / fine * np.arange(len(command) * fine)
+    moved = lsim(TransferFunction([GAIN * w * w], below), np.repeat(command, fine), times, interp=False)[1][::fine]
+    read = moved + 1e-8 * rng.standard_normal(len(command))
+    return Run(name, t, {"u": command, "x": read}, {"u": "V", "x": "m"}, "hold", role, role_is_stated=True)
+
+
+def with_runs(bandwidth: float, of_sweep: float) -> Diagnosis:
+    runs = [run("a", "identify", 1, bandwidth), run("b", "validate", 2, bandwidth)]
+    sweep = measured(FAST, GAIN * mode(FAST) / (1 + 1j * FAST / of_sweep))
+    return diagnose(MODEL, [*runs, sweep], threads=1)
+
+
+def test_a_response_beside_two_runs_is_explained_together_with_them() -> None:
+    found = with_runs(BANDWIDTH, BANDWIDTH)
+    group, values = first(found)
+    assert group == {"driver_bandwidth", "sensor_bandwidth"}
+    assert values["bandwidth"][0] == pytest.approx(BANDWIDTH, rel=2e-3)
+    # The ladder is of the runs, in metres; the response has its own section.
+    assert found.ladder[-1].error == pytest.approx(1e-8, rel=0.05)
+    assert [each.name for each in found.responses] == ["sweep:identify", "sweep:validate"]
+    document, result = diagnosis_report.document(found, []), diagnosis_report.result(found, [])
+    assert {"Frequency responses", "Where it fails"} <= {section.title for section in document.sections}
+    final = result["frequency_responses"]["final"]
+    assert final[0]["error_over_noise"] == pytest.approx(1.0, abs=0.3)
+    json.dumps(result, allow_nan=False)
+
+
+def test_a_response_that_contradicts_the_runs_is_not_drowned_by_them() -> None:
+    """The sweep saw an amplifier that the runs did not: 240 values against thousands."""
+    assert with_runs(1e5, BANDWIDTH).verdict == "unknown"
+
+
+def test_a_comparison_says_in_which_band_a_model_fails() -> None:
+    response = measured(FAST, 1.98e-6 * mode(FAST, 118.3, 0.03) / (1 + 1j * FAST / BANDWIDTH))
+    found = compare(MODEL, [response])
+    (sweep,) = found.responses
+    expected = np.abs(1 - (1 + 1j * FAST / BANDWIDTH))
+    assert sweep.left == pytest.approx(expected, rel=0.15, abs=0.02)
+    assert sweep.floor == pytest.approx(np.sqrt(0.001 / 0.999 / 32), rel=0.1)
+    document, result = comparison_report.document(found), comparison_report.result(found)
+    assert "above 190 Hz" in document.summary[0]
+    assert [figure.file for section in document.sections for figure in section.figures] == ["bode_sweep.svg"]
+    assert result["frequency_responses"][0]["largest_error_at"]["value"] == 400.0
+    clean = compare(MODEL, [measured(FAST, 1.98e-6 * mode(FAST, 118.3, 0.03))])
+    assert "Nothing is above the noise" in comparison_report.summary(clean)[0]
+    both = comparison_report.document(compare(MODEL, [run("a", "identify", 1, BANDWIDTH), response]))
+    assert both.title.endswith("against run a and frequency response sweep")
+
+
+def test_an_effect_is_added_from_a_response_alone() -> None:
+    response = measured(FAST, GAIN * mode(FAST) / (1 + 1j * FAST / BANDWIDTH))
+    found = adding.add(MODEL, "driver_bandwidth", [response], threads=1)
+    assert not found.reason
+    assert found.model.axes["x"].driver.bandwidth == pytest.approx(BANDWIDTH, rel=5e-3)
+    assert found.share == pytest.approx(1.0, abs=0.01)
+    assert "identified from sweep" in found.model.axes["x"].sources["driver.bandwidth"]
+    loop = adding.InTheLoop(None, "not asked")
+    assert "Frequency responses" in {section.title for section in addition_report.document(found, loop).sections}
+    json.dumps(addition_report.result(found, loop), allow_nan=False)
+    with pytest.raises(InputError, match="small sines"):
+        adding.add(MODEL, "mains_hum", [response], threads=1)
+
+
+def test_a_bias_shows_what_bends() -> None:
+    """Electrostriction about two bias voltages: the gain grows by 2 q v, which recalibration cannot follow."""
+    sweeps = []
+    for bias in (0.0, 20.0, 60.0, 90.0):
+        sweep = measured(FAST, (GAIN + 2 * 3e-9 * bias) * mode(FAST), seed=int(bias))
+        sweeps.append(replace(sweep, name=f"at {bias:g} V", bias=bias))
+    group, values = first(diagnose(MODEL, sweeps, threads=1))
+    assert "electrostriction" in group
+    if "quadratic" in values:
+        assert values["quadratic"][0] == pytest.approx(3e-9, rel=0.02)
+
+
+def test_the_commands_take_a_file(tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    response = measured(FAST, GAIN * mode(FAST) / (1 + 1j * FAST / BANDWIDTH))
+    rows = [
+        f"{f!r},{1e6 * abs(h)!r},{float(np.degrees(np.angle(h)))!r},0.999,32"
+        for f, h in zip(FAST.tolist(), response.response.tolist(), strict=True)
+    ]
+    sweep, model = tmp_path / "sweep.csv", tmp_path / "model.toml"
+    sweep.write_text("\n".join(["f [Hz], magnitude [um/V], phase [deg], coherence, averages", *rows]))
+    model.write_text(to_toml(MODEL, tmp_path))
+    for verb, kind in (("compare", "comparison"), ("diagnose", "diagnosis")):
+        out = tmp_path / verb
+        done = CliRunner().invoke(app, [verb, str(model), str(sweep), "--out", str(out)])
+        assert done.exit_code == 0, done.output
+        assert json.loads((out / "result.json").read_text())["kind"] == kind
+        assert "driver bandwidth" in done.output or verb == "compare"
+        assert (out / "bode_sweep.svg").is_file()
+
+
+def test_a_diagnosis_of_responses_says_what_would_tell_a_group_apart_or_why_not() -> None:
+    f, response, _, _ = HIDDEN["driver"]
+    found = found_in(measured(f, response))
+    (telling,) = tellings(found)
+    assert "voltage_range" in telling.reason
+    document = diagnosis_report.document(found, [telling])
+    assert "the lines of sweep that no fit has seen" in document.summary[0]
+    assert "nm/V" in document.summary[0]
