@@ -126,7 +126,7 @@ def test_a_report_goes_to_a_folder_of_the_study_s_name(tmp_path: Path, command_l
     assert command_line("validate", "bridge_amplifier", "--json").code == 0
     folder = tmp_path / "reports" / "bridge_amplifier"
     written = {path.name for path in folder.iterdir()}
-    assert written == {"report.html", "report.md", "result.json", "stage_model.toml", "a.svg"}
+    assert written == {"report.html", "report.md", "result.json", "stage_model.toml", "fem.csv", "a.svg"}
 
 
 def test_options_reach_the_run(tmp_path: Path, command_line: Run, solved: list[tuple[Study, Cache]]) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -29,8 +29,9 @@ Array = NDArray[np.float64]
 ALIKE = 6.0
 #: Not more effects than these make a group.
 LARGEST_GROUP = 3
-#: Effects that are tried alone only: beside another one, turned arms pass for any offset that was not drawn.
-ALONE = ("geometric_stiffening",)
+#: Effects that are tried alone, and only if no other does: beside another one, turned arms pass for any offset that was
+#: not drawn, and tables are mostly taken at rest.
+LAST = ("geometric_stiffening",)
 #: By how much a dimension is changed to tell answers apart; a difference of this many percent tells.
 CHANGED, TELLS = (0.7, 1.4), 0.02
 #: A value so near a power of 1000 from what is expected has the wrong unit.
@@ -113,12 +114,16 @@ def diagnose(
     noise = uncertainty(model, table)
     before = as_it_is(model, table, noise)
     names = [name for name in statics.names() if name not in model.effects]
+    together = [name for name in names if name not in LAST]
     progress("trying every effect")
-    singles = _sorted(fitted(model, [name], table, noise) for name in names)
+    singles = _sorted(fitted(model, [name], table, noise) for name in together)
     best, counted = _chosen(before, singles, len(names))
+    if not best.is_adequate:
+        singles = _sorted([*singles, *(fitted(model, [name], table, noise) for name in names if name in LAST)])
+        best, counted = _chosen(before, singles, len(names))
     pairs: list[Trial] = []
     if not best.is_adequate:
-        for pair in itertools.combinations([name for name in names if name not in ALONE], 2):
+        for pair in itertools.combinations(together, 2):
             progress(f"trying {' and '.join(pair)}")
             if (trial := fitted(model, pair, table, noise)) is not None:
                 pairs.append(trial)
@@ -184,8 +189,8 @@ def believable(model: StaticModel, table: StaticTable) -> tuple[StaticTable, tup
     return replace(table, rows=tuple(rows)), (said,) if unsigned else ()
 
 
-def _sorted(trials: object) -> list[Trial]:
-    made = [trial for trial in trials if trial is not None and math.isfinite(trial.cost)]  # type: ignore[attr-defined]
+def _sorted(trials: Iterable[Trial | None]) -> list[Trial]:
+    made = [trial for trial in trials if trial is not None and math.isfinite(trial.cost)]
     return sorted(made, key=lambda trial: trial.cost)
 
 
