@@ -7,6 +7,8 @@ import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
+
 from flexdesign import cli, comparison, runs, stage_model, units
 from flexdesign.model import Quantity
 from flexdesign.report import comparison_words as words
@@ -85,3 +87,15 @@ def test_make_targets_exist() -> None:
     makefile = (ROOT / "Makefile").read_text()
     for target in re.findall(r"`?make ([a-z-]+)", README):
         assert re.search(rf"^{target}:", makefile, re.M), target
+
+
+def test_distances_from_fem_are_those_of_the_example() -> None:
+    designs = json.loads((EXAMPLES / "theory_against_fem" / "result.json").read_text())["designs"]
+    assert len(designs) == 200
+    assert "Of two hundred amplifiers" in WORDS
+    with_all = "{} % in K_in, {} % in λ and {} % in K_out in the median, and by {}, {} and {} % in the worst case"
+    bare = "plain pseudo-rigid-body formulas are off by {}, {} and {} % and by {}, {} and {} %"
+    for model, sentence in (("compliance", with_all), ("pseudo_rigid", bare)):
+        errors = 100 * np.abs([list(design[model].values()) for design in designs])
+        numbers = [*np.median(errors, axis=0), *errors.max(axis=0)]
+        assert sentence.format(*(f"{n:.0f}" if n >= 10 else f"{n:.2g}" for n in numbers)) in WORDS

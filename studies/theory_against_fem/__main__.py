@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign import __version__
+from flexdesign import __version__, units
 from flexdesign.cache import Cache, default_folder
 from flexdesign.errors import InputError
 from flexdesign.files import FORMAT
@@ -129,14 +129,13 @@ def result(found: Sequence[Compared]) -> dict[str, Any]:
 
 
 def _row(label: str, values: Array) -> list[str]:
-    numbers = [
-        f"{100 * n:.2g} %" for pair in zip(np.median(values, axis=0), values.max(axis=0), strict=True) for n in pair
-    ]
+    pairs = zip(np.median(values, axis=0), values.max(axis=0), strict=True)
+    numbers = [f"{units.significant(100 * number, 2)} %" for pair in pairs for number in pair]
     return [label, *numbers]
 
 
 def _spans(values: Array) -> str:
-    return ", ".join(f"{100 * value:.2g}" for value in values) + " %"
+    return ", ".join(units.significant(100 * value, 2) for value in values) + " %"
 
 
 def _estimates(found: Sequence[Compared]) -> str:
