@@ -237,8 +237,3 @@ def drawn(part: Piece) -> dict[str, dict[str, float]]:
     effects = {name: {"share": 1.0} for name in statics.BY_DRAWING}
     radius = max((member.root_radius for member in part.linkage().of_kind("hinge")), default=0.0)
     return effects | ({"fillet": {"radius": radius}} if radius > 0 else {})
-
-
-def ladder(names: Sequence[str], effects: Effects) -> list[dict[str, Mapping[str, float]]]:
-    """Return the sets of effects on the way from none to those named, in their order."""
-    return [{name: effects[name] for name in names[:count]} for count in range(len(names) + 1)]

@@ -57,6 +57,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.analytic.notch import EndCompliance, leaf
+from flexdesign.analytic.two_port import TwoPort
 
 
 def parallel(rotational_stiffness: float, axial_stiffness: float, arm_span: float, arm_offset: float) -> float:
@@ -129,7 +130,7 @@ def _rhombic(turning: float, arm_stiffness: float, arm_span: float, arm_offset: 
 
 
 @dataclass(frozen=True)
-class RhombicBridge:
+class RhombicBridge(TwoPort):
     """Statics of a quarter whose arm and hinges lie on one line: what the rhombic formulas abridge, derived here.
 
     The ends of the arm do not turn: along its line it gives way by 1 / K_l, across it by 1 / K_t, and between input and
@@ -191,22 +192,6 @@ class RhombicBridge:
         along, across = 1 / self.arm_stiffness, 1 / self.sway_stiffness
         c12 = s * c * (across - along)
         return np.array([[c**2 * along + s**2 * across, c12], [c12, s**2 * along + c**2 * across]])
-
-    @property
-    def amplification(self) -> float:
-        """Output travel over actuator extension, output free; positive inwards (convex bridge)."""
-        compliance = self.port_compliance()
-        return float(compliance[1, 0] / compliance[0, 0])
-
-    @property
-    def input_stiffness(self) -> float:
-        """K_in, output free [N/m]."""
-        return float(1 / self.port_compliance()[0, 0])
-
-    @property
-    def output_stiffness(self) -> float:
-        """K_out, input free [N/m]."""
-        return float(1 / self.port_compliance()[1, 1])
 
 
 def _check(**sizes: float) -> None:

@@ -46,6 +46,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.analytic.prb import leaf_rotational_stiffness
+from flexdesign.analytic.two_port import TwoPort
 from flexdesign.model import Quantity
 
 SOURCE = "textbook bridge (hinge rotation, stretch and sway)"
@@ -80,7 +81,7 @@ class RodFlexibility:
 
 
 @dataclass(frozen=True)
-class TextbookBridge:
+class TextbookBridge(TwoPort):
     """Bridge amplifier with rigid arms, elastic hinges parallel to the input and, optionally, input rods.
 
     Parameters
@@ -219,22 +220,6 @@ class TextbookBridge:
         r11, r12, r22 = self._rigid_arm_compliance()
         c12 = p * q / hinges + r12
         return np.array([[p**2 / hinges + r11, c12], [c12, q**2 / hinges + r22]])
-
-    @property
-    def amplification(self) -> float:
-        """Output travel over actuator extension, output free; positive inwards (convex bridge)."""
-        compliance = self.port_compliance()
-        return float(compliance[1, 0] / compliance[0, 0])
-
-    @property
-    def input_stiffness(self) -> float:
-        """K_in, output free [N/m]."""
-        return float(1 / self.port_compliance()[0, 0])
-
-    @property
-    def output_stiffness(self) -> float:
-        """K_out, input free [N/m]."""
-        return float(1 / self.port_compliance()[1, 1])
 
     def output_stiffness_with_input(self, actuator_stiffness: float = math.inf) -> float:
         """Output stiffness with an actuator, or by default a rigid body, between the inputs [N/m].

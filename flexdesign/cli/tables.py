@@ -13,6 +13,8 @@ from flexdesign.errors import InputError
 
 if TYPE_CHECKING:
     from flexdesign.design import Design
+    from flexdesign.diagnosis.tables import TableDiagnosis
+    from flexdesign.report.document import Document, Table
     from flexdesign.static_tables import StaticModel, StaticTable
 
 
@@ -43,7 +45,7 @@ def refuse_bare(bare: bool) -> None:
 def compare(model: str, paths: Sequence[Path], overrides: Sequence[str], out: Path | None, as_json: bool) -> None:
     """Compare a design with static tables and write the report."""
     from flexdesign.comparison import tables
-    from flexdesign.report import render, table_report, terminal
+    from flexdesign.report import render, table_report
 
     with progress() as say:
         stands, table = _read(model, paths, overrides)
@@ -53,10 +55,7 @@ def compare(model: str, paths: Sequence[Path], overrides: Sequence[str], out: Pa
         say("writing")
         document, result = table_report.comparison_document(found), table_report.comparison_result(found)
         written = render.write(folder, document, result, {})
-    if as_json:
-        print_json(result)
-        return
-    terminal.brief(document, table_report.rows_in_brief(found), _named(written))
+    _print(document, result, table_report.rows_in_brief(found), written, as_json)
 
 
 def diagnose(
@@ -71,7 +70,7 @@ def diagnose(
 ) -> None:
     """Diagnose a design from static tables and write the report."""
     from flexdesign.diagnosis import tables
-    from flexdesign.report import render, table_report, terminal
+    from flexdesign.report import render, table_report
 
     with progress() as say:
         stands, table = _read(model, paths, overrides, bare=bare)
@@ -79,17 +78,9 @@ def diagnose(
         render.prepare(folder)
         found = tables.diagnose(stands, table, say)
         say("writing")
-        document, result = table_report.diagnosis_document(found), table_report.diagnosis_result(found)
-        place = design_file or folder / "design.toml"
         better = found.found.model if found.verdict == "effects-found" else stands
-        text = design_text(better, overrides, place.parent)
-        written = render.write(folder, document, result, {} if design_file else {"design.toml": text})
-        if design_file:
-            written.append(_write(design_file, text))
-    if as_json:
-        print_json(result)
-        return
-    terminal.brief(document, table_report.ladder(found), _named(written))
+        document, result, written = _report(found, better, overrides, folder, design_file)
+    _print(document, result, table_report.ladder(found), written, as_json)
 
 
 def add(
@@ -104,7 +95,7 @@ def add(
     """Fit one effect to static tables, and write it into a design."""
     from flexdesign.diagnosis import tables
     from flexdesign.effects import statics
-    from flexdesign.report import render, table_report, terminal
+    from flexdesign.report import render, table_report
 
     with progress() as say:
         stands, table = _read(model, paths, overrides)
@@ -118,16 +109,30 @@ def add(
         render.prepare(folder)
         found = tables.add(stands, effect, table, say)
         say("writing")
-        document, result = table_report.diagnosis_document(found), table_report.diagnosis_result(found)
-        place = design_file or folder / "design.toml"
-        text = design_text(found.found.model, overrides, place.parent)
-        written = render.write(folder, document, result, {} if design_file else {"design.toml": text})
-        if design_file:
-            written.append(_write(design_file, text))
+        document, result, written = _report(found, found.found.model, overrides, folder, design_file)
+    _print(document, result, table_report.ladder(found), written, as_json)
+
+
+def _report(
+    found: TableDiagnosis, better: StaticModel, overrides: Sequence[str], folder: Path, design_file: Path | None
+) -> tuple[Document, dict[str, Any], list[Path]]:
+    """Write the report of a diagnosis, and the better design beside it or where it is wanted."""
+    from flexdesign.report import render, table_report
+
+    document, result = table_report.diagnosis_document(found), table_report.diagnosis_result(found)
+    text = design_text(better, overrides, design_file.parent if design_file else folder)
+    written = render.write(folder, document, result, {} if design_file else {"design.toml": text})
+    return document, result, [*written, *([_write(design_file, text)] if design_file else [])]
+
+
+def _print(document: Document, result: dict[str, Any], table: Table, written: Sequence[Path], as_json: bool) -> None:
+    """Print the numbers alone, or the summary with one table and where the report is."""
+    from flexdesign.report import terminal
+
     if as_json:
         print_json(result)
         return
-    terminal.brief(document, table_report.ladder(found), _named(written))
+    terminal.brief(document, table, [path for path in written if path.suffix != ".svg"])
 
 
 def _read(
@@ -193,7 +198,3 @@ def _write(path: Path, text: str) -> Path:
     except OSError as error:
         raise InputError("command line", "-o", str(path), f"cannot be written ({error.strerror})") from error
     return path
-
-
-def _named(written: Sequence[Path]) -> list[Path]:
-    return [path for path in written if path.suffix != ".svg"]

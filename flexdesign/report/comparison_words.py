@@ -134,9 +134,13 @@ def percent(share: float) -> str:
     return f"{units.significant(100 * share, 2)} %" if math.isfinite(share) else "–"
 
 
-def listed(names: Sequence[str]) -> str:
-    """Write names as a sentence lists them."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+def listed(names: Sequence[str], last: str = "and") -> str:
+    """Write names as a sentence lists them.
+
+    >>> listed(["a", "b", "c"], "or")
+    'a, b or c'
+    """
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
 def sign(unit: str) -> str:

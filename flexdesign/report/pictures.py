@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign import isolated
+from flexdesign.report.document import Figure
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -105,6 +106,18 @@ class Shot:
 
 class NoPictures(Exception):
     """Nothing can be drawn here; the message says what to install."""
+
+
+def drawn_or_said(
+    draw: Callable[[], tuple[list[Figure], list[Figure]]], progress: Callable[[str], None]
+) -> tuple[list[Figure], list[Figure], list[str]]:
+    """Return two groups of pictures; where none can be drawn, none, and a sentence that says why."""
+    try:
+        return *draw(), []
+    except NoPictures as error:
+        said = f"No pictures: {error}."
+        progress(said)
+        return [], [], [said]
 
 
 def draw(pictures: Sequence[Picture], reel: Reel | None = None) -> dict[str, bytes]:

@@ -12,8 +12,8 @@ from flexdesign.fem import convergence
 from flexdesign.files import FORMAT
 from flexdesign.quantities.stage_modes import ModeShares
 from flexdesign.report import stage_differences, stage_motion, stage_pictures, terminal
-from flexdesign.report.document import Document, Figure, Section, Table
-from flexdesign.report.pictures import NoPictures
+from flexdesign.report.document import Document, Section, Table
+from flexdesign.report.pictures import drawn_or_said
 from flexdesign.report.stage_words import Axes, axis_of, computed, percent, written
 from flexdesign.report.wording import shown
 from flexdesign.stage_coupling import Cause, CrossMotion
@@ -59,18 +59,11 @@ def show(document: Document, validation: StageValidation, files: Sequence[Path])
 def document(validation: StageValidation, progress: Progress = lambda _: None) -> Document:
     """Write the report of a stage's validation, pictures included where they can be drawn."""
     progress("drawing")
-    still: list[Figure] = []
-    vibrating: list[Figure] = []
-    missing = ""
-    try:
-        still, vibrating = stage_pictures.draw(validation)
-    except NoPictures as error:
-        missing = f"No pictures: {error}."
-        progress(missing)
+    still, vibrating, missing = drawn_or_said(lambda: stage_pictures.draw(validation), progress)
     sections = [
         Section("FEM beside formulas and published numbers", _table_1_text(validation), [table_1(validation)]),
         stage_differences.section(validation),
-        Section("Shape and deformation", [missing] if missing else [], figures=still),
+        Section("Shape and deformation", missing, figures=still),
         stage_motion.coupling(validation),
         stage_motion.beside_measurements(validation),
         stage_motion.tilt(validation),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from flexdesign.diagnosis.table_fit import Trial
 from flexdesign.diagnosis.tables import TableDiagnosis, Telling
 from flexdesign.effects import statics
 from flexdesign.report import charts
+from flexdesign.report.comparison_words import listed
 from flexdesign.static_tables import Row
 from flexdesign.static_tables.table import QUANTITIES
 
@@ -25,15 +25,6 @@ def called(name: str) -> str:
     'over cut'
     """
     return name.replace("_", " ")
-
-
-def listed(names: Sequence[str], last: str = "and") -> str:
-    """Return names as a sentence lists them.
-
-    >>> listed(["a", "b", "c"])
-    'a, b and c'
-    """
-    return f" {last} ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else list(names))
 
 
 def measurement(row: Row) -> str:
@@ -90,7 +81,7 @@ def verdict(found: TableDiagnosis) -> str:
         )
     if found.verdict == "nothing-missing":
         return (
-            f"Nothing is missing. The design's model misses the table by {100 * before:.2g} % rms, no more than "
+            f"Nothing is missing. The design's model misses the table by {percentage(before)} rms, no more than "
             "measurement, tolerances and the model's own accuracy allow."
         )
     if found.verdict == "unknown":
@@ -99,7 +90,7 @@ def verdict(found: TableDiagnosis) -> str:
     them = "them" if len(found.found.names) > 1 else "it"
     return (
         f"Missing: {listed([_alternatives(found, name) for name in found.found.names])}. With {them} the model misses "
-        f"rows that the fit did not see by {100 * after:.2g} % rms, without by {100 * before:.2g} %."
+        f"rows that the fit did not see by {percentage(after)} rms, without by {percentage(before)}."
     )
 
 

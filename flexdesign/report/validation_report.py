@@ -20,7 +20,7 @@ from flexdesign.report import (
     vibrations,
 )
 from flexdesign.report.document import Document, Figure, Section, Table
-from flexdesign.report.pictures import NoPictures
+from flexdesign.report.pictures import drawn_or_said
 from flexdesign.report.wording import name_of, shown
 from flexdesign.validation import Validation, provenance
 
@@ -93,17 +93,10 @@ def result(validation: Validation) -> dict[str, Any]:
 def document(validation: Validation, progress: Progress = lambda _: None) -> Document:
     """Write the report of a validation, pictures included where they can be drawn."""
     progress("drawing")
-    still: list[Figure] = []
-    vibrating: list[Figure] = []
-    missing = ""
-    try:
-        still, vibrating = validation_pictures.draw(validation)
-    except NoPictures as error:
-        missing = f"No pictures: {error}."
-        progress(missing)
+    still, vibrating, missing = drawn_or_said(lambda: validation_pictures.draw(validation), progress)
     sections = [
         Section("FEM beside formulas", _table_1_text(validation), [table_1(validation)]),
-        Section("Shape and deformation", [missing] if missing else [], figures=still),
+        Section("Shape and deformation", missing, figures=still),
         explanation.section(validation),
         ladder_section.section(validation),
         _actuator(validation),

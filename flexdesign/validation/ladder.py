@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,7 +67,8 @@ def climb(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
     except InputError:
         return None
     known = {key: fem[key].value for key in JUDGED if key in fem and fem[key].value}
-    effects, left = drawn(design.part()), list(drawn(design.part()))
+    effects = drawn(design.part())
+    left = list(effects)
     there: dict[str, Mapping[str, float]] = {}
     rungs = [_rung("", model, known, there)]
     while left:
@@ -82,7 +83,7 @@ def climb(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
 def _rung(
     name: str, model: StaticModel, known: Mapping[str, float], effects: Mapping[str, Mapping[str, float]]
 ) -> Rung:
-    found = StaticModel(model.design, effects, _built=model._built).compliance({}).quantities()
+    found = replace(model, effects=effects).compliance({}).quantities()
     return Rung(name, {key: found[key].value / value - 1 for key, value in known.items()})
 
 

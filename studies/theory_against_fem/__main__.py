@@ -20,6 +20,7 @@ from flexdesign.files import FORMAT
 from flexdesign.model import Quantity
 from flexdesign.report import charts, render
 from flexdesign.report.document import Document, Figure, Section, Table
+from flexdesign.report.ladder_section import SYMBOLS
 from flexdesign.report.table_words import called
 from flexdesign.validation import ladder
 from flexdesign.validation.ladder import Ladder
@@ -30,7 +31,6 @@ OUT = Path("reports/theory_against_fem")
 COUNT = 200
 #: What is asked of the compliance model with all that a drawing tells: median and worst distance from FEM.
 MEDIAN, WORST = 0.01, 0.03
-SYMBOLS = {"K_in_output_free": "K_in", "lambda_output_free": "λ", "K_out_input_free": "K_out"}
 Array = NDArray[np.float64]
 
 
