@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
@@ -28,11 +28,27 @@ def _voltages(given: object) -> tuple[float, float]:
     return low, high
 
 
+class Hysteresis(Table):
+    """The hysteresis of a piezo stack that nothing holds, after eqs (26) to (29) of Lin et al. (2019) with n = 1.
+
+    The loop between rising and falling voltage saturates at a / (b + c) and a / (b - c) of extension. Where `assumed`,
+    nobody measured it.
+    """
+
+    model: Literal["bouc-wen"] = Field(examples=['model = "bouc-wen"'])
+    a: in_si("m/V", 0.0, 1e-4)  # type: ignore[valid-type]
+    b: in_si("1/V", 0.0, 10.0, exclusive=True)  # type: ignore[valid-type]
+    c: in_si("1/V", -10.0, 10.0) = 0.0  # type: ignore[valid-type]
+    assumed: bool = False
+    source: str = ""
+
+
 class Actuator(Table):
     """A piezo stack between the input ports.
 
-    `free_stroke` is its extension when nothing holds it, `stiffness` that of the stack, `contact_stiffness` that of
-    both its seats together, in series with the stack; `preload` the compressive force at rest.
+    `free_stroke` is its extension when nothing holds it, over the whole range of voltage there and back; `stiffness` is
+    that of the stack, `contact_stiffness` that of both its seats together, in series with the stack; `preload` the
+    compressive force at rest.
     """
 
     name: str = "actuator"
@@ -41,6 +57,7 @@ class Actuator(Table):
     contact_stiffness: in_si("N/m", 1e3, 1e13) = float("inf")  # type: ignore[valid-type]
     preload: in_si("N", 0.0, 1e5) = 0.0  # type: ignore[valid-type]
     voltage_range: Annotated[tuple[float, float], BeforeValidator(_voltages), _VOLTAGE] | None = None
+    hysteresis: Hysteresis | None = None
     source: str = ""
 
     @property

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import json
+import math
+import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -92,6 +94,8 @@ def as_text(table: Table) -> dict[str, Any]:
         return f"{number / units.factor(unit, si):.6g} {unit}"
 
     def written(name: str, value: Any) -> Any:
+        if isinstance(inner := getattr(table, name), Table):
+            return as_text(inner)
         bounds = next((m for m in type(table).model_fields[name].metadata if isinstance(m, Bounds)), None)
         if bounds is None:  # optional numbers carry their bounds one level down
             options = getattr(type(table).model_fields[name].annotation, "__args__", ())
@@ -127,7 +131,10 @@ def read_toml(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def overlay(content: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
-    """Return `content` with ``table.key=value`` overrides; values are text with units, numbers or true/false."""
+    """Return `content` with overrides: ``table.key=value``, or ``table.key*=factor`` for a multiple of what it is.
+
+    Values are text with units, numbers or true/false.
+    """
     changed = copy.deepcopy(dict(content))
     for override in overrides:
         key, equals, text = override.partition("=")
@@ -141,7 +148,29 @@ def overlay(content: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, A
                 remedy = f"{name} is a value ({as_written(table)}), not a table; write --set {name}=..."
                 raise InputError("command line", key.strip(), text.strip(), remedy)
         table[last] = _literal(text.strip())
+        if last.endswith("*"):
+            name = last.removesuffix("*").rstrip()
+            try:
+                table[name] = _multiple(table.get(name), table.pop(last))
+            except ValueError as error:
+                raise InputError("command line", key.strip(), text.strip(), f"{error}; write {overridden(override)}=...") from None
     return changed
+
+
+def overridden(override: str) -> str:
+    """Return the dotted key that an override changes."""
+    return override.partition("=")[0].strip().removesuffix("*").rstrip()
+
+
+def _multiple(value: object, factor: object) -> object:
+    """Return a number, with its unit if it has one, times a factor."""
+    if isinstance(factor, bool) or not isinstance(factor, (int, float)) or not math.isfinite(factor):
+        raise ValueError("takes a factor, such as 1.2")
+    if isinstance(value, str) and (parts := re.fullmatch(r"\s*([-+]?\d[\d.]*(?:[eE][-+]?\d+)?)\s*(.*)", value)):
+        return f"{float(parts[1]) * factor:.15g} {parts[2]}".rstrip()
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError("has no number in the file that could be multiplied")
+    return value * factor
 
 
 @contextmanager
@@ -151,7 +180,7 @@ def attributed(overrides: Sequence[str]) -> Iterator[None]:
         yield
     except InputError as error:
         for override in overrides:
-            key = override.partition("=")[0].strip()
+            key = overridden(override)
             if error.field and (key == error.field or key.startswith(f"{error.field}.")):
                 raise InputError("command line", error.field, error.value, error.remedy) from error
         raise

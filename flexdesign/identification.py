@@ -363,7 +363,7 @@ def _updated(axis: AxisModel, search: _Search, runs: Sequence[str]) -> AxisModel
         if "stiffness" in axis.uncertainty:
             uncertainty["mass"] = _rounded(math.hypot(axis.uncertainty["stiffness"], 2 * relative["natural_frequency"]))
     assumed = dict.fromkeys([*axis.still_assumed(values), *guessed])
-    return replace(search.dynamics.axis, uncertainty=uncertainty, assumed=tuple(assumed), sources=sources)
+    return replace(search.dynamics.axis, uncertainty=uncertainty, assumed=tuple(assumed), fitted=(), sources=sources)
 
 
 def _rounded(relative: float) -> float:

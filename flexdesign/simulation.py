@@ -17,8 +17,8 @@ from flexdesign.control.sampled_loop import open_loop
 from flexdesign.dynamics import disturbed
 from flexdesign.dynamics import stage as stages
 from flexdesign.dynamics.simulate import Loop, Response
-from flexdesign.errors import InputError
-from flexdesign.experiments import AS_MODELLED, Experiment, Plan, Published, pieces
+from flexdesign.errors import InputError, suggest
+from flexdesign.experiments import AS_MODELLED, MEASURES, Experiment, Plan, Published, pieces
 from flexdesign.loop_design import Designer, plant
 from flexdesign.model import Quantity
 from flexdesign.stage_model import AxisModel, StageModel
@@ -155,6 +155,10 @@ def run(model: StageModel, variants: Mapping[str, StageModel], plan: Plan, progr
         if axis.response != "m":
             remedy = "is no length; experiments are in micrometres, so give a model of such an axis to identify alone"
             raise InputError(f"{model.name}.toml", f"axis.{name}.gain", f"in {axis.response}/V", remedy)
+        for measure in axis.fitted:
+            if measure not in MEASURES:
+                remedy = f"is not a known measure{suggest(measure, list(MEASURES))}"
+                raise InputError(f"{model.name}.toml", f"axis.{name}.fitted", measure, remedy)
     if plan.cycled:
         known = {name: replace(v, axes={n: stages.cycled(a) for n, a in v.axes.items()}) for name, v in known.items()}
         model = known[AS_MODELLED]

@@ -242,6 +242,74 @@ def test_the_value_of_an_override(text: str, value: object) -> None:
     assert content == {"mesh": {"levels": 3}}
 
 
+@pytest.mark.parametrize(
+    ("value", "multiple"),
+    [(3, 3.75), (0.5, 0.625), ("0.46 um/V", "0.575 um/V"), ("2e-3 1/V", "0.0025 1/V"), ("-8mm", "-10 mm"), ("4", "5")],
+)
+def test_an_override_may_be_a_multiple(value: object, multiple: object) -> None:
+    content = {"mesh": {"levels": value}}
+    assert files.overlay(content, ["mesh.levels *= 1.25"]) == {"mesh": {"levels": multiple}}
+    assert content == {"mesh": {"levels": value}}
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("mesh.levels*=15 mm", "takes a factor, such as 1.2; write mesh.levels"),
+        ("mesh.levels*=true", "takes a factor"),
+        ("mesh.levels*=inf", "takes a factor"),
+        ("mesh.method*=2", "no number in the file that could be multiplied"),
+        ("mesh.growth*=2", "no number in the file that could be multiplied"),
+    ],
+)
+def test_what_cannot_be_multiplied_is_refused(override: str, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        files.overlay({"mesh": {"levels": 3, "method": "wild"}}, [override])
+    key, _, value = override.partition("=")
+    assert (caught.value.file, caught.value.field, caught.value.value) == ("command line", key, value)
+    assert words in caught.value.remedy
+
+
+def test_a_multiple_out_of_bounds_is_blamed_on_the_override(path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        study.read(path, ["dimensions.width*=1e6"])
+    assert (caught.value.file, caught.value.field) == ("command line", "dimensions.width")
+
+
+HYSTERETIC = """
+[actuator.hysteresis]
+model = "bouc-wen"
+a = "77.3 nm/V"
+b = "0.0165 1/V"
+c = "0.004 1/V"
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "field", "words"),
+    [
+        ('"bouc-wen"', '"preisach"', "actuator.hysteresis.model", "'bouc-wen'"),
+        ('"77.3 nm/V"', '"77.3 nm"', "actuator.hysteresis.a", "not a unit of gain"),
+        ('b = "0.0165 1/V"\n', "", "actuator.hysteresis.b", "is missing"),
+        ('"0.0165 1/V"', '"0 1/V"', "actuator.hysteresis.b", "allowed: more than 0"),
+        ('c = "0.004 1/V"', "n = 2", "actuator.hysteresis.n", "is not a known key"),
+    ],
+)
+def test_a_hysteresis_that_cannot_be_used(path: Path, old: str, new: str, field: str, words: str) -> None:
+    stack = '\n[actuator]\nfree_stroke = "40 um"\nstiffness = "60 N/um"\n'
+    text = DESIGN.partition("\n[actuator]")[0]
+    path.write_text(text + stack + HYSTERETIC, encoding="utf-8")
+    actuator = study.read(path).design.actuator
+    assert actuator is not None and actuator.hysteresis is not None
+    assert actuator.hysteresis.a == pytest.approx(77.3e-9) and not actuator.hysteresis.assumed
+    assert old in HYSTERETIC
+    path.write_text(text + stack + HYSTERETIC.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        study.read(path)
+    assert caught.value.field == field
+    assert words in caught.value.remedy
+
+
 def test_an_override_is_blamed_for_what_it_overrides(path: Path) -> None:
     path.write_text(DESIGN.replace('"12 mm"', '"12 N"', 1))
     with pytest.raises(InputError) as caught:

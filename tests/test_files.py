@@ -26,6 +26,17 @@ def test_as_text_carries_units_and_reads_back() -> None:
         assert getattr(again, name) == pytest.approx(getattr(actuator, name), rel=1e-6)
 
 
+def test_a_table_in_a_table_carries_its_units() -> None:
+    stack = {"free_stroke": "40 um", "stiffness": "60 N/um"}
+    loop = {"model": "bouc-wen", "a": "0.0773 um/V", "b": "0.0165 1/V", "c": "0.004 1/V"}
+    actuator = Actuator.model_validate({**stack, "hysteresis": loop})
+    text = as_text(actuator)["hysteresis"]
+    assert (text["model"], text["b"]) == ("bouc-wen", "0.0165 1/V")
+    again = Actuator.model_validate({**stack, "hysteresis": text}).hysteresis
+    assert again is not None and actuator.hysteresis is not None
+    assert again.a == pytest.approx(actuator.hysteresis.a, rel=1e-6)
+
+
 def test_numbers_left_out_stay_out() -> None:
     given = {name: value for name, value in as_text(OutputSettings()).items() if value is not None}
     assert given == {"actuator_offset": "0.1 mm", "large_steps": 4}

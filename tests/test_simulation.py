@@ -15,7 +15,8 @@ import pytest
 
 from flexdesign import experiments, simulation, stage_model, standard_experiments
 from flexdesign.dynamics import stage as stages
-from flexdesign.report import simulation_report
+from flexdesign.errors import InputError
+from flexdesign.report import published_rows, simulation_report
 from flexdesign.report.render import to_markdown
 from flexdesign.runs import read_run, read_runs
 from flexdesign.simulation import Case, Simulation
@@ -297,6 +298,77 @@ def test_a_published_zero_is_compared(tmp_path: Path) -> None:
     text = report(simulated(tmp_path, LINEAR, experiment(STEP, zero)))
     row = next(line for line in text.splitlines() if "| 0 um |" in line)
     assert "7.2" in row  # exp(-pi 0.1 / sqrt(0.99)) of 10 um
+
+
+# --- what a difference proves -----------------------------------------------------------------------------------------
+
+
+def verdicts(found: Simulation) -> dict[str, str]:
+    """Return what the table says of each published number, by measure and run."""
+    return {f"{row[1]}: {row[2]}": row[5] for row in published_rows.table(found).rows}
+
+
+def compared(measure: str, value: str, uncertainty: str = "", axis: str = "x") -> str:
+    spread = f', uncertainty = "{uncertainty}"' if uncertainty else ""
+    return f'published = [{{ measure = "{measure}", value = "{value}"{spread}, place = "Fig 1", axis = "{axis}" }}]'
+
+
+def test_a_number_that_the_stage_was_set_to_proves_nothing(tmp_path: Path) -> None:
+    study = experiment(SINE, compared("loop_span", "100 um", "1 um"))
+    free = verdicts(simulated(tmp_path, LINEAR, study))
+    held = verdicts(simulated(tmp_path, LINEAR + 'fitted = ["loop_span"]\n', study))
+    assert free["loop span, x: open loop"].endswith("within ±")
+    assert held["loop span, x: open loop"] == "none: the stage was set to it"
+
+
+def test_an_axis_set_to_what_is_no_measure_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        simulated(tmp_path, LINEAR + 'fitted = ["loop_spam"]\n', experiment(SINE))
+    assert (caught.value.file, caught.value.field, caught.value.value) == ("model.toml", "axis.x.fitted", "loop_spam")
+    assert "did you mean loop_span?" in caught.value.remedy
+
+
+def test_a_difference_has_a_cause_that_was_seen_or_is_unexplained(tmp_path: Path) -> None:
+    """Of 120 um 50 V reach 100, for no reason that is known, and a range of 40 V allows 80."""
+    study = experiment(SINE, compared("loop_span", "120 um", "1 um"))
+    said = verdicts(simulated(tmp_path, LINEAR, study))["loop span, x: open loop"]
+    assert said == "-16.7 %, beyond ±: unexplained"
+    narrow = LINEAR + RANGE.replace("100 V", "40 V")
+    said = verdicts(simulated(tmp_path, narrow, study))["loop span, x: open loop"]
+    assert said.endswith("beyond ±: limits cut the command")
+
+
+def test_an_unstable_loop_is_the_cause(tmp_path: Path) -> None:
+    study = WILD + experiment(STEP, 'controllers = ["wild"]\n' + compared("overshoot", "1 um", "0.1 um"))
+    found = simulated(tmp_path, LINEAR + RANGE, study)
+    assert not found.cases[0].margins["x"].stable
+    (said,) = verdicts(found).values()
+    assert said.endswith("beyond ±: the loop is unstable")  # rather than the limits, which cut its command as well
+
+
+def test_the_damping_that_a_published_settling_takes_gives_it(tmp_path: Path) -> None:
+    """A stage with the ratio that the report states settles when it was printed to, to half a period of 10 ms."""
+    slow = STEP.replace("300 ms", "900 ms")
+    study = experiment(slow, compared("settling_time", "400 ms"))
+    guessed = LINEAR + 'assumed = ["damping_ratio"]\n'
+    text = report(simulated(tmp_path, guessed, study))
+    said = re.search(r"400 ms of x at 100\.0 Hz take a ratio of ([\d.]+); it has 0\.100 \(as modelled, assumed\)", text)
+    assert said
+    with_it = simulated(tmp_path, LINEAR.replace("0.1\n", f"{said[1]}\n"), study).cases[0]
+    assert measured(with_it, "settling_time") == pytest.approx(0.4, abs=5e-3)
+    assert "assumed" not in report(simulated(tmp_path, LINEAR, study)).partition("*Published")[0]
+
+
+def test_a_variant_may_multiply_what_the_model_has(tmp_path: Path) -> None:
+    study = '\n[variants.more]\nset = ["axis.x.hysteresis.a*=1.2", "axis.x.damping_ratio *= 0.5"]\n'
+    study += experiment(SINE, 'variants = ["more"]')
+    axis = simulated(tmp_path, LINEAR + HYSTERESIS + RANGE, study).variants["more"].axes["x"]
+    assert axis.effects["bouc_wen"]["a"] == pytest.approx(0.48e-6, rel=1e-12)
+    assert axis.damping_ratio == pytest.approx(0.05, rel=1e-12)
+    with pytest.raises(InputError) as caught:
+        simulated(tmp_path, LINEAR, study)  # which has no hysteresis
+    assert caught.value.field == "variants.more.set"
+    assert caught.value.value == "axis.x.hysteresis.a*=1.2"
 
 
 # --- the command line -------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexdesign import effects, quantities, stage_model, study
+from flexdesign.design import Hysteresis
 from flexdesign.errors import InputError
 from flexdesign.fem.analysis import ModeRecord, Solution
 from flexdesign.fem.statics import PortCompliance
@@ -30,6 +31,7 @@ from flexdesign.stage_model import (
     StageModel,
 )
 from tests.test_bad_input import changed, refused
+from tests.test_lin2019 import steady_span
 
 #: Two axes, every table. As it is here, so must it be written again, but for comments.
 STAGE = """\
@@ -448,6 +450,7 @@ def axes(draw: st.DrawFn) -> AxisModel:
         axis,
         uncertainty=draw(st.dictionaries(names, st.just(0.0) | sizes(1e-4, 10), max_size=4)),
         assumed=tuple(draw(st.lists(names, unique=True, max_size=3))),
+        fitted=tuple(draw(st.lists(WORDS, max_size=2))),
         sources=draw(st.dictionaries(names, WORDS, max_size=3)),
     )
 
@@ -600,6 +603,36 @@ def test_a_mode_that_hardly_answers_the_actuator_stays_out() -> None:
     assert axis.assumed == ("damping_ratio",)
 
 
+STACK = Hysteresis(model="bouc-wen", a="80 nm/V", b="0.02 1/V", c="0.005 1/V", assumed=True, source="a guess")
+
+
+def test_the_hysteresis_of_the_stack_reaches_the_output_and_leaves_the_stroke(tmp_path: Path) -> None:
+    """The loop is that of the free stack, 38 um over 150 V, in the ratio of travel to free stroke.
+
+    It is integrated by Euler's steps of 1e-3 V, in code that shares nothing with the engine.
+    """
+    plain, model = handed_over(MODES_FOUND), handed_over(MODES_FOUND, hysteresis=STACK)
+    axis = model.axes["y"]
+    assert axis.effects["bouc_wen"] == {
+        "a": pytest.approx(80e-9 * 300 / 38), "b": 0.02, "c": 0.005, "n": 1.0, "rest": 0.0,
+    }  # fmt: skip
+    assert axis.gain < plain.axes["y"].gain < 0  # drawn in, by more per volt than travel over range
+    assert steady_span(replace(axis, gain=-axis.gain), 0.0, 150.0) == pytest.approx(300e-6, rel=1e-4)
+    assert (
+        "bouc_wen" in axis.assumed
+        and "bouc_wen"
+        not in handed_over(MODES_FOUND, hysteresis=STACK.model_copy(update={"assumed": False})).axes["y"].assumed
+    )
+    assert axis.sources["bouc_wen"].endswith("a guess")
+    assert close(stage_model.read(written(tmp_path, stage_model.to_toml(model), "stage_model.toml")), model)
+
+
+def test_a_hysteresis_without_a_voltage_range_waits_for_the_gain() -> None:
+    axis = handed_over(MODES_FOUND, hysteresis=STACK, voltage_range=None).axes["y"]
+    assert math.isnan(axis.gain) and "actuator.voltage_range" in axis.sources["gain"]
+    assert axis.effects["bouc_wen"]["a"] == pytest.approx(80e-9 * 300 / 38)
+
+
 def test_without_a_voltage_range_there_is_no_gain(tmp_path: Path) -> None:
     model = handed_over(MODES_FOUND, voltage_range=None)
     assert math.isnan(model.axes["y"].gain)
@@ -629,6 +662,8 @@ REFUSED: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
     "gain in newtons": (GAIN, 'gain = "2 N"', "axis.x.gain", "2 N", ("not a unit of gain", "per voltage")),
     "gain per stroke": (GAIN, 'gain = "2 um/um"', "axis.x.gain", "2 um/um", ("per volt", '"1.5 um/V"')),
     "no gain": (GAIN, 'gain = "0 um/V"', "axis.x.gain", "0 um/V", ("must not be zero",)),
+    "fitted to a word": (DAMPING, DAMPING + '\nfitted = "loop_span"', "axis.x.fitted", "loop_span", ("a list",)),
+    "fitted to numbers": (DAMPING, DAMPING + "\nfitted = [1]", "axis.x.fitted", [1], ("a list of measures",)),
     "missing damping": (DAMPING + "\n", "", "axis.x.damping_ratio", None, ("is missing", "damping_ratio = ")),
     "negative damping": (DAMPING, "damping_ratio = -0.1", "axis.x.damping_ratio", -0.1, ("allowed: 0 to",)),
     "damping with a unit": (DAMPING, 'damping_ratio = "1 Hz"', "axis.x.damping_ratio", "1 Hz", ("has no unit",)),

@@ -24,6 +24,7 @@ from flexdesign.report.stage_words import Axes
 from flexdesign.validation import stage_course
 from flexdesign.validation.stage_course import StageValidation, validate_stage
 from tests.conftest import Ended
+from tests.test_lin2019 import steady_span
 
 #: Coarse enough for half a minute: stiffnesses are right within a few percent, symmetry and balance exactly.
 STUDY = """\
@@ -232,6 +233,18 @@ def test_stage_model_reads_back(run: Run) -> None:
         assert axis.stiffness == pytest.approx(fem, rel=1e-6)  # seven digits are written
         assert axis.mass == pytest.approx(fem / (2 * math.pi * axis.natural_frequency) ** 2, rel=1e-6)
     assert set(model.coupling.quadratic) == {("z", "x"), ("z", "y")}
+
+
+def test_the_stacks_hysteresis_is_in_the_stage_model_and_the_loop_spans_the_travel(run: Run) -> None:
+    """The loop is integrated by Euler's steps of 1e-3 V, in code that shares nothing with the engine."""
+    actuator = run.found.study.design.actuator
+    assert actuator is not None and actuator.hysteresis is not None and actuator.voltage_range is not None
+    for name, axis in stage_model.read(run.folder / "stage_model.toml").axes.items():
+        travel = run.found.fem(f"stroke_{name}_table_free").value
+        reached = travel / actuator.free_stroke
+        assert axis.effects["bouc_wen"]["a"] == pytest.approx(actuator.hysteresis.a * reached, rel=1e-6)
+        assert steady_span(axis, *actuator.voltage_range) == pytest.approx(travel, rel=1e-4)
+        assert "bouc_wen" in axis.assumed  # the paper prints none
 
 
 @pytest.mark.slow

@@ -48,10 +48,10 @@ def simulate(
     with_runs: Annotated[bool, typer.Option("--runs", help="Also write every response as a recording.")] = False,
 ) -> None:
     """Run experiments and write their report."""
-    from flexdesign import experiments, simulation, stage_model, standard_experiments
+    from flexdesign import experiments, files, simulation, stage_model, standard_experiments
     from flexdesign.report import render, simulation_report, terminal
 
-    of_study = [o for o in overrides or [] if o.partition("=")[0].strip() in experiments.SETTINGS]
+    of_study = [o for o in overrides or [] if files.overridden(o) in experiments.SETTINGS]
     of_model = [o for o in overrides or [] if o not in of_study]
     if of_study and not study:
         raise InputError("command line", "--set", of_study[0], "is a setting of a study of experiments; name the study")

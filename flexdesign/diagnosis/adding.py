@@ -300,7 +300,8 @@ def with_knowledge(
         uncertainty.pop("mass", None)
         if "stiffness" in its.uncertainty:
             uncertainty["mass"] = _rounded(math.hypot(its.uncertainty["stiffness"], 2 * sigmas["natural_frequency"]))
-    told = replace(its, uncertainty=uncertainty, sources=sources, assumed=its.still_assumed(list(known)))
+    assumed = its.still_assumed(list(known))
+    told = replace(its, uncertainty=uncertainty, sources=sources, assumed=assumed, fitted=())
     return replace(model, axes={**model.axes, axis: told})
 
 

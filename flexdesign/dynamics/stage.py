@@ -132,13 +132,18 @@ def secant_gain(axis: AxisModel) -> float:
 
     It is what a user sees who divides stroke by voltage: less than k_v by what hysteresis holds back.
     """
+    gain = adjusted(axis)["gain"]
+    return math.copysign(abs(gain) - held_back(axis), gain)
+
+
+def held_back(axis: AxisModel) -> float:
+    """Return by how much hysteresis makes the chord of the steady loop over the whole range less steep [m/V]."""
     low, high = stack_range(axis)
     hysteresis = axis.effects.get("bouc_wen")
-    gain = adjusted(axis)["gain"]
     if hysteresis is None or not math.isfinite(high - low):
-        return gain
+        return 0.0
     bottom, top = _steady(hysteresis, low, high)
-    return math.copysign(abs(gain) - (top - bottom) / (high - low), gain)
+    return (top - bottom) / (high - low)
 
 
 def cycled(axis: AxisModel) -> AxisModel:

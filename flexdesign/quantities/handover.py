@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
-from flexdesign.design import Design
+from flexdesign.design import Actuator, Design
+from flexdesign.dynamics import stage as stages
 from flexdesign.fem.analysis import Solution
 from flexdesign.model import Quantity
 from flexdesign.quantities.vibration import drive_share
@@ -71,7 +73,33 @@ def stage_model(
     )
     fastest = max(frequency.value, *(mode.frequency for mode in modes), 0.0)
     timing = ControllerTiming(rate=1000.0 * math.ceil(SAMPLES_PER_PERIOD * fastest / 1000.0))
+    axis = with_hysteresis(axis, actuator, stroke.value)
     return StageModel({"y": axis}, timing, title=design.title, source=source, name="stage_model")
+
+
+def with_hysteresis(axis: AxisModel, actuator: Actuator, stroke: float) -> AxisModel:
+    """Return an axis with the hysteresis of the stacks that move it by a stroke [m], its gain k_v raised by as much.
+
+    What a free stack extends by reaches the output times stroke over free stroke, and so does its hysteresis. The
+    stroke stays what it is: the steady loop over the whole range of voltage spans it.
+    """
+    stack = actuator.hysteresis
+    if stack is None:
+        return axis
+    reached = abs(stroke) / actuator.free_stroke
+    values = {"a": stack.a * reached, "b": stack.b, "c": stack.c, "n": 1.0, "rest": 0.0}
+    axis = replace(axis, effects={**axis.effects, "bouc_wen": values})
+    source = f"of the free stack, times travel per free stroke, {reached:.4g}"
+    told = {"bouc_wen": f"{source}; {stack.source}" if stack.source else source}
+    if actuator.voltage_range is not None:
+        given = axis.sources.get("gain", "travel over range of voltage")
+        told["gain"] = f"{given}, and what hysteresis holds back of it: the steady loop spans the travel"
+    return replace(
+        axis,
+        gain=math.copysign(abs(axis.gain) + stages.held_back(axis), axis.gain),
+        assumed=(*axis.assumed, "bouc_wen") if stack.assumed else axis.assumed,
+        sources={**axis.sources, **told},
+    )
 
 
 def _main_and_further(solution: Solution, actuator: float) -> tuple[float, tuple[StageMode, ...]]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from flexdesign.design import Design
 from flexdesign.fem.assembled import AssembledStage
 from flexdesign.model import Quantity
-from flexdesign.quantities.handover import PLACEHOLDER_DAMPING, SAMPLES_PER_PERIOD
+from flexdesign.quantities.handover import PLACEHOLDER_DAMPING, SAMPLES_PER_PERIOD, with_hysteresis
 from flexdesign.stage_model import ActuatorData, AxisModel, ControllerTiming, Coupling, StageModel
 
 
@@ -57,7 +57,7 @@ def _axis(design: Design, axis: str, count: int, found: Mapping[str, Quantity]) 
     known = {"stiffness": stiffness, "gain": stroke, "input_stiffness": k_in, "amplification": ratio}
     relative = {name: (q.sigma or 0.0) / abs(q.value) for name, q in known.items()}
     relative["mass"] = math.hypot(relative["stiffness"], 2 * (frequency.sigma or 0.0) / frequency.value)
-    return AxisModel(
+    axis_model = AxisModel(
         natural_frequency=frequency.value,
         damping_ratio=PLACEHOLDER_DAMPING,
         gain=stroke.value / (voltage[1] - voltage[0]) if voltage else math.nan,
@@ -82,3 +82,4 @@ def _axis(design: Design, axis: str, count: int, found: Mapping[str, Quantity]) 
             "gain": "all actuators of the axis over the whole voltage range, opposite ones against each other",
         },
     )
+    return with_hysteresis(axis_model, actuator, stroke.value)

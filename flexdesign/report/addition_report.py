@@ -18,7 +18,7 @@ from flexdesign.report import comparison_words as words
 from flexdesign.report import diagnosis_figures as figures
 from flexdesign.report import diagnosis_report as reports
 from flexdesign.report import diagnosis_words as said
-from flexdesign.report import response_pages, simulation_report
+from flexdesign.report import published_rows, response_pages, simulation_report
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.identification_report import SHOWN
 from flexdesign.report.simulation_charts import Curve, panels
@@ -116,7 +116,7 @@ def loop_table(simulation: Simulation, axis: str) -> Table:
             texts = [_text(case, axis, name) for case in (without, with_it)]
             if all(texts):
                 asked = without.experiment.name.partition(" ")[0]
-                rows.append([f"{asked}, {without.controller}", simulation_report.WORDS[name], *texts])
+                rows.append([f"{asked}, {without.controller}", published_rows.WORDS[name], *texts])
     caption = "The same controllers, tuned on the stage without the effect"
     return Table(["experiment", "measure", "without", "with"], rows, caption)
 

@@ -8,38 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from flexdesign import units, versions
-from flexdesign.experiments import AS_MODELLED, KNOWN, Experiment
+from flexdesign.experiments import KNOWN, Experiment
 from flexdesign.experiments.reading import stem
 from flexdesign.files import FORMAT
 from flexdesign.model import Quantity
-from flexdesign.report import render, simulation_figures
+from flexdesign.report import published_rows, render, simulation_figures
 from flexdesign.report.document import Document, Section, Table
-from flexdesign.simulation import Case, Compared, Simulation, validity
+from flexdesign.report.published_rows import WORDS, who
+from flexdesign.simulation import Case, Simulation, validity
 from flexdesign.stage_model import to_toml
 
-#: Measures in words, in the order of tables.
-WORDS = {
-    "amplitude": "travel",
-    "loop_span": "loop span",
-    "loop_width": "loop width",
-    "loop_width_relative": "of span",
-    "secant_gain": "secant gain",
-    "rise_time": "rise 10 to 90 %",
-    "overshoot": "overshoot",
-    "settling_time": "settling to 2 %",
-    "steady_error": "steady error",
-    "max_error": "largest error",
-    "max_error_relative": "of range",
-    "rms_error": "rms error",
-    "max_contour_error": "largest distance from the path",
-    "rms_contour_error": "rms distance",
-    "coupled_motion": "motion",
-    "coupling": "coupling",
-}
-
-
-#: How those are called that in a table of measures stand beside what they are a part of.
-ALONE = {"loop_width_relative": "loop width per span", "max_error_relative": "largest error per range"}
 #: Those that a terminal shows.
 BRIEF = ("loop_width_relative", "overshoot", "settling_time", "steady_error", "max_error", "max_contour_error")
 
@@ -119,7 +97,8 @@ def _json(quantity: Quantity) -> dict[str, Any]:
 def document(simulation: Simulation) -> Document:
     """Write the report of a simulation."""
     plan = simulation.plan
-    sections = [_published(simulation), *(_experiment(simulation, e) for e in plan.experiments), _stage(simulation)]
+    tried = [_experiment(simulation, experiment) for experiment in plan.experiments]
+    sections = [published_rows.section(simulation), *tried, _stage(simulation)]
     return Document(
         f"{simulation.model.title or simulation.model.name}: {plan.title}",
         _summary(simulation),
@@ -152,25 +131,9 @@ def _grouped(sentences: Sequence[str]) -> list[str]:
     return [f"{', '.join(names)}: {text}" for text, names in axes.items()]
 
 
-# --- published numbers ------------------------------------------------------------------------------------------
-
-
-def published_table(simulation: Simulation) -> Table:
-    """Return published numbers beside ours."""
-    rows = []
-    for experiment in simulation.plan.experiments:
-        for case, c in simulation.compared(experiment):
-            ours = c.ours.shown(3) if c.ours else "–"
-            what = f"{ALONE.get(c.published.measure) or WORDS[c.published.measure]}, {c.axis}"
-            note = "; ".join(text for text in (c.published.place, c.published.note) if text)
-            rows.append([experiment.name, what, _who(case), _printed(c), ours, _verdict(c), note])
-    head = ["experiment", "what", "run", "published", "ours", "difference", "place and note"]
-    return Table(head, rows, "Published numbers, with the uncertainty of their sensor where one is known")
-
-
 def digest(simulation: Simulation) -> Table:
     """Return what a terminal has room for: published numbers beside ours, or what was measured."""
-    table = published_table(simulation)
+    table = published_rows.table(simulation)
     if table.rows:
         return Table(table.columns[:6], [row[:6] for row in table.rows])
     rows = []
@@ -179,44 +142,8 @@ def digest(simulation: Simulation) -> Table:
             found = [q for q in case.measures.get(axis, ()) if q.name in BRIEF]
             nothing = "–" if case.response.diverged is None else "unstable"
             said = ", ".join(f"{WORDS[q.name]} {_text(q)}" for q in found) or nothing
-            rows.append([case.experiment.name, _who(case), axis, said])
+            rows.append([case.experiment.name, who(case), axis, said])
     return Table(["experiment", "run", "axis", "measured"], rows)
-
-
-def _published(simulation: Simulation) -> Section:
-    table = published_table(simulation)
-    if not table.rows:
-        return Section("Published numbers")
-    text = "A difference within the uncertainty of the published number proves nothing, either way."
-    return Section("Published numbers beside ours", [text], [table])
-
-
-def _printed(compared: Compared) -> str:
-    sigma = compared.published.uncertainty
-    if compared.published.bound:
-        return f"< {compared.published.value}"
-    return f"{compared.published.value} ± {sigma}" if sigma else compared.published.value
-
-
-def _verdict(compared: Compared) -> str:
-    if compared.ours is None:
-        return "not measured"
-    if not math.isfinite(compared.ours.value):
-        return "never settles"
-    if not compared.published.comparable:
-        return "not to be compared"
-    if compared.published.bound:
-        return "within it" if compared.ours.value < compared.published.si else "beyond it"
-    off = compared.ours.value - compared.published.si
-    width = compared.published.half_width
-    if compared.published.si == 0:
-        return f"off by {compared.ours.shown(3)}"
-    relative = f"{100 * off / compared.published.si:+.3g} %"
-    return f"{relative}, within ±" if width is not None and abs(off) <= width else relative
-
-
-def _who(case: Case) -> str:
-    return case.controller if case.variant == AS_MODELLED else f"{case.controller}, {case.variant}"
 
 
 # --- experiments ------------------------------------------------------------------------------------------------
@@ -224,7 +151,7 @@ def _who(case: Case) -> str:
 
 def _experiment(simulation: Simulation, experiment: Experiment) -> Section:
     cases = simulation.of(experiment)
-    cautions = [f"{_who(case)}: {text}" for case in cases for text in case.cautions]
+    cautions = [f"{who(case)}: {text}" for case in cases for text in case.cautions]
     left = [s for s in simulation.skipped if s.experiment.name == experiment.name]
     skipped = [f"Not run: {s.controller} on {s.variant}: {s.reason}." for s in left]
     paragraphs = [text for text in (experiment.note, *_gathered(cautions), *skipped) if text]
@@ -247,9 +174,9 @@ def _measured(cases: Sequence[Case]) -> Table:
     for case in cases:
         for axis in [*driven, "all axes"]:
             if axis in case.measures:
-                rows.append([_who(case), axis, *(_text(case.measure(axis, name)) for name in names)])
+                rows.append([who(case), axis, *(_text(case.measure(axis, name)) for name in names)])
         if not case.measures:
-            rows.append([_who(case), "", *("unstable" for _ in names)])
+            rows.append([who(case), "", *("unstable" for _ in names)])
     caption = ""
     if "settling_time" in names and len({bool(case.pid) for case in cases}) > 1:
         caption = (
@@ -269,7 +196,7 @@ def _others(cases: Sequence[Case]) -> Table:
         for axis, found in case.measures.items():
             if any(q.name == "coupling" for q in found):
                 moved, ratio = case.measure(axis, "coupled_motion"), case.measure(axis, "coupling")
-                rows.append([_who(case), axis, _text(moved), _text(ratio)])
+                rows.append([who(case), axis, _text(moved), _text(ratio)])
     return Table(["run", "axis", "motion", "per driven motion"], rows, "Axes that should stand still")
 
 
@@ -281,7 +208,7 @@ def _loops(cases: Sequence[Case]) -> Table:
             m = case.margins[axis]
             rows.append(
                 [
-                    _who(case),
+                    who(case),
                     axis,
                     f"{units.significant(pid.kp * 1e-6, 4)} V/um",
                     units.to_text(pid.ti, "ms", 4, si="s") if math.isfinite(pid.ti) else "none",

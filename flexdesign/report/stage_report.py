@@ -161,6 +161,11 @@ def _stage_model(validation: StageValidation) -> Section:
         "simulate` runs it. Stiffness with actuators installed; mass from it and the mode that answers the drive. "
         "Damping is a placeholder: geometry does not tell it."
     )
+    if any("bouc_wen" in axis.effects for axis in model.axes.values()):
+        text += (
+            " The hysteresis is that of the free stack, as the design has it, times travel per free stroke; the gain "
+            "is k_v of eq (26), larger than travel over voltage by what hysteresis holds back."
+        )
     return Section("Stage model for simulations", [text], [Table(columns, rows)])
 
 

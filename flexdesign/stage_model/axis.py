@@ -148,6 +148,8 @@ class AxisModel:
         Relative standard deviations by the names that `numbers` has.
     assumed
         Names of the numbers that nobody measured or computed.
+    fitted
+        Measures of experiments that its numbers were set to give: what is printed of those cannot test them.
     sources
         Where numbers come from, by their names or those of their tables.
 
@@ -173,6 +175,7 @@ class AxisModel:
     amplification: float | None = None
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     assumed: tuple[str, ...] = ()
+    fitted: tuple[str, ...] = ()
     sources: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -17,7 +17,8 @@ from flexdesign.stage_model.fields import Field, Fields
 from flexdesign.stage_model.model import ControllerTiming, Coupling, StageModel
 
 #: Tables and lists of an axis, beside its single numbers.
-_PIECES = ("hysteresis", "effects", "modes", "driver", "sensor", "actuator", "uncertainty", "assumed", "sources")
+_TABLES = ("hysteresis", "effects", "modes", "driver", "sensor", "actuator", "uncertainty", "sources")
+_PIECES = (*_TABLES, "assumed", "fitted")
 
 
 class _StageFile(files.Table):
@@ -224,8 +225,12 @@ def _provenance(axis: AxisModel, given: Mapping[str, Any], place: _Place) -> Axi
         if _renamed(str(name), whole) not in named:
             remedy = f"{files.as_written(name)} is not a number that this axis has{suggest(str(name), named)}"
             raise place.at("assumed").refused(assumed, remedy)
+    fitted = given.get("fitted", [])
+    if not isinstance(fitted, list) or not all(isinstance(measure, str) for measure in fitted):
+        raise place.at("fitted").refused(fitted, 'expected a list of measures, such as ["loop_span"]')
     return replace(
         axis,
+        fitted=tuple(fitted),
         uncertainty=entries("uncertainty", numbers, fields.RELATIVE),
         assumed=tuple(_renamed(name, whole) for name in assumed),
         sources=entries("sources", named, fields.Text()),

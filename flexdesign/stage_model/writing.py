@@ -91,6 +91,8 @@ def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]
         yield f"uncertainty = {{ {relative} }}    # relative, 1 sigma"
     if axis.assumed:
         yield f"assumed = [{', '.join(_TEXT.write(_named(name, ways)) for name in axis.assumed)}]"
+    if axis.fitted:
+        yield f"fitted = [{', '.join(map(_TEXT.write, axis.fitted))}]"
     for mode in axis.modes:
         yield from _table(place + ".modes", mode, fields.MODE, "[[{}]]")
     for key in ("actuator", "driver", "sensor"):

@@ -1,0 +1,128 @@
+"""Published numbers beside what a simulation gives, and what a difference proves: a cause that was seen, or none."""
+
+from __future__ import annotations
+
+import math
+
+from flexdesign import units
+from flexdesign.experiments import AS_MODELLED
+from flexdesign.report.document import Section, Table
+from flexdesign.simulation import Case, Compared, Simulation
+
+#: Measures in words, in the order of tables.
+WORDS = {
+    "amplitude": "travel",
+    "loop_span": "loop span",
+    "loop_width": "loop width",
+    "loop_width_relative": "of span",
+    "secant_gain": "secant gain",
+    "rise_time": "rise 10 to 90 %",
+    "overshoot": "overshoot",
+    "settling_time": "settling to 2 %",
+    "steady_error": "steady error",
+    "max_error": "largest error",
+    "max_error_relative": "of range",
+    "rms_error": "rms error",
+    "max_contour_error": "largest distance from the path",
+    "rms_contour_error": "rms distance",
+    "coupled_motion": "motion",
+    "coupling": "coupling",
+}
+
+
+#: How those are called that in a table of measures stand beside what they are a part of.
+ALONE = {"loop_width_relative": "loop width per span", "max_error_relative": "largest error per range"}
+#: What settling means: the motion stays within this share of the step.
+BAND = 0.02
+
+
+def table(simulation: Simulation) -> Table:
+    """Return published numbers beside ours."""
+    rows = []
+    for experiment in simulation.plan.experiments:
+        for case, c in simulation.compared(experiment):
+            ours = c.ours.shown(3) if c.ours else "–"
+            what = f"{ALONE.get(c.published.measure) or WORDS[c.published.measure]}, {c.axis}"
+            note = "; ".join(text for text in (c.published.place, c.published.note) if text)
+            rows.append([experiment.name, what, who(case), _printed(c), ours, _verdict(simulation, case, c), note])
+    head = ["experiment", "what", "run", "published", "ours", "difference", "place and note"]
+    return Table(head, rows, "Published numbers, with the uncertainty of their sensor where one is known")
+
+
+def section(simulation: Simulation) -> Section:
+    """Return the section with published numbers; empty where the study has none."""
+    found = table(simulation)
+    if not found.rows:
+        return Section("Published numbers")
+    text = "A difference within the uncertainty of the published number proves nothing, either way."
+    return Section("Published numbers beside ours", [text, *_damping(simulation)], [found])
+
+
+def who(case: Case) -> str:
+    """Return the controller of a run, and the variant of the stage if it is one."""
+    return case.controller if case.variant == AS_MODELLED else f"{case.controller}, {case.variant}"
+
+
+def _printed(compared: Compared) -> str:
+    sigma = compared.published.uncertainty
+    if compared.published.bound:
+        return f"< {compared.published.value}"
+    return f"{compared.published.value} ± {sigma}" if sigma else compared.published.value
+
+
+def _verdict(simulation: Simulation, case: Case, compared: Compared) -> str:
+    published, ours = compared.published, compared.ours
+    if not published.comparable:
+        return "not to be compared"
+    if ours is None:
+        return "not measured"
+    if published.measure in _fitted(simulation, case, compared.axis):
+        return "none: the stage was set to it"
+    if not math.isfinite(ours.value):
+        return "never settles"
+    cause = _cause(case, compared.axis)
+    if published.bound:
+        within = ours.value < published.si
+        return "within it" if within else f"beyond it{cause and f': {cause}'}"
+    off, width = ours.value - published.si, published.half_width
+    relative = f"{100 * off / published.si:+.3g} %" if published.si else f"off by {ours.shown(3)}"
+    if width is None:
+        return relative
+    return f"{relative}, within ±" if abs(off) <= width else f"{relative}, beyond ±: {cause or 'unexplained'}"
+
+
+def _fitted(simulation: Simulation, case: Case, axis: str) -> tuple[str, ...]:
+    """Return the measures that an axis was set to give; none of them for what concerns all axes."""
+    axes = simulation.variants[case.variant].axes
+    return axes[axis].fitted if axis in axes else ()
+
+
+def _cause(case: Case, axis: str) -> str:
+    """Return what went wrong with an axis that was driven, or, for one that was not, with any that was; or nothing."""
+    driven = [axis] if axis in case.experiment.axes else case.experiment.axes
+    if case.response.diverged is not None or not all(case.margins[each].stable for each in driven if each in case.pid):
+        return "the loop is unstable"
+    cut = any((case.response.cut[case.row(each)] != 0).any() for each in driven)
+    return "limits cut the command" if cut else ""
+
+
+def _damping(simulation: Simulation) -> list[str]:
+    """Say what damping a published settling without feedback takes, exp(-zeta w t) being the band at its end."""
+    told = dict.fromkeys(
+        _takes(simulation, case, c)
+        for experiment in simulation.plan.experiments
+        for case, c in simulation.compared(experiment)
+        if c.published.measure == "settling_time" and not case.pid and not c.published.bound
+    )
+    return [f"Settling without feedback is a matter of damping. {' '.join(told)}"] if told else []
+
+
+def _takes(simulation: Simulation, case: Case, compared: Compared) -> str:
+    axis, modelled = simulation.variants[case.variant].axes[compared.axis], simulation.model.axes[compared.axis]
+    needed = -math.log(BAND) / (2 * math.pi * axis.natural_frequency * compared.published.si)
+    guessed = "damping_ratio" in axis.assumed and axis.damping_ratio == modelled.damping_ratio
+    return (
+        f"{compared.published.value} of {compared.axis} at {units.to_text(axis.natural_frequency, 'Hz')} take a ratio "
+        f"of {units.significant(needed, 3)}; it has {units.significant(axis.damping_ratio, 3)} "
+        f"({case.variant}{', assumed' if guessed else ''})."
+    )
