@@ -153,7 +153,9 @@ def overlay(content: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, A
             try:
                 table[name] = _multiple(table.get(name), table.pop(last))
             except ValueError as error:
-                raise InputError("command line", key.strip(), text.strip(), f"{error}; write {overridden(override)}=...") from None
+                raise InputError(
+                    "command line", key.strip(), text.strip(), f"{error}; write {overridden(override)}=..."
+                ) from None
     return changed
 
 

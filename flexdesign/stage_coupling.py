@@ -15,8 +15,9 @@ opposite drives half the sum is of even order, half the difference of odd.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,13 +93,19 @@ class CrossMotion:
 
     def quantities(self) -> list[Quantity]:
         """Return what is reported: travel and couplings of even order per travel at this input; 0 for rounding."""
-        at = f"{self.axis}, input of {1e6 * self.extension:g} um"
-        aside = {other: abs(even) / self.travel for other, even in self.even.items()}
-        ratios = [
-            Quantity(f"coupling_{other}", ratio if ratio > ROUNDING else 0.0, "1", "%", at)
-            for other, ratio in aside.items()
+        travel, *ratios = asked(self.axis, self.extension, self.even)
+        aside = [abs(even) / self.travel for even in self.even.values()]
+        return [
+            replace(travel, value=self.travel),
+            *(replace(q, value=value if value > ROUNDING else 0.0) for q, value in zip(ratios, aside, strict=True)),
         ]
-        return [Quantity("travel", self.travel, "m", "um", at), *ratios]
+
+
+def asked(axis: str, extension: float, others: Iterable[str]) -> list[Quantity]:
+    """Return the quantities of an axis driven so far [m] that draws others aside, the values not yet known."""
+    at = f"{axis}, input of {1e6 * extension:g} um"
+    ratios = (Quantity(f"coupling_{other}", math.nan, "1", "%", at) for other in others)
+    return [Quantity("travel", math.nan, "m", "um", at), *ratios]
 
 
 def causes(stage: AssembledStage, point: FloatArray | None = None) -> list[Cause]:

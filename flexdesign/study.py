@@ -112,8 +112,8 @@ class Study:
 
     Parameters
     ----------
-    name
-        Name of its file; reports go to a folder of that name.
+    file, name
+        Where it was read, and the name of that file; reports go to a folder of that name.
     design
         What is validated; the study's own title, if it has one, takes the place of the design's.
     mesh, modes, output, stage
@@ -124,6 +124,7 @@ class Study:
         Designs that are solved besides, on the coarsest mesh, to see what makes a difference, by what they are called.
     """
 
+    file: Path
     name: str
     design: Design
     mesh: MeshSettings
@@ -169,7 +170,15 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> Study:
         design = replace(design, title=checked.title)
     variants = {label: designs.read(design_path, [*of_design, *changes]) for label, changes in checked.variants.items()}
     return Study(
-        path.stem, design, checked.mesh, checked.modes, checked.output, checked.stage, checked.published, variants
+        path,
+        path.stem,
+        design,
+        checked.mesh,
+        checked.modes,
+        checked.output,
+        checked.stage,
+        checked.published,
+        variants,
     )
 
 

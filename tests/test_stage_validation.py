@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from flexdesign import cli, stage_model, study
-from flexdesign.cache import Cache
+from flexdesign import cli, condensing, stage_model
 from flexdesign.errors import InputError
 from flexdesign.quantities.stage import StageStatics
 from flexdesign.quantities.stage_modes import mode_shares
@@ -68,27 +67,41 @@ class Run:
     file: Path
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    folder = tmp_path_factory.mktemp("stage")
+def ran(folder: Path, text: str, cache: Path, *options: str) -> Run:
+    """Validate a study from the command line."""
+    folder.mkdir(exist_ok=True)
     file, found = folder / "coarse.toml", []
-    file.write_text(STUDY, encoding="utf-8")
+    file.write_text(text, encoding="utf-8")
 
     def recorded(*arguments: object) -> StageValidation:
         found.append(validate_stage(*arguments))  # type: ignore[arg-type]
         return found[-1]
 
-    options = ["--out", str(folder / "out"), "--cache", str(folder / "cache"), "--export", str(folder / "stage.step")]
+    where = ["--out", str(folder / "out"), "--cache", str(cache), "--export", str(folder / "stage.step")]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(stage_course, "validate_stage", recorded)
-        patch.setattr(sys, "argv", ["flexdesign", "validate", str(file), *options])
+        patch.setattr(sys, "argv", ["flexdesign", "validate", str(file), *where, *options])
         patch.setattr(sys, "dont_write_bytecode", True)
         code = 0
         try:
             cli.main()
         except SystemExit as stop:
             code = int(stop.code or 0)
-    return Run(code, found[0], folder / "out", folder / "cache", file)
+    return Run(code, found[0], folder / "out", cache, file)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("stage")
+    return ran(folder, STUDY, folder / "cache")
+
+
+@pytest.fixture(scope="module")
+def thicker(run: Run) -> Run:
+    """Return the stage with thicker hinges in its limbs, small displacements alone."""
+    text = STUDY.partition("[published.theirs]")[0]
+    changes = ["--set", "dimensions.limb_hinge_thickness=0.7 mm", "--set", "output.large_steps=0"]
+    return ran(run.file.parent / "thicker", text, run.cache, *changes)
 
 
 def test_command_writes_report_model_pictures_and_solid(run: Run) -> None:
@@ -172,13 +185,12 @@ def test_formula_and_fem_of_the_amplifier_bracket_what_the_stage_has(run: Run) -
         assert chain.stage == pytest.approx(chain.amplifier, rel=0.05)
 
 
-def test_thicker_limb_hinges_stiffen_formula_and_fem_alike(run: Run) -> None:
+def test_thicker_limb_hinges_stiffen_formula_and_fem_alike(run: Run, thicker: Run) -> None:
     def springs(of: StageValidation) -> float:
         design = of.study.design
         return sum(row[2].value for row in design.stage().springs(design.material)["x"])
 
-    thicker = study.read(run.file, ["dimensions.limb_hinge_thickness=0.7 mm", "output.large_steps=0"])
-    other = validate_stage(replace(thicker, variants={}, published={}), Cache(run.cache))
+    other = thicker.found
     counted = springs(other) - springs(run.found)
     seen = other.fem("K_out_x_inputs_free").value - run.found.fem("K_out_x_inputs_free").value
     design = run.found.study.design
@@ -190,6 +202,19 @@ def test_thicker_limb_hinges_stiffen_formula_and_fem_alike(run: Run) -> None:
     assert other.fem("K_out_z_inputs_free").value == pytest.approx(
         run.found.fem("K_out_z_inputs_free").value, rel=1e-3
     )  # they hardly bend as the table is lifted
+
+
+def test_thicker_limb_hinges_are_in_the_solid_and_in_the_report(run: Run, thicker: Run) -> None:
+    """Sixteen leaves, 3.30 mm long and 10 mm high, are 0.07 mm thicker: the STEP files differ by as much metal."""
+    import cadquery as cq
+
+    assert thicker.code == 0
+    volumes = [cq.importers.importStep(str(each.file.parent / "stage.step")).val().Volume() for each in (run, thicker)]
+    assert volumes[1] - volumes[0] == pytest.approx(16 * 3.30 * 10 * 0.07, rel=1e-4)  # of 1.7e6 mm^3, good to 1e-10
+    text, fem = (thicker.folder / "report.md").read_text(encoding="utf-8"), thicker.found.fem("K_out_x_inputs_free")
+    assert "| limb_hinge_thickness | 0.7 mm |" in text
+    assert "| limb leaf, 0.7 mm | 16 |" in text and "limb leaf, 0.63 mm" not in text
+    assert f"| K_out X/Y, inputs free | {fem.shown()} |" in text
 
 
 def test_table_1_has_the_findings(run: Run) -> None:
@@ -265,13 +290,36 @@ def test_stage_model_can_be_simulated(run: Run, command_line: Callable[..., Ende
     ],
 )
 def test_published_numbers_that_cannot_be_used(run: Run, key: str, text: str, said: str) -> None:
-    found = run.found
-    asked = replace(found.study, published={"theirs": {key: text}})
-    limits = [q for q in [*(c.fem for c in found.comparisons), *found.further] if "input of" not in q.boundary]
+    asked = replace(run.found.study, published={"theirs": {key: text}})
     with pytest.raises(InputError, match=said) as refused:
-        stage_course.compare(asked, limits, [*found.motions, *found.at_full_stroke])
+        stage_course.read_published(asked, run.found.assembly)
+    assert refused.value.file == str(run.file)
     assert refused.value.field == f"published.theirs.{key}"
     assert refused.value.value == text
+
+
+def test_a_mistyped_published_key_is_refused_before_work_begins(
+    command_line: Callable[..., Ended], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(condensing, "condensed", lambda *_, **__: pytest.fail("work began"))
+    file = tmp_path / "mistyped.toml"
+    file.write_text(STUDY.replace("coupling_x_z_input", "couplin_x_z_input"), encoding="utf-8")
+    ended = command_line("validate", str(file))
+    assert ended.code == 2
+    (said,) = ended.stderr.splitlines()
+    place = f"{file}: published.measured.couplin_x_z_input_of_40_um = 0.96 ± 6.7 %"
+    assert said.startswith(f"flexdesign: {place}: is no quantity of this stage; did you mean coupling_x_z_input_of_40_um?")
+
+
+def test_what_is_expected_is_what_is_found(run: Run) -> None:
+    """Published numbers are read by what is expected before anything is known."""
+    asked = replace(run.found.study, published={"all": {key: f"1 {q.unit}" for key, q in run.found.coarsest.items()}})
+    read = stage_course.read_published(asked, run.found.assembly)["all"]
+    assert list(read) == list(run.found.coarsest)
+    for key, quantity in run.found.coarsest.items():
+        assert replace(read[key], value=0.0, sigma=None, source="") == replace(
+            quantity, value=0.0, sigma=None, source=""
+        )
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ controller on every variant of the stage, with published numbers beside ours whe
     flexdesign simulate my_stage.toml --set axis.x.damping_ratio=0.02 --runs
 
 **What --set can change:** the stage model (`axis.*`, `controller.*`, `coupling.*`) and the study (`robust_ms`,
-`cycled`).
+`cycled`); `--set axis.x.mass*=1.1` multiplies what is there.
 
 **What it writes:** report.html, report.md, result.json, stage_model.toml and the figures, into --out; with --runs also
 runs/*.csv, recordings that `identify` reads.

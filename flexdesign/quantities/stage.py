@@ -15,7 +15,8 @@ in whatever elements they sit: what stands still has its actuators, too.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -82,43 +83,72 @@ class StageStatics:
         return self.installed(actuator) @ (actuator * free_stroke * self.signs(axis))
 
 
+def asked(axes: Iterable[str], *, installed: bool) -> list[Quantity]:
+    """Return every quantity of a stage whose limit for vanishing element size is sought, the values not yet known.
+
+    Parameters
+    ----------
+    axes
+        Their names.
+    installed
+        Whether there are actuators.
+    """
+    found = []
+    for axis in axes:
+        found += [
+            Quantity("K_in", math.nan, "N/m", "N/mm", f"{axis}, table free"),
+            Quantity("lambda", math.nan, "1", "", f"{axis}, table free"),
+            Quantity("K_out", math.nan, "N/m", "N/mm", f"{axis}, inputs free"),
+            Quantity("K_out", math.nan, "N/m", "N/mm", f"{axis}, inputs held"),
+        ]
+        if installed:
+            found += [
+                Quantity("K_out", math.nan, "N/m", "N/mm", f"{axis}, actuators installed"),
+                Quantity("stroke", math.nan, "m", "um", f"{axis}, table free"),
+            ]
+    for boundary in ("inputs free", "actuators installed") if installed else ("inputs free",):
+        found += [Quantity(f"frequency_{rank}", math.nan, "Hz", "Hz", boundary) for rank in range(1, TOLD + 1)]
+    for axis in axes if installed else ():
+        found.append(Quantity("drive_frequency", math.nan, "Hz", "Hz", f"{axis}, actuators installed"))
+        found.append(Quantity("drive_share", math.nan, "1", "%", f"{axis}, actuators installed"))
+    return found
+
+
 def of_stage(study: Study, stage: AssembledStage) -> list[Quantity]:
-    """Return every quantity of a stage whose limit for vanishing element size is sought."""
+    """Return the quantities that are `asked` of a stage."""
     statics, actuator = StageStatics(stage), study.design.actuator
-    found: list[Quantity] = []
+    values: dict[str, float] = {}
     for axis in stage.assembly.axes:
         w, t, free = statics.signs(axis), statics.along(axis), statics.free
         n, held = np.abs(w).sum(), statics.installed(math.inf)
         push, moved = float(w @ free @ w), float(t @ free @ w)
-        found += [
-            Quantity("K_in", n / push, "N/m", "N/mm", f"{axis}, table free"),
-            Quantity("lambda", n * moved / push, "1", "", f"{axis}, table free"),
-            Quantity("K_out", 1 / float(t @ free @ t), "N/m", "N/mm", f"{axis}, inputs free"),
-            Quantity("K_out", 1 / float(t @ held @ t), "N/m", "N/mm", f"{axis}, inputs held"),
-        ]
+        values |= {
+            f"K_in_{axis}_table_free": n / push,
+            f"lambda_{axis}_table_free": n * moved / push,
+            f"K_out_{axis}_inputs_free": 1 / float(t @ free @ t),
+            f"K_out_{axis}_inputs_held": 1 / float(t @ held @ t),
+        }
         if actuator is not None:
             k = actuator.installed_stiffness
-            stiffness = 1 / float(t @ statics.installed(k) @ t)
-            stroke = float(t @ statics.driven(axis, actuator.free_stroke, k))
-            found += [
-                Quantity("K_out", stiffness, "N/m", "N/mm", f"{axis}, actuators installed"),
-                Quantity("stroke", stroke, "m", "um", f"{axis}, table free"),
-            ]
-    return found + frequencies(stage, actuator.installed_stiffness if actuator else 0.0)
+            values |= {
+                f"K_out_{axis}_actuators_installed": 1 / float(t @ statics.installed(k) @ t),
+                f"stroke_{axis}_table_free": float(t @ statics.driven(axis, actuator.free_stroke, k)),
+            }
+    values |= _frequencies(stage, actuator.installed_stiffness if actuator else 0.0)
+    return [replace(q, value=values[q.key]) for q in asked(stage.assembly.axes, installed=actuator is not None)]
 
 
-def frequencies(stage: AssembledStage, actuator: float) -> list[Quantity]:
+def _frequencies(stage: AssembledStage, actuator: float) -> dict[str, float]:
     """Return the first modes without and with actuators [N/m], and for each axis the one that answers its drive."""
-    found = []
-    for stiffness, boundary in ((0.0, "inputs free"), (actuator, "actuators installed")):
-        if stiffness or boundary == "inputs free":
+    found = {}
+    for stiffness, boundary in ((0.0, "inputs_free"), (actuator, "actuators_installed")):
+        if stiffness or boundary == "inputs_free":
             for rank, mode in enumerate(stage.modes(TOLD, stiffness), 1):
-                found.append(Quantity(f"frequency_{rank}", mode.frequency, "Hz", "Hz", boundary))
+                found[f"frequency_{rank}_{boundary}"] = mode.frequency
     if actuator:
         modes = mode_shares(stage, actuator, SOUGHT)
         for axis in stage.assembly.axes:
             main = max(modes, key=lambda mode: mode.answers[axis])
-            at = f"{axis}, actuators installed"
-            found.append(Quantity("drive_frequency", main.mode.frequency, "Hz", "Hz", at))
-            found.append(Quantity("drive_share", main.answers[axis], "1", "%", at))
+            found[f"drive_frequency_{axis}_actuators_installed"] = main.mode.frequency
+            found[f"drive_share_{axis}_actuators_installed"] = main.answers[axis]
     return found

@@ -22,7 +22,7 @@ from flexdesign.fem.methods import Extruded
 from flexdesign.files import as_text
 from flexdesign.model import Quantity
 from flexdesign.quantities import stage_shares
-from flexdesign.quantities.stage import TOLD, of_stage
+from flexdesign.quantities.stage import TOLD, asked, of_stage
 from flexdesign.quantities.stage_handover import stage_model_of
 from flexdesign.quantities.stage_modes import ModeShares, mode_shares
 from flexdesign.quantities.stage_shares import InputChain, Spring
@@ -143,6 +143,7 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     began, design = perf_counter(), study.design
     assembly = design.stage().assembly()
     _refuse_unknown(study, assembly)
+    published = read_published(study, assembly)
     levels = _levels(study, assembly, cache, progress)
     stages = [_assembled(design, assembly, level) for level in levels]
     progress("putting the stage together")
@@ -151,7 +152,7 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     source = f"FEM, {len(levels)} meshes, the finest of {levels[-1].unknowns} unknowns condensed, extrapolated"
     limits = [replace(quantity, source=source) for quantity in limits]
     motions, full = _motions(study, assembly, levels[0], stages[0], progress)
-    comparisons, further = compare(study, limits, [*motions, *full])
+    comparisons, further = compare(study, limits, [*motions, *full], published)
     coarsest = found[0] | {q.key: q for motion in motions for q in motion.quantities()}
     spring = design.actuator.installed_stiffness if design.actuator else 0.0
     return StageValidation(
@@ -236,18 +237,15 @@ def _stated(study: Study, axis: str) -> float:
 
 
 def compare(
-    study: Study, limits: Sequence[Quantity], motions: Sequence[CrossMotion]
+    study: Study,
+    limits: Sequence[Quantity],
+    motions: Sequence[CrossMotion],
+    published: Mapping[str, Mapping[str, Quantity]],
 ) -> tuple[list[Comparison], list[Quantity]]:
-    """Set FEM beside formulas and published numbers where there are any; the rest stands for itself.
-
-    Raises
-    ------
-    InputError
-        If a published number belongs to no quantity, or cannot be read.
-    """
+    """Set FEM beside formulas and published numbers where there are any; the rest stands for itself."""
     design = study.design
     actuator = design.actuator.installed_stiffness if design.actuator else None
-    models = {
+    models: dict[str, Mapping[str, Quantity]] = {
         model: {q.key: q for q in found}
         for model, found in design.stage().formulas(design.material, actuator, None).items()
     }
@@ -261,13 +259,36 @@ def compare(
             )
     models["arms (25)"] = aside
     every = [*limits, *(q for motion in motions for q in motion.quantities())]
-    by_key = {quantity.key: quantity for quantity in every}
-    for label, numbers in study.published.items():
-        given = {key: text for key, text in numbers.items() if key in by_key or not _elsewhere(key, by_key)}
-        models[label] = {key: _published(study, label, key, text, by_key) for key, text in given.items()}
+    models |= published
     compared = [q for q in every if any(q.key in model for model in models.values())]
     comparisons = [Comparison(q, {name: m[q.key] for name, m in models.items() if q.key in m}) for q in compared]
     return comparisons, [q for q in every if q not in compared]
+
+
+def read_published(study: Study, assembly: Assembly) -> dict[str, dict[str, Quantity]]:
+    """Return published numbers by where they come from and by the key of the quantity they are compared with.
+
+    What holds at another input than those for which anything is computed is left out.
+
+    Raises
+    ------
+    InputError
+        If a number belongs to no quantity, or cannot be read.
+    """
+    actuator = study.design.actuator
+    known = {q.key: q for q in asked(assembly.axes, installed=actuator is not None)}
+    for axis in assembly.axes:
+        others = [other for other in assembly.axes if other != axis]
+        for extension in [_stated(study, axis), *([actuator.free_stroke] if actuator else [])]:
+            known |= {q.key: q for q in stage_coupling.asked(axis, extension, others)}
+    return {
+        label: {
+            key: _published(study, label, key, text, known)
+            for key, text in numbers.items()
+            if key in known or not _elsewhere(key, known)
+        }
+        for label, numbers in study.published.items()
+    }
 
 
 def _published(study: Study, label: str, key: str, text: str, known: Mapping[str, Quantity]) -> Quantity:
@@ -275,18 +296,18 @@ def _published(study: Study, label: str, key: str, text: str, known: Mapping[str
     place = f"published.{label}.{key}"
     if key not in known:
         remedy = f"is no quantity of this stage{suggest(key, sorted(known))}"
-        raise InputError(study.name, place, text, remedy)
-    fem = known[key]
+        raise InputError(study.file, place, text, remedy)
+    quantity = known[key]
     number, _, spread = (each.strip() for each in text.partition("±"))
     unit = spread.lstrip("+-.0123456789eE").strip()
     try:
-        value = units.from_text(f"{number} {unit}".strip(), fem.si)
-        sigma = units.from_text(spread, fem.si) if spread else None
+        value = units.from_text(f"{number} {unit}".strip(), quantity.si)
+        sigma = units.from_text(spread, quantity.si) if spread else None
         if sigma is not None and sigma <= 0:
             raise ValueError("the uncertainty must be positive")
     except ValueError as error:
-        raise InputError(study.name, place, text, str(error)) from None
-    return replace(fem, value=value, sigma=sigma, source=label)
+        raise InputError(study.file, place, text, str(error)) from None
+    return replace(quantity, value=value, sigma=sigma, source=label)
 
 
 def _elsewhere(key: str, known: Mapping[str, Quantity]) -> bool:
@@ -300,11 +321,11 @@ def _refuse_unknown(study: Study, assembly: Assembly) -> None:
     for key, value in (("accuracy", study.mesh.accuracy), ("cross_check", study.mesh.cross_check)):
         if value:
             remedy = "is for a part alone; for a stage say how many meshes: mesh.levels"
-            raise InputError(study.name, f"mesh.{key}", value, remedy)
+            raise InputError(study.file, f"mesh.{key}", value, remedy)
     for axis in study.stage.inputs:
         if axis not in assembly.axes:
             remedy = f"is no axis of this stage{suggest(axis, list(assembly.axes))}"
-            raise InputError(study.name, f"stage.inputs.{axis}", axis, remedy)
+            raise InputError(study.file, f"stage.inputs.{axis}", axis, remedy)
 
 
 def _variant(study: Study, label: str, cache: Cache, progress: Progress) -> dict[str, Quantity]:
