@@ -308,7 +308,8 @@ def test_a_mistyped_published_key_is_refused_before_work_begins(
     assert ended.code == 2
     (said,) = ended.stderr.splitlines()
     place = f"{file}: published.measured.couplin_x_z_input_of_40_um = 0.96 ± 6.7 %"
-    assert said.startswith(f"flexdesign: {place}: is no quantity of this stage; did you mean coupling_x_z_input_of_40_um?")
+    remedy = "is no quantity of this stage; did you mean coupling_x_z_input_of_40_um?"
+    assert said.startswith(f"flexdesign: {place}: {remedy}")
 
 
 def test_what_is_expected_is_what_is_found(run: Run) -> None:
