@@ -16,11 +16,12 @@ from PIL import Image
 
 from flexdesign import cli, condensing, stage_model
 from flexdesign.errors import InputError
+from flexdesign.model import Quantity
 from flexdesign.quantities.stage import StageStatics
 from flexdesign.quantities.stage_modes import mode_shares
 from flexdesign.report import stage_report
 from flexdesign.report.stage_words import Axes
-from flexdesign.validation import stage_course
+from flexdesign.validation import stage_course, stage_published, stage_variants
 from flexdesign.validation.stage_course import StageValidation, validate_stage
 from tests.conftest import Ended
 from tests.test_lin2019 import steady_span
@@ -159,6 +160,59 @@ def test_half_the_amplifiers_hold_half(run: Run) -> None:
     assert 0.5 < half / whole < 0.55
 
 
+def test_large_displacements_are_freed_from_the_error_of_their_meshes(run: Run) -> None:
+    """For small inputs the travel is the linear amplification's, which was extrapolated by itself.
+
+    What is of third order in the travel falls with the square of the input: travel per input at 20 and at 40 um tell
+    that of none. The coarsest mesh alone is further off: that is the error of which there is an estimate.
+    """
+    found = run.found
+    for axis in "xy":
+        ratio = found.fem(f"lambda_{axis}_table_free")
+        near, far = (found.fem(f"travel_{axis}_input_of_{um}_um") for um in (20, 40))
+        assert near.sigma is not None
+        linear = (4 * near.value / 20e-6 - far.value / 40e-6) / 3
+        assert linear == pytest.approx(ratio.value, rel=1e-3)
+        assert near.sigma / near.value < 0.03
+        assert abs(found.coarsest[near.key].value / 20e-6 / ratio.value - 1) > 2e-2
+    aside = found.fem("coupling_z_x_input_of_20_um")
+    assert aside.sigma is not None and 0 < aside.sigma < 0.1 * aside.value
+
+
+def test_variants_have_estimates_of_their_own(run: Run) -> None:
+    """Half the amplifiers have half the stiffness whatever the mesh: hardly more than the stage's error is left."""
+    half, whole = run.found.variants["one side"]["K_out_x_inputs_free"], run.found.fem("K_out_x_inputs_free")
+    assert half.sigma is not None and whole.sigma is not None
+    assert half.sigma / half.value == pytest.approx(whole.sigma / whole.value, rel=0.1)
+    text = (run.folder / "report.md").read_text(encoding="utf-8")
+    assert half.shown() in text
+    assert "Large displacements are solved on the two coarsest meshes." in text
+
+
+@pytest.mark.parametrize("order", [1.1, 1.5, 2.0])
+def test_what_a_variant_changes_is_found_within_its_estimate(order: float) -> None:
+    """Stage and variant have errors of their own that fall with a power; the truth is a third of the stage's, and 7."""
+    sizes = (1.35, 1.0)
+
+    def level(size: float, *, variant: bool) -> dict[str, Quantity]:
+        error = size**order
+        values = {"K": 100.0 / 3 * (1 + 0.02 * error) if variant else 100.0 * (1 + 0.05 * error)}
+        values["lost"] = 7.0 * (1 - 0.03 * error) if variant else 0.0
+        if variant:
+            values["more"] = 1.0
+        return {name: Quantity(name, value, "1", "", "") for name, value in values.items()}
+
+    here, there = ([level(size, variant=variant) for size in sizes] for variant in (False, True))
+    limits = {name: Quantity(name, value, "1", "", "", sigma=0.5) for name, value in (("K", 100.0), ("lost", 0.0))}
+    found = stage_variants.changed(here, there, sizes, limits)
+    assert set(found) == {"K", "lost"}
+    for name, truth in (("K", 100 / 3), ("lost", 7.0)):
+        sigma = found[name].sigma
+        assert sigma is not None
+        assert abs(found[name].value - truth) < sigma < 0.05 * truth
+        assert abs(there[-1][name].value - truth) > abs(found[name].value - truth)
+
+
 def test_springs_of_all_kinds_add_up_to_the_stiffness(run: Run) -> None:
     statics = StageStatics(run.found.stages[-1])
     for axis, springs in run.found.springs.items():
@@ -292,7 +346,7 @@ def test_stage_model_can_be_simulated(run: Run, command_line: Callable[..., Ende
 def test_published_numbers_that_cannot_be_used(run: Run, key: str, text: str, said: str) -> None:
     asked = replace(run.found.study, published={"theirs": {key: text}})
     with pytest.raises(InputError, match=said) as refused:
-        stage_course.read_published(asked, run.found.assembly)
+        stage_published.read_published(asked, run.found.assembly)
     assert refused.value.file == str(run.file)
     assert refused.value.field == f"published.theirs.{key}"
     assert refused.value.value == text
@@ -315,7 +369,7 @@ def test_a_mistyped_published_key_is_refused_before_work_begins(
 def test_what_is_expected_is_what_is_found(run: Run) -> None:
     """Published numbers are read by what is expected before anything is known."""
     asked = replace(run.found.study, published={"all": {key: f"1 {q.unit}" for key, q in run.found.coarsest.items()}})
-    read = stage_course.read_published(asked, run.found.assembly)["all"]
+    read = stage_published.read_published(asked, run.found.assembly)["all"]
     assert list(read) == list(run.found.coarsest)
     for key, quantity in run.found.coarsest.items():
         assert replace(read[key], value=0.0, sigma=None, source="") == replace(

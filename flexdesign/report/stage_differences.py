@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from flexdesign import units
-from flexdesign.model import Quantity
 from flexdesign.report.document import Section, Table
 from flexdesign.report.stage_words import Axes, computed, percent, written
 from flexdesign.report.wording import shown
@@ -171,7 +170,8 @@ def _chains(validation: StageValidation, axes: Axes) -> list[Table]:
 def _variants_text(validation: StageValidation, axes: Axes) -> str:
     others, best = _others(validation), nearest(validation)
     text = (
-        "Variants are solved on the coarsest mesh; what they change there is put on top of the extrapolated value. "
+        "Variants are solved on the two coarsest meshes; what they change there, extrapolated, is put on top of the "
+        "extrapolated value, and ± holds the estimated errors of both. "
         "A coupling of 0 is one that symmetry forbids: arms on both sides draw equally."
     )
     if not others:
@@ -195,7 +195,7 @@ def _variants(validation: StageValidation, axes: Axes) -> Table:
         row = [f"{axes.short(fem)}", shown(fem)]
         for label in validation.variants:
             value = validation.as_in(label, fem.key)
-            row += [_as(fem, value), percent(value / fem.value - 1 if value is not None and fem.value else None)]
+            row += [_as(validation, label, fem.key), percent(value / fem.value - 1 if value and fem.value else None)]
         rows.append(row)
     return Table(columns, rows, "Variants")
 
@@ -210,7 +210,7 @@ def _left(validation: StageValidation, axes: Axes) -> list[Table]:
             row = [axes.short(fem), written(validation, label, theirs), _deviation(fem.value, theirs.value)]
             if best is not None:
                 value = validation.as_in(best, fem.key)
-                row += [_as(fem, value), "–" if value is None else _deviation(value, theirs.value)]
+                row += [_as(validation, best, fem.key), "–" if value is None else _deviation(value, theirs.value)]
             rows.append(row)
         columns = ["quantity", label, "FEM off by"]
         columns += [best, "left, unexplained"] if best is not None else []
@@ -222,12 +222,9 @@ def _deviation(value: float, reference: float) -> str:
     return percent(value / reference - 1)
 
 
-def _as(fem: Quantity, value: float | None) -> str:
-    if value is None:
-        return "–"
-    if value == 0:
-        return "0 (by symmetry)"
-    return Quantity(fem.name, value, fem.si, fem.unit).shown()
+def _as(validation: StageValidation, variant: str, key: str) -> str:
+    found = validation.variants[variant].get(key)
+    return "–" if found is None else shown(found)
 
 
 def _stiffness(value: float) -> str:

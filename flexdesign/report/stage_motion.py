@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from flexdesign import stage_coupling, units
 from flexdesign.model import Quantity
 from flexdesign.quantities.stage_modes import ModeShares
+from flexdesign.report.comparison_words import listed
 from flexdesign.report.document import Figure, Section, Table
 from flexdesign.report.stage_words import Axes, measured, percent, share, written
 from flexdesign.report.wording import shown
@@ -36,15 +37,15 @@ def coupling(validation: StageValidation) -> Section:
         "shows all of it, and a feedforward matrix removes it.",
         "Second order, with the square of the travel: arms that tilt draw the table aside by δ²/2L, the same whichever "
         "way the axis goes. It is there in a perfectly symmetric stage, and no linear solution shows it. FEM's is from "
-        "large displacements on the coarsest mesh, the axis driven both ways: half the sum of both ends is of even "
-        "order, half the difference of odd. Where arms on both sides draw equally, symmetry leaves none.",
+        "large displacements, the axis driven both ways: half the sum of both ends is of even order, half the "
+        "difference of odd. Where arms on both sides draw equally, symmetry leaves none.",
     ]
     tables = [_causes(validation, axes)]
     if validation.motions:
         tables.append(_second_order(validation, axes))
     else:
         text.append("Large displacements were not asked for: output.large_steps is 0.")
-    text += _growth(validation, axes)
+    text += [*_growth(validation, axes), *_coarse(validation)]
     return Section("Coupling", text, tables)
 
 
@@ -105,6 +106,25 @@ def _growth(validation: StageValidation, axes: Axes) -> list[str]:
                 f"{far.travel / base.travel:.3f} times as large"
             )
     return [f"{'; '.join(told)}. A ratio that grows as the travel is of second order."] if told else []
+
+
+def _coarse(validation: StageValidation) -> list[str]:
+    """Say on what meshes large displacements are, and how far the coarsest is from the limit."""
+    off: dict[str, float] = {}
+    for motion in [*validation.motions, *validation.at_full_stroke]:
+        for quantity in motion.quantities():
+            kind = "travel" if quantity.name == "travel" else "motion aside per travel"
+            if quantity.value:
+                gap = abs(quantity.value / validation.fem(quantity.key).value - 1)
+                off[kind] = max(off.get(kind, 0.0), gap)
+    if not off:
+        return []
+    told = listed([f"{100 * ratio:.2g} % in {kind}" for kind, ratio in off.items()])
+    return [
+        "Large displacements are solved on the two coarsest meshes. The table below, rotations and pictures are of the "
+        f"coarsest, which differs from the limit by up to {told}; travel and coupling elsewhere in this report are "
+        "extrapolated, with their estimated errors."
+    ]
 
 
 def beside_measurements(validation: StageValidation) -> Section:

@@ -112,7 +112,7 @@ def _summary(validation: StageValidation) -> list[str]:
 def _coupling_in_short(validation: StageValidation, axes: Axes) -> str:
     first = max((abs(v) for others in validation.causes[0].coupling.values() for v in others.values()), default=0.0)
     seen = [
-        f"{axes.what(q)} {q.shown(3)} at an {axes.where(q)}"
+        f"{axes.what(q)} {validation.fem(q.key).shown()} at an {axes.where(q)}"
         for motion in validation.motions
         for q in motion.quantities()
         if q.name.startswith("coupling") and q.value and axes.tells(q)

@@ -22,7 +22,7 @@ from flexdesign.fem.methods import Extruded
 from flexdesign.files import as_text
 from flexdesign.model import Quantity
 from flexdesign.quantities import stage_shares
-from flexdesign.quantities.stage import TOLD, asked, of_stage
+from flexdesign.quantities.stage import TOLD, of_stage
 from flexdesign.quantities.stage_handover import stage_model_of
 from flexdesign.quantities.stage_modes import ModeShares, mode_shares
 from flexdesign.quantities.stage_shares import InputChain, Spring
@@ -30,11 +30,13 @@ from flexdesign.stage_coupling import Cause, CrossMotion
 from flexdesign.stage_model import StageModel
 from flexdesign.study import Study
 from flexdesign.validation.findings import Comparison
+from flexdesign.validation.stage_published import read_published, stated
+from flexdesign.validation.stage_variants import by_key, changed
 
 Progress = Callable[[str], None]
 
-#: What keys of quantities at a stated input have after quantity and axis.
-AT_INPUT = "_input_of_"
+#: Large displacements, and variants, are on so many of the coarsest meshes.
+DRIVEN = 2
 
 
 @dataclass(frozen=True)
@@ -48,13 +50,13 @@ class StageValidation:
     levels
         The parts, on meshes from coarse to fine.
     stages
-        Put together on the coarsest mesh, which is the one for pictures and large displacements, and on the finest.
+        Put together on the coarsest mesh, which is the one for pictures, and on the finest.
     comparisons
         Stiffness, amplification and coupling: FEM beside the analytic models and published numbers.
     further
         Quantities only FEM gives.
     motions
-        Each axis driven through large displacements; empty where those were not asked for.
+        Each axis driven through large displacements on the coarsest mesh; empty where those were not asked for.
     at_full_stroke
         The same with inputs that part as far as a free actuator extends; empty without an actuator.
     causes
@@ -66,7 +68,7 @@ class StageValidation:
     coarsest
         Quantities on the coarsest mesh, by key.
     variants
-        By name what else was solved on that mesh, by key.
+        By name and key what variants make of the stage's quantities.
     stage_model
         What dynamics needs; None without an actuator.
     seconds
@@ -98,7 +100,7 @@ class StageValidation:
     @property
     def inputs(self) -> dict[str, float]:
         """By axis how far each actuator parts its inputs where coupling and pictures are stated [m]."""
-        return {axis: _stated(self.study, axis) for axis in self.assembly.axes}
+        return {axis: stated(self.study, axis) for axis in self.assembly.axes}
 
     @property
     def scatter(self) -> Scatter:
@@ -113,14 +115,9 @@ class StageValidation:
         raise KeyError(key)
 
     def as_in(self, variant: str, key: str) -> float | None:
-        """Return a quantity as a variant has it: the change on the coarsest mesh on top of the limit, in SI.
-
-        What is zero in the stage itself is told as the variant's mesh gives it; None for what the variant lacks.
-        """
-        there, here = self.variants[variant].get(key), self.coarsest.get(key)
-        if there is None or here is None:
-            return None
-        return there.value if here.value == 0 else self.fem(key).value * there.value / here.value
+        """Return a quantity as a variant has it, in SI; None for what the variant lacks."""
+        found = self.variants[variant].get(key)
+        return None if found is None else found.value
 
 
 def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: None) -> StageValidation:
@@ -147,13 +144,23 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     levels = _levels(study, assembly, cache, progress)
     stages = [_assembled(design, assembly, level) for level in levels]
     progress("putting the stage together")
-    found = [{q.key: q for q in of_stage(study, stage)} for stage in stages]
-    limits = refinement.limits(found, [level.size for level in levels], _scatter(levels))
+    found, sizes = [by_key(of_stage(study, stage)) for stage in stages], [level.size for level in levels]
+    limits = refinement.limits(found, sizes, _scatter(levels))
     source = f"FEM, {len(levels)} meshes, the finest of {levels[-1].unknowns} unknowns condensed, extrapolated"
     limits = [replace(quantity, source=source) for quantity in limits]
-    motions, full = _motions(study, assembly, levels[0], stages[0], progress)
+    driven = [
+        _motions(study, assembly, level, stage, _counted(progress, number, len(levels)))
+        for number, (level, stage) in enumerate(zip(levels[:DRIVEN], stages, strict=False), 1)
+    ]
+    motions, full = driven[0]
+    moved = [here | _moved([*near, *far]) for here, (near, far) in zip(found, driven, strict=False)]
+    told = _moved([*motions, *full])
+    source = f"FEM, large displacements on the {DRIVEN} coarsest of {len(levels)} meshes, extrapolated"
+    limits += [
+        replace(q, source=source) for q in refinement.limits(moved, sizes[:DRIVEN], _scatter(levels)) if q.key in told
+    ]
     comparisons, further = compare(study, limits, [*motions, *full], published)
-    coarsest = found[0] | {q.key: q for motion in motions for q in motion.quantities()}
+    solved = {label: _variant(study, label, cache, progress) for label in study.variants}
     spring = design.actuator.installed_stiffness if design.actuator else 0.0
     return StageValidation(
         study=study,
@@ -168,20 +175,20 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
         springs=stage_shares.springs(stages[-1]),
         chains=stage_shares.input_chains(design.stage(), design.material, stages[-1], found[-1]),
         modes=(mode_shares(stages[-1], 0.0, TOLD), mode_shares(stages[-1], spring, TOLD) if spring else []),
-        coarsest=coarsest,
-        variants={label: _variant(study, label, cache, progress) for label in study.variants},
-        stage_model=stage_model_of(design, stages[-1], {q.key: q for q in limits}, stage_coupling.ratios(motions)),
+        coarsest=found[0] | _moved(motions),
+        variants={label: changed(moved, there, sizes[:DRIVEN], by_key(limits)) for label, there in solved.items()},
+        stage_model=stage_model_of(design, stages[-1], by_key(limits), stage_coupling.ratios(motions)),
         seconds=perf_counter() - began,
     )
 
 
 def _levels(study: Study, assembly: Assembly, cache: Cache, progress: Progress) -> list[StageLevel]:
-    """Condense on as many meshes as were asked for; the coarsest keeps what goes on inside."""
+    """Condense on as many meshes as were asked for; those for large displacements keep what goes on inside."""
     levels = []
     for power in range(study.mesh.levels - 1, -1, -1):
-        coarseness, first = study.mesh.refinement**power, power == study.mesh.levels - 1
+        coarseness, inside = study.mesh.refinement**power, power >= study.mesh.levels - DRIVEN
         say = _counted(progress, study.mesh.levels - power, study.mesh.levels)
-        levels.append(condensing.condensed(study, assembly, coarseness, cache, inside=first, progress=say))
+        levels.append(condensing.condensed(study, assembly, coarseness, cache, inside=inside, progress=say))
     return levels
 
 
@@ -223,17 +230,9 @@ def _motions(
             value = units.to_text(extension, "um", si="m")
             raise InputError(study.design.file, f"stage.inputs.{axis}", value, str(error)) from error
 
-    stated = {axis: _stated(study, axis) for axis in assembly.axes}
-    far = {axis: actuator.free_stroke for axis in stated if actuator and full and stated[axis] != actuator.free_stroke}
-    return [driven(*each) for each in stated.items()], [driven(*each) for each in far.items()]
-
-
-def _stated(study: Study, axis: str) -> float:
-    """Return what the study says, or half the free stroke."""
-    actuator = study.design.actuator
-    if axis in study.stage.inputs:
-        return float(study.stage.inputs[axis])
-    return actuator.free_stroke / 2 if actuator else 10e-6
+    inputs = {axis: stated(study, axis) for axis in assembly.axes}
+    far = {axis: actuator.free_stroke for axis in inputs if actuator and full and inputs[axis] != actuator.free_stroke}
+    return [driven(*each) for each in inputs.items()], [driven(*each) for each in far.items()]
 
 
 def compare(
@@ -246,8 +245,7 @@ def compare(
     design = study.design
     actuator = design.actuator.installed_stiffness if design.actuator else None
     models: dict[str, Mapping[str, Quantity]] = {
-        model: {q.key: q for q in found}
-        for model, found in design.stage().formulas(design.material, actuator, None).items()
+        model: by_key(found) for model, found in design.stage().formulas(design.material, actuator, None).items()
     }
     arms = design.stage().arms()
     aside: dict[str, Quantity] = {}
@@ -258,62 +256,10 @@ def compare(
                 fem, value=length / motion.travel, source="delta^2 / 2L, Lin et al. (2019), eq. (25)"
             )
     models["arms (25)"] = aside
-    every = [*limits, *(q for motion in motions for q in motion.quantities())]
     models |= published
-    compared = [q for q in every if any(q.key in model for model in models.values())]
+    compared = [q for q in limits if any(q.key in model for model in models.values())]
     comparisons = [Comparison(q, {name: m[q.key] for name, m in models.items() if q.key in m}) for q in compared]
-    return comparisons, [q for q in every if q not in compared]
-
-
-def read_published(study: Study, assembly: Assembly) -> dict[str, dict[str, Quantity]]:
-    """Return published numbers by where they come from and by the key of the quantity they are compared with.
-
-    What holds at another input than those for which anything is computed is left out.
-
-    Raises
-    ------
-    InputError
-        If a number belongs to no quantity, or cannot be read.
-    """
-    actuator = study.design.actuator
-    known = {q.key: q for q in asked(assembly.axes, installed=actuator is not None)}
-    for axis in assembly.axes:
-        others = [other for other in assembly.axes if other != axis]
-        for extension in [_stated(study, axis), *([actuator.free_stroke] if actuator else [])]:
-            known |= {q.key: q for q in stage_coupling.asked(axis, extension, others)}
-    return {
-        label: {
-            key: _published(study, label, key, text, known)
-            for key, text in numbers.items()
-            if key in known or not _elsewhere(key, known)
-        }
-        for label, numbers in study.published.items()
-    }
-
-
-def _published(study: Study, label: str, key: str, text: str, known: Mapping[str, Quantity]) -> Quantity:
-    """Read a number of others, such as "238 um" or "238 ± 15 um", by the quantity it is compared with."""
-    place = f"published.{label}.{key}"
-    if key not in known:
-        remedy = f"is no quantity of this stage{suggest(key, sorted(known))}"
-        raise InputError(study.file, place, text, remedy)
-    quantity = known[key]
-    number, _, spread = (each.strip() for each in text.partition("±"))
-    unit = spread.lstrip("+-.0123456789eE").strip()
-    try:
-        value = units.from_text(f"{number} {unit}".strip(), quantity.si)
-        sigma = units.from_text(spread, quantity.si) if spread else None
-        if sigma is not None and sigma <= 0:
-            raise ValueError("the uncertainty must be positive")
-    except ValueError as error:
-        raise InputError(study.file, place, text, str(error)) from None
-    return replace(quantity, value=value, sigma=sigma, source=label)
-
-
-def _elsewhere(key: str, known: Mapping[str, Quantity]) -> bool:
-    """Tell whether a key is one of those that are known but for the input, at which nothing was computed."""
-    name, mark, _ = key.partition(AT_INPUT)
-    return bool(mark) and any(other.startswith(f"{name}{mark}") for other in known)
+    return comparisons, [q for q in limits if q not in compared]
 
 
 def _refuse_unknown(study: Study, assembly: Assembly) -> None:
@@ -328,17 +274,21 @@ def _refuse_unknown(study: Study, assembly: Assembly) -> None:
             raise InputError(study.file, f"stage.inputs.{axis}", axis, remedy)
 
 
-def _variant(study: Study, label: str, cache: Cache, progress: Progress) -> dict[str, Quantity]:
-    """Return a variant's quantities on the coarsest mesh, by key."""
+def _variant(study: Study, label: str, cache: Cache, progress: Progress) -> list[dict[str, Quantity]]:
+    """Return a variant's quantities on the coarsest meshes, by key."""
     design = study.variants[label]
-    other = replace(study, design=design)
-    assembly = design.stage().assembly()
-    coarseness = study.mesh.refinement ** (study.mesh.levels - 1)
-    say = _labelled(progress, label)
-    level = condensing.condensed(other, assembly, coarseness, cache, inside=True, progress=say)
-    stage = _assembled(design, assembly, level)
-    motions, _ = _motions(other, assembly, level, stage, say, full=False)
-    return {q.key: q for q in [*of_stage(other, stage), *(q for motion in motions for q in motion.quantities())]}
+    other, found = replace(study, design=design), []
+    assembly, say = design.stage().assembly(), _labelled(progress, label)
+    for power in range(study.mesh.levels - 1, study.mesh.levels - 1 - DRIVEN, -1):
+        level = condensing.condensed(other, assembly, study.mesh.refinement**power, cache, inside=True, progress=say)
+        stage = _assembled(design, assembly, level)
+        motions, _ = _motions(other, assembly, level, stage, say, full=False)
+        found.append(by_key(of_stage(other, stage)) | _moved(motions))
+    return found
+
+
+def _moved(motions: Sequence[CrossMotion]) -> dict[str, Quantity]:
+    return by_key(q for motion in motions for q in motion.quantities())
 
 
 def _labelled(progress: Progress, label: str) -> Progress:
