@@ -312,6 +312,8 @@ def test_stage_model_reads_back(run: Run) -> None:
         assert axis.stiffness == pytest.approx(fem, rel=1e-6)  # seven digits are written
         assert axis.mass == pytest.approx(fem / (2 * math.pi * axis.natural_frequency) ** 2, rel=1e-6)
     assert set(model.coupling.quadratic) == {("z", "x"), ("z", "y")}
+    limit = run.found.fem("coupling_z_x_input_of_20_um").value / run.found.fem("travel_x_input_of_20_um").value
+    assert model.coupling.quadratic["z", "x"] == pytest.approx(-limit, rel=1e-6)  # the table sinks
 
 
 def test_the_stacks_hysteresis_is_in_the_stage_model_and_the_loop_spans_the_travel(run: Run) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
@@ -177,7 +178,7 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
         modes=(mode_shares(stages[-1], 0.0, TOLD), mode_shares(stages[-1], spring, TOLD) if spring else []),
         coarsest=found[0] | _moved(motions),
         variants={label: changed(moved, there, sizes[:DRIVEN], by_key(limits)) for label, there in solved.items()},
-        stage_model=stage_model_of(design, stages[-1], by_key(limits), stage_coupling.ratios(motions)),
+        stage_model=stage_model_of(design, stages[-1], by_key(limits), _quadratic(motions, by_key(limits))),
         seconds=perf_counter() - began,
     )
 
@@ -284,6 +285,17 @@ def _variant(study: Study, label: str, cache: Cache, progress: Progress) -> list
         stage = _assembled(design, assembly, level)
         motions, _ = _motions(other, assembly, level, stage, say, full=False)
         found.append(by_key(of_stage(other, stage)) | _moved(motions))
+    return found
+
+
+def _quadratic(motions: Sequence[CrossMotion], limits: Mapping[str, Quantity]) -> dict[tuple[str, str], float]:
+    """Return couplings of second order by (to, from) [1/m]: ratio over travel in the limit, signed as on a mesh."""
+    found, signed = {}, stage_coupling.ratios(motions)
+    for motion in motions:
+        travel, *ratios = (limits[quantity.key].value for quantity in motion.quantities())
+        for to, ratio in zip(motion.even, ratios, strict=True):
+            if (pair := (to, motion.axis)) in signed:
+                found[pair] = math.copysign(ratio / travel, signed[pair])
     return found
 
 
