@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from flexdesign import cli, condensing, stage_model
+from flexdesign import cli, condensing, experiments, simulation, stage_model
 from flexdesign.errors import InputError
 from flexdesign.model import Quantity
 from flexdesign.quantities.stage import StageStatics
 from flexdesign.quantities.stage_modes import mode_shares
-from flexdesign.report import stage_report
+from flexdesign.report import published_rows, stage_report
 from flexdesign.report.stage_words import Axes
 from flexdesign.validation import stage_course, stage_published, stage_variants
 from flexdesign.validation.stage_course import StageValidation, validate_stage
@@ -326,6 +326,26 @@ def test_the_stacks_hysteresis_is_in_the_stage_model_and_the_loop_spans_the_trav
         assert axis.effects["bouc_wen"]["a"] == pytest.approx(actuator.hysteresis.a * reached, rel=1e-6)
         assert steady_span(axis, *actuator.voltage_range) == pytest.approx(travel, rel=1e-4)
         assert "bouc_wen" in axis.assumed  # the paper prints none
+
+
+def test_the_experiments_of_the_paper_run_on_the_stage_that_fem_found(run: Run) -> None:
+    """The loop spans FEM's travel, which nobody set to the printed one; what differs is said to be unexplained."""
+    file = run.folder / "stage_model.toml"
+    stage = stage_model.read(file)
+    plan = experiments.read("lin2019_experiments", list(stage.axes))
+    changed = experiments.variants(plan, lambda changes: stage_model.read(file, changes))
+    assert set(changed) == set(plan.variants)
+    own, more = (each.axes["x"].effects["bouc_wen"] for each in (stage, changed["unknown hysteresis"]))
+    assert [more[name] / own[name] for name in ("a", "b", "c")] == pytest.approx([1.2, 1.2, 1.0])
+    first = replace(plan, experiments=tuple(each for each in plan.experiments if each.name == "P8 X"))
+    found = simulation.run(stage, changed, first, lambda _: None)
+    span = found.cases[0].measure("x", "loop_span")
+    # At 0.5 Hz the stage follows but for (f / f0)^2, 4e-5 of it, and the phase of its damping.
+    assert span is not None
+    assert span.value == pytest.approx(run.found.fem("stroke_x_table_free").value, rel=5e-4)
+    said = {row[1]: row[5] for row in published_rows.table(found).rows}
+    off = 100 * (span.value / 238e-6 - 1)
+    assert said["loop span, x"] == f"{off:+.3g} %, beyond ±: unexplained"
 
 
 @pytest.mark.slow
