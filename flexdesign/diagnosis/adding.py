@@ -21,8 +21,9 @@ from flexdesign.dynamics.axis_choice import choose_axis
 from flexdesign.dynamics.axis_run import acts_ahead_of_stack
 from flexdesign.dynamics.stage import missing
 from flexdesign.errors import InputError
+from flexdesign.evidence.case import Case
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.stand import Case, Stand, fitted
+from flexdesign.evidence.stand import Stand, fitted
 from flexdesign.experiments import AS_MODELLED
 from flexdesign.model import OTHER, Disturbance, Term
 from flexdesign.noise_floor import LineNoise, NoiseFloor

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from flexdesign.dynamics.axis_model import CAME_FROM, TRIGGER, AxisDynamics
 from flexdesign.effects import creep
+from flexdesign.evidence.case import Case
 from flexdesign.evidence.noise import Whitening
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import PLAIN_CHANCE, SURE, Step, forward
-from flexdesign.evidence.stand import Case, Stand, fitted
+from flexdesign.evidence.stand import Stand, fitted
 from flexdesign.evidence.suite import Problem
 from flexdesign.model import Observation, Parameter
 from flexdesign.runs import FrequencyResponse, Run

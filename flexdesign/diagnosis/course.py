@@ -37,10 +37,11 @@ from flexdesign.diagnosis.judgement import conclude
 from flexdesign.diagnosis.setting import Setting, line_weights, settle
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
+from flexdesign.evidence.case import Case
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import MOST, Step, backward, forward
-from flexdesign.evidence.stand import Case, Stand, calibrated, fitted
+from flexdesign.evidence.stand import Stand, calibrated, fitted
 from flexdesign.evidence.suite import Suite
 from flexdesign.identification import HYSTERESIS, LINEAR
 from flexdesign.model import Model

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from flexdesign.evidence.stand import Case, Stand, free_part
+from flexdesign.evidence.case import Case
+from flexdesign.evidence.stand import Stand, free_part
 from flexdesign.evidence.suite import Suite
 from flexdesign.model import Observation
 

@@ -13,8 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flexdesign.evidence.case import Case
+from flexdesign.evidence.caught import ANEW, ANEW_SHARE, FIRST_SHARE, SECOND, freed, in_line, shaken
+from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate, Direction, Screening
-from flexdesign.evidence.stand import FOLLOWED, Case, Stand, begun_anew, fitted, moved, refitted
+from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, fitted, moved, refitted
 from flexdesign.model import Model
 
 #: Effects that are refitted after a screening, pairs among them; trials of each from which a fit begins.
@@ -23,10 +26,10 @@ SHORTLIST, PAIRS, BEGINNINGS = 7, 2, 2
 FAINT = 0.2
 #: A second beginning is tried where it promises this share of the first.
 SECOND_BEST = 0.7
-#: A first fit finds slopes so often, and ends where a step lowers the cost by less than this share.
-FIRST, FIRST_SHARE = 3, 1e-3
-#: What is near the best is fitted further, finding slopes so often; only what is chosen is carried to its end.
-SECOND, SECOND_SHARE = 6, 1e-5
+#: A first fit finds slopes so often.
+FIRST = 3
+#: What is near the best is fitted further; only what is chosen is carried to its end.
+SECOND_SHARE = 1e-5
 #: A first fit is fitted further where it lowers the cost by this share of what the best one does.
 WITHIN_REACH = 0.7
 #: An effect must lower the cost by this many times what chance makes of the whole catalogue.
@@ -40,16 +43,11 @@ FIRM = 20.0
 NEAR, RIVALS = 0.02, 3
 #: Two answers are one if their costs differ by less than this, in multiples of the noise's variance.
 ALIKE = 12.0
-#: A model misses the runs by far where it leaves this many times the mean square of the noise.
-GROSS = 30.0
 #: Its own numbers make up for what it lacks where one of which nothing was known differs by this share from what it was
 #: designed to be. So many effects are refitted there.
 CHANGED, LONG_LIST = 0.3, 12
-#: Fits are tried so often where runs seem to have come from elsewhere, while that lowers the cost by this share.
-ANEW, ANEW_SHARE = 2, 0.01
-#: A fit that leaves no more than this share of the cost has found its effects; where it leaves so many times the noise
-#: all the same it may be caught between kinks, and begins again with each hidden constant multiplied by these.
-FOUND, CAUGHT, ASIDE = 0.1, 1.5, (1.35, 0.75)
+#: An effect is in doubt that is worth no more than this many times what it needs; the fit without it is then shaken.
+DOUBTFUL = 12.0
 #: Why an effect is refused that is there, for all one knows, and does not matter.
 SMALL = "moves the prediction by less than the tolerance"
 #: No more effects than these are added.
@@ -182,8 +180,7 @@ def _behind(trial: Trial, best: Trial) -> float:
 def _polished(case: Case, before: Stand, best: Trial, rivals: Sequence[Trial]) -> tuple[Trial, list[Trial]]:
     """Return the best trial and its rivals with fits carried to the end; where it was caught they begin as it ends."""
     ended = _ended(case, before, best)
-    is_caught = ended.stand.cost < FOUND * before.cost and ended.stand.scale > CAUGHT
-    free = _from_aside(case, ended.stand) if is_caught else ended.stand
+    free = freed(case, before, ended.stand)
     if free is ended.stand:
         return ended, [_ended(case, before, trial) for trial in rivals]
     values = free.solution.problem.where.values(free.solution.x)
@@ -199,26 +196,8 @@ def _ended(case: Case, before: Stand, trial: Trial, values: Mapping[str, float] 
     names = stand.solution.problem.where.names
     begun = {name: value for name, value in (values or {}).items() if name in names}
     ended = fitted(case, stand.model, stand.effects, begun, old=None if begun else stand.solution.columns())
+    ended = ended and in_line(case, ended)
     return trial if ended is None else _trial(case, before, ended, trial.names, trial.needed / max(stand.scale, 1.0))
-
-
-def _from_aside(case: Case, stand: Stand) -> Stand:
-    """Return the best of fits that begin with a hidden constant larger or smaller; the stand itself if none is better.
-
-    Thresholds make corners where the motion meets them, and between corners the cost has minima of its own.
-    """
-    values = stand.solution.problem.where.values(stand.solution.x)
-    for name in (name for effect in stand.effects for name in effect.hidden):
-        for factor in ASIDE:
-            case.progress(f"fitting with {name} from elsewhere")
-            aside = case.coarse(stand.model.replace({name: factor * values[name]}))
-            made = fitted(case, aside, stand.effects, {}, most=SECOND, share=FIRST_SHARE, exact=False)
-            if made is not None and made.cost < (1 - ANEW_SHARE) * stand.cost:
-                ended = fitted(case, case.fine(made.model), stand.effects, {}, old=made.solution.columns())
-                stand = min(ended or stand, stand, key=lambda each: each.cost)
-            if stand.scale <= CAUGHT:
-                return stand
-    return stand
 
 
 def _refined(
@@ -267,8 +246,10 @@ def backward(case: Case, stand: Stand, base: Model, candidates: Sequence[Candida
         if _is_firm(stand, effect):
             continue
         rest = tuple(other for other in stand.effects if other.name != effect.name)
-        without = refitted(case, stand, base, rest)
         needed = SURE * PLAIN_CHANCE * max(stand.scale, 1.0)
+        without = refitted(case, stand, base, rest)
+        if without is not None and without.cost - stand.cost < DOUBTFUL * needed:
+            without = shaken(case, without, stand.cost + needed)
         if without is not None and without.cost - stand.cost < needed:
             return backward(case, without, base, candidates)
     return stand

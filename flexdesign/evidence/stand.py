@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.evidence.coordinates import Coordinates, coordinate, coordinates
+from flexdesign.evidence.case import Case
 from flexdesign.evidence.marquardt import SHARE, Columns, Solution, solve
-from flexdesign.evidence.residuals import Map
+from flexdesign.evidence.origins import begun_elsewhere, out_of_line
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.suite import Problem, Record, Suite
 from flexdesign.model import Model
 
 Array = NDArray[np.float64]
-#: A run begins elsewhere where that lowers its misfit to less than this share.
-BETTER = 0.98
 #: Starts of the calibration end where a step lowers the cost by less than this share; the best is then refined.
 CALIBRATION_SHARE = 1e-4
 #: A first start that leaves less than this times the noise's mean square needs no others; others find slopes so often,
@@ -27,86 +24,10 @@ CALIBRATION_SHARE = 1e-4
 GOOD, FOLLOWED, AGREED = 1.5, 8, 0.01
 #: Where a run kept apart began is found when a step lowers the cost by less than this share.
 HELD_SHARE = 1e-5
+#: A model misses the runs by far where it leaves this many times the mean square of the noise.
+GROSS = 30.0
 #: Points of a sample from which the best become starts of the calibration.
 SAMPLED = 16
-
-
-@dataclass(frozen=True, eq=False)
-class Case:
-    """What a diagnosis is about.
-
-    Parameters
-    ----------
-    identify, validate
-        Runs that a fit may see, and runs kept apart.
-    free
-        Names of the numbers of the model itself that are fitted.
-    known
-        Returns what was known of a model's numbers: value and standard deviation, SI, by name.
-    tolerance
-        What an effect must at least move a held-out prediction, rms [response].
-    coarse, fine
-        Make a model that predicts less exactly and faster, for screening; and one that predicts exactly.
-    each
-        Maps simulations, over threads perhaps.
-    progress
-        Told what is being done.
-    designed
-        Values of the free numbers before anything was fitted, SI.
-    least
-        By how much an effect must lower the cost of what the fit sees, whatever chance gives.
-    believed
-        How many standard deviations from what is known of it a number of one run may be.
-    drawn
-        Yields errors that readings of the runs in `identify` may have at a stand, by run [response], where these are no
-        Gaussian noise; nothing where they are.
-    weights
-        By the name of an observation what a value of it counts, beside `tolerance`, when it is asked how far an effect
-        moves a prediction; one where it is not there.
-    scales
-        By the name of an observation whose values are not equally noisy what these are multiplied with before their
-        root mean square is stated: typical noise over their own.
-    judging
-        Names of the observations whose error is stated; by default those kept apart, or all if there are none.
-    """
-
-    identify: Suite
-    validate: Suite
-    free: tuple[str, ...]
-    known: Callable[[Model], Mapping[str, tuple[float, float]]]
-    tolerance: float
-    coarse: Callable[[Model], Model] = lambda model: model
-    fine: Callable[[Model], Model] = lambda model: model
-    each: Map = map
-    progress: Callable[[str], None] = lambda _: None
-    designed: Mapping[str, float] = field(default_factory=dict)
-    least: float = 0.0
-    believed: float = math.inf
-    drawn: Callable[[Stand], Iterable[Mapping[str, Array]]] = lambda _: ()
-    weights: Mapping[str, Array] = field(default_factory=dict)
-    scales: Mapping[str, Array] = field(default_factory=dict)
-    judging: tuple[str, ...] = ()
-
-    def coordinates(self, model: Model, free: Sequence[str], suite: Suite) -> Coordinates:
-        """Return free numbers and those of each run as coordinates."""
-        runs = {record.observation.name for record in suite.records}
-        own = [parameter.name for parameter in model.parameters() if parameter.run in runs]
-        names = [*free, *own]
-        if not names:  # frequency responses have no numbers of their own
-            return Coordinates((), {}, np.zeros(0), np.zeros(0), np.zeros(0))
-        known = {name: about for name, about in self.known(model).items() if name in names}
-        return _near(coordinates(model, names, known), self.believed)
-
-
-def _near(where: Coordinates, believed: float) -> Coordinates:
-    """Return coordinates with numbers of one run no more than so many standard deviations from what is known."""
-    lower, upper = where.lower.copy(), where.upper.copy()
-    for j, parameter in enumerate(where.parameters):
-        if parameter.run and parameter.name in where.known:
-            middle, sigma = where.known[parameter.name]
-            lower[j] = max(lower[j], coordinate(parameter, middle - believed * sigma))
-            upper[j] = min(upper[j], coordinate(parameter, middle + believed * sigma))
-    return replace(where, lower=lower, upper=upper, start=np.clip(where.start, lower, upper))
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,6 +199,7 @@ def judged(case: Case, solution: Solution, effects: tuple[Candidate, ...], share
         beginning = solve(problem, where.start, share=max(share, HELD_SHARE), exact=False)
         if beginning is None:
             return None
+        beginning = _from_elsewhere(case, beginning, solution, share)
         model, held = beginning.problem.at(beginning.x), beginning.cost
     records = [(suite, record) for suite in (case.identify, case.validate) for record in suite.records]
     left = case.each(lambda pair: pair[0].remainder(pair[1], np.asarray(model.predict(pair[1].observation))), records)
@@ -285,30 +207,18 @@ def judged(case: Case, solution: Solution, effects: tuple[Candidate, ...], share
     return Stand(effects, solution, model, held, dict(zip(names, left, strict=True)))
 
 
-def begun_anew(suite: Suite, model: Model) -> Model:
-    """Return a model whose runs begin where it fits them best: where they are, or at one of the values to be tried.
-
-    A fit may be caught where a run seems to have come from elsewhere, which is a matter of that run alone.
-    """
-    own = [parameter for parameter in model.parameters() if parameter.run]
-    names = sorted({parameter.name.rpartition(":")[2] for parameter in own if parameter.screen})
-    grids = {p.name.rpartition(":")[2]: p.screen for p in own if p.screen}
-    best = {record.observation.name: (_misfit(suite, model, record), dict[str, float]()) for record in suite.records}
-    for values in itertools.product(*(grids[name] for name in names)):
-        changes = dict(zip(names, values, strict=True))
-        tried = model.replace({p.name: changes.get(p.name.rpartition(":")[2], 0.0) for p in own if p.si != "rad"})
-        for record in suite.records:
-            run = record.observation.name
-            if (misfit := _misfit(suite, tried, record)) < best[run][0] * BETTER:
-                new = {p.name: changes.get(p.name.rpartition(":")[2], 0.0) for p in own if p.run == run}
-                best[run] = misfit, {name: value for name, value in new.items() if not name.endswith("phase")}
-    changed = {name: value for _, new in best.values() for name, value in new.items()}
-    return model.replace(changed) if changed else model
-
-
-def _misfit(suite: Suite, model: Model, record: Record) -> float:
-    residual = suite.residual(record, np.asarray(model.predict(record.observation)))
-    return math.inf if residual is None else float(residual @ residual)
+def _from_elsewhere(case: Case, beginning: Solution, solution: Solution, share: float) -> Solution:
+    """Return where runs kept apart begin, sought anew for those that fit worse than the runs that the fit saw."""
+    usual = solution.cost / solution.problem.suite.samples
+    odd = out_of_line(case.validate, beginning.residuals, usual) if usual < GROSS else []
+    model = beginning.problem.at(beginning.x)
+    if not odd or (moved := begun_elsewhere(case, case.validate, model, odd)) is model:
+        return beginning
+    where = case.coordinates(moved, (), case.validate)
+    anew = solve(
+        Problem(case.validate, moved, where, case.each), where.start, share=max(share, HELD_SHARE), exact=False
+    )
+    return beginning if anew is None or anew.cost > beginning.cost else anew
 
 
 def refitted(case: Case, stand: Stand, base: Model, effects: tuple[Candidate, ...]) -> Stand | None:

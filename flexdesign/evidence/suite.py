@@ -8,6 +8,7 @@ an offset, is eliminated exactly (Golub and Pereyra 1973); where something is kn
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,6 +92,17 @@ class Suite:
     def with_shapes(self, shapes: Shapes, noise: Whitening | None = None) -> Suite:
         """Return the suite with other columns that may add to its observations, and perhaps with other noise."""
         return Suite([record.observation for record in self.records], noise or self.noise, shapes)
+
+    def part(self, names: Sequence[str]) -> Suite:
+        """Return the suite of some of its observations."""
+        part = copy(self)
+        part.records = tuple(record for record in self.records if record.observation.name in names)
+        return part
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the observations."""
+        return [record.observation.name for record in self.records]
 
     @property
     def samples(self) -> int:

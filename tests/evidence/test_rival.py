@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexdesign.evidence.case import Case
 from flexdesign.evidence.marquardt import SMALL
 from flexdesign.evidence.noise import White
 from flexdesign.evidence.rival import MOST, rival
-from flexdesign.evidence.stand import Case, Stand, fitted
+from flexdesign.evidence.stand import Stand, fitted
 from flexdesign.evidence.suite import Suite
 from flexdesign.model import Observation
 from tests.evidence.test_screening import NAMES, Sum, columns, least, offset

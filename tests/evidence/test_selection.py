@@ -10,10 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexdesign.evidence.case import Case
+from flexdesign.evidence.caught import CAUGHT, FOUND
 from flexdesign.evidence.noise import White
+from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import ALIKE, CAUGHT, FOUND, SMALL, Step, backward, forward
-from flexdesign.evidence.stand import Case, Stand, begun_anew, calibrated, fitted
+from flexdesign.evidence.selection import ALIKE, SMALL, Step, backward, forward
+from flexdesign.evidence.stand import Stand, calibrated, fitted
 from flexdesign.evidence.suite import Suite
 from tests.evidence.test_screening import NAMES, N, Sum, base, candidate, column, columns, least, offset, strength
 from tests.evidence.toys import Array, Run, parameter

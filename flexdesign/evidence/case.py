@@ -1,0 +1,99 @@
+"""What a diagnosis is about: runs that a fit may see, runs kept apart, and what was known before."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.evidence.coordinates import Coordinates, coordinate, coordinates
+from flexdesign.evidence.residuals import Map
+from flexdesign.evidence.suite import Suite
+from flexdesign.model import Model
+
+if TYPE_CHECKING:
+    from flexdesign.evidence.stand import Stand
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What a diagnosis is about.
+
+    Parameters
+    ----------
+    identify, validate
+        Runs that a fit may see, and runs kept apart.
+    free
+        Names of the numbers of the model itself that are fitted.
+    known
+        Returns what was known of a model's numbers: value and standard deviation, SI, by name.
+    tolerance
+        What an effect must at least move a held-out prediction, rms [response].
+    coarse, fine
+        Make a model that predicts less exactly and faster, for screening; and one that predicts exactly.
+    each
+        Maps simulations, over threads perhaps.
+    progress
+        Told what is being done.
+    designed
+        Values of the free numbers before anything was fitted, SI.
+    least
+        By how much an effect must lower the cost of what the fit sees, whatever chance gives.
+    believed
+        How many standard deviations from what is known of it a number of one run may be.
+    drawn
+        Yields errors that readings of the runs in `identify` may have at a stand, by run [response], where these are no
+        Gaussian noise; nothing where they are.
+    weights
+        By the name of an observation what a value of it counts, beside `tolerance`, when it is asked how far an effect
+        moves a prediction; one where it is not there.
+    scales
+        By the name of an observation whose values are not equally noisy what these are multiplied with before their
+        root mean square is stated: typical noise over their own.
+    judging
+        Names of the observations whose error is stated; by default those kept apart, or all if there are none.
+    """
+
+    identify: Suite
+    validate: Suite
+    free: tuple[str, ...]
+    known: Callable[[Model], Mapping[str, tuple[float, float]]]
+    tolerance: float
+    coarse: Callable[[Model], Model] = lambda model: model
+    fine: Callable[[Model], Model] = lambda model: model
+    each: Map = map
+    progress: Callable[[str], None] = lambda _: None
+    designed: Mapping[str, float] = field(default_factory=dict)
+    least: float = 0.0
+    believed: float = math.inf
+    drawn: Callable[[Stand], Iterable[Mapping[str, Array]]] = lambda _: ()
+    weights: Mapping[str, Array] = field(default_factory=dict)
+    scales: Mapping[str, Array] = field(default_factory=dict)
+    judging: tuple[str, ...] = ()
+
+    def coordinates(self, model: Model, free: Sequence[str], suite: Suite) -> Coordinates:
+        """Return free numbers and those of each run as coordinates."""
+        runs = {record.observation.name for record in suite.records}
+        own = [parameter.name for parameter in model.parameters() if parameter.run in runs]
+        names = [*free, *own]
+        if not names:  # frequency responses have no numbers of their own
+            return Coordinates((), {}, np.zeros(0), np.zeros(0), np.zeros(0))
+        known = {name: about for name, about in self.known(model).items() if name in names}
+        return _near(coordinates(model, names, known), self.believed)
+
+
+def _near(where: Coordinates, believed: float) -> Coordinates:
+    """Return coordinates with numbers of one run no more than so many standard deviations from what is known."""
+    lower, upper = where.lower.copy(), where.upper.copy()
+    for j, parameter in enumerate(where.parameters):
+        if parameter.run and parameter.name in where.known:
+            middle, sigma = where.known[parameter.name]
+            lower[j] = max(lower[j], coordinate(parameter, middle - believed * sigma))
+            upper[j] = min(upper[j], coordinate(parameter, middle + believed * sigma))
+    return replace(where, lower=lower, upper=upper, start=np.clip(where.start, lower, upper))

@@ -1,0 +1,103 @@
+"""Fits that are caught beside the best one, and how they come free.
+
+Hysteresis has corners: where a threshold is met, where a run turns, where a record began on the way back. Between them
+the cost has minima of its own, some of them deep. A fit that has found what is missing and still leaves more than noise
+begins again: single runs from elsewhere, hidden constants larger and smaller, all of it a little aside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from flexdesign.evidence.case import Case
+from flexdesign.evidence.origins import begun_elsewhere, out_of_line
+from flexdesign.evidence.stand import GROSS, Stand, fitted
+
+#: A fit that is followed for a while finds slopes so often; one that is only begun ends where a step lowers the cost by
+#: less than this share.
+SECOND, FIRST_SHARE = 6, 1e-3
+#: Fits begin again so often where runs seem to have come from elsewhere, while that lowers the cost by this share.
+ANEW, ANEW_SHARE = 2, 0.01
+#: A fit that leaves no more than this share of what was too much has found its effects; where it leaves so many times
+#: the noise all the same it may be caught between kinks: then it begins again with hidden constants times these.
+FOUND, CAUGHT, ASIDE = 0.1, 1.05, (1.1, 0.9, 1.35, 0.75)
+#: A fit in doubt begins again with turns of runs moved by these shares of their range, and hidden constants by so many
+#: times as large shares of themselves.
+ASTIR, ASTIR_HIDDEN = (0.005, -0.005, 0.01, -0.01), 20.0
+
+
+def freed(case: Case, before: Stand, stand: Stand) -> Stand:
+    """Return a fit that found what was missing, come free if it was caught; the stand itself if it was not.
+
+    Parameters
+    ----------
+    case, before
+        What is fitted, and how it stood without what was missing.
+    stand
+        The fit, carried to its end.
+    """
+    noise = stand.solution.problem.suite.samples  # what it would leave on average
+    if stand.cost - noise > FOUND * (before.cost - noise):
+        return stand
+    free = from_aside(case, stand) if _is_caught(case, stand) else stand
+    return from_elsewhere(case, free, case.identify.names)
+
+
+def in_line(case: Case, stand: Stand) -> Stand:
+    """Return a fit begun again with runs out of line as if they had come from elsewhere, while that is better."""
+    for _ in range(ANEW if stand.scale < GROSS else 0):
+        before, stand = stand, from_elsewhere(case, stand, out_of_line(case.identify, stand.solution.residuals))
+        if stand.cost > (1 - ANEW_SHARE) * before.cost:
+            break
+    return stand
+
+
+def from_elsewhere(case: Case, stand: Stand, runs: Sequence[str]) -> Stand:
+    """Return a fit begun again with some runs as if they had come from elsewhere; the stand itself if that is worse."""
+    moved = begun_elsewhere(case, case.identify, stand.model, runs) if runs else stand.model
+    made = None if moved is stand.model else fitted(case, moved, stand.effects, {}, old=stand.solution.columns())
+    return stand if made is None or made.cost >= stand.cost else made
+
+
+def from_aside(case: Case, stand: Stand) -> Stand:
+    """Return the best of fits that begin with a hidden constant larger or smaller; the stand itself if none is better.
+
+    Thresholds make corners where the motion meets them, and between corners the cost has minima of its own.
+    """
+    values = stand.solution.problem.where.values(stand.solution.x)
+    for name in (name for effect in stand.effects for name in effect.hidden):
+        for factor in ASIDE:
+            case.progress(f"fitting with {name} from elsewhere")
+            aside = case.coarse(stand.model.replace({name: factor * values[name]}))
+            made = fitted(case, aside, stand.effects, {}, most=SECOND, share=FIRST_SHARE, exact=False)
+            if made is not None and made.cost < (1 - ANEW_SHARE) * stand.cost:
+                ended = fitted(case, case.fine(made.model), stand.effects, {}, old=made.solution.columns())
+                stand = min(stand, *([in_line(case, ended)] if ended else []), key=lambda each: each.cost)
+            if not _is_caught(case, stand):
+                return stand
+    return stand
+
+
+def _is_caught(case: Case, stand: Stand) -> bool:
+    """Tell whether something stays although the effects are found: of all runs a little, or of one of them."""
+    return stand.scale > CAUGHT or bool(out_of_line(case.identify, stand.solution.residuals))
+
+
+def shaken(case: Case, stand: Stand, enough: float) -> Stand:
+    """Return the best of fits that begin beside where one ended, until one is good enough.
+
+    Every run that turns where another number has a corner makes a small minimum of its own, which a further effect
+    helps to leave: it would be named for that alone.
+    """
+    turns = {p.name: p for p in stand.model.parameters() if p.run and p.screen}
+    hidden = [name for effect in stand.effects for name in effect.hidden]
+    for aside in ASTIR:
+        if stand.cost < enough:
+            break
+        values = stand.solution.problem.where.values(stand.solution.x)
+        moved = {name: (p.start or 0.0) + aside * (p.plausible[1] - p.plausible[0]) for name, p in turns.items()}
+        moved |= {name: (1 + ASTIR_HIDDEN * aside) * values[name] for name in hidden if name in values}
+        case.progress(f"asking whether {', '.join(stand.names) or 'the model'} alone would do")
+        made = fitted(case, stand.model.replace(moved), stand.effects, {})
+        stand = stand if made is None else min(stand, made, key=lambda each: each.cost)
+    return stand

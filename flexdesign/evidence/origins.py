@@ -1,0 +1,127 @@
+"""Where each run came from: numbers of one run alone, found by itself while all other numbers stand.
+
+What a voltage had done before a record is not in the record, and the way back to it has corners: a fit of all runs may
+be caught where one of them seems to have come from elsewhere. That run alone is then begun from several places.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from statistics import median
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.evidence.case import Case
+from flexdesign.evidence.marquardt import solve
+from flexdesign.evidence.suite import Problem, Record, Suite
+from flexdesign.model import Model, Parameter
+
+Array = NDArray[np.float64]
+#: A run begins elsewhere where that lowers its misfit to less than this share.
+BETTER = 0.98
+#: A run is out of line where its mean square is so many times that of the middle one, and of the noise.
+OUT_OF_LINE = 1.5
+#: So many of the values to be tried become starts of a fit of the run by itself, which finds slopes so often, and ends
+#: where a step lowers its misfit by less than this share.
+FOLLOWED, SLOPES, SHARE = 4, 6, 1e-3
+
+
+def out_of_line(suite: Suite, residuals: Sequence[Array], usual: float = 0.0) -> list[str]:
+    """Return the names of runs that fit worse than the others.
+
+    Parameters
+    ----------
+    suite, residuals
+        The runs, and the whitened residual of each.
+    usual
+        Mean square that a run leaves; by default that of the middle one.
+    """
+    squares = [float(part @ part) / record.present.sum() for record, part in zip(suite.records, residuals, strict=True)]
+    limit = OUT_OF_LINE * max(usual or median(squares), 1.0)
+    return [record.observation.name for record, square in zip(suite.records, squares, strict=True) if square > limit]
+
+
+def begun_elsewhere(case: Case, suite: Suite, model: Model, runs: Sequence[str]) -> Model:
+    """Return a model where some runs begin where each, fitted by itself from several places, fits best.
+
+    Parameters
+    ----------
+    case, suite
+        What is known of the numbers of runs, and the runs.
+    model
+        All its other numbers stay.
+    runs
+        Names of those that may begin elsewhere.
+    """
+    numbers = _by_run(model)
+    grids = {_number(p): p.screen for own in numbers.values() for p in own if p.screen}
+    if not grids:
+        return model
+    usual = {name: _usual(numbers, name) for name in {_number(p) for own in numbers.values() for p in own}}
+    places = [dict(zip(grids, values, strict=True)) for values in itertools.product(*grids.values())]
+
+    def found(record: Record) -> dict[str, float]:
+        own = [p for p in numbers[record.observation.name] if p.si != "rad"]
+        starts = [{p.name: place.get(_number(p), usual[_number(p)]) for p in own} for place in places]
+        starts.sort(key=lambda start: _misfit(suite, model.replace(start), record))
+        alone = suite.part([record.observation.name])
+        best, least = dict[str, float](), _misfit(suite, model, record)
+        for start in starts[:FOLLOWED]:
+            begun = model.replace(start)
+            where = case.coordinates(begun, (), alone)
+            ended = solve(Problem(alone, begun, where), where.start, most=SLOPES, share=SHARE, exact=False)
+            if ended is not None and (misfit := sum(float(part @ part) for part in ended.residuals)) < BETTER * least:
+                best, least = where.values(ended.x), misfit
+        return best
+
+    records = [
+        record for record in suite.records if record.observation.name in runs and record.observation.name in numbers
+    ]
+    changed = {name: value for values in case.each(found, records) for name, value in values.items()}
+    return model.replace(changed) if changed else model
+
+
+def _by_run(model: Model) -> dict[str, list[Parameter]]:
+    found: dict[str, list[Parameter]] = {}
+    for parameter in model.parameters():
+        if parameter.run:
+            found.setdefault(parameter.run, []).append(parameter)
+    return found
+
+
+def _number(parameter: Parameter) -> str:
+    return parameter.name.rpartition(":")[2]
+
+
+def _usual(numbers: Mapping[str, Sequence[Parameter]], number: str) -> float:
+    """Return what a number of each run is in the middle one."""
+    return median(p.start or 0.0 for own in numbers.values() for p in own if _number(p) == number)
+
+
+def begun_anew(suite: Suite, model: Model) -> Model:
+    """Return a model whose runs begin where it fits them best: where they are, or at one of the values to be tried.
+
+    A fit may be caught where a run seems to have come from elsewhere, which is a matter of that run alone.
+    """
+    own = [parameter for parameter in model.parameters() if parameter.run]
+    names = sorted({parameter.name.rpartition(":")[2] for parameter in own if parameter.screen})
+    grids = {p.name.rpartition(":")[2]: p.screen for p in own if p.screen}
+    best = {record.observation.name: (_misfit(suite, model, record), dict[str, float]()) for record in suite.records}
+    for values in itertools.product(*(grids[name] for name in names)):
+        changes = dict(zip(names, values, strict=True))
+        tried = model.replace({p.name: changes.get(p.name.rpartition(":")[2], 0.0) for p in own if p.si != "rad"})
+        for record in suite.records:
+            run = record.observation.name
+            if (misfit := _misfit(suite, tried, record)) < best[run][0] * BETTER:
+                new = {p.name: changes.get(p.name.rpartition(":")[2], 0.0) for p in own if p.run == run}
+                best[run] = misfit, {name: value for name, value in new.items() if not name.endswith("phase")}
+    changed = {name: value for _, new in best.values() for name, value in new.items()}
+    return model.replace(changed) if changed else model
+
+
+def _misfit(suite: Suite, model: Model, record: Record) -> float:
+    residual = suite.residual(record, np.asarray(model.predict(record.observation)))
+    return math.inf if residual is None else float(residual @ residual)

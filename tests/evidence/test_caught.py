@@ -1,0 +1,126 @@
+"""Fits that are caught come free: a run begun elsewhere, whether it was fitted or kept apart, and a fit shaken."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexdesign.evidence.case import Case
+from flexdesign.evidence.caught import in_line, shaken
+from flexdesign.evidence.noise import White
+from flexdesign.evidence.origins import begun_elsewhere, out_of_line
+from flexdesign.evidence.stand import Stand, fitted
+from flexdesign.evidence.suite import Suite
+from tests.evidence.test_screening import NAMES, N, Sum, base, column, offset
+from tests.evidence.toys import Array, Run, parameter
+
+SIGMA = 0.1
+HELD = ("kept", "apart")
+#: Where each run truly began; the model thinks all began at zero, where a fit of "two" and "apart" ends at 0.06.
+TRUTH = {"one": 0.05, "two": 0.82, "three": 0.02, "kept": 0.04, "apart": 0.81}
+
+
+def ripple(turn: float) -> float:
+    """It rises to 1.06 near 0.06, falls, and rises again to more, so that a fit that begins at zero stays there."""
+    return math.sin(8 * math.pi * turn) + turn
+
+
+def from_turn(v: Mapping[str, float], run: Any) -> Array:
+    return np.asarray(ripple(v[f"{run.name}:turn"]) * column(run, "start"))
+
+
+def model() -> Sum:
+    screen = (0.0, 0.3, 0.6, 0.9)
+    own = [parameter(f"{n}:turn", 0.0, -0.1, 1.0, run=n, screen=screen) for n in TRUTH]
+    return base("p", "q").plus(from_turn, *own)
+
+
+def suite(names: Sequence[str], more: Mapping[str, float] | None = None) -> Suite:
+    truth = model().replace({"p": 2.0, "q": -1.0, **{f"{n}:turn": turn for n, turn in TRUTH.items()}})
+    rng = np.random.default_rng(len(names))
+
+    def data(run: Any) -> Array:
+        added = sum((amount * column(run, c) for c, amount in (more or {}).items()), start=np.zeros(N))
+        return np.asarray(truth.predict(run) + added + SIGMA * rng.standard_normal(N))
+
+    blank = [Run(name, np.arange(N) / N, None) for name in names]
+    return Suite([dataclasses.replace(run, data=data(run)) for run in blank], White(SIGMA), offset)
+
+
+def about(more: Mapping[str, float] | None = None) -> Case:
+    return Case(suite(NAMES, more), suite(HELD, more), ("p", "q"), lambda _: {}, 1e-3)
+
+
+def turns(stand: Stand) -> dict[str, float]:
+    return {p.run: p.start or 0.0 for p in stand.model.parameters() if p.run}
+
+
+def test_a_part_of_a_suite_has_the_records_of_the_whole() -> None:
+    whole = suite(NAMES)
+    part = whole.part(["three", "one"])
+    assert part.names == ["one", "three"] and whole.names == list(NAMES)
+    assert part.records == (whole.records[0], whole.records[2])
+    assert part.samples == 2 * N
+
+
+def test_a_run_out_of_line_is_fitted_by_itself_from_several_places() -> None:
+    """Only its own number moves; others stay where they were, though they too are not at their best."""
+    case = about()
+    begun = model().replace({"p": 2.0, "q": -1.0, "one:turn": 0.05, "three:turn": 0.02})
+    residuals = [case.identify.residual(r, begun.predict(r.observation)) for r in case.identify.records]
+    odd = out_of_line(case.identify, [r for r in residuals if r is not None])
+    assert odd == ["two"]
+    found = {p.name: p.start for p in begun_elsewhere(case, case.identify, begun, odd).parameters()}
+    # The ripple is known to SIGMA over the root of N.
+    assert ripple(found.pop("two:turn") or 0.0) == pytest.approx(ripple(0.82), abs=0.05)
+    assert found == {p.name: p.start for p in begun.parameters() if p.name != "two:turn"}
+    assert begun_elsewhere(case, case.identify, begun, []) is begun
+
+
+def test_a_fit_and_the_runs_kept_apart_come_free_together() -> None:
+    case = about()
+    caught = fitted(case, model(), (), {})
+    assert caught is not None and caught.scale > 1.5
+    free = in_line(case, caught)
+    assert free.scale == pytest.approx(1.0, abs=4 * math.sqrt(2 / (3 * N)))
+    assert all(ripple(turn) == pytest.approx(ripple(TRUTH[run]), abs=0.05) for run, turn in turns(free).items())
+    assert free.held_cost < 2 * N + 4 * math.sqrt(4 * N)
+
+
+def test_runs_that_fit_alike_are_all_in_line() -> None:
+    case = about({"unknown": 0.5})  # missing everywhere, which begins no run elsewhere
+    truth = model().replace({"p": 2.0, "q": -1.0, **{f"{n}:turn": turn for n, turn in TRUTH.items()}})
+    residuals = [case.identify.residual(r, truth.predict(r.observation)) for r in case.identify.records]
+    assert out_of_line(case.identify, [r for r in residuals if r is not None]) == []
+    assert out_of_line(case.identify, [r for r in residuals if r is not None], usual=1.0) == list(NAMES)
+
+
+def test_a_fit_is_shaken_until_it_is_good_enough() -> None:
+    """Steps on the way, each a fiftieth of the range long, each of which holds a fit that comes by."""
+
+    def stepped(v: Mapping[str, float], run: Any) -> Array:
+        turn = v[f"{run.name}:turn"]
+        return np.asarray(20.0 * (turn + 0.01 * math.sin(2 * math.pi * turn / 0.02)) * column(run, "start"))
+
+    own = [parameter(f"{n}:turn", 0.0, -0.1, 1.0, run=n, screen=(0.0, 0.5)) for n in (*NAMES, *HELD)]
+    toy = base("p", "q").plus(stepped, *own)
+    truth = toy.replace({"p": 2.0, "q": -1.0, "one:turn": 0.315, "two:turn": 0.245, "three:turn": 0.115})
+    rng = np.random.default_rng(0)
+
+    def recorded(names: Sequence[str]) -> Suite:
+        blank = [Run(name, np.arange(N) / N, None) for name in names]
+        made = [dataclasses.replace(r, data=truth.predict(r) + SIGMA * rng.standard_normal(N)) for r in blank]
+        return Suite(made, White(SIGMA), offset)
+
+    said = list[str]()
+    case = Case(recorded(NAMES), recorded(HELD), ("p", "q"), lambda _: {}, 1e-3, progress=said.append)
+    caught = fitted(case, toy.replace({f"{n}:turn": 0.02 for n in NAMES}), (), {})
+    assert caught is not None
+    shaken_free = shaken(case, caught, 0.0)
+    assert shaken_free.cost < caught.cost - 100 and len(said) == 4
+    assert shaken(case, shaken_free, shaken_free.cost + 1.0) is shaken_free and len(said) == 4
