@@ -217,7 +217,7 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
         material=materials.find(checked.material, path),
         actuator=checked.actuator,
         tolerances=checked.tolerances,
-        effects={name: _effect(name, given, path) for name, given in checked.effects.items()},
+        effects=_effects(checked.effects, path),
     )
     try:
         if design.is_stage:
@@ -230,10 +230,24 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
     return design
 
 
-def _effect(name: str, given: Mapping[str, Any], path: Path) -> dict[str, float]:
+def _effects(given: Mapping[str, Mapping[str, Any]], path: Path) -> dict[str, dict[str, float]]:
+    """Return values of effects [SI]; one in a file, beside the design or where we work, by its whole path."""
+    found: dict[str, dict[str, float]] = {}
+    for name, values in given.items():
+        try:
+            whole = statics.beside(name, path.parent)
+        except ValueError as error:
+            raise InputError(path, f"effects.{name}", None, str(error)) from None
+        if whole in found:
+            raise InputError(path, f"effects.{name}", None, "is the same file as another effect of this design")
+        found[whole] = _effect(whole, name, values, path)
+    return found
+
+
+def _effect(whole: str, name: str, given: Mapping[str, Any], path: Path) -> dict[str, float]:
     """Return the values of an effect's parameters [SI]."""
     try:
-        known = {p.name: p for p in statics.find(name).parameters}
+        known = {p.name: p for p in statics.find(whole).parameters}
     except ValueError as error:
         raise InputError(path, f"effects.{name}", None, str(error)) from None
     values = {}

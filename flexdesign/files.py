@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import math
+import os
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -186,6 +187,32 @@ def attributed(overrides: Sequence[str]) -> Iterator[None]:
             if error.field and (key == error.field or key.startswith(f"{error.field}.")):
                 raise InputError("command line", error.field, error.value, error.remedy) from error
         raise
+
+
+def key(name: str) -> str:
+    """Return a key as TOML: bare where it may be.
+
+    >>> key("over_cut"), key("my_effect.py")
+    ('over_cut', '"my_effect.py"')
+    """
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quoted(name)
+
+
+def quoted(text: str) -> str:
+    """Return text as TOML: a JSON string is one but for the delete character."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def way(file: Path, folder: Path) -> str:
+    """Return how a file that lies in a folder names another one.
+
+    By the way from there, if it is of the same tree, below that folder or with it below the working directory, so that
+    the tree can move; else by its whole path.
+    """
+    here, work = folder.resolve(), Path().resolve()
+    trees = [here, work] if here.is_relative_to(work) else [here]
+    within = any(file.is_relative_to(tree) for tree in trees)
+    return Path(os.path.relpath(file, here)).as_posix() if within else str(file)
 
 
 def as_written(value: object) -> object:

@@ -94,7 +94,7 @@ class ComplianceModel:
         values: Mapping[str, float] = BASE
         for name in sorted(self.effects):
             for face in statics.find(name).faces:
-                if isinstance(face, Adjust):
+                if isinstance(face, Adjust) and face.of == "part":
                     values = face.apply(values, self.effects[name])
         return values
 

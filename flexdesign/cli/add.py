@@ -13,7 +13,9 @@ from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progr
 HELP = """Fit one effect to recorded runs, and write it into a stage model.
 
 MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. EFFECT is one
-of `flexdesign effects`, or the path of a file with an effect of your own. RUNS are CSV files or folders of them.
+of `flexdesign effects`, or the path of a file with an effect of your own. RUNS are CSV files or folders of them: runs
+in time with the columns `t [s]`, `u [V]` and `x [um]`, or frequency responses with `f [Hz]`, `magnitude [um/V]`,
+`phase [deg]` and `coherence`, which are fitted together.
 
 **Examples**
 
@@ -24,8 +26,8 @@ of `flexdesign effects`, or the path of a file with an effect of your own. RUNS 
 **What it does:** fits the model's own numbers without and with the effect, and shows the fall of the error on runs that
 no fit has seen; says if the effect is not needed; and simulates a closed loop without and with it.
 
-**Of a part at rest:** where MODEL is a design, EFFECT is one of the static effects, and RUNS are static tables (see
-`flexdesign diagnose --help`); the design with the effect goes to -o.
+**Of a part at rest:** where MODEL is a design, EFFECT is one of the static effects, or the path of a file with one of
+your own, and RUNS are static tables (see `flexdesign diagnose --help`); the design with the effect goes to -o.
 
 **What it writes:** the stage model with the effect, to -o; report.html, report.md, result.json and the figures, into
 --out.

@@ -34,7 +34,8 @@ is missing that is none of these effects, and what it looks like.
 
 **Of a part at rest:** where MODEL is a design (a file with `part = ...`, or the bare name of one in geometry/), RUNS
 are static tables, CSV with the columns `quantity,value,unit,sigma,boundary` and one for each dimension that differs,
-such as `hinge_thickness [mm]`: the static effects are fitted, and the answer goes into design.toml.
+such as `hinge_thickness [mm]`: the static effects are fitted, those of your own (`--effect`) among them, and the answer
+goes into design.toml.
 
     flexdesign diagnose bridge_amplifier thickness_series.csv -o as_cut.toml
 
@@ -76,8 +77,8 @@ def diagnose(
 ) -> None:
     """Diagnose a stage model and write the report."""
     if tables.is_design(model):
-        tables.refuse({"--axis": axis, "--effect": effect, "--tolerance": tolerance})
-        tables.diagnose(model, recordings, overrides or [], model_file, out, as_json, bare=bare)
+        tables.refuse({"--axis": axis, "--tolerance": tolerance})
+        tables.diagnose(model, recordings, overrides or [], model_file, out, as_json, bare=bare, own=effect or [])
         return
     tables.refuse_bare(bare)
     from flexdesign import diagnosis, runs, stage_model

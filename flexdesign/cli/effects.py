@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from flexdesign.cli import tables
 from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
 
 if TYPE_CHECKING:
@@ -25,12 +26,14 @@ effects are listed: where they act, and what reveals them.
 
     flexdesign effects my_effect.py --model my_stage.toml --axis y
 
+    flexdesign effects my_static_effect.py --model my_design.toml
+
 **What is shown:** the physics, every parameter with its unit, null, start and plausible range, what reveals it, what it
 is confused with, what to do about it; and what it changes in the experiments that `flexdesign plan` writes, simulated
 with it and without it, at a strength at which the reading changes by 1 % of the stroke.
 
 Static effects, which act on a part at rest, are shown on a design: what each changes of its stiffnesses and its
-amplification, at the strength from which a fit begins.
+amplification, at the strength from which a fit begins; `--model` names another design.
 
 **What it writes:** report.html, report.md, result.json, stage_model.toml (the stage with the effect) and the figures,
 into --out.
@@ -48,7 +51,9 @@ RINGS = ", its damping ratio 0.0242 as its printed gains call for"
 @app.command(help=HELP)
 def effects(
     name: Annotated[str | None, typer.Argument(help="Effect: a name, or the path of a file.")] = None,
-    model: Annotated[str, typer.Option(help="Stage model on which the effect is shown.")] = STAGE,
+    model: Annotated[
+        str, typer.Option(help="Stage model or, for a static effect, design on which it is shown.")
+    ] = STAGE,
     axis: Annotated[str | None, typer.Option(help="Which axis [default: the first].", show_default=False)] = None,
     overrides: StageOverrides = None,
     out: Annotated[
@@ -57,7 +62,6 @@ def effects(
     as_json: AsJson = False,
 ) -> None:
     """List the catalogue, or write the page of one effect."""
-    from flexdesign.effects import statics
     from flexdesign.report import effect_pages, render, terminal
     from flexdesign.report.document import Document
 
@@ -67,7 +71,7 @@ def effects(
             return
         terminal.brief(Document("Effects", []), effect_pages.catalogue(), [])
         return
-    if name in statics.names():
+    if _is_static(name, model):
         _static(name, DESIGN if model == STAGE else model, overrides or [], out, as_json)
         return
     with progress() as say:
@@ -76,7 +80,7 @@ def effects(
         render.prepare(folder)
         signature: Signature | None = None
         on: dict[str, str] = {}
-        if effect_pages.acts_in_time(effect):
+        if effect.acts_in_time:
             say(f"{effect.name}: simulating with and without it")
             signature, on = _signature(name, model, axis, overrides or [])
         document = effect_pages.document(name, signature, on)
@@ -90,24 +94,37 @@ def effects(
     terminal.brief(shown, effect_pages.brief(effect), [path for path in written if path.suffix != ".svg"])
 
 
+def _is_static(name: str, model: str) -> bool:
+    """Tell whether an effect is shown on a part at rest: a static one, or one that is both where MODEL is a design."""
+    from flexdesign import effects as in_time
+    from flexdesign.effects import statics
+
+    if not name.endswith(".py"):
+        return name in statics.names() and (name not in in_time.names() or tables.is_design(model))
+    try:
+        effect = in_time.find(name)
+    except ValueError:  # said where it is looked up
+        return False
+    return effect.acts_at_rest and (not effect.acts_in_time or tables.is_design(model))
+
+
 def _static(name: str, design: str, overrides: list[str], out: Path | None, as_json: bool) -> None:
     """Write the page of a static effect, which acts on a part and needs no time."""
     from flexdesign import design as designs
-    from flexdesign.effects import statics
     from flexdesign.report import effect_pages, render, static_effect_pages, terminal
     from flexdesign.report.document import Document
 
     with progress():
+        effect = effect_pages.find_static(name)
         read = designs.read(designs.find(design), overrides)
-        folder = out or Path("reports") / "effects" / name
+        folder = out or Path("reports") / "effects" / effect.name
         render.prepare(folder)
         document, result = static_effect_pages.document(name, read), static_effect_pages.result(name, read)
         written = render.write(folder, document, result, {})
     if as_json:
         print_json(result)
         return
-    effect = statics.find(name)
-    shown = Document(name, [effect.physics, *effect_pages.words(effect)])
+    shown = Document(effect.name, [effect.physics, *effect_pages.words(effect)])
     terminal.brief(shown, document.sections[0].tables[0], [path for path in written if path.suffix != ".svg"])
 
 

@@ -67,16 +67,18 @@ def diagnose(
     as_json: bool,
     *,
     bare: bool = False,
+    own: Sequence[str] = (),
 ) -> None:
-    """Diagnose a design from static tables and write the report."""
+    """Diagnose a design from static tables, effects of the user's own tried as well, and write the report."""
     from flexdesign.diagnosis import tables
     from flexdesign.report import render, table_report
 
     with progress() as say:
         stands, table = _read(model, paths, overrides, bare=bare)
+        more = tables.own_effects(own)
         folder = out or Path("reports") / f"{stands.design.name}_diagnosed"
         render.prepare(folder)
-        found = tables.diagnose(stands, table, say)
+        found = tables.diagnose(stands, table, say, more)
         say("writing")
         better = found.found.model if found.verdict == "effects-found" else stands
         document, result, written = _report(found, better, overrides, folder, design_file)
@@ -94,20 +96,16 @@ def add(
 ) -> None:
     """Fit one effect to static tables, and write it into a design."""
     from flexdesign.diagnosis import tables
-    from flexdesign.effects import statics
     from flexdesign.report import render, table_report
 
     with progress() as say:
         stands, table = _read(model, paths, overrides)
-        try:
-            statics.find(effect)
-        except ValueError as error:
-            raise InputError("command line", "EFFECT", effect, str(error)) from None
-        if effect in stands.effects:
+        name = tables.known_effect(effect, "EFFECT")
+        if name in stands.effects:
             raise InputError("command line", "EFFECT", effect, "is in the model already")
-        folder = out or Path("reports") / f"{stands.design.name}_with_{effect}"
+        folder = out or Path("reports") / f"{stands.design.name}_with_{Path(effect).stem}"
         render.prepare(folder)
-        found = tables.add(stands, effect, table, say)
+        found = tables.add(stands, name, table, say)
         say("writing")
         document, result, written = _report(found, found.found.model, overrides, folder, design_file)
     _print(document, result, table_report.ladder(found), written, as_json)
@@ -149,7 +147,7 @@ def _read(
 
 def design_text(model: StaticModel, overrides: Sequence[str], folder: Path) -> str:
     """Return the design file with a model's effects written into it; its part is found from the new folder."""
-    from flexdesign import units
+    from flexdesign import files, units
     from flexdesign.analytic.compliance import drawn
     from flexdesign.effects import statics
     from flexdesign.files import read_toml
@@ -158,7 +156,7 @@ def design_text(model: StaticModel, overrides: Sequence[str], folder: Path) -> s
     content["part"] = _part_name(model.design, folder)
     there = drawn(model.design.part())
     content["effects"] = {
-        name: {
+        files.way(Path(name), folder) if name.endswith(".py") else name: {
             p.name: f"{values[p.name] / units.factor(p.unit or '1', p.si):.6g} {p.unit}".rstrip()
             for p in statics.find(name).parameters
         }
@@ -170,14 +168,23 @@ def design_text(model: StaticModel, overrides: Sequence[str], folder: Path) -> s
 
 def _toml(content: Mapping[str, Any], path: str = "") -> list[str]:
     """Return a table as lines of TOML: its own values, then the tables in it."""
+    from flexdesign import files
+
     plain = {key: value for key, value in content.items() if not isinstance(value, Mapping)}
-    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in plain.items()]
+    lines = [f"{files.key(key)} = {_value(value)}" for key, value in plain.items()]
     for key, value in content.items():
         if isinstance(value, Mapping) and value:
-            inner = f"{path}.{key}" if path else key
+            inner = f"{path}.{files.key(key)}" if path else files.key(key)
             own = any(not isinstance(entry, Mapping) for entry in value.values())
             lines += [*(["", f"[{inner}]"] if own else []), *_toml(value, inner)]
     return lines
+
+
+def _value(value: object) -> str:
+    """Return a number, a text or a list as TOML."""
+    from flexdesign import files
+
+    return files.quoted(value) if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
 def _part_name(design: Design, folder: Path) -> str:

@@ -25,7 +25,7 @@ from flexdesign.evidence.case import Case
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.stand import Stand, fitted
 from flexdesign.experiments import AS_MODELLED
-from flexdesign.model import OTHER, Disturbance, Term
+from flexdesign.model import OTHER, Disturbance
 from flexdesign.noise_floor import LineNoise, NoiseFloor
 from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.simulation import Simulation
@@ -225,8 +225,8 @@ def known_effect(name: str, field: str) -> str:
         effect = effects.find(whole)
     except ValueError as error:
         raise InputError("command line", field, name, str(error)) from None
-    if whole not in fields.ELSEWHERE and all(isinstance(face, Term) for face in effect.faces):
-        raise InputError("command line", field, name, "acts on static formulas alone, which no run in time shows")
+    if whole not in fields.ELSEWHERE and not (effect.faces and effect.acts_in_time):
+        raise InputError("command line", field, name, "acts on parts at rest alone, which no run in time shows")
     if not any(p.null is not None for p in effect.parameters):
         raise InputError("command line", field, name, "none of its parameters states a null, at which it is not there")
     return whole

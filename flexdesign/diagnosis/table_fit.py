@@ -86,9 +86,10 @@ def fitted(
     """
     with_them = model
     for name in names:
-        with_them = with_them.with_effect(statics.find(name))
-    free = [p for p in with_them.parameters() if p.name.split(".")[0] in names and not _is_switch(p)]
-    on = {p.name: 1.0 for p in with_them.parameters() if p.name.split(".")[0] in names and _is_switch(p)}
+        with_them = with_them.with_effect(statics.find(name), name)
+    theirs = [p for p in with_them.parameters() if p.name.rpartition(".")[0] in names]
+    free = [p for p in theirs if not _is_switch(p)]
+    on = {p.name: 1.0 for p in theirs if _is_switch(p)}
     with_them = with_them.replace(on)
     if not free:
         return Trial(tuple(names), with_them, _residuals(with_them, table, noise))
@@ -134,7 +135,7 @@ def _is_switch(parameter: Parameter) -> bool:
 def _starts(free: Sequence[Parameter]) -> Iterator[dict[str, float]]:
     grids = []
     for parameter in free:
-        effect, _, name = parameter.name.partition(".")
+        effect, _, name = parameter.name.rpartition(".")
         start = next(p.start for p in statics.find(effect).parameters if p.name == name) or 1.0
         tried = [start * 10.0**power for power in DECADES]
         if parameter.scale == "linear":

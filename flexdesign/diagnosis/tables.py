@@ -12,6 +12,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -101,9 +102,12 @@ class TableDiagnosis:
 
 
 def diagnose(
-    model: StaticModel, table: StaticTable, progress: Callable[[str], None] = lambda _: None
+    model: StaticModel,
+    table: StaticTable,
+    progress: Callable[[str], None] = lambda _: None,
+    more: Sequence[str] = (),
 ) -> TableDiagnosis:
-    """Find which static effects a model lacks.
+    """Find which static effects a model lacks; `more` are tried with those of the catalogue.
 
     Raises
     ------
@@ -113,7 +117,7 @@ def diagnose(
     table, remarks = believable(model, table)
     noise = uncertainty(model, table)
     before = as_it_is(model, table, noise)
-    names = [name for name in statics.names() if name not in model.effects]
+    names = [name for name in (*statics.names(), *more) if name not in model.effects]
     together = [name for name in names if name not in LAST]
     progress("trying every effect")
     singles = _sorted(fitted(model, [name], table, noise) for name in together)
@@ -167,6 +171,37 @@ def add(
     return TableDiagnosis("effects-found", table, noise, before, trial, (), (trial,), (), ladder, remarks, asked=True)
 
 
+def known_effect(name: str, field: str) -> str:
+    """Return the name under which a static effect is found from everywhere, a path as an absolute one.
+
+    Parameters
+    ----------
+    name
+        Of the catalogue, or a path.
+    field
+        Where it was given, for the message.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it has nothing that a fit could move.
+    """
+    try:
+        whole = statics.beside(name, Path())
+        effect = statics.find(whole)
+    except ValueError as error:
+        raise InputError("command line", field, name, str(error)) from None
+    if not any(p.null is not None for p in effect.parameters):
+        raise InputError("command line", field, name, "none of its parameters states a null, at which it is not there")
+    return whole
+
+
+def own_effects(names: Sequence[str]) -> list[str]:
+    """Return static effects beside those of the catalogue, as `diagnose` takes them; raise as `known_effect` does."""
+    whole = [known_effect(name, "--effect") for name in names]
+    return [name for name in dict.fromkeys(whole) if name not in statics.names()]
+
+
 def believable(model: StaticModel, table: StaticTable) -> tuple[StaticTable, tuple[str, ...]]:
     """Return a table whose values can be meant: amplifications with the model's sign.
 
@@ -211,7 +246,7 @@ def _ladder(model: StaticModel, best: Trial, table: StaticTable, noise: Uncertai
     measured = table.measured()
     rungs = [Rung("as designed", _relative(model.predict(table), measured))]
     if best.names:
-        label = f"+ {' + '.join(best.names)}"
+        label = f"+ {' + '.join(statics.find(name).name for name in best.names)}"
         rungs.append(Rung(label, _relative(best.model.predict(table), measured)))
         unseen = measured.copy()
         for i in range(len(measured)):

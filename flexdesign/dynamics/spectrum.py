@@ -59,7 +59,8 @@ def shows(effect: Effect) -> bool:
     [True, True, False, False]
     """
     passes = (isinstance(face, Block) and face.transfer is not None for face in effect.faces)
-    return effect.name == DELAY or any(passes) or any(isinstance(f, Adjust | Resonance) for f in effect.faces)
+    adjusts = (isinstance(face, Resonance) or (isinstance(face, Adjust) and face.of == "axis") for face in effect.faces)
+    return effect.name == DELAY or any(passes) or any(adjusts)
 
 
 def response(chain: AxisChain, frequency: Array, about: WorkingPoint) -> Complex:

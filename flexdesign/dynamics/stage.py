@@ -47,7 +47,7 @@ def adjusted(axis: AxisModel) -> dict[str, float]:
     numbers = {"natural_frequency": axis.natural_frequency, "damping_ratio": axis.damping_ratio, "gain": axis.gain}
     for effect, values in by_name(acting(axis)):
         for face in effect.faces:
-            if isinstance(face, Adjust):
+            if isinstance(face, Adjust) and face.of == "axis":
                 numbers = face.apply(numbers, values)
     return numbers
 

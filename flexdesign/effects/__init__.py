@@ -9,14 +9,14 @@ effect and its place, such as ``my_package.my_effect:EFFECT``.
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import pkgutil
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import cast
 
-from flexdesign.errors import suggest
+from flexdesign.effects import _finding
 from flexdesign.model import Effect
 
 #: The group of entry points by which installed packages add effects.
@@ -36,8 +36,7 @@ def _own() -> frozenset[str]:
 
 @cache
 def _added() -> dict[str, EntryPoint]:
-    """Return the entry points of installed packages by the names of their effects; none takes the place of ours."""
-    return {entry.name: entry for entry in entry_points(group=GROUP) if entry.name not in _own()}
+    return _finding.added(GROUP, _own())
 
 
 def find(name: str) -> Effect:
@@ -48,19 +47,7 @@ def find(name: str) -> Effect:
     ValueError
         If there is none; the message says what there is.
     """
-    if name in _own():
-        return _shipped(name)
-    elif name in _added():
-        found = _from_package(_added()[name])
-    elif name.endswith(".py"):
-        found = _from_file(Path(name).resolve())  # a relative path means another file in another folder
-    else:
-        raise ValueError(f"is not a known effect{suggest(name, list(names()))}")
-    if not isinstance(found, Effect):
-        raise ValueError("has an EFFECT that is no flexdesign.model.Effect")
-    if name in _added() and found.name != name:
-        raise ValueError(f"is called {found.name} by itself; the entry point needs that name")
-    return found
+    return _shipped(name) if name in _own() else _finding.foreign(name, _added(), names(), "effect")
 
 
 @cache
@@ -83,31 +70,4 @@ def beside(name: str, folder: Path) -> str:
     ValueError
         If there is no such file; the message says what was tried.
     """
-    if name in names() or not name.endswith(".py"):
-        return name
-    tried = list(dict.fromkeys((base / name).resolve() for base in (folder, Path())))
-    for path in tried:
-        if path.is_file():
-            return str(path)
-    raise ValueError(f"is no Python file; tried {' and '.join(map(str, tried))}")
-
-
-@cache
-def _from_package(entry: EntryPoint) -> object:
-    try:
-        return entry.load()
-    except Exception as error:
-        raise ValueError(f"cannot be loaded from {entry.value}: {type(error).__name__}: {error}") from error
-
-
-@cache
-def _from_file(path: Path) -> object:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None or not path.is_file():
-        raise ValueError("is no Python file")
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-        return module.EFFECT
-    except Exception as error:
-        raise ValueError(f"cannot be loaded: {type(error).__name__}: {error}") from error
+    return _finding.beside(name, folder, names())

@@ -39,12 +39,17 @@ class Socket(Enum):
 class Adjust:
     """A face that changes base values: payload mass, modulus, a soft base.
 
-    ``apply(base_values, own_values)`` returns the adjusted base values and leaves its arguments alone. The base values
-    of an axis are its ``natural_frequency``, ``damping_ratio`` and ``gain``; those of a mechanism at rest are listed in
-    `flexdesign.analytic.compliance.BASE`.
+    Parameters
+    ----------
+    apply
+        ``apply(base_values, own_values)`` returns the adjusted base values and leaves its arguments alone.
+    of
+        Whose base values: those of an ``axis`` in time are its ``natural_frequency``, ``damping_ratio`` and ``gain``;
+        those of a ``part`` at rest are listed in `flexdesign.analytic.compliance.BASE`.
     """
 
     apply: Callable[[Values, Values], dict[str, float]]
+    of: Literal["axis", "part"] = "axis"
 
 
 @dataclass(frozen=True)
@@ -244,7 +249,21 @@ class Effect:
     confused_with: tuple[str, ...] = ()
     cautions: Callable[[Values], tuple[str, ...]] = lambda values: ()
 
+    @property
+    def acts_at_rest(self) -> bool:
+        """Whether it has a face that changes the stiffnesses of a part: a static effect."""
+        return any(_is_static(face) for face in self.faces)
+
+    @property
+    def acts_in_time(self) -> bool:
+        """Whether it has a face that recordings can show; if it has none, a number of the stage model stands for it."""
+        return not self.faces or any(not _is_static(face) for face in self.faces)
+
     def is_null(self, values: Values) -> bool:
         """Tell whether the effect is switched off: all its strengths stand at their nulls."""
         strengths = [p for p in self.parameters if p.null is not None]
         return bool(strengths) and all(values[p.name] == p.null for p in strengths)
+
+
+def _is_static(face: object) -> bool:
+    return isinstance(face, Term | Reshape) or (isinstance(face, Adjust) and face.of == "part")

@@ -12,7 +12,7 @@ from flexdesign.bench.signature import Seen, Signature
 from flexdesign.effects import statics
 from flexdesign.errors import InputError
 from flexdesign.files import FORMAT
-from flexdesign.model import Effect, Parameter, Term
+from flexdesign.model import Effect, Parameter
 from flexdesign.report import effect_charts
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.stage_model import to_toml
@@ -35,6 +35,14 @@ def find(name: str) -> Effect:
         raise InputError("command line", "effects", name, str(error)) from None
 
 
+def find_static(name: str) -> Effect:
+    """Return a static effect by its name or path; raise as `find` does."""
+    try:
+        return statics.find(name)
+    except ValueError as error:
+        raise InputError("command line", "effects", name, str(error)) from None
+
+
 def catalogue() -> Table:
     """Return all effects, the static ones last: their names, where they act, what reveals them."""
     found = [(name, effects.find(name)) for name in effects.names()]
@@ -48,11 +56,6 @@ def catalogue_result() -> dict[str, Any]:
     found = {name: described(effects.find(name)) for name in effects.names()}
     static = {name: described(statics.find(name)) for name in statics.names()}
     return {"format": FORMAT, "kind": "effects", "effects": found, "static_effects": static}
-
-
-def acts_in_time(effect: Effect) -> bool:
-    """Tell whether an experiment in time can show an effect; others act on static formulas alone."""
-    return not effect.faces or not all(isinstance(face, Term) for face in effect.faces)
 
 
 def result(name: str, signature: Signature | None) -> dict[str, Any]:
@@ -196,10 +199,8 @@ def _parameters(effect: Effect) -> Section:
         ]
         for p in effect.parameters
     ]  # fmt: skip
-    of_stage = effect.name not in statics.names()
-    caption = (
-        "For a stroke of 100 µm and 100 V; on another stage lengths and voltages scale with its own" if of_stage else ""
-    )
+    scaled = "For a stroke of 100 µm and 100 V; on another stage lengths and voltages scale with its own"
+    caption = scaled if effect.acts_in_time else ""
     heads = ["parameter", "meaning", "unit", "null", "start", "plausible"]
     return Section("Parameters", ["At the null of a parameter the effect is not there."], [Table(heads, rows, caption)])
 

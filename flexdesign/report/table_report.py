@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from flexdesign import units, versions
@@ -145,13 +146,14 @@ def comparison_result(comparison: TableComparison) -> dict[str, Any]:
 
 def diagnosis_result(found: TableDiagnosis) -> dict[str, Any]:
     """Return a diagnosis as result.json has it."""
+    is_known = found.verdict == "effects-found"
     return {
         "format": FORMAT,
         "kind": "table diagnosis",
         "verdict": found.verdict,
-        "effects": _effects(found.found) if found.verdict == "effects-found" else {},
-        "confusable": [list(group) for group in found.groups] if found.verdict == "effects-found" else [],
-        "near": list(found.found.names) if found.verdict == "unknown" else [],
+        "effects": _effects(found.found) if is_known else {},
+        "confusable": [_own_names(group) for group in found.groups] if is_known else [],
+        "near": _own_names(found.found.names) if found.verdict == "unknown" else [],
         "ladder": [{"model": rung.label, "error": rung.error} for rung in found.ladder],
         "sum_of_squares": {
             "before": found.before.cost,
@@ -164,12 +166,17 @@ def diagnosis_result(found: TableDiagnosis) -> dict[str, Any]:
     }
 
 
+def _own_names(names: Sequence[str]) -> list[str]:
+    """Return what effects call themselves, those in files too."""
+    return [statics.find(name).name for name in names]
+
+
 def _effects(trial: Trial) -> dict[str, Any]:
-    effects: dict[str, dict[str, Any]] = {name: {} for name in trial.names}
+    effects: dict[str, dict[str, Any]] = {statics.find(name).name: {} for name in trial.names}
     for value in trial.values:
-        name, _, parameter = value.parameter.name.partition(".")
+        name, _, parameter = value.parameter.name.rpartition(".")
         scale = units.factor(value.parameter.unit or "1", value.parameter.si)
-        effects[name][parameter] = {
+        effects[statics.find(name).name][parameter] = {
             "value": value.value / scale,
             "interval_95": [end / scale for end in value.interval],
             "unit": value.parameter.unit,
@@ -200,7 +207,7 @@ def _made_by(model: StaticModel) -> dict[str, Any]:
             "design": design.name,
             "dimensions": {name: f"{value * 1e3:g} mm" for name, value in design.dimensions.items()},
             "material": design.material.as_text(),
-            "effects": {name: dict(values) for name, values in model.effects.items()},
+            "effects": {statics.find(name).name: dict(values) for name, values in model.effects.items()},
             "versions": versions.installed(LIBRARIES),
         }
     }

@@ -24,7 +24,7 @@ def called(name: str) -> str:
     >>> called("over_cut")
     'over cut'
     """
-    return name.replace("_", " ")
+    return statics.find(name).name.replace("_", " ")
 
 
 def measurement(row: Row) -> str:

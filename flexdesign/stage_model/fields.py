@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from flexdesign import effects, units
+from flexdesign import effects, files, units
 from flexdesign.files import Bounds
 
 #: What an axis may respond in, and the units in which small and large responses are written.
@@ -108,8 +107,8 @@ class Text:
         return given
 
     def write(self, value: str) -> str:
-        """Return text as TOML: a JSON string is one but for the delete character."""
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        """Return text as TOML."""
+        return files.quoted(value)
 
     def example(self) -> str:
         """Return how it is written, for example."""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import fields as members
 from pathlib import Path
 
-from flexdesign import units
+from flexdesign import files, units
 from flexdesign.files import FORMAT
 from flexdesign.stage_model import fields
 from flexdesign.stage_model.axis import AxisModel, lumped_frequency
@@ -54,14 +53,10 @@ def to_toml(model: StageModel, folder: Path | None = None) -> str:
 
 
 def _ways(axis: AxisModel, folder: Path | None) -> dict[str, str]:
-    """Return the ways from a folder to those effects of an axis that are files of the same tree, by their names."""
+    """Return how a file in a folder names those effects of an axis that are files, by their names."""
     if folder is None:
         return {}
-    here, work = folder.resolve(), Path().resolve()
-    trees = [here, work] if here.is_relative_to(work) else [here]
-    files = {name: Path(name) for name in axis.effects if name.endswith(".py")}
-    within = {name: file for name, file in files.items() if any(file.is_relative_to(tree) for tree in trees)}
-    return {name: Path(os.path.relpath(file, here)).as_posix() for name, file in within.items()}
+    return {name: files.way(Path(name), folder) for name in axis.effects if name.endswith(".py")}
 
 
 def _named(name: str, ways: Mapping[str, str]) -> str:

@@ -52,14 +52,17 @@ class StaticModel:
         """Return the model with some values changed."""
         changed = {name: dict(own) for name, own in self.effects.items()}
         for dotted, value in values.items():
-            name, _, parameter = dotted.partition(".")
+            name, _, parameter = dotted.rpartition(".")
             changed[name][parameter] = value
         return replace(self, effects=changed)
 
-    def with_effect(self, effect: Effect) -> StaticModel:
-        """Return the model with an effect, at its null."""
-        nulls = {p.name: p.null for p in effect.parameters if p.null is not None}
-        return replace(self, effects={**self.effects, effect.name: nulls})
+    def with_effect(self, effect: Effect, name: str = "") -> StaticModel:
+        """Return the model with an effect, at its null; what has none is at its start.
+
+        `name` is that under which `flexdesign.effects.statics.find` has it; by default its own.
+        """
+        nulls = {p.name: float(p.start or 0.0) if p.null is None else p.null for p in effect.parameters}
+        return replace(self, effects={**self.effects, name or effect.name: nulls})
 
     def predict(self, observation: Observation) -> Array:
         """Return what the model expects of each row of a `StaticTable`, SI."""

@@ -1,5 +1,7 @@
 """The catalogue of static effects: what a mechanism's stiffness has beside rotating hinges, one piece per file.
 
+One of a user's own is found by its path, or by an entry point of the group ``flexdesign.static_effects``.
+
 >>> find("over_cut").where
 'every cut face; it shows in the hinges'
 """
@@ -9,9 +11,11 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from functools import cache
+from importlib.metadata import EntryPoint
+from pathlib import Path
 from typing import cast
 
-from flexdesign.errors import suggest
+from flexdesign.effects import _finding
 from flexdesign.model import Effect
 
 #: What a drawing tells is there, in full strength: nothing has to be measured for it.
@@ -28,21 +32,49 @@ BY_DRAWING = (
 )
 
 
+#: The group of entry points by which installed packages add static effects.
+GROUP = "flexdesign.static_effects"
+
+
 @cache
 def names() -> tuple[str, ...]:
-    """Return the names of the static effects."""
-    return tuple(sorted(module.name for module in pkgutil.iter_modules(__path__)))
+    """Return the names of the static effects that come with flexdesign, and of those that installed packages add."""
+    return tuple(sorted({*_own(), *_added()}))
 
 
 @cache
+def _own() -> frozenset[str]:
+    return frozenset(module.name for module in pkgutil.iter_modules(__path__))
+
+
+@cache
+def _added() -> dict[str, EntryPoint]:
+    return _finding.added(GROUP, _own())
+
+
 def find(name: str) -> Effect:
-    """Return a static effect by its name.
+    """Return a static effect by its name, or from a file by its path, which is loaded once.
 
     Raises
     ------
     ValueError
-        If there is none; the message says what there is.
+        If there is none, or it does not act at rest; the message says what there is.
     """
-    if name not in names():
-        raise ValueError(f"is not a known static effect{suggest(name, list(names()))}")
-    return cast(Effect, importlib.import_module(f"{__name__}.{name}").EFFECT)
+    relative = name.endswith(".py") and name not in names() and not Path(name).is_absolute()
+    return _found(str(Path(name).resolve()) if relative else name)
+
+
+@cache
+def _found(name: str) -> Effect:
+    if name in _own():
+        return cast(Effect, importlib.import_module(f"{__name__}.{name}").EFFECT)
+    effect = _finding.foreign(name, _added(), names(), "static effect")
+    if not effect.acts_at_rest:
+        remedy = 'give it a Term, a Reshape, or an Adjust(..., of="part")'
+        raise ValueError(f"acts in time alone, which no part at rest shows; {remedy}")
+    return effect
+
+
+def beside(name: str, folder: Path) -> str:
+    """Return the name under which `find` has a static effect from everywhere, as `flexdesign.effects.beside` does."""
+    return _finding.beside(name, folder, names())

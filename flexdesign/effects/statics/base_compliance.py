@@ -22,6 +22,6 @@ EFFECT = Effect(
     remedy="a stiffer mount, or a sensor that looks from the ground block to the output",
     reference="S. T. Smith, Flexures: Elements of Elastic Mechanisms (2000)",
     parameters=(Parameter("compliance", "m/N", "um/N", "motion of the base per output force", 0.0, 1e-7, (0.0, 1e-3)),),
-    faces=(Adjust(apply),),
+    faces=(Adjust(apply, of="part"),),
     confused_with=("contact_stiffness", "input_restraint"),
 )

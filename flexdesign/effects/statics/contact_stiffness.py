@@ -38,6 +38,6 @@ EFFECT = Effect(
             "inverse",
         ),
     ),
-    faces=(Adjust(apply),),
+    faces=(Adjust(apply, of="part"),),
     confused_with=("base_compliance", "hinge_shear"),
 )

@@ -24,6 +24,6 @@ EFFECT = Effect(
     remedy="say at which force a number was taken; the stage model carries the change over the stroke",
     reference="S. P. Timoshenko and J. M. Gere, Theory of Elastic Stability (1961)",
     parameters=(Parameter("force", "N", "N", "force of the actuator as it was measured", 0.0, 5.0, (-1e3, 1e4)),),
-    faces=(Adjust(apply),),
+    faces=(Adjust(apply, of="part"),),
     confused_with=("output_load", "over_cut"),
 )

@@ -25,6 +25,6 @@ EFFECT = Effect(
     parameters=(
         Parameter("stiffness", "N/m", "N/um", "stiffness of what holds the inputs", 0.0, 1e7, (1e3, 1e12), "log"),
     ),
-    faces=(Adjust(apply),),
+    faces=(Adjust(apply, of="part"),),
     confused_with=("modulus",),
 )

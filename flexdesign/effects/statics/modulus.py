@@ -22,6 +22,6 @@ EFFECT = Effect(
     remedy="measure a strip of the same plate, and put the modulus into the design",
     reference="F. Cardarelli, Materials Handbook (2008)",
     parameters=(Parameter("excess", "1", "%", "Young's modulus above the design's, over it", 0.0, 0.02, (-0.6, 1.5)),),
-    faces=(Adjust(apply),),
+    faces=(Adjust(apply, of="part"),),
     confused_with=("over_cut",),
 )

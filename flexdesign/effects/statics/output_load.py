@@ -24,6 +24,6 @@ EFFECT = Effect(
     parameters=(
         Parameter("stiffness", "N/m", "N/mm", "stiffness of what the output pushes against", 0.0, 1e3, (0.0, 1e9)),
     ),
-    faces=(Adjust(apply),),
+    faces=(Adjust(apply, of="part"),),
     confused_with=("hinge_axial", "input_restraint"),
 )

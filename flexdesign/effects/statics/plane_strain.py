@@ -26,6 +26,6 @@ EFFECT = Effect(
         "Woinowsky-Krieger, Theory of Plates and Shells (1959)"
     ),
     parameters=(Parameter("share", "1", "", "how much of the constraint there is", 0.0, 1.0, (0.0, 1.5)),),
-    faces=(Adjust(apply),),
+    faces=(Adjust(apply, of="part"),),
     confused_with=("modulus", "over_cut"),
 )
