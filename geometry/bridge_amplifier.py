@@ -285,7 +285,7 @@ class BridgeAmplifier:
             members.append(
                 Member(
                     f"rod_{quarter}", "rod", (tip, heel), nodes[tip], nodes[heel],
-                    self.rod_thickness, self.width, roots=rod_roots,
+                    self.rod_thickness, self.width, roots=rod_roots, lever=sx * sy * (xo - axis),
                 )
             )  # fmt: skip
         members += [

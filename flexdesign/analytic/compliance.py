@@ -220,8 +220,9 @@ class ComplianceModel:
 def _pseudo_rigid(member: Member, elastic: Elastic) -> Array:
     """Return what a member gives way in the paper's model: hinges rotate (2), rods bend as cantilevers (14).
 
-    The rod's tip moves under force and moment, and does not turn: with M = M_c + V l / 2 at the tip, V and M_c at the
-    rod's centre, l^3 V / 3EI - l^2 M / 2EI is l^3 V / 12EI - l^2 M_c / 2EI. A rod's start is its tip.
+    The rod's tip moves under force and moment, and does not turn. By (11) the moment is the hinge's, taken at the hinge's
+    own centre, a lever e to the left of the rod: with N, V and M_c at the rod's centre M = M_c + V l / 2 + N e, so that
+    l^3 V / 3EI - l^2 M / 2EI is l^3 V / 12EI - l^2 (M_c + N e) / 2EI. A rod's start is its tip.
     """
     compliance = np.zeros((3, 3))
     if member.kind == "hinge":
@@ -229,6 +230,7 @@ def _pseudo_rigid(member: Member, elastic: Elastic) -> Array:
     if member.kind == "rod":
         compliance[1, 1] = beam.sway(member, elastic)
         compliance[1, 2] = -member.length / 2 * beam.rotation(member, elastic)
+        compliance[1, 0] = member.lever * compliance[1, 2]
     return compliance
 
 

@@ -63,6 +63,9 @@ class Member:
         Radius of a circular notch [m]; infinite for a leaf.
     roots
         What its start and its end run into, where theory needs to know; None at the other ends.
+    lever
+        Of a rod: how far to the left of its axis the hinge lies that bends it, seen from its start, the tip, to its
+        end [m].
     """
 
     name: str
@@ -75,6 +78,7 @@ class Member:
     root_radius: float = 0.0
     curvature_radius: float = math.inf
     roots: tuple[Root | None, Root | None] = (None, None)
+    lever: float = 0.0
 
     @property
     def length(self) -> float:

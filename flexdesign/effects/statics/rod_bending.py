@@ -10,10 +10,13 @@ from flexdesign.model.effect import Floats, Values
 
 
 def compliance(member: Member, elastic: Elastic, values: Values) -> Floats:
-    """Return what turns the tip, l/EI at the centre: the base has the tip's motion, and takes its turning for none."""
+    """Return what turns the tip, l/EI at the centre: the base has the tip's motion, and takes its turning for none.
+
+    The moment that bends it is the one at its own axis: what the base has by the hinge's lever goes.
+    """
     turning = beam.rotation(member, elastic)
-    half = member.length / 2
-    return values["share"] * np.array([[0.0, 0.0, 0.0], [0.0, 0.0, half * turning], [0.0, 0.0, turning]])
+    half = member.length / 2 * turning
+    return values["share"] * np.array([[0.0, 0.0, 0.0], [half * member.lever, 0.0, half], [0.0, 0.0, turning]])
 
 
 EFFECT = Effect(
