@@ -13,10 +13,11 @@ joins, long enough that the stress about the leaf's roots has died down where th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from flexdesign.model import Linkage, Member, Parameter
+from flexdesign.model import Linkage, Member, Parameter, Root
+from flexdesign.model.linkage import MemberKind
 from flexdesign.part import Axis, Port, SymmetryPlane
 
 
@@ -73,7 +74,17 @@ class LeafHinge:
 
     def linkage(self) -> Linkage:
         """Return the leaf between its two stubs."""
-        half = self.length / 2
-        nodes = {"start": (-half, 0.0, 0.0), "end": (half, 0.0, 0.0)}
-        leaf = Member("leaf", "hinge", ("start", "end"), nodes["start"], nodes["end"], self.thickness, self.width)
-        return Linkage(nodes, (leaf,), {"start": "start", "end": "end"})
+        root = Root("end", self.stub_height)
+        places = {"start": -self.reach, "root_start": -self.length / 2, "root_end": self.length / 2, "end": self.reach}
+        nodes = {name: (x, 0.0, 0.0) for name, x in places.items()}
+
+        def member(name: str, kind: MemberKind, first: str, second: str, thickness: float) -> Member:
+            return Member(name, kind, (first, second), nodes[first], nodes[second], thickness, self.width)
+
+        leaf = member("leaf", "hinge", "root_start", "root_end", self.thickness)
+        members = (
+            member("stub_start", "stub", "start", "root_start", self.stub_height),
+            replace(leaf, roots=(root, root)),
+            member("stub_end", "stub", "root_end", "end", self.stub_height),
+        )
+        return Linkage(nodes, members, {"start": "start", "end": "end"})

@@ -32,7 +32,7 @@ SOURCE = "compliance model"
 
 #: What effects may change besides the members: factor on E; share of the constraint by the width; springs [N/m] and
 #: compliances [m/N] at the ports, added to those that a quantity's boundary states; force of the actuator [N] under
-#: which stiffnesses are taken.
+#: which stiffnesses are taken; whether the bodies of a stage move as they like.
 BASE: Mapping[str, float] = {
     "modulus": 1.0,
     "constraint": 0.0,
@@ -41,6 +41,7 @@ BASE: Mapping[str, float] = {
     "contact_compliance": 0.0,
     "base_compliance": 0.0,
     "force": 0.0,
+    "free_bodies": 0.0,
 }
 #: Steps in which an actuator's force is put on.
 STEPS = 4
@@ -110,21 +111,18 @@ class ComplianceModel:
                     member = face.shape(member, self.effects[name])
         return member
 
-    def member_compliance(self, member: Member) -> Array:
-        """Return what a member of true shape gives way, 3 by 3."""
+    def member_compliance(self, member: Member, *, out_of_plane: bool = False) -> Array:
+        """Return what a member of true shape gives way, 3 by 3; out of its plane nothing does without effects."""
         elastic = Elastic(self.base["modulus"] * self.youngs_modulus, self.poissons_ratio, self.base["constraint"])
-        total = _pseudo_rigid(member, elastic)
+        total = np.zeros((3, 3)) if out_of_plane else _pseudo_rigid(member, elastic)
         for name in sorted(self.effects):
             for face in statics.find(name).faces:
-                if isinstance(face, Term) and face.member_kind == member.kind:
+                if isinstance(face, Term) and (face.member_kind, face.out_of_plane) == (member.kind, out_of_plane):
                     total = total + face.compliance(member, elastic, self.effects[name])
         return total
 
-    # --- ports ------------------------------------------------------------------------------------------------
-
-    @cached_property
-    def port_compliance(self) -> Array:
-        """Compliance between the ports, 2 by 2 [m/N]: row and column 0 the actuator's, 1 the output's."""
+    def _compliances(self, *, out_of_plane: bool = False) -> dict[str, Array]:
+        """Return what every member gives way, by its name."""
         found_once: dict[object, Array] = {}  # quarters are alike
         compliances = {}
         for member in self.members:
@@ -132,8 +130,16 @@ class ComplianceModel:
                 member, name="", nodes=("", ""), start=(0.0, 0.0, 0.0), end=(round(member.length, 12), 0.0, 0.0)
             )
             if alike not in found_once:
-                found_once[alike] = self.member_compliance(member)
+                found_once[alike] = self.member_compliance(member, out_of_plane=out_of_plane)
             compliances[member.name] = found_once[alike]
+        return compliances
+
+    # --- ports ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def port_compliance(self) -> Array:
+        """Compliance between the ports, 2 by 2 [m/N]: row and column 0 the actuator's, 1 the output's."""
+        compliances = self._compliances()
         loads = [self._pull(role) for role in ("input", "output")]
         grounds = [self.linkage.ports[port.name] for port in self.ports if port.role == "ground"]
         linkage, tensions = replace(self.linkage, members=self.members), None
@@ -172,6 +178,33 @@ class ComplianceModel:
                 at_node = frame.carried_to(self.linkage.nodes[node], port.point, force)
                 pull[node] = pull.get(node, np.zeros(3)) + at_node
         return pull
+
+    def between(self, first: Port, second: Port) -> Array:
+        """Return what the piece gives way between two ports, the first held, 7 by 7, SI.
+
+        Rows: motions of the second port's point along x, y and z and about them, and the actuator's extension; columns:
+        the forces and moments there, and the actuator's force. Ports face each other in the piece's plane.
+        """
+        held, node = [self.linkage.ports[first.name]], self.linkage.ports[second.name]
+        place, found = self.linkage.nodes[node], np.zeros((7, 7))
+        linkage = replace(self.linkage, members=self.members)
+        in_plane, beside = [0, 1, 5, 6], [2, 3, 4]
+        dx, dy = second.point[0] - place[0], second.point[1] - place[1]
+        to_point = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+        loads = [{node: force} for force in to_point] + [self._pull("input")]
+        answers = frame.answers(linkage, self._compliances(), held, loads)
+        found[np.ix_(in_plane, in_plane)] = [
+            [float(sum(load[n] @ answer.motions[n] for n in load)) for answer in answers] for load in loads
+        ]
+        compliances = self._compliances(out_of_plane=True)
+        if any(compliance.any() for compliance in compliances.values()):
+            to_point = np.array([[1.0, dy, -dx], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+            loads = [{node: force} for force in to_point]
+            answers = frame.answers(linkage, compliances, held, loads, out_of_plane=True)
+            found[np.ix_(beside, beside)] = [
+                [float(row @ answer.motions[node]) for answer in answers] for row in to_point
+            ]
+        return found
 
     # --- quantities -------------------------------------------------------------------------------------------
 
@@ -220,8 +253,8 @@ class ComplianceModel:
 def _pseudo_rigid(member: Member, elastic: Elastic) -> Array:
     """Return what a member gives way in the paper's model: hinges rotate (2), rods bend as cantilevers (14).
 
-    The rod's tip moves under force and moment, and does not turn. By (11) the moment is the hinge's, taken at the hinge's
-    own centre, a lever e to the left of the rod: with N, V and M_c at the rod's centre M = M_c + V l / 2 + N e, so that
+    The rod's tip moves under force and moment, and does not turn. By (11) the moment is the hinge's, at the hinge's own
+    centre, a lever e to the left of the rod: with N, V and M_c at the rod's centre M = M_c + V l / 2 + N e, so that
     l^3 V / 3EI - l^2 M / 2EI is l^3 V / 12EI - l^2 (M_c + N e) / 2EI. A rod's start is its tip.
     """
     compliance = np.zeros((3, 3))

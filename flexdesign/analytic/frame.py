@@ -9,6 +9,9 @@ C the compliances, f the members' forces and F the loads::
 
 C may be singular (a hinge that only rotates, a rigid arm) and need not be symmetric (the paper's input rod, whose tip
 bends under the hinge's moment and turns nothing).
+
+Out of its plane a flat mechanism answers apart from what it does in it, by the same equations: every node then has a
+motion along z and rotations about x and y, every member parts along z, about itself, and about the line across.
 """
 
 from __future__ import annotations
@@ -52,6 +55,8 @@ def answers(
     held: Sequence[str],
     loads: Sequence[Mapping[str, Array]],
     tensions: Mapping[str, float] | None = None,
+    *,
+    out_of_plane: bool = False,
 ) -> list[Answer]:
     """Return how a frame answers to each of several loads.
 
@@ -68,12 +73,16 @@ def answers(
     tensions
         Along members that are loaded already [N]: what is pulled straightens, what is pressed gives way, by N / L
         across a member of length L.
+    out_of_plane
+        Whether motions are along z and about x and y, loads force along z and moments about x and y, and compliances
+        those along z, about the member and about the line across it.
 
     Raises
     ------
     Mechanism
         If something can move freely.
     """
+    at_place = _at_out_of_plane if out_of_plane else _at
     free = [node for node in linkage.nodes if node not in held]
     place = {node: 3 * number for number, node in enumerate(free)}
     forces, unknowns = 3 * len(linkage.members), 3 * len(free)
@@ -83,7 +92,7 @@ def answers(
         for node, way in zip(member.nodes, (-1, 1), strict=True):
             if node in place:
                 at = slice(place[node], place[node] + 3)
-                parting[row : row + 3, at] += way * _at_centre(member, linkage.nodes[node])
+                parting[row : row + 3, at] += way * at_place(member.centre, member, linkage.nodes[node])
         system[row : row + 3, row : row + 3] = -compliances[member.name]
     system[:forces, forces:], system[forces:, :forces] = parting, parting.T
     for member in linkage.members if tensions else ():
@@ -143,10 +152,6 @@ def _solved(system: Array, right: Array) -> Array:
     return np.asarray(answer)
 
 
-def _at_centre(member: Member, node: Vector) -> Array:
-    return _at(member.centre, member, node)
-
-
 def _at(point: Vector, member: Member, node: Vector) -> Array:
     """Return the motion of a rigid body at a point, along a member, across and turning, per motion of its node."""
     (x, y, _), (ax, ay, _) = point, member.axis
@@ -154,6 +159,13 @@ def _at(point: Vector, member: Member, node: Vector) -> Array:
     carried = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
     turned = np.array([[ax, ay, 0.0], [-ay, ax, 0.0], [0.0, 0.0, 1.0]])
     return np.asarray(turned @ carried)
+
+
+def _at_out_of_plane(point: Vector, member: Member, node: Vector) -> Array:
+    """Return the motion of a rigid body at a point along z, about a member and about the line across it."""
+    (x, y, _), (ax, ay, _) = point, member.axis
+    dx, dy = x - node[0], y - node[1]
+    return np.array([[1.0, dy, -dx], [0.0, ax, ay], [0.0, -ay, ax]])
 
 
 def carried_to(node: Vector, point: Vector, force: Sequence[float]) -> Array:

@@ -117,7 +117,8 @@ def diagnose(
     table, remarks = believable(model, table)
     noise = uncertainty(model, table)
     before = as_it_is(model, table, noise)
-    names = [name for name in (*statics.names(), *more) if name not in model.effects]
+    elsewhere = statics.OF_PARTS if model.design.is_stage else statics.OF_STAGES
+    names = [name for name in (*statics.names(), *more) if name not in (*model.effects, *elsewhere)]
     together = [name for name in names if name not in LAST]
     progress("trying every effect")
     singles = _sorted(fitted(model, [name], table, noise) for name in together)

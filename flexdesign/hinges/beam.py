@@ -42,6 +42,32 @@ def shear(member: Member, elastic: Elastic) -> float:
     return _integral(member, 1, 0) / (SHEAR_SHARE * elastic.shear_modulus * member.width)
 
 
+def out_of_plane(member: Member, elastic: Elastic, yielding: float = 0.0) -> Array:
+    """Return the compliance along z, twisting, and turning about the line across a member, 3 by 3.
+
+    About the centre it is diagonal: l^3/12EI + l/kGA and l/EI, of a beam as deep as the member is wide. A leaf does not
+    twist freely: its ends stay plane, and what lies beside the axis bends into an S. With u = (l/2) sqrt(GJ / EI_w),
+    the ends held against warping, the twist per moment is l/GJ (1 - tanh u / u); J = w t^3/3 (1 - 0.63 t/w) is
+    Saint-Venant's, I_w = w^3 t^3/144 Vlasov's of a thin strip, its modulus that of a plate, E / (1 - nu^2).
+
+    Parameters
+    ----------
+    member, elastic
+        The member, its thickness that of the mean, and its material.
+    yielding
+        By how much a strip of the member that bends into an S gives way at its ends, over its own compliance.
+    """
+    young, shear, length = elastic.youngs_modulus, elastic.shear_modulus, member.length
+    mean = length / _integral(member, 1, 0)
+    thin, wide = sorted((mean, member.width))
+    deep = young * mean * member.width**3 / 12
+    across = length**3 / (12 * deep) + length / (SHEAR_SHARE * shear * mean * member.width)
+    free = shear * wide * thin**3 / 3 * (1 - 0.63 * thin / wide)
+    warped = young / (1 - elastic.poissons_ratio**2) * wide**3 * thin**3 / 144 / (1 + yielding)
+    u = length / 2 * math.sqrt(free / warped)
+    return np.diag([across, length / free * (1 - math.tanh(u) / u), length / deep])
+
+
 def evenly_loaded(member: Member, elastic: Elastic) -> Array:
     """Return the compliance of half a block that is pressed evenly on one side and held at its ends, 3 by 3.
 

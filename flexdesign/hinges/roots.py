@@ -79,6 +79,31 @@ def compliance(member: Member, elastic: Elastic) -> Array:
     return total
 
 
+def out_of_plane(member: Member, elastic: Elastic) -> tuple[Array, float]:
+    """Return what a member's roots give way out of its plane, 3 by 3, and by how much strips of it do that bend.
+
+    As a leaf bends over its width, each strip of it pulls at its root by itself, so that the turning is that of the
+    pull, NN / Ew, times 12 / w^2. A shear along z spreads as the pull does: a line load moves a half-plane by
+    2/pi ln(r) / E in its plane and by 1/pi ln(r) / G along z, which is 1 + nu times as much. A strip that bends into
+    an S turns at its roots, (l/2)^2 MM / E t^2 each, beside l^3 / E t^3 of its own.
+    """
+    total, strips = np.zeros((3, 3)), 0.0
+    scale = width.root_modulus(member, elastic) * member.width
+    for root, way in zip(member.roots, (-1, 1), strict=True):
+        if root is not None:
+            mm, _, nn, _ = coefficients(root, member.thickness, member.root_radius)
+            turning, place = 12 * nn / (scale * member.width**2), way * member.length / 2
+            along = (1 + elastic.poissons_ratio) * nn / scale
+            # A force along z at the centre turns the root at `place` by its lever.
+            total += [
+                [along + turning * place**2, 0.0, turning * place],
+                [0.0, 0.0, 0.0],
+                [turning * place, 0.0, turning],
+            ]
+            strips += mm * member.thickness / (4 * member.length)
+    return total, strips
+
+
 def _at_root(member: Member, root: Root, way: int, elastic: Elastic) -> Array:
     """Return the compliance for forces at the root; seen from the other end (`way`), across and turning swap signs."""
     t = member.thickness

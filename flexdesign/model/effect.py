@@ -192,14 +192,23 @@ class Elastic:
 
 @dataclass(frozen=True)
 class Term:
-    """A face that adds compliance to the members of one kind, in the plane of the mechanism.
+    """A face that adds compliance to the members of one kind.
 
-    ``compliance(member, elastic, values)`` is 3 by 3, SI: the motion of the member's end relative to its start, as the
-    one at its centre, per force there: along the member, across it to the left, and turning to the left.
+    Parameters
+    ----------
+    member_kind
+        Of these.
+    compliance
+        ``compliance(member, elastic, values)`` is 3 by 3, SI: the motion of the member's end relative to its start, as
+        the one at its centre, per force there: along the member, across it to the left, and turning to the left.
+    out_of_plane
+        Whether it is out of the mechanism's plane instead, which shows in a stage alone: along z, twisting about the
+        member, and turning about the line across it.
     """
 
     member_kind: MemberKind
     compliance: Callable[[Member, Elastic, Values], Floats]
+    out_of_plane: bool = False
 
 
 @dataclass(frozen=True)

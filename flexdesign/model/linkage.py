@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 Vector = tuple[float, float, float]
-MemberKind = Literal["hinge", "arm", "rod", "block", "guide"]
+MemberKind = Literal["hinge", "arm", "rod", "block", "guide", "stub"]
 RootKind = Literal["end", "flank", "block"]
 
 
@@ -149,8 +149,8 @@ class Linkage:
 
     @property
     def slender(self) -> tuple[Member, ...]:
-        """The members that are beams by their shape: all but blocks."""
-        return tuple(member for member in self.members if member.kind != "block")
+        """The members that are beams by their shape: all but blocks and stubs."""
+        return tuple(member for member in self.members if member.kind not in ("block", "stub"))
 
     def of_kind(self, kind: MemberKind) -> tuple[Member, ...]:
         """Return the members of one kind."""

@@ -32,6 +32,10 @@ BY_DRAWING = (
 )
 
 
+#: What a drawing tells of a stage besides: between its parts, and out of their planes.
+OF_STAGES = ("free_bodies", "out_of_plane")
+#: What is of a single part.
+OF_PARTS = ("geometric_stiffening",)
 #: The group of entry points by which installed packages add static effects.
 GROUP = "flexdesign.static_effects"
 

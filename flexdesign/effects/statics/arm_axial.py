@@ -27,6 +27,6 @@ EFFECT = Effect(
         "bridge-type flexure hinge, Sens. Actuators A 132 (2006)"
     ),
     parameters=(Parameter("share", "1", "", "how much of l/EA the arms have", 0.0, 1.0, (0.0, 1.5)),),
-    faces=(Term("arm", compliance),),
+    faces=(Term("arm", compliance), Term("stub", compliance)),
     confused_with=("hinge_axial",),
 )

@@ -28,6 +28,6 @@ EFFECT = Effect(
     parameters=(
         Parameter("share", "1", "", "how much of a beam's bending and shear the arms have", 0.0, 1.0, (0.0, 1.5)),
     ),
-    faces=(Term("arm", compliance),),
+    faces=(Term("arm", compliance), Term("stub", compliance)),
     confused_with=("over_cut", "modulus"),
 )

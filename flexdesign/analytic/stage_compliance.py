@@ -1,0 +1,357 @@
+"""The compliance model of a whole stage: its parts' compliance models between rigid bodies, effect by effect.
+
+It is put together as the condensed stage of finite elements is (`flexdesign.fem.assembled`), each part giving way
+between its two bonded ports by the 7 by 7 compliance of its own frame (`ComplianceModel.between`): with f the six
+forces that part e passes on, a its actuator's force, p its parting and x its actuator's extension,
+
+    p = C f + c a,     x = c' f + d a,     p = B u,     sum_e B^T f = F,
+
+u the motions of the bodies. Without effects parts do not give way but where their hinges rotate and their rods bend, C
+is singular, and what it leaves rigid ties the bodies: N^T B u = 0, N the directions in which nothing parts. With Z a
+basis of the motions that these ties leave, u = Z y and
+
+    Z^T K Z y = Z^T (F + sum_e B^T C^+ c a),     K = sum_e B^T C^+ B.
+
+Two effects are of stages alone. Without ``free_bodies`` the table, and what carries amplifiers, do not turn, and where
+two amplifiers are in series each makes as much of the travel as the other; without ``out_of_plane`` parts do not leave
+their planes. Without any effect the stage is the paper's: springs of amplifiers and hinges side by side, each amplifier
+pushing against what the others hold (`flexdesign.analytic.branched_stage`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from flexdesign.analytic import compliance, frame
+from flexdesign.analytic.compliance import SOURCE, ComplianceModel, Effects
+from flexdesign.assembly import Assembly, Element
+from flexdesign.effects import statics
+from flexdesign.materials import Material
+from flexdesign.model import Quantity
+from flexdesign.part import Port
+
+Array = NDArray[np.float64]
+#: Length [m] that makes rotations comparable with motions, and forces with moments.
+ARM = 0.01
+#: What gives way less than this, beside what gives way most, is rigid.
+RIGID = 1e-11
+#: What of a tie is so small follows from other ties.
+DOUBLE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class StageCompliance:
+    """A stage with effects.
+
+    Parameters
+    ----------
+    assembly
+        What is bonded to what.
+    models
+        The compliance model of each kind of part, without effects, by the element's name.
+    actuator_stiffness
+        Of each actuator with its seats [N/m]; None without actuators.
+    effects
+        Values of their parameters, SI, by effect and parameter; of all parts alike.
+
+    Raises
+    ------
+    frame.Mechanism
+        When asked for a compliance, if something can move freely.
+    """
+
+    assembly: Assembly
+    models: Mapping[str, ComplianceModel]
+    actuator_stiffness: float | None = None
+    effects: Effects = field(default_factory=dict)
+
+    @classmethod
+    def of_assembly(
+        cls, assembly: Assembly, material: Material, actuator_stiffness: float | None = None
+    ) -> StageCompliance:
+        """Return the model of a stage without effects.
+
+        Raises
+        ------
+        frame.Mechanism
+            If a part is not bonded at exactly two of its ports.
+        """
+        models: dict[str, ComplianceModel] = {}
+        for piece, elements in assembly.kinds():
+            model = ComplianceModel.of_part(piece, material)
+            for element in elements:
+                if len(element.bonds) != 2:
+                    raise frame.Mechanism(f"{element.name} is bonded at {len(element.bonds)} ports, and not at two")
+                models[element.name] = model
+        return cls(assembly, models, actuator_stiffness)
+
+    def having(self, effects: Effects) -> StageCompliance:
+        """Return the model with these effects in the place of its own."""
+        return replace(self, effects=effects)
+
+    @cached_property
+    def base(self) -> Mapping[str, float]:
+        """What stands beside the members, as effects change it."""
+        return next(iter(self.models.values())).having(self.effects).base
+
+    # --- between the bodies -----------------------------------------------------------------------------------
+
+    @cached_property
+    def _places(self) -> dict[str, list[int]]:
+        """The unknowns of each body that moves: three motions of its centre and, if it turns, three rotations."""
+        carrying = {
+            body for element in self.assembly.elements if _is_driven(element) for body in element.bonds.values()
+        }
+        straight = carrying | {self.assembly.table} if not self.base["free_bodies"] else set()
+        places, count = {}, 0
+        for body in self.assembly.free_bodies:
+            size = 3 if body.name in straight else 6
+            places[body.name] = list(range(count, count + size))
+            count += size
+        return places
+
+    @property
+    def _size(self) -> int:
+        return sum(len(each) for each in self._places.values())
+
+    @cached_property
+    def _centres(self) -> dict[str, Array]:
+        """Of the bodies [m]."""
+        return {body.name: body.centre for body in self.assembly.bodies}
+
+    @cached_property
+    def _drivers(self) -> tuple[str, ...]:
+        """Names of the elements with an actuator."""
+        return self.assembly.driven
+
+    def _motion(self, body: str, point: Array) -> Array:
+        """Return how a point of a body moves and turns by its unknowns, shape (6, k)."""
+        return _carried(point - self._centres[body])[:, : len(self._places.get(body, ()))]
+
+    def _parting(self, element: Element) -> tuple[list[int], Array]:
+        """Return B, how the second port parts from the first, in the part's frame at the second: unknowns, (6, k)."""
+        first, second = _ends(element)
+        point = element.placement.outside(np.array(second.point))
+        one, other = (element.bonds[port.name] for port in (first, second))
+        turned = np.kron(np.eye(2), element.placement.matrix.T)
+        places = [*self._places.get(one, ()), *self._places.get(other, ())]
+        return places, np.asarray(turned @ np.hstack([-self._motion(one, point), self._motion(other, point)]))
+
+    @cached_property
+    def _elements(self) -> list[_Built]:
+        """Every part at its place."""
+        found_once: dict[int, tuple[Array, _Split]] = {}
+        built = []
+        for element in self.assembly.elements:
+            model = self.models[element.name]
+            if id(model) not in found_once:
+                found_once[id(model)] = _condensed(model.having(self.effects), element)
+            built.append(_Built(element, *self._parting(element), *found_once[id(model)]))
+        return built
+
+    @cached_property
+    def free(self) -> Array:
+        """Compliance between all actuators, then the table's three motions, inputs free [m/N], (e + 3, e + 3)."""
+        driven = [built for built in self._elements if _is_driven(built.element)]
+        count, stiffness = len(driven), np.zeros((self._size, self._size))
+        for built in self._elements:
+            stiffness[np.ix_(built.places, built.places)] += built.parting.T @ built.split.stiffness @ built.parting
+        loads, table = np.zeros((self._size, count + 3)), np.zeros((3, self._size))
+        body = self.assembly.table
+        table[:, self._places[body]] = self._motion(body, np.array(self.assembly.point))[:3]
+        loads[:, count:] = table.T
+        for column, built in enumerate(driven):
+            loads[built.places, column] = built.parting.T @ built.split.stiffness @ built.whole[:6, 6]
+        left = self._left()
+        moved = left @ _solved(left.T @ stiffness @ left, left.T @ loads)
+        found = np.zeros((count + 3, count + 3))
+        found[count:] = table @ moved
+        for row, built in enumerate(driven):
+            parted = built.parting @ moved[built.places]
+            parted[:, row] -= built.whole[:6, 6]
+            found[row] = built.whole[6, :6] @ built.split.stiffness @ parted
+            found[row, row] += built.whole[6, 6]
+        return found
+
+    def _left(self) -> Array:
+        """Return Z, a basis of the motions that rigid parts leave, shape (size, m)."""
+        ties = [(built.places, built.split.rigid.T @ built.parting) for built in self._elements]
+        whole = np.zeros((sum(len(tie) for _, tie in ties), self._size))
+        row = 0
+        for places, tie in ties:
+            whole[row : row + len(tie), places] = tie
+            row += len(tie)
+        whole = np.vstack([whole, *self._halves()])
+        if not len(whole):
+            return np.eye(self._size)
+        q, r, _ = scipy.linalg.qr(whole.T, pivoting=True)
+        sizes = np.abs(np.diag(r))
+        return np.asarray(q[:, int((sizes > DOUBLE * sizes[0]).sum()) :])
+
+    def _halves(self) -> list[Array]:
+        """Return what ties amplifiers in series, the output of one on the ground of the other: equal travel."""
+        driven = [built for built in self._elements if _is_driven(built.element)]
+        ties = []
+        for one, other in itertools.permutations([] if self.base["free_bodies"] else driven, 2):
+            if one.bodies[1] == other.bodies[0]:
+                tie = np.zeros(self._size)
+                tie[one.places] += one.outwards @ one.parting[:3]
+                along = (one.element.placement.matrix @ one.outwards) @ other.element.placement.matrix
+                tie[other.places] -= along @ other.parting[:3]
+                ties.append(tie)
+        return ties
+
+    # --- quantities -------------------------------------------------------------------------------------------
+
+    def installed(self, stiffness: float) -> Array:
+        """Return that compliance with a spring [N/m] between the inputs of every actuated part; infinite holds them."""
+        hold = stiffness + self.base["input_restraint"] if stiffness == 0 else stiffness
+        if hold == 0:
+            return self.free
+        count = len(self._drivers)
+        series = 1 / hold + (self.base["contact_compliance"] if stiffness else 0.0)
+        gap = self.free[:count, :count] + np.eye(count) * series
+        return np.asarray(self.free - self.free[:, :count] @ np.linalg.solve(gap, self.free[:count]))
+
+    def input_stiffness(self, axis: str) -> float:
+        """K_in of one actuator as all of an axis push or draw at once, the table free [N/m]."""
+        return float(np.abs(self._signs(axis)).sum()) / self._driven(axis)[0]
+
+    def amplification(self, axis: str) -> float:
+        """Travel of the table along an axis over the extension of one of its actuators."""
+        extension, travel = self._driven(axis)
+        return float(np.abs(self._signs(axis)).sum()) * travel / extension
+
+    def output_stiffness(self, axis: str, input_stiffness: float = 0.0) -> float:
+        """K_out along an axis with springs between all inputs [N/m]: 0 leaves them free, infinite holds them."""
+        along = self._along(axis)
+        free = float(along @ self.free @ along)
+        given = float(along @ self.installed(input_stiffness) @ along) + self.base["base_compliance"]
+        return 1 / given if given > 1e-12 * free else math.inf
+
+    def _driven(self, axis: str) -> tuple[float, float]:
+        """Return extensions, added up, and travel per force of each actuator, against what loads the table."""
+        signs, along, load = self._signs(axis), self._along(axis), self.base["output_load"]
+        c11, c12 = signs @ self.free @ signs, signs @ self.free @ along
+        c21, c22 = along @ self.free @ signs, along @ self.free @ along + self.base["base_compliance"]
+        per_travel = load / (1 + load * c22)
+        return float(c11 - c12 * c21 * per_travel), float(c21 - c22 * c21 * per_travel)
+
+    def _signs(self, axis: str) -> Array:
+        drives = self.assembly.axes[axis].drives
+        return np.array([*(drives.get(name, 0.0) for name in self._drivers), 0.0, 0.0, 0.0])
+
+    def _along(self, axis: str) -> Array:
+        return np.array([*np.zeros(len(self._drivers)), *self.assembly.axes[axis].direction])
+
+    def quantities(self) -> dict[str, Quantity]:
+        """Return stiffnesses and amplifications as FEM of a stage states them, by `Quantity.key`, infinite ones not."""
+        holds = {"inputs free": 0.0, "inputs held": math.inf}
+        if self.actuator_stiffness is not None:
+            holds["actuators installed"] = self.actuator_stiffness
+        found = []
+        for axis in self.assembly.axes:
+            table_free = f"{axis}, table free"
+            found.append(Quantity("K_in", self.input_stiffness(axis), "N/m", "N/mm", table_free, SOURCE))
+            found.append(Quantity("lambda", self.amplification(axis), "1", "", table_free, SOURCE))
+            for boundary, stiffness in holds.items():
+                value = self.output_stiffness(axis, stiffness)
+                if math.isfinite(value):
+                    found.append(Quantity("K_out", value, "N/m", "N/mm", f"{axis}, {boundary}", SOURCE))
+        return {quantity.key: quantity for quantity in found}
+
+
+def drawn(assembly: Assembly) -> dict[str, dict[str, float]]:
+    """Return the effects that a stage has by its drawing, in full strength."""
+    effects: dict[str, dict[str, float]] = {}
+    for piece, _ in assembly.kinds():
+        for name, values in compliance.drawn(piece).items():
+            effects[name] = {key: max(value, effects.get(name, {}).get(key, 0.0)) for key, value in values.items()}
+    return effects | {name: {"share": 1.0} for name in statics.OF_STAGES}
+
+
+@dataclass(frozen=True, eq=False)
+class _Split:
+    """What gives way in a compliance, inverted, C^+, (6, 6); and the directions in which nothing parts, (6, k)."""
+
+    stiffness: Array
+    rigid: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Built:
+    """A part at its place: B and the unknowns it is of, its compliance 7 by 7, and that between its ports split."""
+
+    element: Element
+    places: list[int]
+    parting: Array
+    whole: Array
+    split: _Split
+
+    @property
+    def bodies(self) -> tuple[str, str]:
+        """What it is bonded to: first what counts as held."""
+        first, second = (self.element.bonds[port.name] for port in _ends(self.element))
+        return first, second
+
+    @property
+    def outwards(self) -> Array:
+        """The normal of the port that moves, in the part's frame, shape (3,)."""
+        return np.array(_ends(self.element)[1].normal)
+
+
+def _is_driven(element: Element) -> bool:
+    return any(port.role == "input" for port in element.part.ports())
+
+
+def _ends(element: Element) -> tuple[Port, Port]:
+    """Return the port that counts as held, and the one that moves beside it."""
+    bonded: Sequence[Port] = [port for port in element.part.ports() if port.name in element.bonds]
+    first, second = sorted(bonded, key=lambda port: port.role == "output")
+    return first, second
+
+
+def _carried(arm: Array) -> Array:
+    """Return the motion at the end of an arm per motion of a body, 6 by 6, rotations in units of 1 / `ARM`."""
+    x, y, z = arm / ARM
+    whole = np.eye(6)
+    whole[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    return whole
+
+
+def _condensed(model: ComplianceModel, element: Element) -> tuple[Array, _Split]:
+    """Return a part's compliance between its ports, in units of `ARM`, and split.
+
+    Raises
+    ------
+    frame.Mechanism
+        If its actuator moves what does not give way.
+    """
+    scale = np.array([1.0, 1.0, 1.0, ARM, ARM, ARM, 1.0])
+    whole = scale[:, None] * model.between(*_ends(element)) * scale
+    left, sizes, right = np.linalg.svd(whole[:6, :6])
+    gives = sizes > RIGID * sizes[0]
+    rigid = left[:, ~gives]
+    if np.abs(rigid.T @ whole[:6, 6]).max(initial=0.0) > 1e-6 * np.abs(whole[:6, 6]).max(initial=0.0):
+        raise frame.Mechanism(f"the actuator of {element.name} moves an output that does not give way")
+    stiffness = (right[gives].T / sizes[gives]) @ left[:, gives].T
+    return whole, _Split(stiffness, rigid)
+
+
+def _solved(stiffness: Array, loads: Array) -> Array:
+    """Return the motions under loads."""
+    try:
+        found = np.linalg.solve(stiffness, loads)
+    except np.linalg.LinAlgError as error:
+        raise frame.Mechanism("the parts leave something of the stage free to move") from error
+    if not np.isfinite(found).all():
+        raise frame.Mechanism("the parts leave something of the stage free to move")
+    return np.asarray(found)
