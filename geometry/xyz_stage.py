@@ -36,7 +36,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, ClassVar
 
 from flexdesign import part
@@ -58,6 +58,12 @@ CLEARANCE = 3e-3
 
 def _length(name: str, meaning: str, smallest: float, largest: float, symbol: str = "") -> Parameter:
     return Parameter(name, "m", "mm", meaning, plausible=(smallest, largest), symbol=symbol)
+
+
+@cache
+def _class(name: str, methods: tuple[str, ...]) -> Any:
+    """Return the class of a part, loaded once: a model of the stage is made for hundreds of dimensions."""
+    return part.load(name, methods=methods)
 
 
 #: What all amplifiers share, by the names of the bridge amplifier's dimensions.
@@ -164,12 +170,12 @@ class XYZStage:
 
     def _amplifier(self, offset: float, rod: float) -> Any:
         shared = {name: getattr(self, name) for name in SHARED}
-        return part.load("bridge_amplifier")(arm_offset=offset, rod_length=rod, **shared)
+        return _class("bridge_amplifier", part.METHODS)(arm_offset=offset, rod_length=rod, **shared)
 
     def _leaf(self, thickness: float, width: float, height: float) -> Any:
         """Return a hinge, its stubs half as long as their section is high or, if that is more, the leaf is long."""
         stub = max(min(width, height), self.hinge_length) / 2
-        return part.load("leaf_hinge", methods=part.PIECE_METHODS)(
+        return _class("leaf_hinge", part.PIECE_METHODS)(
             length=self.hinge_length, thickness=thickness, width=width, stub_height=height, stub_length=stub
         )
 

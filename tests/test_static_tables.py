@@ -212,7 +212,7 @@ def test_diagnose_writes_a_design_that_compare_agrees_with(tmp_path):
         (("diagnose", "bridge_amplifier", "TABLE", "--axis", "x"), ("--axis", "not for static tables")),
         (("add", "bridge_amplifier", "overcut", "TABLE"), ("EFFECT", "over_cut")),
         (("diagnose", "lin2019_stage", "TABLE", "--bare"), ("--bare", "designs")),
-        (("compare", "lin2019_xyz_stage", "TABLE"), ("whole stage",)),
+        (("compare", "lin2019_xyz_stage", "TABLE"), ("header", "no column axis")),
     ],
 )
 def test_what_cannot_be_asked_is_refused(tmp_path, arguments, words):

@@ -34,8 +34,8 @@ is missing that is none of these effects, and what it looks like.
 
 **Of a part at rest:** where MODEL is a design (a file with `part = ...`, or the bare name of one in geometry/), RUNS
 are static tables, CSV with the columns `quantity,value,unit,sigma,boundary` and one for each dimension that differs,
-such as `hinge_thickness [mm]`: the static effects are fitted, those of your own (`--effect`) among them, and the answer
-goes into design.toml.
+such as `hinge_thickness [mm]`, of a whole stage also `axis`: the static effects are fitted, those of your own
+(`--effect`) among them, and the answer goes into design.toml.
 
     flexdesign diagnose bridge_amplifier thickness_series.csv -o as_cut.toml
 

@@ -40,8 +40,8 @@ into --out.
 
 **Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
 """
-#: The design on which static effects are shown.
-DESIGN = "bridge_amplifier"
+#: The designs on which static effects are shown, those of whole stages on the second.
+DESIGN, WHOLE = "bridge_amplifier", "lin2019_xyz_stage"
 #: The stage on which effects are shown, its damping as its step response rings: critically damped, as the paper's own
 #: poles have it, no resonance would show anything.
 STAGE, RINGING = "lin2019_stage", "axis.{axis}.damping_ratio=0.0242"
@@ -62,6 +62,7 @@ def effects(
     as_json: AsJson = False,
 ) -> None:
     """List the catalogue, or write the page of one effect."""
+    from flexdesign.effects import statics
     from flexdesign.report import effect_pages, render, terminal
     from flexdesign.report.document import Document
 
@@ -72,7 +73,8 @@ def effects(
         terminal.brief(Document("Effects", []), effect_pages.catalogue(), [])
         return
     if _is_static(name, model):
-        _static(name, DESIGN if model == STAGE else model, overrides or [], out, as_json)
+        shown_on = WHOLE if name in statics.OF_STAGES else DESIGN
+        _static(name, shown_on if model == STAGE else model, overrides or [], out, as_json)
         return
     with progress() as say:
         effect = effect_pages.find(name)

@@ -147,14 +147,13 @@ def _read(
 
 def design_text(model: StaticModel, overrides: Sequence[str], folder: Path) -> str:
     """Return the design file with a model's effects written into it; its part is found from the new folder."""
-    from flexdesign import files, units
-    from flexdesign.analytic.compliance import drawn
+    from flexdesign import files, static_tables, units
     from flexdesign.effects import statics
     from flexdesign.files import read_toml
 
     content = read_toml(model.design.file, overrides)
     content["part"] = _part_name(model.design, folder)
-    there = drawn(model.design.part())
+    there = static_tables.drawn(model.design)
     content["effects"] = {
         files.way(Path(name), folder) if name.endswith(".py") else name: {
             p.name: f"{values[p.name] / units.factor(p.unit or '1', p.si):.6g} {p.unit}".rstrip()

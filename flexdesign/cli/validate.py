@@ -116,22 +116,26 @@ class _Kind:
     result: Callable[[Any], dict[str, Any]]
     document: Callable[[Any, Callable[[str], None]], Any]
     show: Callable[[Any, Any, Sequence[Path]], None]
-    tables: Callable[[Any], dict[str, str]] = lambda _: {}
+    tables: Callable[[Any], dict[str, str]]
 
 
 def _part() -> _Kind:
-    from flexdesign import static_tables
     from flexdesign.report import terminal, validation_report
     from flexdesign.validation import validate as run
 
-    def tables(found: Any) -> dict[str, str]:
-        return {"fem.csv": static_tables.to_csv([comparison.fem for comparison in found.comparisons])}
-
-    return _Kind(run, validation_report.result, validation_report.document, terminal.show, tables)
+    return _Kind(run, validation_report.result, validation_report.document, terminal.show, _tables)
 
 
 def _stage() -> _Kind:
     from flexdesign.report import stage_report
     from flexdesign.validation.stage_course import validate_stage
 
-    return _Kind(validate_stage, stage_report.result, stage_report.document, stage_report.show)
+    return _Kind(validate_stage, stage_report.result, stage_report.document, stage_report.show, _tables)
+
+
+def _tables(found: Any) -> dict[str, str]:
+    """Return FEM's quantities as a static table, which `compare` and `diagnose` take."""
+    from flexdesign import static_tables
+
+    beside = found.further if found.study.design.is_stage else []  # a part's formulas have all that a table holds
+    return {"fem.csv": static_tables.to_csv([*(comparison.fem for comparison in found.comparisons), *beside])}

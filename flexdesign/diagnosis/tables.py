@@ -22,8 +22,7 @@ from flexdesign.diagnosis.findings import Rung, Verdict
 from flexdesign.diagnosis.table_fit import Trial, as_it_is, fitted
 from flexdesign.effects import statics
 from flexdesign.errors import InputError
-from flexdesign.static_tables import Row, StaticModel, StaticTable, Uncertainty, uncertainty
-from flexdesign.static_tables.table import BOUNDARIES, QUANTITIES
+from flexdesign.static_tables import Row, StaticModel, StaticTable, Uncertainty, measurable, uncertainty
 
 Array = NDArray[np.float64]
 #: Answers whose sums of squares differ by less are one.
@@ -267,20 +266,21 @@ def _tellings(best: Trial, others: Sequence[Trial], table: StaticTable) -> tuple
     design = best.model.design
     done = {(row.key, row.part) for row in table.rows}
     variants: list[dict[str, float]] = [{}]
+    lengths = {p.name for p in design.part_class.dimensions if p.si == "m"}
     for name, drawn in design.dimensions.items():
-        variants += [{name: float(f"{by * drawn:.3g}")} for by in CHANGED if drawn > 0]
+        variants += [{name: float(f"{by * drawn:.3g}")} for by in CHANGED if drawn > 0 and name in lengths]
     found = []
     for dimensions in variants:
-        for quantity, (_, port, _) in QUANTITIES.items():
-            for boundary in BOUNDARIES[port].values():
-                row = Row(quantity, boundary, 1.0, None, "", dimensions)
-                if (row.key, row.part) in done or (quantity == "lambda" and boundary == "output held"):
-                    continue
-                try:
-                    expected = [float(t.model.predict(StaticTable("", (row,)))[0]) for t in (best, *others)]
-                except InputError:  # cannot be built, or has no actuator
-                    continue
-                if np.isfinite(expected).all():
-                    found.append(Telling(row, tuple(expected)))
+        asked = [Row(quantity, boundary, 1.0, None, "", dimensions) for quantity, boundary in measurable(design)]
+        rows = tuple(row for row in asked if (row.key, row.part) not in done)
+        try:
+            expected = np.array([answer.model.predict(StaticTable("", rows)) for answer in (best, *others)])
+        except InputError:  # cannot be built
+            continue
+        found += [
+            Telling(row, tuple(float(each) for each in column))
+            for row, column in zip(rows, expected.T, strict=True)
+            if np.isfinite(column).all()
+        ]
     found.sort(key=lambda telling: (-round(telling.apart, 2), len(telling.row.dimensions)))
     return tuple(telling for telling in found[:3] if telling.apart > TELLS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from flexdesign.effects import statics
@@ -12,12 +13,13 @@ from flexdesign.report.table_words import called
 from flexdesign.report.wording import name_of, shown
 from flexdesign.validation import Validation
 from flexdesign.validation.ladder import Ladder
+from flexdesign.validation.stage_course import StageValidation
 
 #: How the quantities are written, by key.
 SYMBOLS = {"K_in_output_free": "K_in", "lambda_output_free": "λ", "K_out_input_free": "K_out"}
 TEXT = (
     "The compliance model begins as the pseudo-rigid one, hinges that only rotate, and takes up what the drawing tells "
-    "effect by effect, each time the one that brings it nearest to FEM (root mean square over the three quantities). "
+    "effect by effect, each time the one that brings it nearest to FEM (root mean square over what is compared). "
     "Effects may work against each other: roots make hinges softer, width makes them stiffer."
 )
 TOLERANCES = (
@@ -26,18 +28,29 @@ TOLERANCES = (
 )
 
 
-def section(validation: Validation) -> Section:
-    """Return the section; empty for a part that the compliance model cannot take."""
+def section(validation: Validation | StageValidation, symbols: Mapping[str, str] = SYMBOLS) -> Section:
+    """Return the section; empty for a part or a stage that the compliance model cannot take.
+
+    Parameters
+    ----------
+    validation
+        Of a part or a stage.
+    symbols
+        How the quantities that are compared are written, by key.
+    """
     ladder = validation.ladder
     if ladder is None:
         return Section("From the pseudo-rigid model to FEM")
-    figure = Figure("theory_ladder.svg", _drawn(ladder), "Distance from FEM, effect by effect")
+    figure = Figure("theory_ladder.svg", _drawn(ladder, symbols), "Distance from FEM, effect by effect")
     given = validation.study.design.tolerances
     text = (
         f"{TOLERANCES} Dimensions within {1e6 * given.dimensions:g} um, the modulus within {100 * given.modulus:g} %."
     )
     return Section(
-        "From the pseudo-rigid model to FEM", [TEXT, text], [_rungs(ladder), _tolerances(validation, ladder)], [figure]
+        "From the pseudo-rigid model to FEM",
+        [TEXT, text],
+        [_rungs(ladder, symbols), _tolerances(validation, ladder)],
+        [figure],
     )
 
 
@@ -49,7 +62,7 @@ def result(ladder: Ladder | None) -> dict[str, Any] | None:
     return {"rungs": rungs, "tolerances_2_sigma": dict(ladder.tolerances)}
 
 
-def _rungs(ladder: Ladder) -> Table:
+def _rungs(ladder: Ladder, symbols: Mapping[str, str]) -> Table:
     keys = list(ladder.rungs[0].errors)
     rows = []
     for rung in ladder.rungs:
@@ -57,11 +70,11 @@ def _rungs(ladder: Ladder) -> Table:
         where = statics.find(rung.effect).where if rung.effect else ""
         errors = [f"{100 * rung.errors[key]:+.2f} %" for key in keys]
         rows.append([label, *errors, f"{100 * math.expm1(rung.size):.2f} %", where])
-    head = ["model", *(SYMBOLS[key] for key in keys), "all three", "where it acts"]
+    head = ["model", *(symbols[key] for key in keys), "all", "where it acts"]
     return Table(head, rows, "Model over FEM, less one; K_in and λ with a free output, K_out with free inputs")
 
 
-def _tolerances(validation: Validation, ladder: Ladder) -> Table:
+def _tolerances(validation: Validation | StageValidation, ladder: Ladder) -> Table:
     rows = []
     for key, share in ladder.tolerances.items():
         fem = validation.fem(key)
@@ -69,12 +82,12 @@ def _tolerances(validation: Validation, ladder: Ladder) -> Table:
     return Table(["quantity", "boundary", "FEM ± mesh", "tolerances"], rows, "Tolerances: two standard deviations")
 
 
-def _drawn(ladder: Ladder) -> bytes:
+def _drawn(ladder: Ladder, symbols: Mapping[str, str]) -> bytes:
     labels = [f"+ {called(rung.effect)}" if rung.effect else "pseudo-rigid" for rung in ladder.rungs]
     figure, axes = charts.drawing(7.2, 0.34 * len(labels) + 1.4)
     for index, key in enumerate(ladder.rungs[0].errors):
         errors = [max(abs(100 * rung.errors[key]), 0.01) for rung in ladder.rungs]
-        axes.plot(errors, range(len(labels)), "o-", color=charts.COLOURS[index], label=SYMBOLS[key], linewidth=1.5)
+        axes.plot(errors, range(len(labels)), "o-", color=charts.COLOURS[index], label=symbols[key], linewidth=1.5)
     axes.set_xscale("log")
     axes.set_yticks(range(len(labels)), labels)
     axes.invert_yaxis()

@@ -11,7 +11,7 @@ from flexdesign.condensing import Kind
 from flexdesign.fem import convergence
 from flexdesign.files import FORMAT
 from flexdesign.quantities.stage_modes import ModeShares
-from flexdesign.report import stage_differences, stage_motion, stage_pictures, terminal
+from flexdesign.report import ladder_section, stage_differences, stage_motion, stage_pictures, terminal
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.pictures import drawn_or_said
 from flexdesign.report.stage_words import Axes, axis_of, computed, percent, written
@@ -63,6 +63,7 @@ def document(validation: StageValidation, progress: Progress = lambda _: None) -
     sections = [
         Section("FEM beside formulas and published numbers", _table_1_text(validation), [table_1(validation)]),
         stage_differences.section(validation),
+        _ladder(validation),
         Section("Shape and deformation", missing, figures=still),
         stage_motion.coupling(validation),
         stage_motion.beside_measurements(validation),
@@ -75,6 +76,13 @@ def document(validation: StageValidation, progress: Progress = lambda _: None) -
     ]
     told = [s for s in sections if s.tables or s.figures or s.paragraphs]
     return Document(_title(validation), _summary(validation), told)
+
+
+def _ladder(validation: StageValidation) -> Section:
+    axes, rungs = Axes(validation), validation.ladder.rungs if validation.ladder else []
+    return ladder_section.section(
+        validation, {key: axes.short(validation.fem(key)) for rung in rungs for key in rung.errors}
+    )
 
 
 def _title(validation: StageValidation) -> str:
@@ -257,6 +265,7 @@ def result(validation: StageValidation) -> dict[str, Any]:
             }
             for axis, chain in validation.chains.items()
         },
+        "theory_ladder": ladder_section.result(validation.ladder),
         "coupling": {
             "first_order": [_cause(cause) for cause in validation.causes],
             "second_order": [_moved(motion) for motion in [*validation.motions, *validation.at_full_stroke]],

@@ -4,8 +4,19 @@ A table has one measurement in each row, with its boundary and its uncertainty, 
 parts differ, so that a series of hinge thicknesses is one file.
 """
 
-from flexdesign.static_tables.model import StaticModel, of_design
-from flexdesign.static_tables.table import Row, StaticTable, read, to_csv
+from flexdesign.static_tables.model import StaticModel, drawn, of_design
+from flexdesign.static_tables.table import Row, StaticTable, measurable, read, to_csv
 from flexdesign.static_tables.uncertainty import Uncertainty, uncertainty
 
-__all__ = ["Row", "StaticModel", "StaticTable", "Uncertainty", "of_design", "read", "to_csv", "uncertainty"]
+__all__ = [
+    "Row",
+    "StaticModel",
+    "StaticTable",
+    "Uncertainty",
+    "drawn",
+    "measurable",
+    "of_design",
+    "read",
+    "to_csv",
+    "uncertainty",
+]

@@ -1,4 +1,4 @@
-"""A design as a model of static tables: what its compliance model says of each row."""
+"""A design, of a part or a whole stage, as a model of static tables: what its compliance model says of each row."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.analytic import frame
-from flexdesign.analytic.compliance import ComplianceModel, drawn
+from flexdesign.analytic import compliance, frame, stage_compliance
+from flexdesign.analytic.compliance import ComplianceModel
+from flexdesign.analytic.stage_compliance import StageCompliance
 from flexdesign.design import Design
 from flexdesign.effects import statics
 from flexdesign.errors import InputError
@@ -38,7 +39,9 @@ class StaticModel:
     design: Design
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     made_larger: Mapping[str, float] = field(default_factory=dict)
-    _built: dict[tuple[tuple[str, float], ...], ComplianceModel] = field(default_factory=dict, repr=False)
+    _built: dict[tuple[tuple[str, float], ...], ComplianceModel | StageCompliance] = field(
+        default_factory=dict, repr=False
+    )
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the parameters of its effects, named ``effect.parameter``."""
@@ -70,8 +73,8 @@ class StaticModel:
         models = {part: self.compliance(dict(part)) for part in dict.fromkeys(row.part for row in table.rows)}
         return np.array([_value(models[row.part], row) for row in table.rows])
 
-    def compliance(self, dimensions: Mapping[str, float]) -> ComplianceModel:
-        """Return the compliance model of a part that differs in some dimensions from the design.
+    def compliance(self, dimensions: Mapping[str, float]) -> ComplianceModel | StageCompliance:
+        """Return the compliance model of a part or stage that differs in some dimensions from the design.
 
         Raises
         ------
@@ -83,8 +86,11 @@ class StaticModel:
         key = tuple(varied.items())
         if key not in self._built:
             stiffness = self.design.actuator.installed_stiffness if self.design.actuator else None
-            part = replace(self.design, dimensions=varied).part()
-            self._built[key] = ComplianceModel.of_part(part, self.design.material, stiffness)
+            other, material = replace(self.design, dimensions=varied), self.design.material
+            if other.is_stage:
+                self._built[key] = StageCompliance.of_assembly(other.stage().assembly(), material, stiffness)
+            else:
+                self._built[key] = ComplianceModel.of_part(other.part(), material, stiffness)
         return self._built[key].having(self.effects)
 
 
@@ -103,25 +109,49 @@ def of_design(design: Design, *, bare: bool = False) -> StaticModel:
     InputError
         If the compliance model cannot say anything of the part.
     """
-    if design.is_stage:
-        raise InputError(design.file, "part", None, "is a whole stage; static tables are of one part, its amplifier")
-    effects = {} if bare else drawn(design.part())
+    effects = {} if bare else drawn(design)
     model = StaticModel(design, {**effects, **design.effects})
     try:
         model.compliance({}).quantities()
     except frame.Mechanism as error:
         remedy = f"the part's linkage is no frame: {error}; name every hinge, arm and rod in linkage()"
+        if design.is_stage:
+            remedy = f"the parts are no frame together: {error}"
         raise InputError(design.file, "part", design.part_class.__name__, remedy) from error
     return model
 
 
-def _value(model: ComplianceModel, row: Row) -> float:
+def drawn(design: Design) -> dict[str, dict[str, float]]:
+    """Return the effects that a part or a stage has by its drawing, in full strength."""
+    if design.is_stage:
+        return stage_compliance.drawn(design.stage().assembly())
+    return compliance.drawn(design.part())
+
+
+def _of_stage(model: StageCompliance, row: Row) -> float:
+    axis, _, boundary = row.boundary.partition(", ")
+    if row.quantity == "lambda":
+        return model.amplification(axis)
+    if row.quantity == "K_in":
+        return model.input_stiffness(axis)
+    if boundary == "actuators installed":
+        return model.output_stiffness(axis, _installed(model, row))
+    return model.output_stiffness(axis, math.inf if boundary == "inputs held" else 0.0)
+
+
+def _installed(model: ComplianceModel | StageCompliance, row: Row) -> float:
+    if model.actuator_stiffness is None:
+        raise InputError("design", "actuator", None, f"{row.key} needs an actuator in the design")
+    return model.actuator_stiffness
+
+
+def _value(model: ComplianceModel | StageCompliance, row: Row) -> float:
+    if isinstance(model, StageCompliance):
+        return _of_stage(model, row)
     if row.quantity == "lambda":
         return model.amplification()
     if row.quantity == "K_in":
         return model.input_stiffness(math.inf if row.boundary == "output held" else 0.0)
     if row.boundary == "actuator installed":
-        if model.actuator_stiffness is None:
-            raise InputError("design", "actuator", None, f"{row.key} needs an actuator in the design")
-        return model.output_stiffness(model.actuator_stiffness)
+        return model.output_stiffness(_installed(model, row))
     return model.output_stiffness(math.inf if row.boundary == "input held" else 0.0)

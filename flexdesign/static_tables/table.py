@@ -1,4 +1,7 @@
-"""Files of static measurements: CSV with ``quantity, value, unit, sigma, boundary`` and columns for dimensions."""
+"""Files of static measurements: CSV with ``quantity, value, unit, sigma, boundary`` and columns for dimensions.
+
+Those of a whole stage have a column ``axis`` besides.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,13 @@ BOUNDARIES: Mapping[str, Mapping[str, str]] = {
     "output": {"free": "output free", "held": "output held"},
     "input": {"free": "input free", "held": "input held", "actuator": "actuator installed"},
 }
+#: The same of a stage, whose boundaries begin with the axis: ``x, table free``.
+STAGE_BOUNDARIES: Mapping[str, Mapping[str, str]] = {
+    "output": {"free": "table free"},
+    "input": {"free": "inputs free", "held": "inputs held", "actuator": "actuators installed"},
+}
 HEAD = ("quantity", "value", "unit", "sigma", "boundary")
+AXIS = "axis"
 _DIMENSION = re.compile(r"(\w+)\s*\[\s*([^\[\]]+?)\s*\]$")
 
 
@@ -43,7 +52,7 @@ class Row:
     Parameters
     ----------
     quantity, boundary
-        As in `Quantity`: ``K_out``, ``input held``.
+        As in `Quantity`: ``K_out``, ``input held``; of a stage ``x, inputs held``.
     value
         SI.
     sigma
@@ -70,6 +79,11 @@ class Row:
     def key(self) -> str:
         """Name and boundary in one word, as `Quantity.key`."""
         return Quantity(self.quantity, self.value, "", "", self.boundary).key
+
+    @property
+    def kind(self) -> str:
+        """The key without the axis of a stage."""
+        return Quantity(self.quantity, self.value, "", "", self.boundary.rpartition(", ")[2]).key
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,20 +124,38 @@ def read(paths: Iterable[Path], design: Design) -> StaticTable:
     return StaticTable("+".join(path.stem for path in paths), tuple(rows))
 
 
+def measurable(design: Design) -> list[tuple[str, str]]:
+    """Return quantity and boundary of everything that can be measured of a design."""
+    found = []
+    for axis in _axes(design) or ("",):
+        for quantity, (_, port, _) in QUANTITIES.items():
+            for boundary in (STAGE_BOUNDARIES if axis else BOUNDARIES)[port].values():
+                if (quantity, boundary) != ("lambda", "output held") and (
+                    "actuator" not in boundary or design.actuator
+                ):
+                    found.append((quantity, f"{axis}, {boundary}" if axis else boundary))
+    return found
+
+
+def _axes(design: Design) -> tuple[str, ...]:
+    return tuple(design.stage().assembly().axes) if design.is_stage else ()
+
+
 def to_csv(found: Sequence[Quantity]) -> str:
     """Return quantities as a file that `read` takes; those that no table holds are left out."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(HEAD)
+    of_stage = any(", " in quantity.boundary for quantity in found)
+    writer.writerow([*HEAD, AXIS] if of_stage else HEAD)
     for quantity in found:
-        known = {
-            full for name in QUANTITIES if name == quantity.name for full in BOUNDARIES[QUANTITIES[name][1]].values()
-        }
-        if quantity.boundary in known:
+        axis, _, boundary = quantity.boundary.rpartition(", ")
+        port = QUANTITIES.get(quantity.name, ("", "", ""))[1]
+        if bool(axis) == of_stage and boundary in (STAGE_BOUNDARIES if axis else BOUNDARIES).get(port, {}).values():
             scale = units.factor(quantity.unit or "1", quantity.si)
             sigma = "" if quantity.sigma is None else f"{quantity.sigma / scale:.6g}"
             value = f"{quantity.value / scale:.8g}"
-            writer.writerow([quantity.name, value, quantity.unit or "1", sigma, quantity.boundary])
+            cells = [quantity.name, value, quantity.unit or "1", sigma, boundary]
+            writer.writerow([*cells, axis] if of_stage else cells)
     return stream.getvalue()
 
 
@@ -142,7 +174,8 @@ def _read(path: Path, design: Design) -> list[Row]:
     dimensions = _columns(path, names, design)
     if not body:
         raise InputError(path, "", None, "holds no measurement; write one in each row")
-    return [_row(path, number, dict(_cells(path, number, names, cells)), dimensions) for number, cells in body]
+    axes = _axes(design)
+    return [_row(path, number, dict(_cells(path, number, names, cells)), dimensions, axes) for number, cells in body]
 
 
 def _comment(cells: Sequence[str]) -> bool:
@@ -151,22 +184,23 @@ def _comment(cells: Sequence[str]) -> bool:
 
 def _columns(path: Path, names: Sequence[str], design: Design) -> dict[str, tuple[str, Bounds, str]]:
     """Return the columns that hold dimensions: name, bounds and unit of each, by the header cell."""
-    for needed in ("quantity", "value", "unit", "boundary"):
+    head = (*HEAD, AXIS) if design.is_stage else HEAD
+    for needed in (name for name in head if name != "sigma"):
         if needed not in names:
-            remedy = f"there is no column {needed}; the header is {','.join(HEAD)} and dimensions such as t [mm]"
+            remedy = f"there is no column {needed}; the header is {','.join(head)} and dimensions such as t [mm]"
             raise InputError(path, "header", None, remedy)
     for name in names:
         if names.count(name) > 1:
             raise InputError(path, "header", name, "two columns have this name")
-    known = {p.name: Bounds(p.si, *p.plausible) for p in design.part_class.dimensions}
+    known = {p.name: Bounds(p.si, *p.plausible) for p in design.part_class.dimensions if p.si == "m"}
     found = {}
     for name in names:
-        if name in HEAD:
+        if name in head:
             continue
         match = _DIMENSION.match(name)
         if match is None or match[1] not in known:
             stem = match[1] if match else name
-            remedy = f"is neither one of {', '.join(HEAD)} nor a dimension with its unit{suggest(stem, list(known))}"
+            remedy = f"is neither one of {', '.join(head)} nor a dimension with its unit{suggest(stem, list(known))}"
             raise InputError(path, "header", name, remedy)
         found[name] = (match[1], known[match[1]], match[2])
     return found
@@ -178,7 +212,13 @@ def _cells(path: Path, line: int, names: Sequence[str], cells: Sequence[str]) ->
     return zip(names, (cell.strip() for cell in cells), strict=True)
 
 
-def _row(path: Path, line: int, cells: Mapping[str, str], dimensions: Mapping[str, tuple[str, Bounds, str]]) -> Row:
+def _row(
+    path: Path,
+    line: int,
+    cells: Mapping[str, str],
+    dimensions: Mapping[str, tuple[str, Bounds, str]],
+    axes: Sequence[str],
+) -> Row:
     quantity = cells["quantity"]
     if quantity not in QUANTITIES:
         remedy = f"is no quantity of static tables{suggest(quantity, list(QUANTITIES))}"
@@ -200,11 +240,20 @@ def _row(path: Path, line: int, cells: Mapping[str, str], dimensions: Mapping[st
                 read[name] = bounds.read(f"{cells[column]} {its_unit}")
             except ValueError as error:
                 raise InputError(path, f"line {line}, column {column}", cells[column], str(error)) from None
-    return Row(quantity, _boundary(path, line, cells["boundary"], port, quantity), value, sigma, unit, read)
+    boundary = _boundary(path, line, cells["boundary"], port, quantity, STAGE_BOUNDARIES if axes else BOUNDARIES)
+    if axes:
+        axis = cells[AXIS]
+        if axis not in axes:
+            remedy = f"is no axis of this stage{suggest(axis, list(axes))}"
+            raise InputError(path, f"line {line}, column {AXIS}", axis or None, remedy)
+        boundary = f"{axis}, {boundary}"
+    return Row(quantity, boundary, value, sigma, unit, read)
 
 
-def _boundary(path: Path, line: int, given: str, port: str, quantity: str) -> str:
-    known = BOUNDARIES[port]
+def _boundary(
+    path: Path, line: int, given: str, port: str, quantity: str, every: Mapping[str, Mapping[str, str]]
+) -> str:
+    known = every[port]
     full = known.get(given) or (given if given in known.values() else None)
     if full is None:
         remedy = f"says how the {port} was held as {quantity} was measured: {', '.join(known)}"

@@ -32,6 +32,12 @@ MODEL: Mapping[str, float] = {
     "K_out_input_free": 0.002,
     "K_out_input_held": 0.015,
     "K_out_actuator_installed": 0.012,
+    # Of a stage: of the XYZ stage against its condensed finite elements (`flexdesign validate table1`), rounded up.
+    "K_in_table_free": 0.01,
+    "lambda_table_free": 0.01,
+    "K_out_inputs_free": 0.01,
+    "K_out_inputs_held": 0.015,
+    "K_out_actuators_installed": 0.015,
 }
 #: Of a measurement of which nobody said: relative.
 UNSAID = 0.02
@@ -95,7 +101,7 @@ def uncertainty(model: StaticModel, table: StaticTable) -> Uncertainty:
     data = np.array([row.sigma if row.sigma is not None else UNSAID * abs(row.value) for row in table.rows])
     slopes = _slopes(model, table, predicted)
     kinds = [row.key for row in table.rows]
-    own = np.array([MODEL[kind] for kind in kinds]) * np.abs(predicted)
+    own = np.array([MODEL[row.kind] for row in table.rows]) * np.abs(predicted)
     alike = np.array([[1.0 if a == b else 0.0 for b in kinds] for a in kinds])
     covariance = np.diag(data**2) + slopes @ slopes.T + alike * np.outer(own, own)
     unsaid = any(row.sigma is None for row in table.rows)
@@ -105,9 +111,10 @@ def uncertainty(model: StaticModel, table: StaticTable) -> Uncertainty:
 def _slopes(model: StaticModel, table: StaticTable, predicted: Array) -> Array:
     """Return how each row changes with each input by one standard deviation: rows by inputs."""
     design, tolerances = model.design, model.design.tolerances
+    lengths = [p.name for p in design.part_class.dimensions if p.si == "m"]
     columns = [tolerances.modulus * EVEN * _of_modulus(table, predicted)]
     for name, value in design.dimensions.items():
-        if value == 0:  # a feature that is not there has no tolerance
+        if value == 0 or name not in lengths:  # a feature that is not there has no tolerance, nor has a number of parts
             continue
         sigma = tolerances.dimensions * EVEN
         try:

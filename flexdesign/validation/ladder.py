@@ -1,8 +1,9 @@
 """From the pseudo-rigid model to finite elements, effect by effect, in the order that earns most.
 
 Each rung has one effect of the drawing more, the one that lowers the error most; the error is the root mean square of
-the logarithms of model over FEM, of K_in and lambda with a free output and K_out with free inputs. Effects that work
-against each other (roots make hinges softer, width makes them stiffer) may raise it before they lower it.
+the logarithms of model over FEM, of K_in and lambda with a free output and K_out with free inputs; of a stage those of
+each axis that is not as another. Effects that work against each other (roots make hinges softer, width makes them
+stiffer) may raise it before they lower it.
 """
 
 from __future__ import annotations
@@ -13,14 +14,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexdesign.analytic.compliance import drawn
 from flexdesign.design import Design
 from flexdesign.errors import InputError
 from flexdesign.model import Quantity
-from flexdesign.static_tables import Row, StaticModel, StaticTable, of_design, uncertainty
+from flexdesign.static_tables import Row, StaticModel, StaticTable, drawn, of_design, uncertainty
 
-#: What is compared.
+#: What is compared: of a part, and of each axis of a stage.
 JUDGED = ("K_in_output_free", "lambda_output_free", "K_out_input_free")
+OF_AXIS = ("K_in_{}_table_free", "lambda_{}_table_free", "K_out_{}_inputs_free")
+#: Axes are as each other if their quantities differ by less than this, relative.
+ALIKE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -61,13 +64,13 @@ class Ladder:
 
 
 def climb(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
-    """Return the ladder of a design beside what FEM found; None for a part whose linkage is no frame."""
+    """Return the ladder of a design beside what FEM found; None where linkage or assembly is no frame."""
     try:
         model = of_design(design, bare=True)
     except InputError:
         return None
-    known = {key: fem[key].value for key in JUDGED if key in fem and fem[key].value}
-    effects = drawn(design.part())
+    known = {key: fem[key].value for key in _judged(design, fem) if key in fem and fem[key].value}
+    effects = drawn(design)
     left = list(effects)
     there: dict[str, Mapping[str, float]] = {}
     rungs = [_rung("", model, known, there)]
@@ -78,6 +81,19 @@ def climb(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
         left.remove(best.effect)
         rungs.append(best)
     return Ladder(rungs, _tolerances(of_design(design), fem))
+
+
+def _judged(design: Design, fem: Mapping[str, Quantity]) -> list[str]:
+    """Return the keys of what is compared."""
+    if not design.is_stage:
+        return list(JUDGED)
+    told: list[list[str]] = []
+    for axis in design.stage().assembly().axes:
+        keys = [key.format(axis) for key in OF_AXIS if key.format(axis) in fem]
+        values = [fem[key].value for key in keys]
+        if not any(np.allclose([fem[key].value for key in other], values, rtol=ALIKE, atol=0) for other in told):
+            told.append(keys)
+    return [key for keys in told for key in keys]
 
 
 def _rung(

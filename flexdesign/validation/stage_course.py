@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
-from flexdesign import condensing, refinement, stage_coupling, units, versions
+from flexdesign import condensing, refinement, stage_coupling, static_tables, units, versions
 from flexdesign import part as parts
 from flexdesign.assembly import Assembly
 from flexdesign.cache import Cache
@@ -30,7 +30,9 @@ from flexdesign.quantities.stage_shares import InputChain, Spring
 from flexdesign.stage_coupling import Cause, CrossMotion
 from flexdesign.stage_model import StageModel
 from flexdesign.study import Study
+from flexdesign.validation import ladder
 from flexdesign.validation.findings import Comparison
+from flexdesign.validation.ladder import Ladder
 from flexdesign.validation.stage_published import read_published, stated
 from flexdesign.validation.stage_variants import by_key, changed
 
@@ -70,6 +72,8 @@ class StageValidation:
         Quantities on the coarsest mesh, by key.
     variants
         By name and key what variants make of the stage's quantities.
+    ladder
+        From the pseudo-rigid stage to FEM, effect by effect; None where the parts are no frame.
     stage_model
         What dynamics needs; None without an actuator.
     seconds
@@ -90,6 +94,7 @@ class StageValidation:
     modes: tuple[Sequence[ModeShares], Sequence[ModeShares]]
     coarsest: Mapping[str, Quantity]
     variants: Mapping[str, Mapping[str, Quantity]]
+    ladder: Ladder | None
     stage_model: StageModel | None
     seconds: float
 
@@ -162,6 +167,8 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     ]
     comparisons, further = compare(study, limits, [*motions, *full], published)
     solved = {label: _variant(study, label, cache, progress) for label in study.variants}
+    progress("compliance model, effect by effect")
+    rungs = ladder.climb(design, by_key(limits))
     spring = design.actuator.installed_stiffness if design.actuator else 0.0
     return StageValidation(
         study=study,
@@ -178,6 +185,7 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
         modes=(mode_shares(stages[-1], 0.0, TOLD), mode_shares(stages[-1], spring, TOLD) if spring else []),
         coarsest=found[0] | _moved(motions),
         variants={label: changed(moved, there, sizes[:DRIVEN], by_key(limits)) for label, there in solved.items()},
+        ladder=rungs,
         stage_model=stage_model_of(design, stages[-1], by_key(limits), _quadratic(motions, by_key(limits))),
         seconds=perf_counter() - began,
     )
@@ -248,6 +256,8 @@ def compare(
     models: dict[str, Mapping[str, Quantity]] = {
         model: by_key(found) for model, found in design.stage().formulas(design.material, actuator, None).items()
     }
+    beyond = _compliance(design)
+    models["compliance"] = {key: q for key, q in beyond.items() if any(key in known for known in models.values())}
     arms = design.stage().arms()
     aside: dict[str, Quantity] = {}
     for motion in motions:
@@ -261,6 +271,14 @@ def compare(
     compared = [q for q in limits if any(q.key in model for model in models.values())]
     comparisons = [Comparison(q, {name: m[q.key] for name, m in models.items() if q.key in m}) for q in compared]
     return comparisons, [q for q in limits if q not in compared]
+
+
+def _compliance(design: Design) -> Mapping[str, Quantity]:
+    """Return the quantities of the compliance model with all that is drawn, by key; none where it is no frame."""
+    try:
+        return static_tables.of_design(design).compliance({}).quantities()
+    except InputError:
+        return {}
 
 
 def _refuse_unknown(study: Study, assembly: Assembly) -> None:
