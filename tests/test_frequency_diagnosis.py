@@ -234,6 +234,8 @@ def test_the_commands_take_a_file(tmp_path: Path) -> None:
         assert json.loads((out / "result.json").read_text())["kind"] == kind
         assert "driver bandwidth" in done.output or verb == "compare"
         assert (out / "bode_sweep.svg").is_file()
+    refused = CliRunner().invoke(app, ["identify", str(model), str(sweep), "--out", str(tmp_path / "fit")])
+    assert "flexdesign diagnose fits gain, damping and natural frequency to it" in str(refused.exception)
 
 
 def test_a_diagnosis_of_responses_says_what_would_tell_a_group_apart_or_why_not() -> None:

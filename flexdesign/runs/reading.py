@@ -149,7 +149,10 @@ def read_runs(paths: Iterable[str | Path]) -> tuple[Run, ...]:
     found = read_recordings(paths)
     for each in found:
         if isinstance(each, FrequencyResponse):
-            remedy = "is a frequency response, which compare, diagnose and add take; here runs in time are needed"
+            remedy = (
+                "is a frequency response, which compare, diagnose and add take; here runs in time are needed. "
+                "flexdesign diagnose fits gain, damping and natural frequency to it and writes the model"
+            )
             raise InputError(each.name, "header", "f [Hz]", remedy)
     return tuple(each for each in found if isinstance(each, Run))
 
