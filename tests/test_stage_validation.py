@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from flexdesign import cli, condensing, experiments, simulation, stage_model
+from flexdesign import cli, condensing, experiments, simulation, stage_model, static_tables
 from flexdesign.errors import InputError
 from flexdesign.model import Quantity
 from flexdesign.quantities.stage import StageStatics
@@ -269,6 +269,23 @@ def test_thicker_limb_hinges_are_in_the_solid_and_in_the_report(run: Run, thicke
     assert "| limb_hinge_thickness | 0.7 mm |" in text
     assert "| limb leaf, 0.7 mm | 16 |" in text and "limb leaf, 0.63 mm" not in text
     assert f"| K_out X/Y, inputs free | {fem.shown()} |" in text
+
+
+def test_theory_climbs_to_fem_and_fem_is_written_as_a_table(run: Run) -> None:
+    """On coarse meshes FEM is a few percent stiff."""
+    ladder = run.found.ladder
+    assert ladder is not None
+    assert ladder.rungs[0].size > 0.2
+    assert ladder.rungs[-1].size < 0.05
+    text = (run.folder / "report.md").read_text(encoding="utf-8")
+    assert "## From the pseudo-rigid model to FEM" in text and "K_out X/Y" in text
+    design = run.found.study.design
+    table = static_tables.read([run.folder / "fem.csv"], design)
+    assert {row.key for row in table.rows} == {
+        q.key for q in static_tables.of_design(design).compliance({}).quantities().values()
+    }
+    for row in table.rows:
+        assert row.value == pytest.approx(run.found.fem(row.key).value, rel=1e-6)
 
 
 def test_table_1_has_the_findings(run: Run) -> None:

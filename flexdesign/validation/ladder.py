@@ -69,7 +69,8 @@ def climb(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
         model = of_design(design, bare=True)
     except InputError:
         return None
-    known = {key: fem[key].value for key in _judged(design, fem) if key in fem and fem[key].value}
+    judged = _judged(design, fem)
+    known = {key: fem[key].value for key in judged if key in fem and fem[key].value}
     effects = drawn(design)
     left = list(effects)
     there: dict[str, Mapping[str, float]] = {}
@@ -80,6 +81,9 @@ def climb(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
         there[best.effect] = effects[best.effect]
         left.remove(best.effect)
         rungs.append(best)
+    if design.is_stage:
+        axes = {fem[key].boundary.partition(", ")[0] for key in judged}
+        fem = {key: quantity for key, quantity in fem.items() if quantity.boundary.partition(", ")[0] in axes}
     return Ladder(rungs, _tolerances(of_design(design), fem))
 
 

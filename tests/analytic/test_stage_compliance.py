@@ -20,6 +20,7 @@ from flexdesign.fem.port_shapes import rigid_motions
 from flexdesign.hinges import beam
 from flexdesign.materials import Material
 from flexdesign.model import Elastic, Member
+from flexdesign.validation import ladder
 from geometry.leaf_hinge import LeafHinge
 
 #: As the design's hinge of the limbs, but for the digits: K_r of the amplifiers' hinges, which equation (21) takes.
@@ -116,6 +117,28 @@ def test_with_all_that_is_drawn_it_agrees_with_finite_elements():
     for key, known in FEM.items():
         assert found[key].value == pytest.approx(known, rel=0.01), key
     assert max(abs(bare[key].value / known - 1) for key, known in FEM.items()) > 0.35
+
+
+#: Variants of the same study, and the design with every hinge, arm and rod 20 um thinner, on two meshes.
+THINNER = {"arm": 3.98, "hinge": 0.48, "rod": 2.98, "limb_hinge": 0.61, "cross_hinge": 0.33, "strut_hinge": 0.33,
+           "guide_hinge": 0.23}  # fmt: skip
+VARIANTS = {
+    "one side": (["dimensions.lateral_branches=2"], (1.213e6, 4.564, 17120.0, 1.680e6, 9.747, 25080.0)),
+    "no guides": (['dimensions.guide_hinge_thickness="50 um"'], (1.201e6, 4.674, 32430.0, 1.670e6, 9.993, 22730.0)),
+    "thinner": (
+        [f'dimensions.{name}_thickness="{value} mm"' for name, value in THINNER.items()],
+        (1.1654e6, 4.8506, 30003.0, 1.6222e6, 10.480, 22581.0),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_so_do_its_variants(name):
+    overrides, known = VARIANTS[name]
+    model = of(design.read(STAGE.file, overrides))
+    found = model.having(drawn(model.assembly)).quantities()
+    keys = [key.format(axis) for axis in "xz" for key in ladder.OF_AXIS]
+    assert [found[key].value for key in keys] == pytest.approx(known, rel=0.0125)
 
 
 @pytest.mark.parametrize("name", [name for name in statics.names() if name not in statics.OF_PARTS])
