@@ -28,7 +28,7 @@ hysteresis; --free names others, such as controller.delay or the numbers of an e
 prior knowledge, unless the number is assumed. What the runs do not determine is held and reported as such.
 
 **Frequency responses** are for `flexdesign diagnose`, which fits gain, damping_ratio and natural_frequency to them,
-alone or beside runs, and writes the model: the intervals here rest on what each run in time leaves, sample by sample.
+alone or beside runs, and writes the model: intervals here rest on what each run in time leaves, sample by sample.
 
 **What it writes:** report.html, report.md, result.json, stage_model.toml and the figures, into --out.
 

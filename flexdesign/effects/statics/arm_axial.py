@@ -19,7 +19,7 @@ EFFECT = Effect(
     physics=(
         "The force that squeezes the arms shortens them: like the stretch of the hinges it is lost to the output."
     ),
-    where="the arms between the hinges",
+    where="the arms between the hinges, and the stubs of single hinges",
     reveal="K_in and lambda of two amplifiers with arms of different thickness",
     remedy="thicker arms; the compliance model reckons with it",
     reference=(

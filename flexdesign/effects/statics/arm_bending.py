@@ -21,7 +21,7 @@ EFFECT = Effect(
     physics=(
         "The hinges' moments bend the arms. It matters where arms are hardly thicker than hinges, or hinges short."
     ),
-    where="the arms between the hinges",
+    where="the arms between the hinges, and the stubs of single hinges",
     reveal="K_out of two amplifiers with arms of different thickness",
     remedy="thicker arms; the compliance model reckons with it",
     reference="N. Lobontiu, Compliant Mechanisms: Design of Flexure Hinges (2002)",
