@@ -32,7 +32,7 @@ from flexdesign.analytic import prb, textbook
 from flexdesign.analytic.compliance import ComplianceModel, drawn
 from flexdesign.errors import InputError
 from flexdesign.materials import Material
-from flexdesign.model import Linkage, Member, Parameter, Quantity, Root
+from flexdesign.model import Formulas, Linkage, Member, Parameter, Quantity, Root
 from flexdesign.model.linkage import Vector
 from flexdesign.part import Axis, Port, SymmetryPlane
 
@@ -320,18 +320,20 @@ class BridgeAmplifier:
 
         lambda counts along the output's normal.
         """
-        model = self._pseudo_rigid(material)
-        pseudo_rigid = prb.quantities(model, actuator_stiffness=actuator_stiffness)
-        if output_load is not None:
-            pseudo_rigid |= prb.quantities(model, output_load)
-        models = {"PRB": pseudo_rigid, "textbook": textbook.quantities(self._textbook(material), actuator_stiffness)}
-        # These count the output's motion inwards, as the paper does; ports count it along their normals.
-        outwards = {
-            model: tuple(replace(q, value=-q.value) if q.name == "lambda" else q for q in found.values())
-            for model, found in models.items()
-        }
-        beyond = ComplianceModel.of_part(self, material, actuator_stiffness).having(drawn(self))
-        return outwards | {"compliance": tuple(beyond.quantities().values())}
+
+        def pseudo_rigid() -> Sequence[Quantity]:
+            model = self._pseudo_rigid(material)
+            found = prb.quantities(model, actuator_stiffness=actuator_stiffness)
+            return _outwards(found if output_load is None else found | prb.quantities(model, output_load))
+
+        def by_textbook() -> Sequence[Quantity]:
+            return _outwards(textbook.quantities(self._textbook(material), actuator_stiffness))
+
+        def compliant() -> Sequence[Quantity]:
+            model = ComplianceModel.of_part(self, material, actuator_stiffness)
+            return tuple(model.having(drawn(self)).quantities().values())
+
+        return Formulas({"PRB": pseudo_rigid, "textbook": by_textbook, "compliance": compliant})
 
     def formula_shares(self, material: Material) -> Mapping[str, Mapping[str, float]]:
         """Return what the pseudo-rigid-body model's compliances consist of [m/N]."""
@@ -366,3 +368,8 @@ class BridgeAmplifier:
 
     def _textbook(self, material: Material) -> textbook.TextbookBridge:
         return textbook.TextbookBridge.of_leaves(**asdict(self._pseudo_rigid(material)))
+
+
+def _outwards(found: Mapping[str, Quantity]) -> Sequence[Quantity]:
+    """Return quantities with the output's motion counted outwards, as ports do; the paper counts it inwards."""
+    return tuple(replace(q, value=-q.value) if q.name == "lambda" else q for q in found.values())

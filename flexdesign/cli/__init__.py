@@ -16,6 +16,7 @@ from flexdesign.errors import InputError
 # isort: off
 from flexdesign.cli import size as size
 from flexdesign.cli import validate as validate
+from flexdesign.cli import sweep as sweep
 from flexdesign.cli import simulate as simulate
 from flexdesign.cli import identify as identify
 from flexdesign.cli import compare as compare

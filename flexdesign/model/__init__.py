@@ -13,6 +13,7 @@ from flexdesign.model.effect import (
     Socket,
     Term,
 )
+from flexdesign.model.formulas import Formulas
 from flexdesign.model.linkage import Linkage, Member, Root
 from flexdesign.model.observation import Model, Observation
 from flexdesign.model.parameter import Parameter
@@ -26,6 +27,7 @@ __all__ = [
     "Disturbance",
     "Effect",
     "Elastic",
+    "Formulas",
     "Linkage",
     "Member",
     "Model",

@@ -47,8 +47,8 @@ def prepare(folder: Path) -> None:
         raise _refusal(folder, error) from error
 
 
-def write(folder: Path, document: Document, result: Mapping[str, Any], others: Mapping[str, str]) -> list[Path]:
-    """Write report.html, report.md, result.json, the figures and other text files.
+def write(folder: Path, document: Document, result: Mapping[str, Any], others: Mapping[str, str | bytes]) -> list[Path]:
+    """Write report.html, report.md, result.json, the figures and other files.
 
     Everything is written beside its place first and moved there at the end, so that a failure leaves what was there.
 
@@ -58,7 +58,7 @@ def write(folder: Path, document: Document, result: Mapping[str, Any], others: M
         If the folder cannot be written or the disk is full.
     """
     contents: dict[str, bytes] = {figure.file: figure.data for figure in document.figures}
-    contents |= {name: text.encode() for name, text in others.items()}
+    contents |= {name: data.encode() if isinstance(data, str) else data for name, data in others.items()}
     contents["report.md"] = to_markdown(document).encode()
     contents["report.html"] = to_html(document).encode()
     contents["result.json"] = (json.dumps(result, indent=2, ensure_ascii=False) + "\n").encode()

@@ -1,0 +1,95 @@
+"""``flexdesign sweep``: one design in many versions, and the best of them."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flexdesign.cli.shared import AsJson, app, print_json, progress
+
+HELP = """Evaluate many versions of a design, keep every answer, and pick the best.
+
+STUDY is a file that names a design and what shall vary of it, or the bare name of one in studies/:
+
+    format = 1
+    design = "lin2019_amplifier_xy.toml"
+    evaluator = "analytic"                   # pseudo-rigid, analytic or fem
+
+    [vary]
+    "dimensions.hinge_thickness" = { from = "0.3 mm", to = "0.8 mm", count = 21 }
+    material = ["AZ31B", "Al 7075-T6"]
+
+    [sample]                                 # every combination, where this is missing
+    method = "sobol"                         # grid, latin-hypercube or sobol
+    count = 64
+
+    [limits]
+    K_in_output_free = "< 2 N/um"
+    "|stroke_output_free|" = "> 150 um"
+
+    [aim]
+    maximise = "K_out_actuator_installed"    # several aims make a front
+
+**Examples**
+
+    flexdesign sweep hinge_thickness
+
+    flexdesign sweep hinge_thickness --set sample.method=sobol --set sample.count=256
+
+    flexdesign sweep hinge_thickness --set evaluator=fem --set mesh.accuracy="1 %" --jobs 4
+
+    flexdesign sweep hinge_thickness --scheduler tcp://192.168.1.10:8786
+
+**What it writes:** report.html, report.md, result.json, cases.csv (cases.parquet too, where pyarrow is installed) and
+the pictures, into --out; and every answer, as it comes, into the folder cases/ there, under the hash of design, part,
+engine and versions. Whatever ends it, the next run computes only what is missing; so does a finer grid, or a second
+sweep in the same folder. A case that fails is recorded with its reason and stops nothing.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+"""
+
+
+@app.command(help=HELP)
+def sweep(
+    study: Annotated[str, typer.Argument(help="Sweep: a path, or a bare name.")],
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change one value, e.g. sample.count=256; may be repeated."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for report and answers [default: reports/STUDY].", show_default=False)
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Processes at a time [default: one per processor].", show_default=False)
+    ] = None,
+    scheduler: Annotated[
+        str,
+        typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers do the work, e.g. tcp://10.0.0.2:8786."),
+    ] = "",
+    as_json: AsJson = False,
+) -> None:
+    """Run a sweep and write its report."""
+    from flexdesign import sweeps
+    from flexdesign.report import render, sweep_report, terminal
+    from flexdesign.sweeps.store import Store
+
+    with progress() as say:
+        plan = sweeps.read(study, overrides or [])
+        folder = out or Path("reports") / plan.name
+        render.prepare(folder)
+        store = Store(folder)
+        found = sweeps.run(plan, store, jobs=jobs or os.cpu_count() or 1, scheduler=scheduler, progress=say)
+        say("writing the report")
+        document, result = sweep_report.document(found), sweep_report.result(found)
+        tables: dict[str, str | bytes] = {"cases.csv": sweep_report.csv(found)}
+        if (parquet := sweep_report.parquet(found)) is not None:
+            tables["cases.parquet"] = parquet
+        written = render.write(folder, document, result, tables)
+    if as_json:
+        print_json(result)
+        return
+    shown = [path for path in written if path.name in ("report.html", "report.md", "result.json", "cases.csv")]
+    terminal.brief(document, sweep_report.best(found), shown)

@@ -1,0 +1,229 @@
+"""The report of a sweep: the best designs, what varies with what, and what failed and why."""
+
+from __future__ import annotations
+
+import csv as csv_format
+import io
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from flexdesign import refinement, units, versions
+from flexdesign.files import FORMAT
+from flexdesign.report import sweep_figures
+from flexdesign.report.document import Document, Section, Table
+from flexdesign.report.sweep_figures import labelled
+from flexdesign.sweeps import Sweep, choosing
+from flexdesign.sweeps.sampling import Factor
+
+#: How many designs, reasons of failure and quantities a report has, where nobody says which.
+BEST, REASONS, SHOWN = 10, 8, 4
+#: What everybody asks of an amplifier, in this order.
+USUAL = (
+    "K_in_output_free", "|lambda_output_free|", "|stroke_output_free|", "K_out_actuator_installed", "K_out_input_free",
+)  # fmt: skip
+
+
+def shown(sweep: Sweep) -> list[str]:
+    """Return the quantities that the report shows: those asked for, else those of limits and aims, else the usual."""
+    asked = [*sweep.plan.show, *(a.quantity for a in sweep.plan.aims), *(c.quantity for c in sweep.plan.limits)]
+    chosen = [quantity for quantity in dict.fromkeys(asked) if sweep.answers.has(quantity)]
+    return chosen or [quantity for quantity in USUAL if sweep.answers.has(quantity)][:SHOWN]
+
+
+def chosen(sweep: Sweep) -> tuple[Sequence[int], Sequence[int]]:
+    """Return the places of the designs that keep all limits, and of the best of these, best first."""
+    kept, aims = choosing.kept(sweep.answers, sweep.plan.limits), sweep.plan.aims
+    if not aims:
+        return kept.tolist(), []
+    best = choosing.ranked(sweep.answers, kept, aims[0])[:BEST] if len(aims) == 1 else None
+    return kept.tolist(), (choosing.front(sweep.answers, kept, aims) if best is None else best).tolist()
+
+
+def document(sweep: Sweep) -> Document:
+    """Write the report."""
+    kept, front = chosen(sweep)
+    drawn = sweep_figures.figures(sweep, shown(sweep), front, kept)
+    sections = [
+        Section("The best designs", [_how(sweep)], [best(sweep)]),
+        Section("What depends on what", [], [], drawn),
+        Section("What varied", [], [_factors(sweep)]),
+    ]
+    if sweep.failed:
+        sections.append(Section("What failed", [], [_failures(sweep)]))
+    return Document(sweep.plan.title, summary(sweep), sections)
+
+
+def summary(sweep: Sweep) -> list[str]:
+    """Say how many cases there are, how many keep their limits, and which is best."""
+    kept, front = chosen(sweep)
+    plan, failed = sweep.plan, len(sweep.failed)
+    text = f"{len(sweep.cases)} versions of {plan.design.title}, answered for by {EVALUATORS[plan.evaluator]}"
+    text += f"; {failed} of them could not be" if failed else ""
+    known = len(sweep.cases) - sweep.computed
+    text += f". {sweep.computed} were computed in {sweep.seconds:.3g} s" if sweep.computed else ". All were known"
+    said = [text + (f", {known} were known." if known and sweep.computed else ".")]
+    if plan.limits:
+        said.append(f"{len(kept)} keep {' and '.join(map(str, plan.limits))}.")
+    if front and len(plan.aims) == 1:
+        largest = _number(sweep, front[0], plan.aims[0].quantity)
+        said.append(f"The {plan.aims[0]} among them is {largest}: {_words(sweep, front[0])}.")
+    elif front:
+        said.append(f"{len(front)} are beaten by no other in {' and '.join(map(str, plan.aims))} at once.")
+    return said
+
+
+#: What evaluators are called in a sentence.
+EVALUATORS = {
+    "pseudo-rigid": "the pseudo-rigid-body formulas",
+    "analytic": "the compliance model",
+    "fem": "finite elements",
+}
+
+
+def _how(sweep: Sweep) -> str:
+    if not sweep.plan.aims:
+        return "Nothing was said to be good: write an aim, and limits, into the file. These are the first."
+    if len(sweep.plan.aims) == 1:
+        return f"The {sweep.plan.aims[0]} first."
+    return "None of these is beaten by another in all aims at once."
+
+
+def best(sweep: Sweep) -> Table:
+    """Return the best designs, or the first where nobody said what is good."""
+    kept, front = chosen(sweep)
+    places = (front if sweep.plan.aims else kept)[:BEST]
+    quantities = shown(sweep)
+    heads = [
+        *(labelled(factor.name, factor.unit) for factor in sweep.plan.factors),
+        *(labelled(quantity, sweep.answers.unit(quantity)) for quantity in quantities),
+    ]
+    rows = [
+        [
+            *(_given(sweep.cases[i].values[factor.key], factor) for factor in sweep.plan.factors),
+            *(_plain(sweep, i, quantity) for quantity in quantities),
+        ]
+        for i in places
+    ]
+    return Table(heads, rows, f"{len(places)} of {len(front if sweep.plan.aims else kept)} designs")
+
+
+def _given(value: float | str, factor: Factor) -> str:
+    if isinstance(value, str):
+        return value
+    return f"{value / units.factor(factor.unit or '1', factor.si):.5g}"
+
+
+def _plain(sweep: Sweep, place: int, quantity: str) -> str:
+    value = sweep.answers.shown(quantity)[place]
+    return "–" if np.isnan(value) else units.significant(value, 4)
+
+
+def _number(sweep: Sweep, place: int, quantity: str) -> str:
+    return f"{_plain(sweep, place, quantity)} {sweep.answers.unit(quantity)}".rstrip()
+
+
+def _words(sweep: Sweep, place: int) -> str:
+    return ", ".join(
+        f"{factor.name} {_given(sweep.cases[place].values[factor.key], factor)} {factor.unit}".rstrip(" 1")
+        if factor.is_number
+        else f"{factor.name} {sweep.cases[place].values[factor.key]}"
+        for factor in sweep.plan.factors
+    )
+
+
+def _factors(sweep: Sweep) -> Table:
+    rows = []
+    for factor in sweep.plan.factors:
+        values = [_given(value, factor) for value in factor.values]
+        ends = f"{values[0]} to {values[-1]} {factor.unit}" if factor.ends else ", ".join(values[:8])
+        count = str(len(factor.values)) if sweep.plan.method == "grid" or not factor.ends else "any"
+        rows.append([factor.key, ends, count, "equal ratios" if factor.is_log else ""])
+    caption = f"{sweep.plan.method}, {len(sweep.cases)} cases" + (
+        f", seed {sweep.plan.seed}" if sweep.plan.method != "grid" else ""
+    )
+    return Table(["what", "values", "how many", "spacing"], rows, caption)
+
+
+def _failures(sweep: Sweep) -> Table:
+    first: dict[str, int] = {}
+    for place in sweep.failed:
+        first.setdefault(sweep.answers.errors[place], place)
+    reasons = Counter(sweep.answers.errors[place] for place in sweep.failed)
+    rows = [[_words(sweep, first[reason]), str(count), reason] for reason, count in reasons.most_common(REASONS)]
+    return Table(["for example", "cases", "reason"], rows, f"{len(reasons)} reasons" if len(reasons) > 1 else "")
+
+
+# --- files ------------------------------------------------------------------------------------------------------
+
+
+def columns(sweep: Sweep) -> dict[str, list[Any]]:
+    """Return all cases by header cell: what varied, every quantity in its unit, and why there is none."""
+    found: dict[str, list[Any]] = {}
+    for factor in sweep.plan.factors:
+        if factor.is_number:
+            found[f"{factor.key} [{factor.unit or '1'}]"] = sweep_figures.given(sweep, factor).tolist()
+        else:
+            found[factor.key] = [case.values[factor.key] for case in sweep.cases]
+    for key in sweep.answers.kinds:
+        found[f"{key} [{sweep.answers.unit(key)}]"] = sweep.answers.shown(key).tolist()
+    return found | {"error": list(sweep.answers.errors)}
+
+
+def csv(sweep: Sweep) -> str:
+    """Return all cases as CSV; a cell is empty where there is no number."""
+    stream = io.StringIO()
+    writer = csv_format.writer(stream, lineterminator="\n")
+    found = columns(sweep)
+    writer.writerow(found)
+    for row in zip(*found.values(), strict=True):
+        writer.writerow([cell if isinstance(cell, str) else "" if cell != cell else f"{cell:.9g}" for cell in row])
+    return stream.getvalue()
+
+
+def parquet(sweep: Sweep) -> bytes | None:
+    """Return all cases as Parquet; None where pyarrow is not installed."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        return None
+    stream = io.BytesIO()
+    pyarrow.parquet.write_table(pyarrow.table(columns(sweep)), stream)
+    return stream.getvalue()
+
+
+def result(sweep: Sweep) -> dict[str, Any]:
+    """Return the numbers as result.json has them: the best designs; all of them are in cases.csv."""
+    kept, front = chosen(sweep)
+    plan = sweep.plan
+    return {
+        "format": FORMAT,
+        "kind": "sweep",
+        "title": plan.title,
+        "cases": len(sweep.cases),
+        "computed": sweep.computed,
+        "failed": len(sweep.failed),
+        "keep_limits": len(kept),
+        "limits": [str(limit) for limit in plan.limits],
+        "aims": [str(aim) for aim in plan.aims],
+        "best": [_case(sweep, i) for i in (front if plan.aims else kept)[:BEST]],
+        "made_by": {
+            "study": str(plan.file.name),
+            "design": plan.design.name,
+            "evaluator": plan.evaluator,
+            "sample": {"method": plan.method, "count": len(sweep.cases), "seed": plan.seed},
+            "versions": versions.installed(refinement.LIBRARIES),
+        },
+    }
+
+
+def _case(sweep: Sweep, place: int) -> Mapping[str, Any]:
+    values = sweep.cases[place].values
+    varied = {}
+    for factor in sweep.plan.factors:
+        value = values[factor.key]
+        varied[factor.key] = f"{_given(value, factor)} {factor.unit}".strip() if factor.is_number else value
+    return {"values": varied, "quantities": [q.to_json() for q in sweep.answers.at(place)]}

@@ -1,0 +1,152 @@
+"""Who answers for one case: the paper's formulas, the compliance model, or finite elements.
+
+All three state the same quantities by the same keys, of which the formulas have fewer.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from flexdesign import design as designs
+from flexdesign import refinement
+from flexdesign.cache import Cache
+from flexdesign.design import Actuator, Design
+from flexdesign.errors import InputError
+from flexdesign.fem import domain
+from flexdesign.model import Quantity
+from flexdesign.study import MeshSettings, ModeSettings, OutputSettings, Study
+from flexdesign.sweeps.answers import Answer, Answers
+
+#: What a part calls the models that are asked.
+MODELS = {"pseudo-rigid": "PRB", "analytic": "compliance"}
+
+
+@dataclass(frozen=True)
+class Question:
+    """A case as a worker gets it: everything it has to know, and nothing that a process could not be sent.
+
+    Parameters
+    ----------
+    key
+        Under which the answer is kept.
+    file, overrides
+        The design, and what differs from its file as ``table.key=value``.
+    dimensions
+        What else differs [SI].
+    evaluator, mesh
+        Who answers, and for finite elements the mesh settings as a study has them.
+    """
+
+    key: str
+    file: Path
+    overrides: tuple[str, ...]
+    dimensions: Mapping[str, float]
+    evaluator: str
+    mesh: Mapping[str, Any]
+
+
+def answers(questions: Sequence[Question]) -> Answers:
+    """Return the answers to a batch of questions; one that fails has its reason for an answer."""
+    return Answers.of([answer(question) for question in questions])
+
+
+def answer(question: Question) -> Answer:
+    """Return the answer to one question, or why there is none."""
+    began = time.perf_counter()
+    try:
+        found, error = _evaluate(_varied(question), question), ""
+    except (InputError, ArithmeticError, ValueError) as refusal:
+        found, error = (), str(refusal)
+    return found, error, time.perf_counter() - began
+
+
+@cache
+def _read(file: Path, overrides: tuple[str, ...]) -> Design:
+    return designs.read(file, overrides)
+
+
+def _varied(question: Question) -> Design:
+    """Return the design of a case; what only differs in dimensions is read once."""
+    base = _read(question.file, question.overrides)
+    if not question.dimensions:
+        return base
+    bounds = {p.name: p.plausible for p in base.part_class.dimensions}
+    for name, value in question.dimensions.items():
+        low, high = bounds[name]
+        if not low <= value <= high:
+            allowed = f"allowed: {low * 1e3:g} to {high * 1e3:g} mm"
+            raise InputError(question.file, f"dimensions.{name}", f"{value * 1e3:g} mm", allowed)
+    return replace(base, dimensions={**base.dimensions, **question.dimensions})
+
+
+def _evaluate(design: Design, question: Question) -> Sequence[Quantity]:
+    if question.evaluator in MODELS:
+        return by_formulas(design, MODELS[question.evaluator])
+    return by_elements(design, MeshSettings(**question.mesh))
+
+
+def by_formulas(design: Design, model: str) -> list[Quantity]:
+    """Return what an analytic model says of a part, and what follows from it with an actuator.
+
+    Raises
+    ------
+    InputError
+        If the part has no such model, or its dimensions cannot be built.
+    """
+    actuator = design.actuator
+    formulas = design.part().formulas(design.material, actuator.installed_stiffness if actuator else None, None)
+    if model not in formulas:
+        remedy = f"has no model {model}: it has {', '.join(formulas)}"
+        raise InputError(design.file, "part", design.part_class.__name__, remedy)
+    found = list(formulas[model])
+    return found + _driven(found, actuator) if actuator else found
+
+
+def _driven(found: Sequence[Quantity], actuator: Actuator) -> list[Quantity]:
+    """Return stroke and blocked force of a two-port with an actuator between its inputs.
+
+    The actuator's free stroke d parts over its own stiffness k and K_in: the output moves by lambda d k / (k + K_in).
+    Held, it pushes with that times K_out with the actuator installed, by superposition.
+    """
+    values = {quantity.key: quantity for quantity in found}
+    needed = ("K_in_output_free", "lambda_output_free", "K_out_actuator_installed")
+    if any(key not in values for key in needed):
+        return []
+    k_in, ratio, k_out = (values[key].value for key in needed)
+    k, source = actuator.installed_stiffness, values[needed[0]].source
+    stroke = ratio * actuator.free_stroke * k / (k + k_in)
+    return [
+        Quantity("stroke", stroke, "m", "um", "output free", source),
+        Quantity("blocked_force", stroke * k_out, "N", "N", "output held", source),
+    ]
+
+
+class _Nowhere(Cache):
+    """A cache that keeps nothing: what is asked of many designs is asked of each once."""
+
+    def load(self, stage: str, key: str) -> None:
+        return None
+
+    def store(self, stage: str, key: str, arrays: Any, table: Any) -> None:
+        return None
+
+
+def by_elements(design: Design, mesh: MeshSettings) -> list[Quantity]:
+    """Return what finite elements say of a part.
+
+    Raises
+    ------
+    InputError
+        If the solid or a mesh cannot be used.
+    """
+    study = Study(design.file, design.name, design, mesh, ModeSettings(), OutputSettings())
+    part = design.part()
+    body = domain.of_part(part, material=design.material, chord=domain.chord(part))
+    method = refinement.method_of(study, part, body)
+    levels = refinement.refined(study, part, body, method, _Nowhere(Path()), lambda _: None)
+    return refinement.gathered(study, levels, method.scatter)
