@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
-from multiprocessing import get_context
-from typing import Any
+from pathlib import Path
 
-from threadpoolctl import threadpool_limits
-
+import flexdesign
 from flexdesign import part as parts
 from flexdesign import refinement, versions
 from flexdesign.cache import content_key
@@ -20,17 +18,22 @@ from flexdesign.design import read as read_design
 from flexdesign.errors import InputError
 from flexdesign.sweeps import choosing
 from flexdesign.sweeps.answers import Answers
-from flexdesign.sweeps.evaluators import Question, answers
+from flexdesign.sweeps.evaluators import Question
 from flexdesign.sweeps.plan import SweepPlan, settings_of
 from flexdesign.sweeps.sampling import Case
 from flexdesign.sweeps.store import Store
+from flexdesign.sweeps.workers import Cluster, Processes, Workers
 
 Progress = Callable[[str], None]
-Submit = Callable[[Sequence[Question]], "Future[Answers]"]
 #: A batch is what about so many seconds of work are, and no more cases than these.
 BATCH = {"pseudo-rigid": 2000, "analytic": 100, "fem": 1}
-#: A batch whose process died is tried again so often, case by case.
-AGAIN = 1
+#: The sources whose change makes answers anew.
+_FORMULAS = ("analytic/*.py", "effects/statics/*.py", "hinges/*.py", "model/*.py", "sweeps/evaluators.py")
+ANSWERING = {
+    "pseudo-rigid": _FORMULAS,
+    "analytic": _FORMULAS,
+    "fem": ("fem/*.py", "quantities/*.py", "refinement.py", "sweeps/evaluators.py"),
+}
 #: Why a case has no answer whose process died.
 DIED = "the process that solved it died (out of memory, or killed)"
 
@@ -95,8 +98,11 @@ def run(
     if todo:
         size = max(1, min(BATCH[plan.evaluator], -(-len(todo) // (4 * jobs))))
         batches = [todo[i : i + size] for i in range(0, len(todo), size)]
-        with _workers(jobs, scheduler) as submit:
-            _compute(batches, submit, store, progress, known=len(questions) - len(todo))
+        workers: Workers = Cluster(scheduler) if scheduler else Processes(jobs)
+        try:
+            _compute(batches, workers, store, progress, known=len(questions) - len(todo))
+        finally:
+            workers.close()
         store.refresh()
     found = store.find([question.key for question in questions])
     choosing.refuse_unknown(found, plan.limits, plan.aims, plan.file)
@@ -131,109 +137,50 @@ def _root(plan: SweepPlan, overrides: Sequence[str]) -> list[object]:
 
 
 def _code(plan: SweepPlan) -> list[object]:
-    """Return what the answers depend on besides the design: the part, the engine and the libraries."""
-    source = parts.file_of(plan.design.part_class).read_text(encoding="utf-8")
-    return [source, refinement.engine(), versions.installed(refinement.LIBRARIES)]
+    """Return what the answers depend on besides the design: the part, the sources that answer, and the libraries."""
+    package = Path(flexdesign.__file__).parent
+    sources = sorted(path for place in ANSWERING[plan.evaluator] for path in package.glob(place))
+    texts = [path.read_text(encoding="utf-8") for path in (parts.file_of(plan.design.part_class), *sources)]
+    return [texts, versions.installed(refinement.LIBRARIES if plan.evaluator == "fem" else ("numpy",))]
 
 
 def _compute(
-    batches: Sequence[Sequence[Question]], submit: Submit, store: Store, progress: Progress, known: int
+    batches: Sequence[Sequence[Question]], workers: Workers, store: Store, progress: Progress, known: int
 ) -> None:
-    """Have batches computed, and keep each as it comes; what dies is tried again, case by case, and then recorded."""
+    """Have batches computed, and keep each as it comes; cases of a process that died are tried again one by one."""
     total, done, failed, began = known + sum(map(len, batches)), known, 0, time.perf_counter()
-    waiting: dict[Future[Answers], tuple[Sequence[Question], int]] = {submit(b): (b, 0) for b in batches}
-    while waiting:
-        for future in as_completed(list(waiting)):
-            batch, tries = waiting.pop(future)
+    queue, waiting = deque(batches), dict[Future[Answers], Sequence[Question]]()
+
+    def take(batch: Sequence[Question], found: Answers) -> None:
+        nonlocal done, failed
+        store.keep([question.key for question in batch], found)
+        done, failed = done + len(found), failed + sum(map(bool, found.errors))
+        left = (total - done) * (time.perf_counter() - began) / (done - known)
+        words = f"{done} of {total} cases" + (f", {failed} failed" if failed else "")
+        progress(f"{words}, {_span(left)} left" if done < total else words)
+
+    while queue or waiting:
+        while queue and len(waiting) < workers.window:
+            batch = queue.popleft()
+            waiting[workers.submit(batch)] = batch
+        for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+            if future not in waiting:
+                continue
+            batch = waiting.pop(future)
             try:
-                found = future.result()
-            except Exception as error:
-                if not _has_died(error):
-                    raise
-                if tries < AGAIN or len(batch) > 1:
-                    waiting |= {submit([question]): ([question], tries + 1) for question in batch}
-                    continue
-                found = Answers.of([((), DIED, 0.0)])
-            store.keep([question.key for question in batch], found)
-            done, failed = done + len(found), failed + sum(map(bool, found.errors))
-            rate = (done - known) / (time.perf_counter() - began)
-            left = (total - done) / rate
-            words = f"{done} of {total} cases" + (f", {failed} failed" if failed else "")
-            progress(f"{words}, {_span(left)} left" if done < total else words)
+                take(batch, future.result())
+            except workers.died:
+                for question in itertools.chain(batch, *workers.lost(waiting)):
+                    take([question], _alone(workers, question))
 
 
-def _has_died(error: Exception) -> bool:
-    return isinstance(error, BrokenProcessPool) or type(error).__name__ == "KilledWorker"
+def _alone(workers: Workers, question: Question) -> Answers:
+    """Return the answer to one question that has a process to itself, or that the process died of it."""
+    try:
+        return workers.alone(question)
+    except workers.died:
+        return Answers.of([((), DIED, 0.0)])
 
 
 def _span(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
-
-
-@contextmanager
-def _workers(jobs: int, scheduler: str) -> Iterator[Submit]:
-    """Give what hands a batch to a worker."""
-    if scheduler:
-        with _cluster(scheduler) as to_cluster:
-            yield to_cluster
-        return
-    pools = [_Pool(jobs)]
-
-    def submit(batch: Sequence[Question]) -> Future[Answers]:
-        try:
-            return pools[-1].submit(batch)
-        except BrokenProcessPool:
-            pools.append(_Pool(1))  # one at a time: whoever dies takes no other along
-            return pools[-1].submit(batch)
-
-    try:
-        yield submit
-    finally:
-        for pool in pools:
-            pool.shutdown()
-
-
-class _Pool:
-    """Processes of this machine, each with one thread for linear algebra."""
-
-    def __init__(self, jobs: int) -> None:
-        self._pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_begin)
-
-    def submit(self, batch: Sequence[Question]) -> Future[Answers]:
-        return self._pool.submit(answers, batch)
-
-    def shutdown(self) -> None:
-        """End the processes; what they are at is lost, what is kept stays."""
-        processes = list((self._pool._processes or {}).values())  # an interrupted sweep waits for nobody
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        for process in processes:
-            process.terminate()
-
-
-def _begin() -> None:
-    import signal
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the sweep itself is told, and ends its processes
-    threadpool_limits(1)
-
-
-@contextmanager
-def _cluster(address: str) -> Iterator[Any]:
-    """Give what hands a batch to the workers of a Dask scheduler, which give a case up when it killed four of them."""
-    try:
-        from distributed import Client
-    except ImportError:
-        remedy = "needs Dask: pip install 'flexdesign[cluster]'"
-        raise InputError("command line", "--scheduler", address, remedy) from None
-    try:
-        client = Client(address, timeout="20s")
-    except (OSError, ValueError) as error:
-        remedy = f"no scheduler answers there ({error}); give the address that dask scheduler prints"
-        raise InputError("command line", "--scheduler", address, remedy) from None
-    with client, client.get_executor(pure=False) as executor:
-        yield lambda batch: executor.submit(_answers_alone, batch)
-
-
-def _answers_alone(batch: Sequence[Question]) -> Answers:
-    with threadpool_limits(1):
-        return answers(batch)

@@ -1,0 +1,255 @@
+"""Sweeps that are killed, share a folder, lose a process or a worker: nothing but the cases in flight is lost."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from flexdesign import design, sweeps
+from flexdesign.cache import Cache
+from flexdesign.sweeps import running
+from flexdesign.sweeps.store import STAGE, Store
+
+ROOT = Path(__file__).parents[2]
+CASES = 400
+STUDY = f"""format = 1
+design = "{ROOT / "geometry" / "lin2019_amplifier_xy.toml"}"
+evaluator = "analytic"
+[vary]
+"dimensions.hinge_thickness" = {{ from = "0.3 mm", to = "0.8 mm" }}
+"dimensions.arm_span" = {{ from = "15 mm", to = "30 mm" }}
+[sample]
+method = "sobol"
+count = {CASES}
+"""
+#: A bridge amplifier whose formulas end the process where its hinges are thinner than half a millimetre.
+DEADLY = f"""
+import os, sys
+sys.path.insert(0, {str(ROOT / "geometry")!r})
+from bridge_amplifier import BridgeAmplifier as Bridge
+
+class Deadly(Bridge):
+    def formulas(self, material, actuator_stiffness, output_load):
+        if self.hinge_thickness < 0.4e-3:
+            os._exit(9)
+        return super().formulas(material, actuator_stiffness, output_load)
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY)
+    return path
+
+
+def command(study: Path, out: Path, *more: str) -> list[str]:
+    return [sys.executable, "-m", "flexdesign", "sweep", str(study), "--out", str(out), *more]
+
+
+def started(line: Sequence[str], folder: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        line, cwd=folder, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def kept(out: Path) -> int:
+    """Return how many cases are there."""
+    return sum(
+        len((Cache(out).load(STAGE, p.stem) or ({}, {"keys": []}))[1]["keys"]) for p in (out / STAGE).glob("*.npz")
+    )
+
+
+def wait_for(condition: object, seconds: float = 60.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():  # type: ignore[operator]
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
+
+
+def table(out: Path) -> list[dict[str, str]]:
+    with (out / "cases.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_sweep_that_is_killed_goes_on_where_it_was(study: Path, tmp_path: Path) -> None:
+    out, plan = tmp_path / "out", sweeps.read(study)
+    process = started(command(study, out, "--jobs", "2"), tmp_path)
+    wait_for(lambda: kept(out) > 0)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    done = kept(out)
+    assert 0 < done < CASES
+    assert not (out / "report.html").exists()
+    found = sweeps.run(plan, Store(out), jobs=2)
+    assert found.computed == CASES - done
+    assert not found.failed
+    whole = sweeps.run(plan, Store(tmp_path / "other"), jobs=1)
+    for key, values in whole.answers.values.items():
+        assert found.answers.values[key] == pytest.approx(values, rel=1e-12)
+    assert sweeps.run(plan, Store(out)).computed == 0
+
+
+def test_ctrl_c_keeps_what_is_done_and_says_so(study: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    process = started(command(study, out, "--jobs", "1"), tmp_path)
+    wait_for(lambda: kept(out) > 0)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "interrupted" in said and "Traceback" not in said
+    assert 0 < kept(out) < CASES
+
+
+def test_two_sweeps_in_one_folder_at_once(study: Path, tmp_path: Path) -> None:
+    out, other = tmp_path / "out", tmp_path / "other.toml"
+    other.write_text(STUDY.replace('"15 mm"', '"16 mm"'))
+    processes = [started(command(s, out, "--jobs", "1"), tmp_path) for s in (study, other)]
+    for process in processes:
+        _, said = process.communicate(timeout=120)
+        assert process.returncode == 0, said
+    assert kept(out) == 2 * CASES
+    assert [sweeps.run(sweeps.read(s), Store(out)).computed for s in (study, other)] == [0, 0]
+
+
+def test_a_finer_grid_computes_what_is_missing(tmp_path: Path) -> None:
+    def grid(count: int) -> sweeps.SweepPlan:
+        path = tmp_path / f"grid{count}.toml"
+        path.write_text(
+            re.sub(r"\[sample\].*", "", STUDY, flags=re.S).replace('"0.8 mm"', f'"0.8 mm", count = {count}')
+        )
+        return sweeps.read(path, ["evaluator=pseudo-rigid"])
+
+    coarse = sweeps.run(grid(3), Store(tmp_path / "out"), jobs=1)
+    fine = sweeps.run(grid(5), Store(tmp_path / "out"), jobs=1)
+    assert (coarse.computed, fine.computed) == (15, 10)
+
+
+def test_what_changes_an_answer_changes_its_key(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = sweeps.read(study)
+    cases = plan.cases()[:2]
+    first, second = (question.key for question in running.asked(plan, cases))
+    assert first != second
+    for other in (
+        sweeps.read(study, ["material=Ti-6Al-4V"]),
+        sweeps.read(study, ["dimensions.width=19 mm"]),
+        sweeps.read(study, ["evaluator=pseudo-rigid"]),
+    ):
+        assert running.asked(other, cases)[0].key != first
+    assert running.asked(sweeps.read(study, ["sample.seed=7"]), cases)[0].key == first
+    monkeypatch.setitem(running.ANSWERING, "analytic", ("analytic/*.py",))
+    assert running.asked(plan, cases)[0].key != first
+
+
+def test_a_case_that_cannot_be_built_is_recorded_and_stops_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY.replace('"0.8 mm"', '"8 mm"'))
+    found = sweeps.run(sweeps.read(path, ["sample.count=64"]), Store(tmp_path / "out"), jobs=2)
+    thick = [case.values["dimensions.hinge_thickness"] > 0.9 * 4e-3 for case in found.cases]  # arms are 4 mm thick
+    assert [bool(error) for error in found.answers.errors] == thick
+    assert any(thick) and not all(thick)
+    assert all("a hinge is thinner than its arm" in found.answers.errors[i] for i in found.failed)
+
+
+def test_a_case_that_kills_its_process_is_recorded_and_takes_no_other_along(tmp_path: Path) -> None:
+    (tmp_path / "deadly.py").write_text(DEADLY)
+    content = (ROOT / "geometry" / "lin2019_amplifier_xy.toml").read_text()
+    (tmp_path / "design.toml").write_text(content.replace('"bridge_amplifier"', '"deadly.py"'))
+    path = tmp_path / "study.toml"
+    vary = '"dimensions.hinge_thickness" = { from = "0.35 mm", to = "0.8 mm", count = 10 }'
+    path.write_text(f'format = 1\ndesign = "design.toml"\n[vary]\n{vary}\n')
+    found = sweeps.run(sweeps.read(path), Store(tmp_path / "out"), jobs=2)
+    assert [bool(error) for error in found.answers.errors] == [True] + 9 * [False]
+    assert found.answers.errors[0] == running.DIED
+    honest = sweeps.read(path)
+    assert sweeps.run(honest, Store(tmp_path / "out")).computed == 0
+
+
+# --- a cluster ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[str]]]]:
+    """A scheduler and two workers on loopback, each a process of its own."""
+    pytest.importorskip("distributed")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    dask = (
+        [sys.executable, "-m", "distributed.cli.dask_scheduler"],
+        [sys.executable, "-m", "distributed.cli.dask_worker"],
+    )
+    options = ["--no-dashboard"]
+    lines = [
+        [*dask[0], "--host", "127.0.0.1", "--port", str(port), *options],
+        *([*dask[1], address, "--nthreads", "1", "--no-nanny", *options] for _ in range(2)),
+    ]
+    processes = [started(line, tmp_path) for line in lines]
+    yield address, processes
+    for process in processes:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+
+
+def test_a_worker_of_a_cluster_that_dies_loses_nothing(
+    study: Path, tmp_path: Path, cluster: tuple[str, list[subprocess.Popen[str]]]
+) -> None:
+    address, (_, first, _) = cluster
+    out, said = tmp_path / "out", list[str]()
+
+    def watching(text: str) -> None:
+        said.append(text)
+        if first.poll() is None and " of 400 cases" in text:
+            os.killpg(first.pid, signal.SIGKILL)
+
+    found = sweeps.run(sweeps.read(study), Store(out), scheduler=address, progress=watching)
+    first.communicate()
+    assert first.returncode == -signal.SIGKILL
+    assert found.computed == CASES and not found.failed
+    here = sweeps.run(sweeps.read(study), Store(tmp_path / "here"), jobs=1)
+    for key, values in here.answers.values.items():
+        assert found.answers.values[key] == pytest.approx(values, rel=1e-12)
+
+
+def test_a_scheduler_that_is_not_there_is_named(study: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    done = subprocess.run(
+        command(study, tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1"),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "--scheduler = tcp://127.0.0.1:1: no scheduler answers there" in done.stderr.splitlines()[-1]
+
+
+def test_formulas_of_a_sweep_are_those_of_the_part(study: Path, tmp_path: Path) -> None:
+    """Stroke and blocked force follow by superposition: held at half the stroke, the output pushes half as hard."""
+    plan = sweeps.read(study, ["sample.count=4"])
+    found = sweeps.run(plan, Store(tmp_path), jobs=1)
+    base = design.read(ROOT / "geometry" / "lin2019_amplifier_xy.toml")
+    assert base.actuator is not None
+    k = base.actuator.installed_stiffness
+    for place, case in enumerate(found.cases):
+        changed = [f"{key}={1e3 * float(value):.15g} mm" for key, value in case.values.items()]
+        formulas = design.read(base.file, changed).part().formulas(base.material, k, None)
+        direct = {quantity.key: quantity.value for quantity in formulas["compliance"]}
+        there = {quantity.key: quantity.value for quantity in found.answers.at(place)}
+        assert {key: there[key] for key in direct} == pytest.approx(direct, rel=1e-9)
+        # The actuator between the inputs, with the output free: what a spring of its stiffness leaves of its extension.
+        push = base.actuator.free_stroke / (1 / k + 1 / direct["K_in_output_free"])
+        stroke = push / direct["K_in_output_free"] * direct["lambda_output_free"]
+        assert there["stroke_output_free"] == pytest.approx(stroke, rel=1e-12)
+        assert there["blocked_force_output_held"] / stroke == pytest.approx(direct["K_out_actuator_installed"])
