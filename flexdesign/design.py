@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from flexdesign import materials, part, shipped
+from flexdesign import files, materials, part, shipped
 from flexdesign.assembly import Stage
 from flexdesign.effects import statics
 from flexdesign.errors import InputError, suggest
@@ -282,3 +283,14 @@ def _dimensions(part_class: type[part.Part], given: Mapping[str, Any], path: Pat
         except ValueError as error:
             raise InputError(path, f"dimensions.{p.name}", as_written(given[p.name]), str(error)) from None
     return values
+
+
+def to_toml(design: Design, content: Mapping[str, Any], folder: Path) -> str:
+    """Return the content of a design file as text for a file in another folder, from which its part is found."""
+    file = part.file_of(design.part_class)
+    try:
+        by_name = part.find(file.stem, folder).resolve() == file.resolve()
+    except InputError:
+        by_name = False
+    name = file.stem if by_name else os.path.relpath(file, folder)
+    return "\n".join(files.to_toml({**content, "part": name})) + "\n"

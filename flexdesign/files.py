@@ -295,3 +295,20 @@ def _literal(text: str) -> Any:
         return tomllib.loads(f"value = {text}")["value"]
     except (ValueError, RecursionError):
         return text
+
+
+def to_toml(content: Mapping[str, Any], path: str = "") -> list[str]:
+    """Return a table as lines of TOML: its own values, then the tables in it; `path` is its name."""
+    plain = {name: value for name, value in content.items() if not isinstance(value, Mapping)}
+    lines = [f"{key(name)} = {_toml_value(value)}" for name, value in plain.items()]
+    for name, value in content.items():
+        if isinstance(value, Mapping) and value:
+            inner = f"{path}.{key(name)}" if path else key(name)
+            own = any(not isinstance(entry, Mapping) for entry in value.values())
+            lines += [*(["", f"[{inner}]"] if own else []), *to_toml(value, inner)]
+    return lines
+
+
+def _toml_value(value: object) -> str:
+    """Return a number, a text or a list as TOML."""
+    return quoted(value) if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

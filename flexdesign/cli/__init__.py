@@ -17,6 +17,7 @@ from flexdesign.errors import InputError
 from flexdesign.cli import size as size
 from flexdesign.cli import validate as validate
 from flexdesign.cli import sweep as sweep
+from flexdesign.cli import optimize as optimize
 from flexdesign.cli import simulate as simulate
 from flexdesign.cli import identify as identify
 from flexdesign.cli import compare as compare

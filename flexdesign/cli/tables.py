@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +10,6 @@ from flexdesign.cli.shared import print_json, progress
 from flexdesign.errors import InputError
 
 if TYPE_CHECKING:
-    from flexdesign.design import Design
     from flexdesign.diagnosis.tables import TableDiagnosis
     from flexdesign.report.document import Document, Table
     from flexdesign.static_tables import StaticModel, StaticTable
@@ -147,12 +144,11 @@ def _read(
 
 def design_text(model: StaticModel, overrides: Sequence[str], folder: Path) -> str:
     """Return the design file with a model's effects written into it; its part is found from the new folder."""
-    from flexdesign import files, static_tables, units
+    from flexdesign import design, files, static_tables, units
     from flexdesign.effects import statics
     from flexdesign.files import read_toml
 
     content = read_toml(model.design.file, overrides)
-    content["part"] = _part_name(model.design, folder)
     there = static_tables.drawn(model.design)
     content["effects"] = {
         files.way(Path(name), folder) if name.endswith(".py") else name: {
@@ -162,39 +158,7 @@ def design_text(model: StaticModel, overrides: Sequence[str], folder: Path) -> s
         for name, values in model.effects.items()
         if values != there.get(name)
     }
-    return "\n".join(_toml(content)) + "\n"
-
-
-def _toml(content: Mapping[str, Any], path: str = "") -> list[str]:
-    """Return a table as lines of TOML: its own values, then the tables in it."""
-    from flexdesign import files
-
-    plain = {key: value for key, value in content.items() if not isinstance(value, Mapping)}
-    lines = [f"{files.key(key)} = {_value(value)}" for key, value in plain.items()]
-    for key, value in content.items():
-        if isinstance(value, Mapping) and value:
-            inner = f"{path}.{files.key(key)}" if path else files.key(key)
-            own = any(not isinstance(entry, Mapping) for entry in value.values())
-            lines += [*(["", f"[{inner}]"] if own else []), *_toml(value, inner)]
-    return lines
-
-
-def _value(value: object) -> str:
-    """Return a number, a text or a list as TOML."""
-    from flexdesign import files
-
-    return files.quoted(value) if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-
-
-def _part_name(design: Design, folder: Path) -> str:
-    from flexdesign import part
-
-    file = part.file_of(design.part_class)
-    try:
-        by_name = part.find(file.stem, folder).resolve() == file.resolve()
-    except InputError:
-        by_name = False
-    return file.stem if by_name else os.path.relpath(file, folder)
+    return design.to_toml(model.design, content, folder)
 
 
 def _write(path: Path, text: str) -> Path:

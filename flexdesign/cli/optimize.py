@@ -1,0 +1,63 @@
+"""``flexdesign optimize``: the dimensions that serve an aim best within limits, checked by finite elements."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flexdesign.cli.shared import AsJson, app, print_json, progress
+
+HELP = """Find the dimensions that serve an aim best and keep their limits, checked by finite elements.
+
+STUDY is a sweep file (see `flexdesign sweep --help`) with ranges, limits and one aim, or the bare name of one in
+studies/. The formulas are optimised, finite elements check the optimum and correct them, until both agree. What is a
+list, such as materials, is tried one by one.
+
+**Examples**
+
+    flexdesign optimize stiffest_amplifier
+
+    flexdesign optimize stiffest_amplifier --set limits.K_in_output_free="< 2 N/um"
+
+    flexdesign optimize stiffest_amplifier --no-check
+
+**What it writes:** optimum.toml (the design), report.html, report.md and result.json, into --out.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 nothing keeps all limits, or our fault;
+130 interrupted.
+"""
+
+
+@app.command(help=HELP)
+def optimize(
+    study: Annotated[str, typer.Argument(help="Sweep with limits and one aim: a path, or a bare name.")],
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change one value of sweep or design; may be repeated."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the report [default: reports/STUDY].", show_default=False)
+    ] = None,
+    check: Annotated[bool, typer.Option(help="Check and correct by finite elements.")] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Optimise a design and write its report."""
+    from flexdesign import sweeps
+    from flexdesign.report import optimum_report, render, terminal
+    from flexdesign.sweeps import optimising
+
+    with progress() as say:
+        plan = sweeps.read(study, overrides or [])
+        folder = out or Path("reports") / plan.name
+        render.prepare(folder)
+        found = optimising.optimise(plan, check=check, progress=say)
+        document, result = optimum_report.document(found), optimum_report.result(found)
+        written = render.write(folder, document, result, {"optimum.toml": optimum_report.to_toml(found, folder)})
+    if as_json:
+        print_json(result)
+    else:
+        terminal.brief(document, optimum_report.optimum(found), written)
+    if found.broken:
+        raise typer.Exit(1)

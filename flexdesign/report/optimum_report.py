@@ -1,0 +1,139 @@
+"""The report of an optimisation: the optimum, what formulas and finite elements say of it, how both came to agree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from flexdesign import design as designs
+from flexdesign import files, refinement, units, versions
+from flexdesign.files import FORMAT
+from flexdesign.model import Quantity
+from flexdesign.report.document import Document, Section, Table
+from flexdesign.sweeps.optimising import Optimum, Round
+
+
+def document(found: Optimum) -> Document:
+    """Write the report."""
+    sections = [
+        Section("The optimum", [], [optimum(found), _ends(found)]),
+        Section("What it gives", [_who(found)], [_quantities(found)]),
+    ]
+    if len(found.rounds) > 1:
+        text = "Each round optimises the formulas times what finite elements found over them in the round before."
+        sections.append(Section("How formulas and finite elements came to agree", [text], [_rounds(found)]))
+    return Document(found.plan.title, summary(found), sections)
+
+
+def summary(found: Optimum) -> list[str]:
+    """Say what the optimum is and whether it keeps its limits."""
+    aim, (same, searches) = found.plan.aims[0], found.agreed
+    best = _shown(found.found, aim.quantity)
+    text = f"The {aim} is {best}: {_words(found)}."
+    if found.broken:
+        broken = " and ".join(map(str, found.broken))
+        text = f"Nothing was found that keeps all limits; the nearest breaks {broken}. {text}"
+    elif found.plan.limits:
+        text += f" It keeps {' and '.join(map(str, found.plan.limits))}."
+    return [text, f"{same} of {searches} searches ended there; {_who(found)}"]
+
+
+def _who(found: Optimum) -> str:
+    if found.last.elements is None:
+        return "the numbers are those of the formulas, and unchecked."
+    return f"finite elements checked it in {len(found.rounds)} {'round' if len(found.rounds) == 1 else 'rounds'}."
+
+
+def optimum(found: Optimum) -> Table:
+    """Return what varied, at the optimum."""
+    return Table(["what varied", "optimum"], [[key, _given(found, key)] for key in found.last.values])
+
+
+def _given(found: Optimum, key: str) -> str:
+    factor = next(factor for factor in found.plan.factors if factor.key == key)
+    value = found.last.values[key]
+    if isinstance(value, str):
+        return value
+    return f"{value / units.factor(factor.unit or '1', factor.si):.5g} {factor.unit}".removesuffix(" 1")
+
+
+def _ends(found: Optimum) -> Table:
+    """Return the numbers that stand at the end of their range, where a wider one would do better."""
+    rows = []
+    for factor in found.plan.factors:
+        low, high = factor.ends or (0.0, 0.0)
+        share = (float(found.last.values[factor.key]) - low) / (high - low) if factor.ends else 0.5
+        if not 1e-4 < share < 1 - 1e-4:
+            rows.append([factor.key, _given(found, factor.key), "lower" if share < 0.5 else "upper"])
+    caption = "What stands at the end of its range, and might do better beyond"
+    return Table(["at an end", "value", "which"], rows or [["none", "–", "–"]], caption)
+
+
+def _quantities(found: Optimum) -> Table:
+    last = found.last
+    rows = []
+    for key, quantity in last.formulas.items():
+        fem = last.elements.get(key) if last.elements else None
+        off = f"{100 * (quantity.value / fem.value - 1):+.2f} %" if fem and fem.value else "–"
+        rows.append([f"{quantity.name} {quantity.boundary}", quantity.shown(), fem.shown() if fem else "–", off])
+    return Table(["quantity", "formulas", "finite elements", "formulas are off by"], rows)
+
+
+def _rounds(found: Optimum) -> Table:
+    aim = found.plan.aims[0].quantity
+    named = [aim, *(limit.quantity for limit in found.plan.limits)]
+    heads = ["round", *(f"{q}, {who}" for q in named for who in ("promised", "found"))]
+    rows = [[str(i), *_promises(each, named)] for i, each in enumerate(found.rounds, 1)]
+    return Table(heads, rows)
+
+
+def _promises(each: Round, named: list[str]) -> list[str]:
+    pairs = [(_shown(each.predicted, q), _shown(each.elements, q) if each.elements else "–") for q in named]
+    return [text for pair in pairs for text in pair]
+
+
+def _shown(found: Mapping[str, Quantity], quantity: str) -> str:
+    key = quantity.strip("|")
+    if key not in found:
+        return "–"
+    text = found[key].shown()
+    return text.removeprefix("-") if quantity.startswith("|") else text
+
+
+def _words(found: Optimum) -> str:
+    return ", ".join(f"{key.rpartition('.')[2]} {_given(found, key)}" for key in found.last.values)
+
+
+def to_toml(found: Optimum, folder: Path) -> str:
+    """Return the optimum as a design file for a folder."""
+    plan = found.plan
+    changed = [f"{key}={_given(found, key)}" for key in found.last.values]
+    content = files.read_toml(plan.design.file, [*plan.overrides, *changed])
+    content["title"] = f"{plan.design.title}, optimised"
+    return f"# {summary(found)[0]}\n" + designs.to_toml(plan.design, content, folder)
+
+
+def result(found: Optimum) -> dict[str, Any]:
+    """Return the numbers as result.json has them."""
+    plan, last = found.plan, found.last
+    return {
+        "format": FORMAT,
+        "kind": "optimum",
+        "title": plan.title,
+        "aim": str(plan.aims[0]),
+        "limits": [str(limit) for limit in plan.limits],
+        "broken": [str(limit) for limit in found.broken],
+        "values": {key: _given(found, key) for key in last.values},
+        "formulas": [quantity.to_json() for quantity in last.formulas.values()],
+        "finite_elements": [quantity.to_json() for quantity in (last.elements or {}).values()],
+        "rounds": len(found.rounds),
+        "searches": {"ended": found.agreed[1], "at_the_optimum": found.agreed[0]},
+        "made_by": {
+            "study": plan.file.name,
+            "design": plan.design.name,
+            "evaluator": plan.evaluator,
+            "seed": plan.seed,
+            "versions": versions.installed(refinement.LIBRARIES),
+        },
+    }
