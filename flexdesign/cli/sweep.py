@@ -23,7 +23,7 @@ STUDY is a file that names a design and what shall vary of it, or the bare name 
     material = ["AZ31B", "Al 7075-T6"]
 
     [sample]                                 # every combination, where this is missing
-    method = "sobol"                         # grid, latin-hypercube or sobol
+    method = "sobol"                         # grid, latin-hypercube, sobol, or sensitivity for Sobol's indices
     count = 64
 
     [limits]
@@ -38,6 +38,8 @@ STUDY is a file that names a design and what shall vary of it, or the bare name 
     flexdesign sweep hinge_thickness
 
     flexdesign sweep hinge_thickness --set sample.method=sobol --set sample.count=256
+
+    flexdesign sweep what_matters
 
     flexdesign sweep hinge_thickness --set evaluator=fem --set mesh.accuracy="1 %" --jobs 4
 
@@ -92,4 +94,4 @@ def sweep(
         print_json(result)
         return
     shown = [path for path in written if path.name in ("report.html", "report.md", "result.json", "cases.csv")]
-    terminal.brief(document, sweep_report.best(found), shown)
+    terminal.brief(document, sweep_report.answer(found), shown)

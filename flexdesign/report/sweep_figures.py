@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from flexdesign.report import charts
 from flexdesign.report.document import Figure
 from flexdesign.sweeps import Sweep
 from flexdesign.sweeps.sampling import Factor
+from flexdesign.sweeps.sensitivity import Indices
 
 Array = NDArray[np.float64]
 #: Curves of no more than so many other values stand in one drawing.
@@ -142,6 +143,25 @@ def _front(sweep: Sweep, front: Sequence[int], kept: Sequence[int]) -> Figure:
     _named(axes, *(labelled(each, sweep.answers.unit(each)) for each in (first, second)))
     charts.below(figure, axes, 3)
     return Figure("front.svg", charts.svg(figure), "Designs that no other beats in all aims at once")
+
+
+def importance(told: Mapping[str, Indices], names: Sequence[str]) -> Figure:
+    """Draw total indices as bars, their first-order part in full colour: a group for each quantity."""
+    figure, axes = charts.drawing(6.4, 0.28 * len(names) * len(told) + 1.4)
+    place, ticks = 0.0, []
+    for quantity, each in told.items():
+        for index, name in enumerate(names):
+            colour = charts.COLOURS[index % len(charts.COLOURS)]
+            axes.barh(place, each.total[index], height=0.8, color=colour, alpha=0.35)
+            axes.errorbar(each.total[index], place, xerr=each.total_half[index], color=charts.NEUTRAL, capsize=2)
+            axes.barh(place, max(each.first[index], 0.0), height=0.8, color=colour)
+            ticks.append((place, f"{quantity.replace('_', ' ')}: {name}"))
+            place += 1.0
+        place += 0.6
+    axes.set_yticks([at for at, _ in ticks], [text.replace("|", "") for _, text in ticks])
+    axes.invert_yaxis()
+    axes.set_xlabel("share of the variance: alone (full), and in all (pale)")
+    return Figure("importance.svg", charts.svg(figure), "Which factor matters for what")
 
 
 def _named(axes: Any, xlabel: str, ylabel: str) -> None:

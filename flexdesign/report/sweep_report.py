@@ -15,8 +15,9 @@ from flexdesign.files import FORMAT
 from flexdesign.report import sweep_figures
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.sweep_figures import labelled
-from flexdesign.sweeps import Sweep, choosing
+from flexdesign.sweeps import Sweep, choosing, sensitivity
 from flexdesign.sweeps.sampling import Factor
+from flexdesign.sweeps.sensitivity import Indices
 
 #: How many designs, reasons of failure and quantities a report has, where nobody says which.
 BEST, REASONS, SHOWN = 10, 8, 4
@@ -47,8 +48,9 @@ def document(sweep: Sweep) -> Document:
     kept, front = chosen(sweep)
     drawn = sweep_figures.figures(sweep, shown(sweep), front, kept)
     sections = [
-        Section("The best designs", [_how(sweep)], [best(sweep)]),
+        *([] if sweep.plan.method == "sensitivity" else [Section("The best designs", [_how(sweep)], [best(sweep)])]),
         Section("What depends on what", [], [], drawn),
+        *_matters(sweep),
         Section("What varied", [], [_factors(sweep)]),
     ]
     if sweep.failed:
@@ -65,6 +67,10 @@ def summary(sweep: Sweep) -> list[str]:
     known = len(sweep.cases) - sweep.computed
     text += f". {sweep.computed} were computed in {sweep.seconds:.3g} s" if sweep.computed else ". All were known"
     said = [text + (f", {known} were known." if known and sweep.computed else ".")]
+    for quantity, each in _indices(sweep).items():
+        order = np.argsort(-each.total)[:2]
+        most = " and ".join(f"{plan.factors[i].name} ({100 * each.total[i]:.0f} %)" for i in order)
+        said.append(f"{quantity} hangs on {most} most.")
     if plan.limits:
         said.append(f"{len(kept)} keep {' and '.join(map(str, plan.limits))}.")
     if front and len(plan.aims) == 1:
@@ -94,7 +100,7 @@ def _how(sweep: Sweep) -> str:
 def best(sweep: Sweep) -> Table:
     """Return the best designs, or the first where nobody said what is good."""
     kept, front = chosen(sweep)
-    places = (front if sweep.plan.aims else kept)[:BEST]
+    places = _spread(front) if sweep.plan.aims else kept[:BEST]
     quantities = shown(sweep)
     heads = [
         *(labelled(factor.name, factor.unit) for factor in sweep.plan.factors),
@@ -107,7 +113,13 @@ def best(sweep: Sweep) -> Table:
         ]
         for i in places
     ]
-    return Table(heads, rows, f"{len(places)} of {len(front if sweep.plan.aims else kept)} designs")
+    return Table(heads, rows, f"{len(places)} of {len(front if len(sweep.plan.aims) > 1 else kept)} designs")
+
+
+def _spread(places: Sequence[int]) -> list[int]:
+    """Return some of the best, from one end of a front to the other."""
+    chosen = np.linspace(0, len(places) - 1, min(BEST, len(places))).round().astype(int)
+    return [places[i] for i in chosen]
 
 
 def _given(value: float | str, factor: Factor) -> str:
@@ -132,6 +144,51 @@ def _words(sweep: Sweep, place: int) -> str:
         else f"{factor.name} {sweep.cases[place].values[factor.key]}"
         for factor in sweep.plan.factors
     )
+
+
+def _matters(sweep: Sweep) -> list[Section]:
+    """Return the section with Sobol's indices; none where the sample does not tell them."""
+    told = _indices(sweep)
+    if not told:
+        return []
+    text = (
+        "Of a quantity's variance over all cases: what each factor explains alone, and in what it has a part, alone or "
+        "with others. The difference is what it does together with them; the intervals hold in 95 of 100 samples."
+    )
+    names = [factor.name for factor in sweep.plan.factors]
+    return [Section("What matters for what", [text], [importance(sweep)], [sweep_figures.importance(told, names)])]
+
+
+def _indices(sweep: Sweep) -> dict[str, Indices]:
+    if sweep.plan.method != "sensitivity":
+        return {}
+    count, seed = len(sweep.plan.factors), sweep.plan.seed
+    found = {q: sensitivity.indices(sweep.answers.shown(q), count, seed) for q in shown(sweep)}
+    return {quantity: indices for quantity, indices in found.items() if indices is not None}
+
+
+def importance(sweep: Sweep) -> Table:
+    """Return Sobol's indices: a row for each quantity and factor."""
+
+    def percent(value: float, half: float) -> str:
+        return f"{100 * value:.1f} ± {100 * half:.1f} %"
+
+    rows = [
+        [
+            quantity,
+            factor.name,
+            percent(each.first[index], each.first_half[index]),
+            percent(each.total[index], each.total_half[index]),
+        ]
+        for quantity, each in _indices(sweep).items()
+        for index, factor in enumerate(sweep.plan.factors)
+    ]
+    return Table(["quantity", "factor", "alone", "in all"], rows)
+
+
+def answer(sweep: Sweep) -> Table:
+    """Return the table that answers what was asked: what matters for what, or the best designs."""
+    return importance(sweep) if sweep.plan.method == "sensitivity" else best(sweep)
 
 
 def _factors(sweep: Sweep) -> Table:

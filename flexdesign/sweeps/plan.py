@@ -18,6 +18,7 @@ from flexdesign.design import Design
 from flexdesign.errors import InputError, suggest
 from flexdesign.files import Table, whole
 from flexdesign.study import DESIGN_KEYS, MeshSettings
+from flexdesign.sweeps import sensitivity
 from flexdesign.sweeps.choosing import Aim, Limit
 from flexdesign.sweeps.sampling import Case, Factor, Method, cases
 
@@ -141,6 +142,8 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> SweepPlan:
             raise InputError(path, "design", checked.design, remedy)
         factors = tuple(_factor(key, given, design, path) for key, given in checked.vary.items())
         sample = checked.sample
+        if sample.method == "sensitivity":
+            sensitivity.refuse_absence(path)
         cases_ = math.prod(len(factor.values) for factor in factors) if sample.method == "grid" else sample.count
         if cases_ > MOST:
             raise InputError(path, "vary", f"{cases_} cases", f"are more than {MOST}; take fewer values, or a sample")

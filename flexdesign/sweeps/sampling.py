@@ -14,8 +14,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.sweeps import sensitivity
+
 Array = NDArray[np.float64]
-Method = Literal["grid", "latin-hypercube", "sobol"]
+Method = Literal["grid", "latin-hypercube", "sobol", "sensitivity"]
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,9 @@ def cases(factors: Sequence[Factor], method: Method, count: int, seed: int) -> I
     factors
         What varies.
     method
-        ``grid``: every combination of the factors' values. Else `count` points, each factor over its whole range.
+        ``grid``: every combination of the factors' values. ``latin-hypercube`` and ``sobol``: `count` points, each
+        factor over its whole range. ``sensitivity``: `count` times the number of factors and two, in an order from
+        which Sobol's indices follow.
     count, seed
         Number of points, and the seed that draws them.
     """
@@ -101,6 +105,8 @@ def _points(dimensions: int, method: Method, count: int, seed: int) -> Array:
     from scipy.stats import qmc
 
     rng = np.random.default_rng(seed)
+    if method == "sensitivity":
+        return sensitivity.points(dimensions, count, seed)
     if method == "sobol":
         power = math.ceil(math.log2(max(count, 1)))  # the balance of a sequence shows in powers of two
         return np.asarray(qmc.Sobol(dimensions, rng=rng).random_base2(power)[:count])

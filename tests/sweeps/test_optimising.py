@@ -1,0 +1,154 @@
+"""Optima beside brute force and the conditions of an optimum; finite elements replaced by formulas that are off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexdesign import design, sweeps
+from flexdesign.errors import InputError
+from flexdesign.model import Quantity
+from flexdesign.sweeps import evaluators, optimising
+from tests.conftest import Ended
+
+ROOT = Path(__file__).parents[2]
+HEAD = f'format = 1\ndesign = "{ROOT / "geometry" / "lin2019_amplifier_xy.toml"}"\nevaluator = "pseudo-rigid"\n'
+STUDY = (
+    HEAD
+    + """[vary]
+"dimensions.hinge_thickness" = { from = "0.3 mm", to = "0.8 mm" }
+"dimensions.width" = { from = "10 mm", to = "25 mm" }
+[limits]
+"|stroke_output_free|" = "> 200 um"
+[aim]
+maximise = "K_out_actuator_installed"
+"""
+)
+
+
+def plan(folder: Path, text: str = STUDY) -> sweeps.SweepPlan:
+    path = folder / "study.toml"
+    path.write_text(text)
+    return sweeps.read(path)
+
+
+def test_an_optimum_is_that_of_a_fine_grid(tmp_path: Path) -> None:
+    asked = plan(tmp_path)
+    found = optimising.optimise(asked, check=False)
+    best, base = 0.0, asked.design
+    for thickness in np.linspace(0.3e-3, 0.8e-3, 101):
+        for width in np.linspace(10e-3, 25e-3, 31):
+            varied = replace(base, dimensions={**base.dimensions, "hinge_thickness": thickness, "width": width})
+            values = {q.key: q.value for q in evaluators.by_formulas(varied, "PRB")}
+            if abs(values["stroke_output_free"]) > 200e-6:
+                best = max(best, values["K_out_actuator_installed"])
+    there = found.found
+    # One step of the grid is 1 % of the thickness, 3 % of the stiffness: the optimum is above the grid by no more.
+    assert best <= there["K_out_actuator_installed"].value <= 1.04 * best
+    assert abs(there["stroke_output_free"].value) == pytest.approx(200e-6, rel=1e-5)  # the limit is what stops it
+    assert found.last.values["dimensions.width"] == pytest.approx(25e-3)  # the stroke does not depend on it
+    assert not found.broken
+
+
+def test_materials_are_tried_one_by_one(tmp_path: Path) -> None:
+    text = STUDY.replace("[vary]", '[vary]\nmaterial = ["AZ31B", "Ti-6Al-4V", "Al 7075-T6"]')
+    found = optimising.optimise(plan(tmp_path, text), check=False)
+    stiffness = {
+        metal: optimising.optimise(sweeps.read(tmp_path / "study.toml", [f'vary.material=["{metal}"]']), check=False)
+        .found["K_out_actuator_installed"]
+        .value
+        for metal in ("AZ31B", "Ti-6Al-4V", "Al 7075-T6")
+    }
+    assert found.last.values["material"] == max(stiffness, key=lambda metal: stiffness[metal])
+    assert found.found["K_out_actuator_installed"].value == pytest.approx(max(stiffness.values()), rel=1e-4)
+
+
+def test_formulas_that_are_off_are_corrected_until_both_agree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the place of finite elements: formulas of an amplifier whose hinges are a twentieth thicker than drawn."""
+    asked = []
+
+    def thicker(made: design.Design, mesh: object) -> list[Quantity]:
+        asked.append(made.dimensions["hinge_thickness"])
+        t = 1.05 * made.dimensions["hinge_thickness"]
+        return evaluators.by_formulas(replace(made, dimensions={**made.dimensions, "hinge_thickness": t}), "PRB")
+
+    monkeypatch.setattr(evaluators, "by_elements", thicker)
+    found = optimising.optimise(plan(tmp_path))
+    alone = optimising.optimise(plan(tmp_path), check=False)
+    assert 1 < len(found.rounds) <= optimising.ROUNDS
+    assert abs(found.found["stroke_output_free"].value) == pytest.approx(200e-6, rel=optimising.SETTLED)
+    drawn, believed = (f.last.values["dimensions.hinge_thickness"] for f in (found, alone))
+    assert float(drawn) == pytest.approx(float(believed) / 1.05, rel=2e-3)
+    assert len(asked) == len(found.rounds)
+
+
+def test_limits_that_nothing_keeps_are_named(tmp_path: Path) -> None:
+    found = optimising.optimise(plan(tmp_path, STUDY.replace("200 um", "20 mm")), check=False)
+    assert [str(limit) for limit in found.broken] == ["|stroke_output_free| > 20 mm"]
+    # The nearest has the longest stroke: the thinnest hinges.
+    assert float(found.last.values["dimensions.hinge_thickness"]) == pytest.approx(0.3e-3, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('maximise = "K_out_actuator_installed"', "", "0 aims: an optimum has one aim"),
+        ('"K_out_actuator_installed"', '"K_out_actuator"', "did you mean K_out_actuator_installed"),
+        ('"> 200 um"', '"200 um"', "write < or > and a bound"),
+        ('{ from = "10 mm", to = "25 mm" }', '"10 mm"', "a choice a list"),
+        ('{ from = "10 mm", to = "25 mm" }', '{ from = "10 mm", to = "10 mm" }', "begins where it ends"),
+        ('{ from = "10 mm", to = "25 mm" }', '{ from = "10 N", to = "25 mm" }', "not a unit of length"),
+        ('"dimensions.width"', '"width"', "write dimensions.width"),
+        ('"dimensions.width"', '"dimensions.wdth"', "did you mean width"),
+    ],
+)
+def test_what_cannot_be_used_is_named(tmp_path: Path, old: str, new: str, said: str) -> None:
+    assert old in STUDY
+    with pytest.raises(InputError) as refused:
+        optimising.optimise(plan(tmp_path, STUDY.replace(old, new)), check=False)
+    assert said in str(refused.value)
+    assert str(tmp_path / "study.toml") in str(refused.value)
+
+
+def test_the_command_writes_a_design_that_keeps_its_word(command_line: Callable[..., Ended], tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text(STUDY)
+    ended = command_line("optimize", "study.toml", "--no-check", "--out", "out")
+    assert ended.code == 0, ended.stderr
+    optimum = design.read(tmp_path / "out" / "optimum.toml")
+    values = {quantity.key: quantity for quantity in evaluators.by_formulas(optimum, "PRB")}
+    assert abs(values["stroke_output_free"].value) == pytest.approx(200e-6, rel=1e-4)  # five digits of dimensions
+    assert values["K_out_actuator_installed"].shown() in ended.stdout.replace("\n", " ")
+    assert "unchecked" in (tmp_path / "out" / "report.md").read_text()
+    broken = command_line("optimize", "study.toml", "--no-check", "--set", "limits.|stroke_output_free|=> 20 mm")
+    assert broken.code == 1
+    assert "Nothing was found that keeps all limits" in broken.stdout
+
+
+def test_sweeps_draw_what_suits_what_varies(command_line: Callable[..., Ended], tmp_path: Path) -> None:
+    """Curves over one number, a map over two, points over a sample, a front of two aims; all numbers in cases.csv."""
+    vary: dict[str, Any] = {
+        "curve": '[vary]\nmaterial = ["AZ31B", "Si"]\n"dimensions.width" = ["10 mm", "15 mm", "20 mm"]\n',
+        "map": STUDY.partition("[limits]")[0].removeprefix(HEAD),
+        "points": STUDY.partition("[limits]")[0].removeprefix(HEAD)
+        + '[sample]\nmethod = "latin-hypercube"\ncount = 9\n',
+    }
+    aims = '[aim]\nmaximise = ["|stroke_output_free|", "K_out_input_free"]\n'
+    for kind, text in vary.items():
+        (tmp_path / f"{kind}.toml").write_text(HEAD + text + aims)
+        ended = command_line("sweep", f"{kind}.toml", "--out", kind, "--jobs", "1")
+        assert ended.code == 0, ended.stderr
+        drawn = {path.name for path in (tmp_path / kind).glob("*.svg")}
+        assert drawn == {f"{kind}_stroke_output_free.svg", f"{kind}_K_out_input_free.svg", "front.svg"}
+        lines = (tmp_path / kind / "cases.csv").read_text().splitlines()
+        assert len(lines) == 1 + {"curve": 6, "map": 25, "points": 9}[kind]
+    head, first, *_ = (tmp_path / "curve" / "cases.csv").read_text().splitlines()
+    row = dict(zip(head.split(","), first.split(","), strict=True))
+    assert (row["material"], row["dimensions.width [mm]"], row["error"]) == ("AZ31B", "10", "")
+    base = design.read(ROOT / "geometry" / "lin2019_amplifier_xy.toml", ["dimensions.width=10 mm"])
+    k = {quantity.key: quantity.value for quantity in evaluators.by_formulas(base, "PRB")}["K_out_input_free"]
+    assert float(row["K_out_input_free [N/mm]"]) == pytest.approx(k / 1e3, rel=1e-8)
