@@ -10,7 +10,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.dynamics.axis_model import CAME_FROM, TRIGGER, AxisDynamics
+from flexdesign.dynamics.axis_model import CAME_FROM, AxisDynamics
+from flexdesign.dynamics.axis_parameters import TRIGGER
 from flexdesign.effects import creep
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.noise import Whitening

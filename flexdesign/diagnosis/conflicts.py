@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+from scipy import stats
 
 from flexdesign import effects
 from flexdesign.diagnosis.candidates import LOADED
 from flexdesign.diagnosis.findings import Named, Value
-from flexdesign.dynamics.axis_model import TRIGGER, AxisDynamics
-from flexdesign.dynamics.axis_parameters import DELAY
+from flexdesign.dynamics.axis_model import AxisDynamics
+from flexdesign.dynamics.axis_parameters import DELAY, TRIGGER
 from flexdesign.evidence.coordinates import value
 from flexdesign.evidence.stand import Stand
 from flexdesign.model import Parameter
@@ -153,10 +154,11 @@ def _late(setting: Setting, stand: Stand) -> Conflict | None:
         return None
     # Runs that jitter less than was feared tell their common delay better.
     error = float(np.std(late, ddof=1)) / math.sqrt(len(late))
+    half = float(stats.t.ppf(0.975, len(late) - 1)) * error  # of a few runs the scatter itself is hardly known
     words = f"all runs began late, by {1e3 * mean:.3g} ms in the mean"
     parameter = next(p for p in stand.model.parameters() if p.name == DELAY)
     total = cast(AxisDynamics, stand.model).delay + mean
-    interval = (total - HALF_WIDTH * error, total + HALF_WIDTH * error)
+    interval = (total - half, total + half)
     named = Named("transport_delay", (Value(parameter, total, interval),), 0.0)
     return Conflict(words, ("transport_delay",), named, lambda model: model.replace({DELAY: total}))
 

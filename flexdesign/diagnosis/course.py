@@ -41,7 +41,7 @@ from flexdesign.evidence.case import Case
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import MOST, Step, backward, forward
-from flexdesign.evidence.stand import Stand, calibrated, fitted
+from flexdesign.evidence.stand import Stand, calibrated, finished, fitted
 from flexdesign.evidence.suite import Suite
 from flexdesign.identification import HYSTERESIS, LINEAR
 from flexdesign.model import Model
@@ -54,6 +54,8 @@ EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
 #: Most steps in a sample for fits, and steps for screening; no step of either is longer than this [s], which the
 #: fastest relaxations of the catalogue bear.
 STEPS, STEPS_SCREENING, LONGEST_STEP = 16, 4, 4e-4
+#: The same for the values that are told in the end: many samples determine them far better than their noise.
+EXACT_AT_LAST, STEPS_AT_LAST = 0.002, 64
 #: A run is no later than so many standard deviations, in the model as it was designed and where one record is all there
 #: is: it would be late by many samples for the lag that the model lacks. Several that are all late share a delay.
 BELIEVED = 4.0
@@ -204,6 +206,7 @@ def case_of(
     least = math.ceil(max(setting.periods) / LONGEST_STEP)
     screening, fine = max(STEPS_SCREENING, least), max(STEPS, 2 * least)
     exact = float(np.clip(EXACT * setting.floor / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
+    at_last = EXACT_AT_LAST / EXACT * exact
     dynamics = AxisDynamics(
         setting.name,
         _from_rest(setting.axis),
@@ -231,6 +234,7 @@ def case_of(
         tolerance=setting.tolerance,
         coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=True),
         fine=lambda of: cast(AxisDynamics, of).with_steps(fine),
+        finest=lambda of: cast(AxisDynamics, of).refined(at_last).with_steps(STEPS_AT_LAST),
         each=each,
         progress=progress,
         designed={name: setting.axis.numbers[name] for name in LINEAR},
@@ -283,6 +287,9 @@ def search(
             case = begun_like(case, present)
             stand = fitted(case, stand.model, stand.effects, {}) or stand
         stands.append(stand)
+    if stand.effects:
+        case.progress("fitting once more, simulated more exactly")
+        stand = finished(case, stand)
     return case, Course(designed, base, tuple(stands), tuple(steps), stand, agreed)
 
 

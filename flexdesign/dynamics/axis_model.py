@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from flexdesign import effects
 from flexdesign.dynamics import axis_parameters, axis_response
 from flexdesign.dynamics import stage as stages
-from flexdesign.dynamics.axis_parameters import DELAY, changed, loaded
+from flexdesign.dynamics.axis_parameters import DELAY, TRIGGER, changed, loaded
 from flexdesign.dynamics.axis_run import behind_amplifier, command_of, is_at_stack, smooth_way, span
 from flexdesign.dynamics.chain import AxisChain
 from flexdesign.dynamics.simulate import Loop, Response, Stage, simulate
@@ -56,8 +56,8 @@ TRIED_BOTH = {"turn.1": (-0.95, -0.5, 0.5, 0.95), "turn.2": (-0.25, 0.0, 0.25)}
 PERIODS_OF_A_WAY = 6.0
 #: A mode that was known to be beyond what the samples show may be this much higher still.
 BEYOND = 1.2
-#: How late a record began, as a number of its own; by no more than this [s].
-TRIGGER, LONGEST_TRIGGER = "trigger", 0.02
+#: A record began no later than this [s].
+LONGEST_TRIGGER = 0.02
 
 
 class Steps:

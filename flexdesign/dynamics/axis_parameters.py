@@ -16,6 +16,8 @@ from flexdesign.stage_model import fields as units_of
 Scale = Literal["linear", "log", "inverse"]
 #: How late commands act, as the stage model's file calls it; a number of the stage, not of the axis.
 DELAY = "controller.delay"
+#: How late a record began, as a number of its own.
+TRIGGER = "trigger"
 #: No controller is later than this [s].
 LONGEST_DELAY = 0.05
 #: The stroke [m] and voltage [V] for which the catalogue states plausible values.
@@ -99,7 +101,8 @@ def _electronics(first: AxisModel) -> list[Parameter]:
     acting = (("driver.bandwidth", "driver_bandwidth"), ("driver.slew", "driver_slew"))
     for name, effect in (*acting, ("sensor.bandwidth", "sensor_bandwidth")):
         made.append(replace(effects.find(effect).parameters[0], name=name))
-    return [*made, Parameter(DELAY, "s", "ms", "how late commands act", 0.0, plausible=(0.0, LONGEST_DELAY))]
+    late = Parameter(DELAY, "s", "ms", "how late commands act", 0.0, plausible=(0.0, LONGEST_DELAY), twin=TRIGGER)
+    return [*made, late]
 
 
 def _hysteresis(stroke: float, volts: float, exponent: float) -> dict[str, dict[str, tuple[float, float, float]]]:

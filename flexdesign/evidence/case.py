@@ -35,8 +35,9 @@ class Case:
         Returns what was known of a model's numbers: value and standard deviation, SI, by name.
     tolerance
         What an effect must at least move a held-out prediction, rms [response].
-    coarse, fine
-        Make a model that predicts less exactly and faster, for screening; and one that predicts exactly.
+    coarse, fine, finest
+        Make a model that predicts less exactly and faster, for screening; one that predicts exactly; and one whose
+        errors are small beside those of values that many samples determine, which are far below the noise.
     each
         Maps simulations, over threads perhaps.
     progress
@@ -67,6 +68,7 @@ class Case:
     tolerance: float
     coarse: Callable[[Model], Model] = lambda model: model
     fine: Callable[[Model], Model] = lambda model: model
+    finest: Callable[[Model], Model] = lambda model: model
     each: Map = map
     progress: Callable[[str], None] = lambda _: None
     designed: Mapping[str, float] = field(default_factory=dict)

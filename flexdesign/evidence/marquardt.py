@@ -134,6 +134,7 @@ class _Search:
     def look(self, old: Columns | None = None) -> None:
         """Find the slopes here."""
         self.slopes = self.problem.slopes(self.x, self.residuals, old)
+        self.problem.even(self.slopes)
         self.normal = _normal(self.problem, self.x, self.slopes)
         self.fresh, self.eased = True, False
 
@@ -171,6 +172,7 @@ class _Search:
         for part, before, after in zip(self.slopes, self.residuals, tried, strict=True):
             missed = after - before - part.matrix @ step[part.places]
             part.matrix[:] += np.outer(missed, weighted[part.places])
+        self.problem.even(self.slopes)
         self.kept = (self.cost - reached) / promised
         self.x, self.residuals, self.cost = self.x + step, tried, reached
         self.damping = max(self.damping * (EASED if self.kept > 0.5 else 1.0), UNDAMPED)

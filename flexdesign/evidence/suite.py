@@ -193,6 +193,21 @@ class Problem:
         """Return the model at a point."""
         return self.model.replace(self.where.values(x))
 
+    def even(self, slopes: Sequence[Slopes]) -> None:
+        """Make the slopes of a number and of its twin in each run the same, as they are but for rounding.
+
+        What tells them apart is known of them beforehand; beside strong data the rounding would seem to know better.
+        """
+        for parameter in self.where.parameters:
+            for record, part in zip(self.suite.records, slopes, strict=True) if parameter.twin else ():
+                name = f"{record.observation.name}:{parameter.twin}"
+                if name not in self.where.names:
+                    continue
+                both = [self.where.names.index(each) for each in (parameter.name, name)]
+                mine, other = (int(np.flatnonzero(part.places == place)[0]) for place in both)
+                if part.matrix[:, mine].any():
+                    part.matrix[:, mine] = part.matrix[:, other]
+
     def residuals(self, x: Array) -> list[Array] | None:
         """Return the whitened residual of each record; None where the model fails."""
         model = self.at(x)

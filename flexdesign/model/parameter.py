@@ -36,6 +36,9 @@ class Parameter:
         Whether every recorded run has its own: a start state, a phase.
     run
         The one recorded run on which this number acts; empty if it acts on all.
+    twin
+        Number of single runs that does to each what this one does to all: both add up, and only what is known of either
+        tells them apart.
     """
 
     name: str
@@ -50,6 +53,7 @@ class Parameter:
     screen: tuple[float, ...] = ()
     per_run: bool = False
     run: str = ""
+    twin: str = ""
 
     def is_plausible(self, value: float) -> bool:
         """Tell whether `value` (SI) lies in the plausible range, bounds included."""

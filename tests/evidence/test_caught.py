@@ -124,3 +124,24 @@ def test_a_fit_is_shaken_until_it_is_good_enough() -> None:
     shaken_free = shaken(case, caught, 0.0)
     assert shaken_free.cost < caught.cost - 100 and len(said) == 4
     assert shaken(case, shaken_free, shaken_free.cost + 1.0) is shaken_free and len(said) == 4
+
+
+def test_strong_data_do_not_tell_twins_apart() -> None:
+    """A delay of all runs and one of each: their sum is known to 1e-7, the delay only as well as the others' mean."""
+
+    def late(v: Mapping[str, float], run: Any) -> Array:
+        return np.asarray(1e5 * np.sin(0.5 + v["delay"] + v[f"{run.name}:late"]) * column(run, "start"))
+
+    own = [parameter(f"{name}:late", 0.0, -1.0, 1.0, run=name) for name in NAMES]
+    shared = dataclasses.replace(parameter("delay", 0.0, -1.0, 1.0), twin="late")
+    toy, spread = base("p", "q").plus(late, shared, *own), 1e-2
+    truth = toy.replace({"p": 2.0, "q": -1.0, "delay": 0.02, "two:late": 0.01})
+    rng = np.random.default_rng(1)
+    blank = [Run(name, np.arange(N) / N, None) for name in NAMES]
+    made = [dataclasses.replace(r, data=truth.predict(r) + SIGMA * rng.standard_normal(N)) for r in blank]
+    known = {f"{name}:late": (0.0, spread) for name in NAMES}
+    case = Case(Suite(made, White(SIGMA), offset), suite([]), ("p", "q", "delay"), lambda _: known, 1e-3)
+    found = fitted(case, toy, (), {})
+    assert found is not None
+    j = found.solution.problem.where.names.index("delay")
+    assert math.sqrt(found.solution.covariance[j, j]) == pytest.approx(spread / math.sqrt(3), rel=1e-3)
