@@ -77,6 +77,23 @@ class SymmetryPlane:
         return "xyz".index(self.axis)
 
 
+@dataclass(frozen=True)
+class Outline:
+    """The section of an extrusion with straight sides, told by its corners, so that no solid has to be built for it.
+
+    Parameters
+    ----------
+    loops
+        Corners of each closed contour in turn, along the two axes that follow that of the extrusion cyclically [m].
+    low, high
+        Where the extrusion begins and ends along its axis [m].
+    """
+
+    loops: Sequence[Sequence[tuple[float, float]]]
+    low: float
+    high: float
+
+
 class Piece(Protocol):
     """A parametric shape that can be meshed, alone or in a stage; `dimensions` are the fields that make it."""
 
@@ -98,6 +115,12 @@ class Piece(Protocol):
         """Return the axis along which the part is an extrusion, or None; without this method it is none.
 
         Such a part is meshed by layers, many times sooner at the same accuracy. What is extruded is read off the solid.
+        """
+
+    def outline(self) -> Outline | None:
+        """Return the section of a prismatic part with straight sides, or None; without this method there is none.
+
+        It must be the section of `solid`: sweeps then do without the solid, which takes longer than a planar solve.
         """
 
 
@@ -178,7 +201,7 @@ def load(name: str, folder: Path | None = None, methods: Sequence[str] = METHODS
         raise InputError(path, cls.__name__, None, f"the part lacks {', '.join(f'{m}()' for m in missing)}; add it")
     if not _all_are(cls.dimensions, Parameter):
         raise InputError(path, f"{cls.__name__}.dimensions", None, "must be a tuple of flexdesign.model.Parameter")
-    for method in (*methods, "prismatic"):
+    for method in (*methods, "prismatic", "outline"):
         function = inspect.getattr_static(cls, method, None)
         if inspect.isfunction(function):
             setattr(cls, method, _guarded(function, f"{cls.__name__}.{method}()", path))
@@ -221,6 +244,9 @@ def examine(part: Part) -> None:
         require(all(0 < size < math.inf for size in sizes), "linkage", sizes, f"{hinge.name} has no size")
     require(_all_are(planes, SymmetryPlane), "symmetry", None, "must return a tuple of flexdesign.part.SymmetryPlane")
     require(axis in ("x", "y", "z", None), "prismatic", axis, "the axis must be x, y or z, or None")
+    told = straight_outline(part)
+    require(told is None or (isinstance(told, Outline) and axis is not None), "outline", None,
+            "must return a flexdesign.part.Outline or None, and only where prismatic() names an axis")  # fmt: skip
     axes = [plane.axis for plane in planes]
     for plane in planes:
         require(plane.axis in ("x", "y", "z"), "symmetry", plane.axis, "the axis must be x, y or z")
@@ -235,6 +261,12 @@ def extrusion_axis(part: Piece) -> Axis | None:
     """Return the axis along which a part declares itself an extrusion, or None."""
     declared: Callable[[], Axis | None] | None = getattr(part, "prismatic", None)
     return declared() if declared is not None else None
+
+
+def straight_outline(part: Piece) -> Outline | None:
+    """Return the section that a part tells by its corners, or None."""
+    told: Callable[[], Outline | None] | None = getattr(part, "outline", None)
+    return told() if told is not None else None
 
 
 def file_of(part: type[Piece]) -> Path:

@@ -34,7 +34,7 @@ from flexdesign.errors import InputError
 from flexdesign.materials import Material
 from flexdesign.model import Formulas, Linkage, Member, Parameter, Quantity, Root
 from flexdesign.model.linkage import Vector
-from flexdesign.part import Axis, Port, SymmetryPlane
+from flexdesign.part import Axis, Outline, Port, SymmetryPlane
 
 #: The least that an arm may rise or fall between its hinges, |l_y| [m].
 FLATTEST = 5e-5
@@ -196,17 +196,28 @@ class BridgeAmplifier:
         """Return the amplifier as one closed solid [mm]."""
         import cadquery as cq
 
-        def ring(upper: list[tuple[float, float]], lower: list[tuple[float, float]]) -> list[tuple[float, float]]:
-            right = upper + [(x, -y) for x, y in reversed(lower)]
-            return [(x * 1e3, y * 1e3) for x, y in right + [(-x, y) for x, y in reversed(right)]]
-
-        outer = ring(self.outer_corners(self.output_block_height), self.outer_corners(self.ground_block_height))
-        inner = ring(self.inner_corners(), self.inner_corners())
+        outer, inner = ([(x * 1e3, y * 1e3) for x, y in loop] for loop in self._loops())
         front = cq.Workplane("XY").polyline(outer).close().polyline(inner).close()
         body = front.extrude(self.width * 1e3 / 2, both=True)
         if self.fillet_radius > 0:
             body = body.newObject(self._root_edges(body)).fillet(self.fillet_radius * 1e3)
         return body.solids().val()
+
+    def _loops(self) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+        """Return the corners of the outer and the inner contour of the whole amplifier, roots sharp [m]."""
+
+        def ring(upper: list[tuple[float, float]], lower: list[tuple[float, float]]) -> list[tuple[float, float]]:
+            right = upper + [(x, -y) for x, y in reversed(lower)]
+            return right + [(-x, y) for x, y in reversed(right)]
+
+        outer = ring(self.outer_corners(self.output_block_height), self.outer_corners(self.ground_block_height))
+        return outer, ring(self.inner_corners(), self.inner_corners())
+
+    def outline(self) -> Outline | None:
+        """Return both contours, drawn out over the width; None with fillets, as only straight sides can be told."""
+        if self.fillet_radius > 0:
+            return None
+        return Outline(self._loops(), -self.width / 2, self.width / 2)
 
     def _root_edges(self, body: Any) -> list[Any]:
         """Return the edges along z at which a leaf meets its arm, rod or block."""

@@ -150,12 +150,12 @@ def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = 
                 remedy = f"its point must lie in the symmetry plane {plane.axis} = 0, or the plane must swap the port"
                 raise InputError("part", f"ports.{port.name}", port.point, remedy)
     swapped = {name for plane in planes for name in plane.swaps}
-    ports = {port.name: _face_of(port, faces) for port in part.ports() if port.name not in swapped}
+    ports = {port.name: face_of(port, faces) for port in part.ports() if port.name not in swapped}
     return Domain(
         faces=faces,
         planes=planes,
         ports=ports,
-        plane_faces=tuple(_faces_in(plane, faces) for plane in planes),
+        plane_faces=tuple(faces_in(plane, faces) for plane in planes),
         volume=solid.Volume() * MM**3,
         fingerprint=_fingerprint(solid),
         section=section.of_solid(solid, axis) if (axis := extrusion_axis(part)) else None,
@@ -224,7 +224,7 @@ def _face(face: Any, chord: float) -> Face:
     return Face(points, corners, None)
 
 
-def _face_of(port: Port, faces: Sequence[Face]) -> int:
+def face_of(port: Port, faces: Sequence[Face]) -> int:
     """Find the plane face with the port's normal whose plane and extent contain the port's point."""
     for index, face in enumerate(faces):
         if face.normal is None or face.normal @ np.array(port.normal) < 1 - 1e-9:
@@ -237,7 +237,8 @@ def _face_of(port: Port, faces: Sequence[Face]) -> int:
     raise InputError("part", f"ports.{port.name}", port.point, "no plane face with this normal at this point")
 
 
-def _faces_in(plane: SymmetryPlane, faces: Sequence[Face]) -> tuple[int, ...]:
+def faces_in(plane: SymmetryPlane, faces: Sequence[Face]) -> tuple[int, ...]:
+    """Return the indices of the faces that lie in a symmetry plane; raise InputError if there are none."""
     inside = [i for i, f in enumerate(faces) if np.all(np.abs(f.points[:, plane.index]) < 1e-9)]
     if not inside:
         raise InputError("part", "symmetry", plane.axis, "the plane does not cut the solid")
