@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.fem.mesh import MeshError, TaggedMesh, boundary, signed_volumes
-from flexdesign.fem.planar import PlanarError, Triangulation, triangulate
+from flexdesign.fem.planar import PlanarError, Size, Triangulation, triangulate
 from flexdesign.fem.section import Section
 from flexdesign.fem.sizing import Sizing, spaced
 
@@ -40,44 +40,53 @@ class Layers:
     growth: float
     largest: float
 
-    def heights(self, low: float, high: float, free: tuple[bool, bool]) -> FloatArray:
-        """Return where layers meet [m], from the low to the high end; `free` ends are none of symmetry."""
+    def heights(self, low: float, high: float, free: tuple[bool, bool], count: int | None = None) -> FloatArray:
+        """Return where layers meet [m], from the low to the high end; `free` ends are none of symmetry.
+
+        With a `count` there are so many, graded alike.
+        """
         s = np.linspace(0.0, high - low, 4001)
         wanted = np.full(len(s), self.largest)
         for is_free, away in zip(free, (s, s[::-1]), strict=True):
             if is_free:
                 np.minimum(wanted, self.at_ends + self.growth * away, out=wanted)
-        heights = low + spaced(s, wanted)
+        heights = low + spaced(s, wanted, count)
         heights[-1] = high
         return heights
 
 
-def extrude(section: Section, sizing: Sizing, layers: Layers, chord: float, free: tuple[bool, bool]) -> TaggedMesh:
-    """Mesh a section and draw it out.
+def planar_size(section: Section, sizing: Sizing) -> Size:
+    """Return the target edge length in a section, which is asked half-way between the ends."""
+    middle = (section.low + section.high) / 2
+    return lambda points: sizing(section.lifted(points, middle))
+
+
+def triangulated(section: Section, sizing: Sizing, chord: float) -> Triangulation:
+    """Triangulate a section.
 
     Parameters
     ----------
     section
         What to mesh.
     sizing
-        The target edge length in the section; it is asked half-way between the ends.
-    layers
-        How thick the layers are.
+        The target edge length, asked half-way between the ends.
     chord
         Largest distance between a curved face and the mesh [m].
-    free
-        Whether the low and the high end are free faces, not planes of symmetry.
 
     Raises
     ------
     MeshError
         If the section cannot be triangulated.
     """
-    middle = (section.low + section.high) / 2
     try:
-        plan = triangulate(section.outline, lambda points: sizing(section.lifted(points, middle)), chord)
+        return triangulate(section.outline, planar_size(section, sizing), chord)
     except PlanarError as error:
         raise MeshError(f"{error}; change mesh.at_root, or take the method wild") from error
+
+
+def extrude(section: Section, sizing: Sizing, layers: Layers, chord: float, free: tuple[bool, bool]) -> TaggedMesh:
+    """Mesh a section as `triangulated` does, and draw it out in layers; `free` ends are none of symmetry."""
+    plan = triangulated(section, sizing, chord)
     return drawn_out(plan, section, layers.heights(section.low, section.high, free))
 
 

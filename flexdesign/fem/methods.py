@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from flexdesign.fem import convergence
 from flexdesign.fem.convergence import Scatter
 from flexdesign.fem.domain import Domain
-from flexdesign.fem.extruded import Layers, extrude
+from flexdesign.fem.extruded import Layers, drawn_out, planar_size, triangulated
 from flexdesign.fem.mesh import MeshError, TaggedMesh, tetrahedralize
+from flexdesign.fem.planar import Size, Triangulation
 from flexdesign.fem.section import Section
 from flexdesign.fem.sizing import Sizing, distance, edge_length_at_roots, root_edges
 from flexdesign.model import Member
@@ -182,13 +183,28 @@ class Extruded:
 
     def mesh(self, coarseness: float) -> TaggedMesh:
         """Return the mesh, 1 being the finest; raise MeshError if there is none to be had."""
-        domain = self.grading.domain
-        if domain.section is None:
+        return drawn_out(self.plan(coarseness), self.section, self.heights(coarseness))
+
+    @property
+    def section(self) -> Section:
+        """The section; raise MeshError if the part is no extrusion."""
+        section = self.grading.domain.section
+        if section is None:
             raise MeshError("the part does not declare itself prismatic; take the method wild")
-        free = self._free_ends(domain.section)
-        return extrude(
-            domain.section, self._sizing(coarseness), self._layers(coarseness), self._chord(coarseness), free
-        )
+        return section
+
+    def plan(self, coarseness: float) -> Triangulation:
+        """Return the triangles that are drawn out, 1 being the finest; raise MeshError if there are none to be had."""
+        return triangulated(self.section, self._sizing(coarseness), self._chord(coarseness))
+
+    def planar_size(self, coarseness: float) -> Size:
+        """Return the edge length wanted in the section."""
+        return planar_size(self.section, self._sizing(coarseness))
+
+    def heights(self, coarseness: float, count: int | None = None) -> FloatArray:
+        """Return where layers meet [m]; with a `count` there are so many, graded alike."""
+        section = self.section
+        return self._layers(coarseness).heights(section.low, section.high, self._free_ends(section), count)
 
     def finest_edge(self, coarseness: float) -> float:
         """Return the shortest edge length asked for [m]."""

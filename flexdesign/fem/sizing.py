@@ -85,7 +85,7 @@ def distance(points: FloatArray, roots: FloatArray) -> FloatArray:
     return nearest
 
 
-def spaced(places: FloatArray, wanted: FloatArray) -> FloatArray:
+def spaced(places: FloatArray, wanted: FloatArray, pieces: int | None = None) -> FloatArray:
     """Cut a line into the fewest pieces, all shorter than wanted where they lie, and all by the same factor.
 
     Parameters
@@ -94,18 +94,25 @@ def spaced(places: FloatArray, wanted: FloatArray) -> FloatArray:
         Ascending coordinates at which the wanted length is known, shape (n,) [m].
     wanted
         That length, shape (n,) [m].
+    pieces
+        So many pieces instead, longer or shorter than wanted by the same factor.
 
     Returns
     -------
     ndarray
         Where the pieces meet, both ends included [m].
     """
-    density = 1 / wanted
-    count = np.concatenate([[0.0], np.cumsum(np.diff(places) * (density[1:] + density[:-1]) / 2)])
-    pieces = max(1, int(np.ceil(count[-1] - 1e-6)))
+    count = counted(places, wanted)
+    pieces = pieces or max(1, int(np.ceil(count[-1] - 1e-6)))
     cuts = np.interp(np.linspace(0.0, count[-1], pieces + 1), count, places)
     cuts[[0, -1]] = places[[0, -1]]
     return np.asarray(cuts)
+
+
+def counted(places: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Return how many pieces as long as wanted fit before each place of a line: the integral of one over the length."""
+    density = 1 / wanted
+    return np.concatenate([[0.0], np.cumsum(np.diff(places) * (density[1:] + density[:-1]) / 2)])
 
 
 def root_edges(members: Sequence[Member], domain: Domain) -> tuple[FloatArray, list[Member]]:
