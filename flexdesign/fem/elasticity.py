@@ -94,18 +94,29 @@ class Elasticity:
         rest = inverse.transpose(0, 2, 1)
         return np.concatenate([-rest.sum(axis=1, keepdims=True), rest], axis=1), np.linalg.det(jacobian) / 6
 
-    def stiffness(self) -> sp.csr_matrix:
-        """Return the stiffness matrix's upper triangle, held dofs included [N/m]."""
+    def moved(self, mesh: TaggedMesh, material: Material) -> Elasticity:
+        """Return a body on a mesh that differs in its points alone; numbers of nodes and places of entries stay."""
+        other = Elasticity(mesh, material)
+        for name in ("basis", "_scikit_nodes", "nodes", "vertex_nodes", "_edge_nodes", "_node_pairs"):
+            vars(other)[name] = getattr(self, name)
+        return other
+
+    def stiffness(self, *, zeros: bool = False) -> sp.csr_matrix:
+        """Return the stiffness matrix's upper triangle, held dofs included [N/m].
+
+        With `zeros` entries that happen to be zero stay, so that moved bodies have them in the same places.
+        """
         gradients, volumes = self.barycentric_gradients
         products = np.einsum("eki,elj,e->klije", gradients, gradients, volumes, optimize=True)
         pairs = (_stiffness_tensor() @ products.reshape(16, -1)).reshape(-1, 3, 3, len(volumes))
-        return self.assembled(self._isotropic(pairs) if self.material.crystal is None else self._anisotropic(pairs))
+        local = self._isotropic(pairs) if self.material.crystal is None else self._anisotropic(pairs)
+        return self.assembled(local, zeros=zeros)
 
-    def assembled(self, local: FloatArray) -> sp.csr_matrix:
+    def assembled(self, local: FloatArray, *, zeros: bool = False) -> sp.csr_matrix:
         """Return the upper triangle of a symmetric matrix, held dofs included.
 
         `local` holds what each element gives to each pair of `PAIRS`: component i of its first node in the row, j of
-        its second in the column, shape (55, 3, 3, m).
+        its second in the column, shape (55, 3, 3, m); `zeros` as `stiffness` takes it.
         """
         turned, places, columns, starts = self._node_pairs
         blocks = np.empty((len(columns), 3, 3))
@@ -115,6 +126,8 @@ class Elasticity:
         for i, j in ((1, 0), (2, 0), (2, 1)):
             blocks[starts[:-1], i, j] = 0.0  # of a node with itself, which comes first in its row
         matrix = sp.bsr_matrix((blocks, columns, starts), shape=(self.n_dofs, self.n_dofs)).tocsr()
+        if zeros:
+            return sp.triu(matrix, format="csr")
         matrix.eliminate_zeros()
         return matrix
 

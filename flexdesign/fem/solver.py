@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -41,6 +42,9 @@ class Factor(Protocol):
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the solution for one or several right-hand sides, shape (n,) or (n, k)."""
 
+    def renew(self, upper: sp.csr_matrix) -> bool:
+        """Factorize another matrix in the place of this one if that is quicker than anew, else return False."""
+
     def free(self) -> None:
         """Give the memory back."""
 
@@ -54,24 +58,46 @@ class Pardiso:
         if libraries := [str(path) for place in PLACES for path in Path(sys.prefix).glob(place)]:
             os.environ.setdefault(LIBRARY, min(libraries, key=len))
         from pypardiso import PyPardisoSolver
-        from pypardiso.pardiso_wrapper import PyPardisoError
 
         self._matrix = upper
         self._matrix.sort_indices()
         self._solver = PyPardisoSolver(mtype=2)
         for place, value in SETTINGS.items():
             self._solver.set_iparm(place, value)
+        self._factorized((ORDER, FACTORIZE))
+
+    def _factorized(self, phases: Sequence[int]) -> None:
+        from pypardiso.pardiso_wrapper import PyPardisoError
+
         try:
-            self._run(ORDER)
-            self.memory = 1024 * max(int(self._solver.iparm[14]), int(self._solver.iparm[15] + self._solver.iparm[16]))
-            self._require(available_memory())
-            self._run(FACTORIZE)
+            for phase in phases:
+                self._run(phase)
+                if phase == ORDER:
+                    counts = self._solver.iparm
+                    self.memory = 1024 * max(int(counts[14]), int(counts[15] + counts[16]))
+                    self._require(available_memory())
         except PyPardisoError as error:
             self.free()
             if error.value == NO_PIVOT:
                 raise NotPositiveDefinite("the stiffness matrix is not positive definite") from None
             raise
         self._solver.set_phase(SOLVE)
+
+    def renew(self, upper: sp.csr_matrix) -> bool:
+        """Factorize a matrix with entries in the same places, in the order found for the first; False for others.
+
+        Raises
+        ------
+        NotPositiveDefinite
+            If it is not positive definite; the factor is gone then.
+        """
+        upper.sort_indices()
+        same = (np.array_equal(getattr(upper, name), getattr(self._matrix, name)) for name in ("indptr", "indices"))
+        if not all(same):
+            return False
+        self._matrix = upper
+        self._factorized((FACTORIZE,))
+        return True
 
     def _run(self, phase: int) -> None:
         self._solver.set_phase(phase)
@@ -108,6 +134,10 @@ class SuperLU:
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the solution for one or several right-hand sides, shape (n,) or (n, k)."""
         return np.asarray(self._factor.solve(np.ascontiguousarray(right)))
+
+    def renew(self, upper: sp.csr_matrix) -> bool:
+        """Return False: nothing of a factor is of use to the next."""
+        return False
 
     def free(self) -> None:
         """Nothing to do: the factor goes with the object."""

@@ -161,11 +161,21 @@ class ClassSystem:
 
 
 def class_system(
-    body: Elasticity, domain: Domain, cls: SymmetryClass, stiffness: sp.csr_matrix, ground: Sequence[int]
+    body: Elasticity,
+    domain: Domain,
+    cls: SymmetryClass,
+    stiffness: sp.csr_matrix,
+    ground: Sequence[int],
+    factor: Factor | None = None,
 ) -> ClassSystem:
-    """Hold the ground faces and what the class holds on its planes, and factorize the rest."""
+    """Hold the ground faces and what the class holds on its planes, and factorize the rest.
+
+    The `factor` of a matrix with entries in the same places is made this one's, which saves the search for an order.
+    """
     free = free_dofs(body, domain, cls, ground)
     reduced = stiffness[free][:, free].tocsr()
+    if factor is not None and factor.renew(reduced):
+        return ClassSystem(cls, free, factor, reduced)
     return ClassSystem(cls, free, factorize(reduced), reduced)
 
 
@@ -206,6 +216,29 @@ def class_compliance(
     used = np.flatnonzero(fitting)
     checks = _checks(body, system, stiffness, loads[:, used], displacements[:, used])
     return whole, checks, displacements, projection
+
+
+def drive_compliance(
+    body: Elasticity, system: ClassSystem, stiffness: sp.csr_matrix, space: PortSpace
+) -> tuple[PortCompliance, Checks]:
+    """Solve the symmetric class for actuator and output force alone, which is all that input and output ask for.
+
+    With e and o the extension's and the output's vectors over the whole part's ports, the domain carries the loads
+    f = L H P e; the whole part's compliance is that of the domain times the number of its images.
+
+    Returns
+    -------
+    compliance
+        Over two rows: extension and output.
+    checks
+        Of these solves.
+    """
+    shares = space.halves[:, None] * (space.projection(system.cls) @ np.column_stack([space.extension, space.output]))
+    loads = np.hstack([space.loads[name] for name in space.kept]) @ shares
+    displacements = system.solve(loads)
+    matrix = loads.T @ displacements * 2 ** len(space.planes)
+    checks = _checks(body, system, stiffness, loads, displacements)
+    return PortCompliance(matrix, np.array([1.0, 0.0]), np.array([0.0, 1.0])), checks
 
 
 def _checks(
