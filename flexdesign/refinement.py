@@ -33,7 +33,16 @@ Progress = Callable[[str], None]
 #: Distributions whose versions travel with every result.
 LIBRARIES = ("cadquery", "pytetwild", "scikit-fem", "numpy", "scipy", "pypardiso", "pyvista", "meshio")
 #: Modules of `flexdesign.fem` that make neither meshes nor solutions.
-AFTERWARDS = ("assembled", "convergence", "corotated", "monolithic", "second_order")
+AFTERWARDS = (
+    "assembled",
+    "convergence",
+    "corotated",
+    "monolithic",
+    "morphing",
+    "outlined",
+    "plane_stress",
+    "second_order",
+)
 #: Where an accuracy is asked for there are no more meshes than these.
 MOST_LEVELS = 5
 

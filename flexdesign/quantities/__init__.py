@@ -1,6 +1,6 @@
 """From port compliance, section forces and modes to the quantities a designer asks for, each with its boundary."""
 
-from flexdesign.quantities.gathering import of_solution
+from flexdesign.quantities.gathering import of_compliance, of_solution
 from flexdesign.quantities.handover import stage_model
 from flexdesign.quantities.motion import COMPONENTS, POINTS, six_degrees
 from flexdesign.quantities.shares import compliance_shares, energy_shares
@@ -14,6 +14,7 @@ __all__ = [
     "drive_share",
     "energy_shares",
     "hinge_peak",
+    "of_compliance",
     "of_solution",
     "output_share",
     "peak_stresses",

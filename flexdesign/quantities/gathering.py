@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from flexdesign.design import Actuator
 from flexdesign.fem.analysis import Solution
 from flexdesign.fem.statics import PortCompliance
 from flexdesign.model import Quantity, output_boundary
@@ -16,15 +17,36 @@ from flexdesign.study import Study
 def of_solution(study: Study, solution: Solution) -> list[Quantity]:
     """Return every quantity that one mesh gives and whose limit for vanishing element size is sought."""
     c, actuator = solution.compliance, study.design.actuator
+    found = of_compliance(c, actuator, study.output.load)
+    found += stresses(study, solution)
+    found += six_degrees(study, c, off_axis=bool(solution.modes))
+    if solution.modes:
+        found += coupling(c, study.output.actuator_offset)
+        found += frequencies(solution, actuator.installed_stiffness if actuator else 0.0)
+    return found
+
+
+def of_compliance(c: PortCompliance, actuator: Actuator | None, load: float | None = None) -> list[Quantity]:
+    """Return what the compliance between input and output gives.
+
+    Parameters
+    ----------
+    c
+        The compliance.
+    actuator
+        What drives the part, if anything does.
+    load
+        Stiffness of what the output pushes against [N/m], for one more row of K_in and amplification.
+    """
     found = [
         Quantity("K_in", c.input_stiffness, "N/m", "N/mm", "output free"),
         Quantity("lambda", c.amplification, "1", "", "output free"),
         Quantity("K_out", c.output_stiffness(0.0), "N/m", "N/mm", "input free"),
         Quantity("K_out", c.output_stiffness(math.inf), "N/m", "N/mm", "input held"),
     ]
-    if study.output.load is not None:
-        stiffness, ratio = c.loaded(study.output.load)
-        boundary = output_boundary(study.output.load)
+    if load is not None:
+        stiffness, ratio = c.loaded(load)
+        boundary = output_boundary(load)
         found.append(Quantity("K_in", stiffness, "N/m", "N/mm", boundary))
         found.append(Quantity("lambda", ratio, "1", "", boundary))
     if actuator is not None:
@@ -37,11 +59,6 @@ def of_solution(study: Study, solution: Solution) -> list[Quantity]:
         ]
         if actuator.preload > 0:
             found += _preloaded(c, actuator.preload, k)
-    found += stresses(study, solution)
-    found += six_degrees(study, c, off_axis=bool(solution.modes))
-    if solution.modes:
-        found += coupling(c, study.output.actuator_offset)
-        found += frequencies(solution, actuator.installed_stiffness if actuator else 0.0)
     return found
 
 
