@@ -1,0 +1,327 @@
+"""Three-dimensional FEM of one design among many: a coarse mesh morphed from a neighbour's, its error known from there.
+
+On two coarse meshes A and B (B the finer) each design has three numbers p: C11, lambda and C22 - C12^2 / C11, from
+which all quantities of input and output follow. At an anchor, a design that is solved on three fine meshes as well,
+the limit p* and with it the error of B is known,
+
+    g = ln(p* / p_B).
+
+As the neighbours' meshes are the anchor's triangles moved (`fem.morphing`), g changes smoothly and little from design
+to design, and p* = p_B exp(g). How far it may have changed is seen from the step between the two coarse meshes, which
+is known everywhere, and from the distance d, the root of the sum of squared relative differences of the dimensions:
+with r = ln(p_B / p_A), the half-width of a design's error is
+
+    sigma = root(sigma_anchor^2 + max |r - r_anchor|^2 + (DRIFT d)^2),
+
+the largest step over the three numbers, as they share their hinges. Where sigma exceeds the accuracy, or no mesh can be
+morphed, the design becomes an anchor itself. Between several anchors g and r are weighted by the inverse square of the
+distance (Shepard 1968).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.design import Design
+from flexdesign.errors import InputError
+from flexdesign.fem import convergence, gate, morphing, ports, statics
+from flexdesign.fem.domain import Domain
+from flexdesign.fem.elasticity import Elasticity
+from flexdesign.fem.extruded import drawn_out
+from flexdesign.fem.mesh import MeshError, TaggedMesh
+from flexdesign.fem.methods import Extruded
+from flexdesign.fem.morphing import Pattern
+from flexdesign.fem.solver import Factor, NotEnoughMemory
+from flexdesign.fem.statics import PortCompliance
+from flexdesign.model import Quantity
+from flexdesign.multifidelity import extrusion
+from flexdesign.part import Part
+from flexdesign.quantities import of_compliance
+from flexdesign.study import MeshSettings
+
+FloatArray = NDArray[np.float64]
+
+#: Coarseness of the meshes B and A; finer pairs where the first cannot be had, as fillets ask for.
+PAIRS = ((2.46, 3.32), (1.82, 2.46), (1.35, 1.82))
+#: Coarseness of an anchor's meshes, coarse to fine; with an accuracy below `FINE` one more, finer.
+ANCHORING, FINE = (1.82, 1.35, 1.0), 3e-3
+FINEST = 1 / 1.35
+#: By how much the error of the coarse mesh may change with the distance, beside what the steps show: measured on the
+#: sample of `studies.benchmarks.sweep_evaluators`.
+DRIFT = 0.015
+
+
+@dataclass
+class Coarse:
+    """A coarse mesh that moves from design to design.
+
+    Parameters
+    ----------
+    coarseness
+        As `Extruded` takes it.
+    pattern
+        Its triangles.
+    body
+        The discretised body of the first design.
+    factor
+        Of the latest matrix; it knows the order of elimination.
+    """
+
+    coarseness: float
+    pattern: Pattern
+    body: Elasticity
+    factor: Factor | None = None
+
+    @classmethod
+    def of(cls, design: Design, method: Extruded, coarseness: float) -> Coarse:
+        """Mesh anew; raise MeshError if that cannot be done."""
+        plan = method.plan(coarseness)
+        mesh = drawn_out(plan, method.section, method.heights(coarseness))
+        pattern = Pattern(method.section, method.planar_size(coarseness), plan)
+        return cls(coarseness, pattern, Elasticity(mesh, design.material))
+
+    def morphed(self, method: Extruded) -> TaggedMesh:
+        """Return the mesh moved to another design; raise MeshError if it cannot be used there."""
+        plan = self.pattern.moved(method.section, method.planar_size(self.coarseness))
+        layers = len(self.body.mesh.points) // len(self.pattern.plan.points) - 1
+        return morphing.moved(self.body.mesh, plan, method.section, method.heights(self.coarseness, layers))
+
+    def numbers(self, design: Design, part: Part, domain: Domain, method: Extruded) -> FloatArray:
+        """Return the three numbers of a design, on the mesh moved to it; raise MeshError if it cannot be used."""
+        mesh = self.morphed(method)
+        gate.check(mesh, domain, part.linkage().of_kind("hinge"))
+        body = self.body.moved(mesh, design.material)
+        known, self.factor = self.factor, None  # lost if what follows fails
+        compliance, self.factor = _solved(part, domain, body, known)
+        return three(compliance)
+
+
+@dataclass
+class Anchor:
+    """A design whose limit is known.
+
+    Parameters
+    ----------
+    place
+        Its `extrusion.coordinates`.
+    step, gap
+        r and g of the module's formulas, for each of the three numbers.
+    error
+        Half-width of the limit, relative, for each.
+    """
+
+    place: dict[str, float]
+    step: FloatArray
+    gap: FloatArray
+    error: FloatArray
+
+
+@dataclass
+class Family:
+    """Designs that share their meshes' triangles.
+
+    Parameters
+    ----------
+    crystal
+        Elastic constants of the crystal they are cut from, or None.
+    meshes
+        B and A.
+    anchors
+        Those of them whose limit is known.
+    """
+
+    crystal: list[object] | None
+    meshes: tuple[Coarse, Coarse]
+    anchors: list[Anchor] = field(default_factory=list)
+
+    def weights(self, place: dict[str, float]) -> FloatArray:
+        """Return the anchors' weights at a place, of sum one."""
+        apart = np.array([extrusion.distance(anchor.place, place) for anchor in self.anchors])
+        if apart.min() < 1e-12:
+            return np.asarray(np.eye(len(apart))[apart.argmin()])
+        return np.asarray(apart**-2.0 / (apart**-2.0).sum())
+
+
+class FastSolid:
+    """An evaluator of designs that keeps what it learns: meshes, orders of elimination, and errors.
+
+    Parameters
+    ----------
+    accuracy
+        Relative error asked of stiffnesses and amplification, as estimated.
+    mesh
+        How meshes are graded; its method, levels and accuracy are of no account here.
+    load
+        Stiffness of what the output pushes against [N/m], for one more row of K_in and amplification.
+    anchors
+        Designs that are made anchors at once. Without them the first design that is evaluated becomes the first. With
+        the same anchors evaluators in several processes answer alike to what the accuracy leaves open.
+    """
+
+    def __init__(
+        self,
+        accuracy: float = 0.01,
+        mesh: MeshSettings | None = None,
+        load: float | None = None,
+        anchors: Sequence[Design] = (),
+    ) -> None:
+        self.accuracy, self.mesh, self.load = accuracy, mesh or MeshSettings(), load
+        self.families: list[Family] = []
+        for design in anchors:
+            self.anchor(design)
+
+    def evaluate(self, design: Design) -> list[Quantity]:
+        """Return the quantities of `quantities.of_compliance`; their sigma is the estimated half-width of the error.
+
+        Raises
+        ------
+        InputError
+            If the design cannot be built, meshed or solved.
+        """
+        part, domain = extrusion.of_design(design)
+        method = extrusion.method(part, domain, self.mesh)
+        place, crystal = extrusion.coordinates(design), _crystal(design)
+        for family in self.families:
+            if family.crystal != crystal or set(family.anchors[0].place) != set(place):
+                continue
+            try:
+                fine, coarse = (mesh.numbers(design, part, domain, method) for mesh in family.meshes)
+            except MeshError:
+                continue
+            weights = family.weights(place)
+            step, gap, error = (
+                weights @ np.array([getattr(anchor, name) for anchor in family.anchors])
+                for name in ("step", "gap", "error")
+            )
+            away = min(extrusion.distance(anchor.place, place) for anchor in family.anchors)
+            changed = np.hypot(np.abs(np.log(fine / coarse) - step).max(), DRIFT * away)
+            sigma = np.hypot(error, changed)
+            # An anchor nearer than this would know no better: its own limit is as uncertain.
+            if sigma.max() <= max(self.accuracy, 1.2 * error.max()):
+                return self._told(design, fine * np.exp(gap), sigma, "morphed")
+            return self._told(design, *self._anchored(design, part, domain, method, family), "anchor")
+        return self._told(design, *self._anchored(design, part, domain, method, None), "anchor")
+
+    def anchor(self, design: Design) -> list[Quantity]:
+        """Make a design an anchor, and return its quantities; raise InputError as `evaluate` does."""
+        part, domain = extrusion.of_design(design)
+        method = extrusion.method(part, domain, self.mesh)
+        for family in self.families:
+            if family.crystal == _crystal(design) and morphing.alike(family.meshes[0].pattern.section, method.section):
+                try:
+                    return self._told(design, *self._anchored(design, part, domain, method, family), "anchor")
+                except MeshError:
+                    continue
+        return self._told(design, *self._anchored(design, part, domain, method, None), "anchor")
+
+    def _anchored(
+        self, design: Design, part: Part, domain: Domain, method: Extruded, family: Family | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Solve on fine meshes, and return the three limits and their relative half-widths."""
+        try:
+            known = family or Family(_crystal(design), _pair(design, part, domain, method))
+            fine, coarse = (mesh.numbers(design, part, domain, method) for mesh in known.meshes)
+        except MeshError as error:
+            if family is not None:
+                raise
+            raise InputError(design.file, "mesh", None, str(error)) from error
+        extrusion.require_solid(design, part, domain)
+        limits, errors = self._limits(design, part, domain, method)
+        known.anchors.append(
+            Anchor(extrusion.coordinates(design), np.log(fine / coarse), np.log(limits / fine), errors)
+        )
+        if family is None:
+            self.families.append(known)
+        return limits, errors
+
+    def _limits(self, design: Design, part: Part, domain: Domain, method: Extruded) -> tuple[FloatArray, FloatArray]:
+        found, sizes = [], []
+        for coarseness in (*ANCHORING, *((FINEST,) if self.accuracy < FINE else ())):
+            try:
+                mesh = method.mesh(coarseness)
+                gate.check(mesh, domain, part.linkage().of_kind("hinge"))
+                compliance, factor = _solved(part, domain, Elasticity(mesh, design.material), None)
+            except MeshError as error:
+                raise InputError(design.file, "mesh", None, str(error)) from error
+            except NotEnoughMemory as error:
+                raise InputError(design.file, "mesh", None, f"{error}; ask for less accuracy") from error
+            factor.free()
+            found.append(three(compliance))
+            sizes.append(method.size(mesh, coarseness))
+        stiff = np.array(found)[:, 0]
+        limit = convergence.extrapolate(stiff.tolist(), sizes, scatter=method.scatter).value
+        beside = np.abs(stiff / limit - 1).tolist()
+        all_limits = [
+            convergence.extrapolate(values.tolist(), sizes, scatter=method.scatter, beside=beside)
+            for values in np.array(found).T
+        ]
+        values = np.array([each.value for each in all_limits])
+        return values, np.array([each.error for each in all_limits]) / np.abs(values)
+
+    def _told(self, design: Design, numbers: FloatArray, sigma: FloatArray, mesh: str) -> list[Quantity]:
+        """Return the quantities, their half-widths from those of the three numbers, in quadrature."""
+
+        def all_of(these: FloatArray) -> list[Quantity]:
+            return of_compliance(of_three(these), design.actuator, self.load)
+
+        found = all_of(numbers)
+        shifts = [all_of(numbers * np.where(np.arange(3) == i, 1 + sigma[i], 1.0)) for i in range(3)]
+        source = "FEM, coarse mesh corrected by the error of its neighbours'" if mesh == "morphed" else "FEM, anchor"
+        return [
+            replace(q, sigma=float(np.hypot.reduce([s[i].value - q.value for s in shifts])), source=source)
+            for i, q in enumerate(found)
+        ]
+
+
+def three(compliance: PortCompliance) -> FloatArray:
+    """Return C11, lambda and C22 - C12^2 / C11: of one sign each, and none a small difference of others."""
+    c11, c12, c22 = compliance.c11, compliance.c12, compliance.c22
+    return np.array([c11, c12 / c11, c22 - c12**2 / c11])
+
+
+def of_three(numbers: FloatArray) -> PortCompliance:
+    """Return the compliance that has these three numbers.
+
+    >>> of_three(three(PortCompliance(np.array([[2.0, 1.0], [1.0, 3.0]]), np.eye(2)[0], np.eye(2)[1]))).matrix
+    array([[2., 1.],
+           [1., 3.]])
+    """
+    c11, ratio, held = numbers
+    matrix = np.array([[c11, ratio * c11], [ratio * c11, held + ratio**2 * c11]])
+    return PortCompliance(matrix, np.array([1.0, 0.0]), np.array([0.0, 1.0]))
+
+
+def _solved(part: Part, domain: Domain, body: Elasticity, factor: Factor | None) -> tuple[PortCompliance, Factor]:
+    """Solve the symmetric class for input and output."""
+    stiffness = body.stiffness(zeros=True)
+    held = [domain.ports[port.name] for port in part.ports() if port.role == "ground" and port.name in domain.ports]
+    space, cls = ports.port_space(body, domain, part.ports()), ports.classes(domain)[0]
+    system = statics.class_system(body, domain, cls, stiffness, held, factor)
+    if factor is not None and system.factor is not factor:
+        factor.free()
+    compliance, checks = statics.drive_compliance(body, system, stiffness, space)
+    checks.require()
+    return compliance, system.factor
+
+
+def _pair(design: Design, part: Part, domain: Domain, method: Extruded) -> tuple[Coarse, Coarse]:
+    """Mesh a design anew, twice; raise MeshError if no pair of meshes passes the gate."""
+    refused: MeshError | None = None
+    for fine, coarse in PAIRS:
+        try:
+            meshes = Coarse.of(design, method, fine), Coarse.of(design, method, coarse)
+            for mesh in meshes:
+                gate.check(mesh.body.mesh, domain, part.linkage().of_kind("hinge"))
+            return meshes
+        except MeshError as error:
+            refused = error
+    assert refused is not None
+    raise refused
+
+
+def _crystal(design: Design) -> list[object] | None:
+    return None if design.material.crystal is None else [design.material.crystal.tensor.tolist()]
