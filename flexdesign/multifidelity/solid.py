@@ -96,7 +96,7 @@ class Coarse:
         gate.check(mesh, domain, part.linkage().of_kind("hinge"))
         body = self.body.moved(mesh, design.material)
         known, self.factor = self.factor, None  # lost if what follows fails
-        compliance, self.factor = _solved(part, domain, body, known)
+        compliance, self.factor = solved(part, domain, body, known)
         return three(compliance)
 
 
@@ -244,7 +244,7 @@ class FastSolid:
             try:
                 mesh = method.mesh(coarseness)
                 gate.check(mesh, domain, part.linkage().of_kind("hinge"))
-                compliance, factor = _solved(part, domain, Elasticity(mesh, design.material), None)
+                compliance, factor = solved(part, domain, Elasticity(mesh, design.material))
             except MeshError as error:
                 raise InputError(design.file, "mesh", None, str(error)) from error
             except NotEnoughMemory as error:
@@ -295,8 +295,8 @@ def of_three(numbers: FloatArray) -> PortCompliance:
     return PortCompliance(matrix, np.array([1.0, 0.0]), np.array([0.0, 1.0]))
 
 
-def _solved(part: Part, domain: Domain, body: Elasticity, factor: Factor | None) -> tuple[PortCompliance, Factor]:
-    """Solve the symmetric class for input and output."""
+def solved(part: Part, domain: Domain, body: Elasticity, factor: Factor | None = None) -> tuple[PortCompliance, Factor]:
+    """Solve the symmetric class for input and output, with the order of elimination of a `factor` if that fits."""
     stiffness = body.stiffness(zeros=True)
     held = [domain.ports[port.name] for port in part.ports() if port.role == "ground" and port.name in domain.ports]
     space, cls = ports.port_space(body, domain, part.ports()), ports.classes(domain)[0]
