@@ -14,7 +14,7 @@ from flexdesign.fem.plane_stress import Plate
 from flexdesign.model import Quantity
 from flexdesign.multifidelity import extrusion
 from flexdesign.quantities import of_compliance
-from flexdesign.study import MeshSettings
+from flexdesign.study import MeshSettings, OutputSettings
 
 #: How coarse the section's mesh is, as `Extruded` takes it; what it leaves open the correction takes along.
 COARSENESS = 2.46
@@ -27,16 +27,16 @@ class Planar:
     ----------
     mesh
         How the section is graded.
-    load
-        Stiffness of what the output pushes against [N/m], for one more row of K_in and amplification.
+    output
+        What happens at the output, of which only the load counts here.
     coarseness
         Of the section's mesh; 1 is the finest of `validate`.
     """
 
     def __init__(
-        self, mesh: MeshSettings | None = None, load: float | None = None, coarseness: float = COARSENESS
+        self, mesh: MeshSettings | None = None, output: OutputSettings | None = None, coarseness: float = COARSENESS
     ) -> None:
-        self.mesh, self.load, self.coarseness = mesh or MeshSettings(), load, coarseness
+        self.mesh, self.output, self.coarseness = mesh or MeshSettings(), output or OutputSettings(), coarseness
         self.patterns: list[Pattern] = []
 
     def evaluate(self, design: Design) -> list[Quantity]:
@@ -57,7 +57,7 @@ class Planar:
         except MeshError as error:
             raise InputError(design.file, "mesh", None, str(error)) from error
         compliance = Plate(domain, plan, design.material).compliance(part.ports())
-        found = of_compliance(compliance, design.actuator, self.load)
+        found = of_compliance(compliance, design.actuator, self.output.load)
         return [replace(quantity, source="planar FEM, plane stress") for quantity in found]
 
     def _plan(self, method: Extruded) -> Triangulation:

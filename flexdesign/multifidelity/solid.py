@@ -39,9 +39,10 @@ from flexdesign.fem.solver import Factor, NotEnoughMemory
 from flexdesign.fem.statics import PortCompliance
 from flexdesign.model import Quantity
 from flexdesign.multifidelity import extrusion
+from flexdesign.multifidelity.further import MORPHED, Further, Known
 from flexdesign.part import Part
 from flexdesign.quantities import of_compliance
-from flexdesign.study import MeshSettings
+from flexdesign.study import MeshSettings, OutputSettings
 
 FloatArray = NDArray[np.float64]
 
@@ -50,6 +51,8 @@ PAIRS = ((2.46, 3.32), (1.82, 2.46), (1.35, 1.82))
 #: Coarseness of an anchor's meshes, coarse to fine; with an accuracy below `FINE` one more, finer.
 ANCHORING, FINE = (1.82, 1.35, 1.0), 3e-3
 FINEST = 1 / 1.35
+#: On how many of an anchor's meshes modes are found, coarse to fine: they converge sooner, and the last takes longest.
+WITH_MODES = 2
 #: By how much the error of the coarse mesh may change with the distance, beside what the steps show: measured on the
 #: sample of `studies.benchmarks.sweep_evaluators`.
 DRIFT = 0.015
@@ -112,12 +115,15 @@ class Anchor:
         r and g of the module's formulas, for each of the three numbers.
     error
         Half-width of the limit, relative, for each.
+    further
+        The same of what is asked besides.
     """
 
     place: dict[str, float]
     step: FloatArray
     gap: FloatArray
     error: FloatArray
+    further: Known = field(default_factory=Known)
 
 
 @dataclass
@@ -155,8 +161,11 @@ class FastSolid:
         Relative error asked of stiffnesses and amplification, as estimated.
     mesh
         How meshes are graded; its method, levels and accuracy are of no account here.
-    load
-        Stiffness of what the output pushes against [N/m], for one more row of K_in and amplification.
+    output
+        What happens at the output; of no account besides its load unless modes are asked for.
+    modes
+        How many modes of each symmetry class are sought; with any, everything that `quantities.of_solution` tells comes
+        along: frequencies, coupling, motions of the table, stress of the hinges. That takes several times as long.
     anchors
         Designs that are made anchors at once. Without them the first design that is evaluated becomes the first. With
         the same anchors evaluators in several processes answer alike to what the accuracy leaves open.
@@ -166,10 +175,12 @@ class FastSolid:
         self,
         accuracy: float = 0.01,
         mesh: MeshSettings | None = None,
-        load: float | None = None,
+        output: OutputSettings | None = None,
+        modes: int = 0,
         anchors: Sequence[Design] = (),
     ) -> None:
-        self.accuracy, self.mesh, self.load = accuracy, mesh or MeshSettings(), load
+        self.accuracy, self.mesh, self.output = accuracy, mesh or MeshSettings(), output or OutputSettings()
+        self.further = Further(modes, self.output) if modes else None
         self.families: list[Family] = []
         for design in anchors:
             self.anchor(design)
@@ -202,9 +213,10 @@ class FastSolid:
             sigma = np.hypot(error, changed)
             # An anchor nearer than this would know no better: its own limit is as uncertain.
             if sigma.max() <= max(self.accuracy, 1.2 * error.max()):
-                return self._told(design, fine * np.exp(gap), sigma, "morphed")
-            return self._told(design, *self._anchored(design, part, domain, method, family), "anchor")
-        return self._told(design, *self._anchored(design, part, domain, method, None), "anchor")
+                told = self._told(design, fine * np.exp(gap), sigma, MORPHED)
+                return told + self._besides(design, part, domain, method, family, told, changed)
+            return self._anchored(design, part, domain, method, family)
+        return self._anchored(design, part, domain, method, None)
 
     def anchor(self, design: Design) -> list[Quantity]:
         """Make a design an anchor, and return its quantities; raise InputError as `evaluate` does."""
@@ -213,15 +225,15 @@ class FastSolid:
         for family in self.families:
             if family.crystal == _crystal(design) and morphing.alike(family.meshes[0].pattern.section, method.section):
                 try:
-                    return self._told(design, *self._anchored(design, part, domain, method, family), "anchor")
+                    return self._anchored(design, part, domain, method, family)
                 except MeshError:
                     continue
-        return self._told(design, *self._anchored(design, part, domain, method, None), "anchor")
+        return self._anchored(design, part, domain, method, None)
 
     def _anchored(
         self, design: Design, part: Part, domain: Domain, method: Extruded, family: Family | None
-    ) -> tuple[FloatArray, FloatArray]:
-        """Solve on fine meshes, and return the three limits and their relative half-widths."""
+    ) -> list[Quantity]:
+        """Solve on fine meshes, remember what they tell of the coarse ones, and return the limits."""
         try:
             known = family or Family(_crystal(design), _pair(design, part, domain, method))
             fine, coarse = (mesh.numbers(design, part, domain, method) for mesh in known.meshes)
@@ -230,16 +242,43 @@ class FastSolid:
                 raise
             raise InputError(design.file, "mesh", None, str(error)) from error
         extrusion.require_solid(design, part, domain)
-        limits, errors = self._limits(design, part, domain, method)
-        known.anchors.append(
-            Anchor(extrusion.coordinates(design), np.log(fine / coarse), np.log(limits / fine), errors)
-        )
+        limits, errors, meshes, sizes = self._limits(design, part, domain, method)
+        anchor = Anchor(extrusion.coordinates(design), np.log(fine / coarse), np.log(limits / fine), errors)
+        if self.further is not None:
+            found = [
+                self.further.on(mesh, design, part, domain)
+                for mesh in (known.meshes[0].morphed(method), *meshes[:WITH_MODES])
+            ]
+            anchor.further = self.further.known(found[0], found[1:], sizes[:WITH_MODES], method.scatter)
+        known.anchors.append(anchor)
         if family is None:
             self.families.append(known)
-        return limits, errors
+        told = self._told(design, limits, errors, "FEM, anchor: fine meshes, extrapolated")
+        return told + self._besides(design, part, domain, method, known, told, 0.0)
 
-    def _limits(self, design: Design, part: Part, domain: Domain, method: Extruded) -> tuple[FloatArray, FloatArray]:
-        found, sizes = [], []
+    def _besides(
+        self,
+        design: Design,
+        part: Part,
+        domain: Domain,
+        method: Extruded,
+        family: Family,
+        told: Sequence[Quantity],
+        changed: float,
+    ) -> list[Quantity]:
+        """Return what is asked beside what is told already, corrected; the errors may have `changed`, relative."""
+        if self.further is None:
+            return []
+        found = self.further.on(family.meshes[0].morphed(method), design, part, domain)
+        rest = {key: quantity for key, quantity in found.items() if key not in {q.key for q in told}}
+        weights = family.weights(extrusion.coordinates(design)).tolist()
+        return self.further.corrected(rest, [anchor.further for anchor in family.anchors], weights, changed)
+
+    def _limits(
+        self, design: Design, part: Part, domain: Domain, method: Extruded
+    ) -> tuple[FloatArray, FloatArray, list[TaggedMesh], list[float]]:
+        """Return the limits of the three numbers, their relative half-widths, the meshes and their edge lengths."""
+        found, meshes, sizes = [], [], []
         for coarseness in (*ANCHORING, *((FINEST,) if self.accuracy < FINE else ())):
             try:
                 mesh = method.mesh(coarseness)
@@ -251,6 +290,7 @@ class FastSolid:
                 raise InputError(design.file, "mesh", None, f"{error}; ask for less accuracy") from error
             factor.free()
             found.append(three(compliance))
+            meshes.append(mesh)
             sizes.append(method.size(mesh, coarseness))
         stiff = np.array(found)[:, 0]
         limit = convergence.extrapolate(stiff.tolist(), sizes, scatter=method.scatter).value
@@ -260,17 +300,16 @@ class FastSolid:
             for values in np.array(found).T
         ]
         values = np.array([each.value for each in all_limits])
-        return values, np.array([each.error for each in all_limits]) / np.abs(values)
+        return values, np.array([each.error for each in all_limits]) / np.abs(values), meshes, sizes
 
-    def _told(self, design: Design, numbers: FloatArray, sigma: FloatArray, mesh: str) -> list[Quantity]:
+    def _told(self, design: Design, numbers: FloatArray, sigma: FloatArray, source: str) -> list[Quantity]:
         """Return the quantities, their half-widths from those of the three numbers, in quadrature."""
 
         def all_of(these: FloatArray) -> list[Quantity]:
-            return of_compliance(of_three(these), design.actuator, self.load)
+            return of_compliance(of_three(these), design.actuator, self.output.load)
 
         found = all_of(numbers)
         shifts = [all_of(numbers * np.where(np.arange(3) == i, 1 + sigma[i], 1.0)) for i in range(3)]
-        source = "FEM, coarse mesh corrected by the error of its neighbours'" if mesh == "morphed" else "FEM, anchor"
         return [
             replace(q, sigma=float(np.hypot.reduce([s[i].value - q.value for s in shifts])), source=source)
             for i, q in enumerate(found)
