@@ -50,6 +50,20 @@ def test_a_matrix_that_is_not_positive_definite_is_refused() -> None:
         Pardiso(upper)
 
 
+def test_a_factor_is_renewed_where_entries_are_in_the_same_places() -> None:
+    pytest.importorskip("pypardiso")
+    upper, right = laplacian(20), np.random.default_rng(1).standard_normal(400)
+    heavier = upper + sp.diags_array(np.linspace(1.0, 3.0, 400)).tocsr()
+    made = Pardiso(upper)
+    assert made.renew(sp.csr_matrix(heavier))
+    full = heavier + sp.triu(heavier, 1).T
+    assert full @ made.solve(right) == pytest.approx(right, abs=1e-10)
+    assert not made.renew(sp.csr_matrix(sp.eye_array(400)))
+    assert full @ made.solve(right) == pytest.approx(right, abs=1e-10)  # it is still what it was
+    made.free()
+    assert not SuperLU(upper).renew(upper)
+
+
 def test_available_memory_is_no_more_than_there_is() -> None:
     found = solver.available_memory()
     assert found is None or 2**20 < found < 2**50
