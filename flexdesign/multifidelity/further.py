@@ -5,10 +5,10 @@ by everything that `quantities.of_solution` tells, and corrected like the stiffn
 
     q* = q_B exp(g),   g = ln(q* / q_B)  at the anchor.
 
-How g changes is not seen from a second coarse mesh here: off the anchors half of it is in doubt. Frequencies were off
-by a tenth of that, the coupling of an actuator off its axis by all of it.
-What vanishes by symmetry, or changes too much from the coarse to the fine meshes to be corrected, is left as it is,
-without an estimate.
+How g changes is not seen from a second coarse mesh here: off the anchors half of it is in doubt, and all of it in
+lateral motions, small differences that few layers resolve. Frequencies were off by a twentieth of it, the coupling of
+an actuator off its axis by half of it and more. What vanishes by symmetry, or changes too much from the coarse to the
+fine meshes to be corrected, is left as it is, without an estimate.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ from flexdesign.study import MeshSettings, ModeSettings, OutputSettings, Study
 
 #: What a corrected quantity says of itself.
 MORPHED = "FEM, coarse mesh corrected by the error of its neighbours'"
+#: How the names of lateral motions begin.
+LATERAL = ("coupling", "tilt", "table", "sensor")
 #: Largest correction, relative: more than the stiffnesses of hinges are off on the coarsest mesh.
 MOST = 0.15
 
@@ -98,7 +100,8 @@ class Further:
                 continue
             gap = sum(weight * anchor.gaps[key] for weight, anchor in zip(weights, known, strict=True))
             error = sum(weight * anchor.errors[key] for weight, anchor in zip(weights, known, strict=True))
-            value, doubt = quantity.value * math.exp(gap), abs(gap) / 2 if changed else 0.0
+            value = quantity.value * math.exp(gap)
+            doubt = (1.0 if quantity.name.startswith(LATERAL) else 0.5) * abs(gap) if changed else 0.0
             sigma = math.hypot(error, changed, doubt) * abs(value)
             told.append(replace(quantity, value=value, sigma=sigma, source=MORPHED))
         return told

@@ -284,7 +284,9 @@ class FastSolid:
                 mesh = method.mesh(coarseness)
                 gate.check(mesh, domain, part.linkage().of_kind("hinge"))
                 compliance, factor = solved(part, domain, Elasticity(mesh, design.material))
-            except MeshError as error:
+            except MeshError as error:  # too coarse for a fillet: two others will do
+                if coarseness > max(ANCHORING[-2:]):
+                    continue
                 raise InputError(design.file, "mesh", None, str(error)) from error
             except NotEnoughMemory as error:
                 raise InputError(design.file, "mesh", None, f"{error}; ask for less accuracy") from error

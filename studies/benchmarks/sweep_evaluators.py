@@ -1,6 +1,6 @@
 """How fast and how right the evaluators of a sweep are, beside meshing and solving every design anew::
 
-    python -m studies.benchmarks.sweep_evaluators           # about a quarter of an hour; 12 designs anew, scaled to 200
+    python -m studies.benchmarks.sweep_evaluators           # about half an hour; 12 designs anew, scaled to 200
     python -m studies.benchmarks.sweep_evaluators 4 20      # 4 designs anew, 20 by the evaluators
     python -m studies.benchmarks.sweep_evaluators 200 200   # nothing scaled: hours
 
