@@ -19,9 +19,14 @@ from flexdesign.design import Actuator, Design
 from flexdesign.errors import InputError
 from flexdesign.fem import domain
 from flexdesign.model import Quantity
+from flexdesign.multifidelity import FastSolid
 from flexdesign.study import MeshSettings, ModeSettings, OutputSettings, Study
 from flexdesign.sweeps.answers import Answer, Answers
 
+#: Asked of finite elements where mesh settings state no accuracy.
+ACCURACY = 0.01
+#: What finite elements tell without modes.
+DIRECT = ("K_in", "lambda", "K_out", "stroke", "blocked_force", "actuator_force")
 #: What a part calls the models that are asked.
 MODELS = {"pseudo-rigid": "PRB", "analytic": "compliance"}
 
@@ -40,6 +45,10 @@ class Question:
         What else differs [SI].
     evaluator, mesh
         Who answers, and for finite elements the mesh settings as a study has them.
+    modes
+        How many modes of each symmetry class finite elements find; without any they tell input and output alone.
+    middle
+        Overrides of the design about which the cases lie, from which finite elements learn how coarse meshes err.
     """
 
     key: str
@@ -48,6 +57,8 @@ class Question:
     dimensions: Mapping[str, float]
     evaluator: str
     mesh: Mapping[str, Any]
+    modes: int = 0
+    middle: tuple[str, ...] = ()
 
 
 def answers(questions: Sequence[Question]) -> Answers:
@@ -87,7 +98,24 @@ def _varied(question: Question) -> Design:
 def _evaluate(design: Design, question: Question) -> Sequence[Quantity]:
     if question.evaluator in MODELS:
         return by_formulas(design, MODELS[question.evaluator])
-    return by_elements(design, MeshSettings(**question.mesh))
+    settings = tuple(sorted(question.mesh.items()))
+    solid = _solid(question.file, question.middle, settings, question.modes)
+    return by_elements(design, MeshSettings(**question.mesh), solid)
+
+
+@cache
+def _solid(file: Path, middle: tuple[str, ...], settings: tuple[tuple[str, Any], ...], modes: int) -> FastSolid:
+    """Return an evaluator that all cases of a process share; one anchor for all, so that processes answer alike."""
+    mesh = MeshSettings(**dict(settings))
+    try:
+        return fast_solid(mesh, modes, [_read(file, middle)])
+    except InputError:  # the middle cannot be built, or is no extrusion
+        return fast_solid(mesh, modes, [])
+
+
+def fast_solid(mesh: MeshSettings, modes: int = 0, anchors: Sequence[Design] = ()) -> FastSolid:
+    """Return an evaluator of extruded parts with the accuracy that mesh settings ask for, or 1 %."""
+    return FastSolid(mesh.accuracy or ACCURACY, mesh, modes=modes, anchors=anchors)
 
 
 def by_formulas(design: Design, model: str) -> list[Quantity]:
@@ -136,16 +164,22 @@ class _Nowhere(Cache):
         return None
 
 
-def by_elements(design: Design, mesh: MeshSettings) -> list[Quantity]:
+def by_elements(design: Design, mesh: MeshSettings, solid: FastSolid) -> list[Quantity]:
     """Return what finite elements say of a part.
+
+    Extruded parts are solved on coarse meshes whose error is known from designs near by; others, and where `mesh`
+    asks for wild meshes, as a validation does it.
 
     Raises
     ------
     InputError
         If the solid or a mesh cannot be used.
     """
-    study = Study(design.file, design.name, design, mesh, ModeSettings(), OutputSettings())
     part = design.part()
+    axis = getattr(part, "prismatic", None)
+    if axis is not None and axis() is not None and mesh.method != "wild":
+        return solid.evaluate(design)
+    study = Study(design.file, design.name, design, mesh, ModeSettings(), OutputSettings())
     body = domain.of_part(part, material=design.material, chord=domain.chord(part))
     method = refinement.method_of(study, part, body)
     levels = refinement.refined(study, part, body, method, _Nowhere(Path()), lambda _: None)

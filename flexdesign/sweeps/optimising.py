@@ -117,6 +117,7 @@ def optimise(plan: SweepPlan, *, check: bool = True, progress: Progress = lambda
     _refuse_unknown(plan)
     correction: dict[str, float] = {}
     rounds: list[Round] = []
+    solid = evaluators.fast_solid(plan.mesh)
     with threadpool_limits(1):
         for number in range(1, ROUNDS + 1):
             progress(f"round {number}: optimising the formulas")
@@ -126,7 +127,7 @@ def optimise(plan: SweepPlan, *, check: bool = True, progress: Progress = lambda
             elements = None
             if check:
                 progress(f"round {number}: checking the optimum by finite elements")
-                found = evaluators.by_elements(_design(plan, best.values), plan.mesh)
+                found = evaluators.by_elements(_design(plan, best.values), plan.mesh, solid)
                 elements = {quantity.key: quantity for quantity in found}
             rounds.append(Round(best.values, formulas, predicted, elements))
             if elements is None or _is_settled(plan, predicted, elements):

@@ -18,7 +18,7 @@ from flexdesign.design import read as read_design
 from flexdesign.errors import InputError
 from flexdesign.sweeps import choosing
 from flexdesign.sweeps.answers import Answers
-from flexdesign.sweeps.evaluators import Question
+from flexdesign.sweeps.evaluators import DIRECT, Question
 from flexdesign.sweeps.plan import SweepPlan, settings_of
 from flexdesign.sweeps.sampling import Case
 from flexdesign.sweeps.store import Store
@@ -26,14 +26,16 @@ from flexdesign.sweeps.workers import Cluster, Processes, Workers
 
 Progress = Callable[[str], None]
 #: A batch is what about so many seconds of work are, and no more cases than these.
-BATCH = {"pseudo-rigid": 2000, "analytic": 100, "fem": 1}
+BATCH = {"pseudo-rigid": 2000, "analytic": 100, "fem": 4}
 #: The sources whose change makes answers anew.
 _FORMULAS = ("analytic/*.py", "effects/statics/*.py", "hinges/*.py", "model/*.py", "sweeps/evaluators.py")
 ANSWERING = {
     "pseudo-rigid": _FORMULAS,
     "analytic": _FORMULAS,
-    "fem": ("fem/*.py", "quantities/*.py", "refinement.py", "sweeps/evaluators.py"),
+    "fem": ("fem/*.py", "multifidelity/*.py", "quantities/*.py", "refinement.py", "sweeps/evaluators.py"),
 }
+#: Modes of each symmetry class, where a limit or an aim asks for what takes modes.
+MODES = 2
 #: Why a case has no answer whose process died.
 DIED = "the process that solved it died (out of memory, or killed)"
 
@@ -113,7 +115,9 @@ def asked(plan: SweepPlan, cases: Sequence[Case]) -> list[Question]:
     """Return the question of each case; its key holds all that the answer depends on, the code among it."""
     factors = {factor.key: factor for factor in plan.factors}
     file, mesh = plan.design.file.resolve(), plan.mesh.model_dump()
-    code = content_key(_code(plan), plan.evaluator, mesh if plan.evaluator == "fem" else {})
+    modes = MODES if plan.evaluator == "fem" and _beyond_direct(plan) else 0
+    how = [mesh, modes, _root(plan, plan.overrides)] if plan.evaluator == "fem" else []
+    code = content_key(_code(plan), plan.evaluator, how)
     roots = dict[tuple[str, ...], str]()
     made = []
     for case in cases:
@@ -122,8 +126,14 @@ def asked(plan: SweepPlan, cases: Sequence[Case]) -> list[Question]:
         if overrides not in roots:
             roots[overrides] = content_key(code, _root(plan, overrides))
         key = content_key(roots[overrides], sorted(dimensions.items()))
-        made.append(Question(key, file, overrides, dimensions, plan.evaluator, mesh))
+        made.append(Question(key, file, overrides, dimensions, plan.evaluator, mesh, modes, plan.overrides))
     return made
+
+
+def _beyond_direct(plan: SweepPlan) -> bool:
+    """Tell whether anything is asked that takes modes or lateral motions."""
+    named = [*plan.show, *(aim.quantity for aim in plan.aims), *(limit.quantity for limit in plan.limits)]
+    return any(not quantity.strip("|").startswith(DIRECT) for quantity in named)
 
 
 def _root(plan: SweepPlan, overrides: Sequence[str]) -> list[object]:

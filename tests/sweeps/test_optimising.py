@@ -72,7 +72,7 @@ def test_formulas_that_are_off_are_corrected_until_both_agree(tmp_path: Path, mo
     """In the place of finite elements: formulas of an amplifier whose hinges are a twentieth thicker than drawn."""
     asked = []
 
-    def thicker(made: design.Design, mesh: object) -> list[Quantity]:
+    def thicker(made: design.Design, *_: object) -> list[Quantity]:
         asked.append(made.dimensions["hinge_thickness"])
         t = 1.05 * made.dimensions["hinge_thickness"]
         return evaluators.by_formulas(replace(made, dimensions={**made.dimensions, "hinge_thickness": t}), "PRB")
