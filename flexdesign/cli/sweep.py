@@ -16,7 +16,7 @@ STUDY is a file that names a design and what shall vary of it, or the bare name 
 
     format = 1
     design = "lin2019_amplifier_xy.toml"
-    evaluator = "analytic"                   # pseudo-rigid, analytic or fem
+    evaluator = "analytic"                   # pseudo-rigid, analytic, planar or fem
 
     [vary]
     "dimensions.hinge_thickness" = { from = "0.3 mm", to = "0.8 mm", count = 21 }

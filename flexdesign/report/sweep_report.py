@@ -85,6 +85,7 @@ def summary(sweep: Sweep) -> list[str]:
 EVALUATORS = {
     "pseudo-rigid": "the pseudo-rigid-body formulas",
     "analytic": "the compliance model",
+    "planar": "finite elements in the plane, corrected to space",
     "fem": "finite elements",
 }
 

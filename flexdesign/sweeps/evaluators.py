@@ -1,12 +1,13 @@
-"""Who answers for one case: the paper's formulas, the compliance model, or finite elements.
+"""Who answers for one case: the paper's formulas, the compliance model, finite elements in the plane or in space.
 
-All three state the same quantities by the same keys, of which the formulas have fewer.
+All state the same quantities by the same keys, of which finite elements in space have more.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -19,7 +20,7 @@ from flexdesign.design import Actuator, Design
 from flexdesign.errors import InputError
 from flexdesign.fem import domain
 from flexdesign.model import Quantity
-from flexdesign.multifidelity import FastSolid
+from flexdesign.multifidelity import Correction, FastSolid, Planar
 from flexdesign.study import MeshSettings, ModeSettings, OutputSettings, Study
 from flexdesign.sweeps.answers import Answer, Answers
 
@@ -49,6 +50,8 @@ class Question:
         How many modes of each symmetry class finite elements find; without any they tell input and output alone.
     middle
         Overrides of the design about which the cases lie, from which finite elements learn how coarse meshes err.
+    correction
+        What finite elements in the plane leave out, learned from a few in space.
     """
 
     key: str
@@ -59,6 +62,7 @@ class Question:
     mesh: Mapping[str, Any]
     modes: int = 0
     middle: tuple[str, ...] = ()
+    correction: Correction | None = None
 
 
 def answers(questions: Sequence[Question]) -> Answers:
@@ -99,8 +103,20 @@ def _evaluate(design: Design, question: Question) -> Sequence[Quantity]:
     if question.evaluator in MODELS:
         return by_formulas(design, MODELS[question.evaluator])
     settings = tuple(sorted(question.mesh.items()))
+    if question.correction is not None:
+        planar = _planar(question.file, question.middle, settings)
+        return question.correction.apply(design, planar.evaluate(design))
     solid = _solid(question.file, question.middle, settings, question.modes)
     return by_elements(design, MeshSettings(**question.mesh), solid)
+
+
+@cache
+def _planar(file: Path, middle: tuple[str, ...], settings: tuple[tuple[str, Any], ...]) -> Planar:
+    """Return an evaluator whose triangles are those of the middle in every process: others would answer otherwise."""
+    planar = Planar(MeshSettings(**dict(settings)))
+    with suppress(InputError):  # the middle itself may be one that cannot be built
+        planar.evaluate(_read(file, middle))
+    return planar
 
 
 @cache
@@ -111,6 +127,20 @@ def _solid(file: Path, middle: tuple[str, ...], settings: tuple[tuple[str, Any],
         return fast_solid(mesh, modes, [_read(file, middle)])
     except InputError:  # the middle cannot be built, or is no extrusion
         return fast_solid(mesh, modes, [])
+
+
+def corrected(questions: Sequence[Question]) -> Correction:
+    """Return what the plane leaves out, from the designs of some questions.
+
+    Raises
+    ------
+    InputError
+        If one of them cannot be built or meshed.
+    """
+    first = questions[0]
+    settings = tuple(sorted(first.mesh.items()))
+    solid, planar = _solid(first.file, first.middle, settings, 0), _planar(first.file, first.middle, settings)
+    return Correction.fit([_varied(question) for question in questions], planar, solid)
 
 
 def fast_solid(mesh: MeshSettings, modes: int = 0, anchors: Sequence[Design] = ()) -> FastSolid:

@@ -22,8 +22,8 @@ from flexdesign.sweeps import sensitivity
 from flexdesign.sweeps.choosing import Aim, Limit
 from flexdesign.sweeps.sampling import Case, Factor, Method, cases
 
-#: Who answers: the paper's formulas, the compliance model, or finite elements.
-Evaluator = Literal["pseudo-rigid", "analytic", "fem"]
+#: Who answers: the paper's formulas, the compliance model, finite elements in the plane or in space.
+Evaluator = Literal["pseudo-rigid", "analytic", "planar", "fem"]
 #: No sweep has more cases than these.
 MOST = 1_000_000
 _RANGE = re.compile(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(.*)")

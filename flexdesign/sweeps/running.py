@@ -7,8 +7,10 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+from threadpoolctl import threadpool_limits
 
 import flexdesign
 from flexdesign import part as parts
@@ -18,22 +20,26 @@ from flexdesign.design import read as read_design
 from flexdesign.errors import InputError
 from flexdesign.sweeps import choosing
 from flexdesign.sweeps.answers import Answers
-from flexdesign.sweeps.evaluators import DIRECT, Question
+from flexdesign.sweeps.evaluators import DIRECT, Question, corrected
 from flexdesign.sweeps.plan import SweepPlan, settings_of
 from flexdesign.sweeps.sampling import Case
+from flexdesign.sweeps.sampling import cases as sampled
 from flexdesign.sweeps.store import Store
 from flexdesign.sweeps.workers import Cluster, Processes, Workers
 
 Progress = Callable[[str], None]
 #: A batch is what about so many seconds of work are, and no more cases than these.
-BATCH = {"pseudo-rigid": 2000, "analytic": 100, "fem": 4}
+BATCH = {"pseudo-rigid": 2000, "analytic": 100, "planar": 16, "fem": 4}
 #: The sources whose change makes answers anew.
 _FORMULAS = ("analytic/*.py", "effects/statics/*.py", "hinges/*.py", "model/*.py", "sweeps/evaluators.py")
 ANSWERING = {
     "pseudo-rigid": _FORMULAS,
     "analytic": _FORMULAS,
+    "planar": ("fem/*.py", "multifidelity/*.py", "quantities/*.py", "refinement.py", "sweeps/evaluators.py"),
     "fem": ("fem/*.py", "multifidelity/*.py", "quantities/*.py", "refinement.py", "sweeps/evaluators.py"),
 }
+#: Who asks for meshes; and from so many designs in space the plane's correction is learned.
+MESHED, SAMPLES = ("planar", "fem"), 12
 #: Modes of each symmetry class, where a limit or an aim asks for what takes modes.
 MODES = 2
 #: Why a case has no answer whose process died.
@@ -98,6 +104,9 @@ def run(
     store.refresh()
     todo = list({q.key: q for q in questions if q.key not in store}.values())
     if todo:
+        if plan.evaluator == "planar":
+            progress(f"solving {SAMPLES} designs in space, to correct the plane")
+            todo = _corrected(plan, todo)
         size = max(1, min(BATCH[plan.evaluator], -(-len(todo) // (4 * jobs))))
         batches = [todo[i : i + size] for i in range(0, len(todo), size)]
         workers: Workers = Cluster(scheduler) if scheduler else Processes(jobs)
@@ -116,7 +125,9 @@ def asked(plan: SweepPlan, cases: Sequence[Case]) -> list[Question]:
     factors = {factor.key: factor for factor in plan.factors}
     file, mesh = plan.design.file.resolve(), plan.mesh.model_dump()
     modes = MODES if plan.evaluator == "fem" and _beyond_direct(plan) else 0
-    how = [mesh, modes, _root(plan, plan.overrides)] if plan.evaluator == "fem" else []
+    how = [mesh, modes, _root(plan, plan.overrides)] if plan.evaluator in MESHED else []
+    if plan.evaluator == "planar":
+        how += [repr(plan.factors), SAMPLES, plan.seed]  # from which the plane's correction is learned
     code = content_key(_code(plan), plan.evaluator, how)
     roots = dict[tuple[str, ...], str]()
     made = []
@@ -128,6 +139,14 @@ def asked(plan: SweepPlan, cases: Sequence[Case]) -> list[Question]:
         key = content_key(roots[overrides], sorted(dimensions.items()))
         made.append(Question(key, file, overrides, dimensions, plan.evaluator, mesh, modes, plan.overrides))
     return made
+
+
+def _corrected(plan: SweepPlan, todo: Sequence[Question]) -> list[Question]:
+    """Return questions with what the plane leaves out, learned from a sample of what varies."""
+    sample = asked(plan, list(sampled(plan.factors, "latin-hypercube", SAMPLES, plan.seed)))
+    with threadpool_limits(1):
+        correction = corrected(sample)
+    return [replace(question, correction=correction) for question in todo]
 
 
 def _beyond_direct(plan: SweepPlan) -> bool:
@@ -151,7 +170,7 @@ def _code(plan: SweepPlan) -> list[object]:
     package = Path(flexdesign.__file__).parent
     sources = sorted(path for place in ANSWERING[plan.evaluator] for path in package.glob(place))
     texts = [path.read_text(encoding="utf-8") for path in (parts.file_of(plan.design.part_class), *sources)]
-    return [texts, versions.installed(refinement.LIBRARIES if plan.evaluator == "fem" else ("numpy",))]
+    return [texts, versions.installed(refinement.LIBRARIES if plan.evaluator in MESHED else ("numpy",))]
 
 
 def _compute(
