@@ -39,10 +39,17 @@ def suggest(name: str, known: Sequence[str]) -> str:
     """Return the end of a remedy: the known names nearest to `name`, or all of them."""
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
     if not near:
-        return f"; known: {', '.join(known)}" if known else ""
+        return f"; known: {_listed(known)}" if known else ""
     if difflib.SequenceMatcher(None, name, near[0]).ratio() > 0.75:
         near = near[:1]
     return f"; did you mean {' or '.join(near)}?"
+
+
+def _listed(names: Sequence[str], longest: int = 220) -> str:
+    """Return names in a row, as many as one message bears."""
+    room = next((n for n in range(len(names)) if len(", ".join(names[: n + 1])) > longest), len(names))
+    more = len(names) - room
+    return ", ".join(names[:room]) + (f" and {more} more" if more else "")
 
 
 def _shown(value: object, longest: int = 80) -> str:

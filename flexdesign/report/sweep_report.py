@@ -6,21 +6,26 @@ import csv as csv_format
 import io
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from flexdesign import design as designs
 from flexdesign import refinement, units, versions
 from flexdesign.files import FORMAT
 from flexdesign.report import sweep_figures
-from flexdesign.report.document import Document, Section, Table
+from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.sweep_figures import labelled
 from flexdesign.sweeps import Sweep, choosing, sensitivity
+from flexdesign.sweeps.plan import settings_of
 from flexdesign.sweeps.sampling import Factor
 from flexdesign.sweeps.sensitivity import Indices
 
 #: How many designs, reasons of failure and quantities a report has, where nobody says which.
 BEST, REASONS, SHOWN = 10, 8, 4
+#: So many of the best are drawn.
+DRAWN = 4
 #: What everybody asks of an amplifier, in this order.
 USUAL = (
     "K_in_output_free", "|lambda_output_free|", "|stroke_output_free|", "K_out_actuator_installed", "K_out_input_free",
@@ -47,8 +52,10 @@ def document(sweep: Sweep) -> Document:
     """Write the report."""
     kept, front = chosen(sweep)
     drawn = sweep_figures.figures(sweep, shown(sweep), front, kept)
+    is_question = sweep.plan.method == "sensitivity"
+    good = [] if is_question else [Section("The best designs", [_how(sweep)], [best(sweep)], _sections(sweep))]
     sections = [
-        *([] if sweep.plan.method == "sensitivity" else [Section("The best designs", [_how(sweep)], [best(sweep)])]),
+        *good,
         Section("What depends on what", [], [], drawn),
         *_matters(sweep),
         Section("What varied", [], [_factors(sweep)]),
@@ -88,6 +95,18 @@ EVALUATORS = {
     "planar": "finite elements in the plane, corrected to space",
     "fem": "finite elements",
 }
+
+
+def _sections(sweep: Sweep) -> list[Figure]:
+    """Draw the first of the best designs, where their parts tell their sections."""
+    kept, front = chosen(sweep)
+    factors, found = {factor.key: factor for factor in sweep.plan.factors}, {}
+    for place in (_spread(front) if sweep.plan.aims else kept[:BEST])[:DRAWN]:
+        overrides, dimensions = settings_of(sweep.cases[place], factors)
+        base = designs.read(sweep.plan.design.file, (*sweep.plan.overrides, *overrides))
+        made = replace(base, dimensions={**base.dimensions, **dimensions})
+        found[_words(sweep, place).replace(", ", "\n")] = made.part()
+    return sweep_figures.sections(found)
 
 
 def _how(sweep: Sweep) -> str:

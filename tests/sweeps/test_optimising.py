@@ -143,7 +143,7 @@ def test_sweeps_draw_what_suits_what_varies(command_line: Callable[..., Ended], 
         ended = command_line("sweep", f"{kind}.toml", "--out", kind, "--jobs", "1")
         assert ended.code == 0, ended.stderr
         drawn = {path.name for path in (tmp_path / kind).glob("*.svg")}
-        assert drawn == {f"{kind}_stroke_output_free.svg", f"{kind}_K_out_input_free.svg", "front.svg"}
+        assert drawn == {f"{kind}_stroke_output_free.svg", f"{kind}_K_out_input_free.svg", "front.svg", "sections.svg"}
         lines = (tmp_path / kind / "cases.csv").read_text().splitlines()
         assert len(lines) == 1 + {"curve": 6, "map": 25, "points": 9}[kind]
     head, first, *_ = (tmp_path / "curve" / "cases.csv").read_text().splitlines()
