@@ -1,4 +1,6 @@
-"""flexdesign itself, from the part's own CAD solid: one mesh, or two and the limit extrapolated from them.
+"""flexdesign itself, as a sweep asks it: one mesh, or two and the limit extrapolated from them.
+
+The section is told by the part's corners where its sides are straight, and read off its CAD solid where they are not.
 
 It answers more than the others: all port loads that fit the symmetry, checks of every solve, stress, and energies.
 """
@@ -24,11 +26,9 @@ WHOLE: tuple[dict[str, Any], ...] = ({"coarseness": [1.35], "symmetric": False},
 
 
 def solve(case: Case, coarseness: list[float], symmetric: bool = True) -> Answer:
-    """Solve as a validation does, without its files."""
-    import cadquery  # noqa: F401 - the part needs it; its import is none of the mesh's time
-
+    """Solve as a sweep does, without its files."""
     from flexdesign import design
-    from flexdesign.fem import analysis, convergence, domain, methods
+    from flexdesign.fem import analysis, convergence, domain, methods, outlined
 
     with suppress(ImportError):
         import pypardiso  # noqa: F401
@@ -36,7 +36,8 @@ def solve(case: Case, coarseness: list[float], symmetric: bool = True) -> Answer
     watch = Stopwatch()
     part = read.part()
     members = part.linkage().members
-    body = domain.of_part(part, symmetric=symmetric, chord=domain.chord(part))
+    told = outlined.of_part(part) if symmetric else None
+    body = told or domain.of_part(part, symmetric=symmetric, chord=domain.chord(part))
     method = methods.Extruded(methods.Grading(body, members, *methods.EXTRUDED_GRADING, None))
     meshing, solving, values, sizes, unknowns = watch.lap(), 0.0, [], [], 0
     for level in coarseness:
