@@ -107,16 +107,16 @@ def begun_anew(suite: Suite, model: Model) -> Model:
     A fit may be caught where a run seems to have come from elsewhere, which is a matter of that run alone.
     """
     own = [parameter for parameter in model.parameters() if parameter.run]
-    names = sorted({parameter.name.rpartition(":")[2] for parameter in own if parameter.screen})
-    grids = {p.name.rpartition(":")[2]: p.screen for p in own if p.screen}
+    names = sorted({_number(p) for p in own if p.screen})
+    grids = {_number(p): p.screen for p in own if p.screen}
     best = {record.observation.name: (_misfit(suite, model, record), dict[str, float]()) for record in suite.records}
     for values in itertools.product(*(grids[name] for name in names)):
         changes = dict(zip(names, values, strict=True))
-        tried = model.replace({p.name: changes.get(p.name.rpartition(":")[2], 0.0) for p in own if p.si != "rad"})
+        tried = model.replace({p.name: changes.get(_number(p), 0.0) for p in own if p.si != "rad"})
         for record in suite.records:
             run = record.observation.name
             if (misfit := _misfit(suite, tried, record)) < best[run][0] * BETTER:
-                new = {p.name: changes.get(p.name.rpartition(":")[2], 0.0) for p in own if p.run == run}
+                new = {p.name: changes.get(_number(p), 0.0) for p in own if p.run == run}
                 best[run] = misfit, {name: value for name, value in new.items() if not name.endswith("phase")}
     changed = {name: value for _, new in best.values() for name, value in new.items()}
     return model.replace(changed) if changed else model

@@ -6,19 +6,17 @@ import csv as csv_format
 import io
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from flexdesign import design as designs
 from flexdesign import refinement, units, versions
 from flexdesign.files import FORMAT
 from flexdesign.report import sweep_figures
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.sweep_figures import labelled
-from flexdesign.sweeps import Sweep, choosing, sensitivity
-from flexdesign.sweeps.plan import settings_of
+from flexdesign.sweeps import Sweep, choosing, evaluators, sensitivity
 from flexdesign.sweeps.sampling import Factor
 from flexdesign.sweeps.sensitivity import Indices
 
@@ -39,6 +37,7 @@ def shown(sweep: Sweep) -> list[str]:
     return chosen or [quantity for quantity in USUAL if sweep.answers.has(quantity)][:SHOWN]
 
 
+@lru_cache(maxsize=1)
 def chosen(sweep: Sweep) -> tuple[Sequence[int], Sequence[int]]:
     """Return the places of the designs that keep all limits, and of the best of these, best first."""
     kept, aims = choosing.kept(sweep.answers, sweep.plan.limits), sweep.plan.aims
@@ -100,12 +99,11 @@ EVALUATORS = {
 def _sections(sweep: Sweep) -> list[Figure]:
     """Draw the first of the best designs, where their parts tell their sections."""
     kept, front = chosen(sweep)
-    factors, found = {factor.key: factor for factor in sweep.plan.factors}, {}
-    for place in (_spread(front) if sweep.plan.aims else kept[:BEST])[:DRAWN]:
-        overrides, dimensions = settings_of(sweep.cases[place], factors)
-        base = designs.read(sweep.plan.design.file, (*sweep.plan.overrides, *overrides))
-        made = replace(base, dimensions={**base.dimensions, **dimensions})
-        found[_words(sweep, place).replace(", ", "\n")] = made.part()
+    best = (_spread(front) if sweep.plan.aims else kept[:BEST])[:DRAWN]
+    found = {
+        _words(sweep, place).replace(", ", "\n"): evaluators.version_of(sweep.plan, sweep.cases[place]).part()
+        for place in best
+    }
     return sweep_figures.sections(found)
 
 
@@ -179,6 +177,7 @@ def _matters(sweep: Sweep) -> list[Section]:
     return [Section("What matters for what", [text], [importance(sweep)], [sweep_figures.importance(told, names)])]
 
 
+@lru_cache(maxsize=1)
 def _indices(sweep: Sweep) -> dict[str, Indices]:
     if sweep.plan.method != "sensitivity":
         return {}

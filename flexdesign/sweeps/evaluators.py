@@ -23,6 +23,8 @@ from flexdesign.model import Quantity
 from flexdesign.multifidelity import Correction, FastSolid, Planar
 from flexdesign.study import MeshSettings, ModeSettings, OutputSettings, Study
 from flexdesign.sweeps.answers import Answer, Answers
+from flexdesign.sweeps.plan import SweepPlan, settings_of
+from flexdesign.sweeps.sampling import Case
 
 #: Asked of finite elements where mesh settings state no accuracy.
 ACCURACY = 0.01
@@ -74,7 +76,7 @@ def answer(question: Question) -> Answer:
     """Return the answer to one question, or why there is none."""
     began = time.perf_counter()
     try:
-        found, error = _evaluate(_varied(question), question), ""
+        found, error = _evaluate(_of(question), question), ""
     except (InputError, ArithmeticError, ValueError) as refusal:
         found, error = (), str(refusal)
     return found, error, time.perf_counter() - began
@@ -85,18 +87,34 @@ def _read(file: Path, overrides: tuple[str, ...]) -> Design:
     return designs.read(file, overrides)
 
 
-def _varied(question: Question) -> Design:
-    """Return the design of a case; what only differs in dimensions is read once."""
-    base = _read(question.file, question.overrides)
-    if not question.dimensions:
+def _of(question: Question) -> Design:
+    return version(question.file, question.overrides, question.dimensions)
+
+
+def version(file: Path, overrides: tuple[str, ...], dimensions: Mapping[str, float]) -> Design:
+    """Return a design with overrides and other dimensions [SI]; what only differs in dimensions is read once.
+
+    Raises
+    ------
+    InputError
+        If the design cannot be read, or a dimension is not plausible.
+    """
+    base = _read(file, overrides)
+    if not dimensions:
         return base
     bounds = {p.name: p.plausible for p in base.part_class.dimensions}
-    for name, value in question.dimensions.items():
+    for name, value in dimensions.items():
         low, high = bounds[name]
         if not low <= value <= high:
             allowed = f"allowed: {low * 1e3:g} to {high * 1e3:g} mm"
-            raise InputError(question.file, f"dimensions.{name}", f"{value * 1e3:g} mm", allowed)
-    return replace(base, dimensions={**base.dimensions, **question.dimensions})
+            raise InputError(file, f"dimensions.{name}", f"{value * 1e3:g} mm", allowed)
+    return replace(base, dimensions={**base.dimensions, **dimensions})
+
+
+def version_of(plan: SweepPlan, case: Case) -> Design:
+    """Return the design of a case of a sweep; raise InputError as `version` does."""
+    overrides, dimensions = settings_of(case, {factor.key: factor for factor in plan.factors})
+    return version(plan.design.file, (*plan.overrides, *overrides), dimensions)
 
 
 def _evaluate(design: Design, question: Question) -> Sequence[Quantity]:
@@ -140,7 +158,7 @@ def corrected(questions: Sequence[Question]) -> Correction:
     first = questions[0]
     settings = tuple(sorted(first.mesh.items()))
     solid, planar = _solid(first.file, first.middle, settings, 0), _planar(first.file, first.middle, settings)
-    return Correction.fit([_varied(question) for question in questions], planar, solid)
+    return Correction.fit([_of(question) for question in questions], planar, solid)
 
 
 def fast_solid(mesh: MeshSettings, modes: int = 0, anchors: Sequence[Design] = ()) -> FastSolid:

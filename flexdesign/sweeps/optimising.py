@@ -18,13 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from flexdesign import design as designs
-from flexdesign.design import Design
 from flexdesign.errors import InputError, suggest
 from flexdesign.model import Quantity
 from flexdesign.sweeps import evaluators
 from flexdesign.sweeps.choosing import Aim, Limit
-from flexdesign.sweeps.plan import SweepPlan, settings_of
+from flexdesign.sweeps.plan import SweepPlan
 from flexdesign.sweeps.sampling import Case, Factor, cases
 
 Array = NDArray[np.float64]
@@ -127,7 +125,7 @@ def optimise(plan: SweepPlan, *, check: bool = True, progress: Progress = lambda
             elements = None
             if check:
                 progress(f"round {number}: checking the optimum by finite elements")
-                found = evaluators.by_elements(_design(plan, best.values), plan.mesh, solid)
+                found = evaluators.by_elements(evaluators.version_of(plan, Case(best.values)), plan.mesh, solid)
                 elements = {quantity.key: quantity for quantity in found}
             rounds.append(Round(best.values, formulas, predicted, elements))
             if elements is None or _is_settled(plan, predicted, elements):
@@ -252,15 +250,11 @@ def _unit_sample(dimensions: int, seed: int) -> Iterator[list[float]]:
 # --- a design ---------------------------------------------------------------------------------------------------
 
 
-def _design(plan: SweepPlan, values: Mapping[str, float | str]) -> Design:
-    overrides, dimensions = settings_of(Case(values), {factor.key: factor for factor in plan.factors})
-    base = designs.read(plan.design.file, (*plan.overrides, *overrides)) if overrides else plan.design
-    return replace(base, dimensions={**base.dimensions, **dimensions})
-
-
 def _by_formulas(plan: SweepPlan, values: Mapping[str, float | str]) -> Found:
     model = evaluators.MODELS.get(plan.evaluator, evaluators.MODELS["analytic"])
-    return {quantity.key: quantity for quantity in evaluators.by_formulas(_design(plan, values), model)}
+    return {
+        quantity.key: quantity for quantity in evaluators.by_formulas(evaluators.version_of(plan, Case(values)), model)
+    }
 
 
 def _corrected(found: Found, correction: Mapping[str, float]) -> Found:

@@ -32,11 +32,12 @@ Progress = Callable[[str], None]
 BATCH = {"pseudo-rigid": 2000, "analytic": 100, "planar": 16, "fem": 4}
 #: The sources whose change makes answers anew.
 _FORMULAS = ("analytic/*.py", "effects/statics/*.py", "hinges/*.py", "model/*.py", "sweeps/evaluators.py")
+_ELEMENTS = ("fem/*.py", "multifidelity/*.py", "quantities/*.py", "refinement.py", "sweeps/evaluators.py")
 ANSWERING = {
     "pseudo-rigid": _FORMULAS,
     "analytic": _FORMULAS,
-    "planar": ("fem/*.py", "multifidelity/*.py", "quantities/*.py", "refinement.py", "sweeps/evaluators.py"),
-    "fem": ("fem/*.py", "multifidelity/*.py", "quantities/*.py", "refinement.py", "sweeps/evaluators.py"),
+    "planar": _ELEMENTS,
+    "fem": _ELEMENTS,
 }
 #: Who asks for meshes; and from so many designs in space the plane's correction is learned.
 MESHED, SAMPLES = ("planar", "fem"), 12
@@ -46,7 +47,7 @@ MODES = 2
 DIED = "the process that solved it died (out of memory, or killed)"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sweep:
     """A sweep that is done.
 
@@ -114,7 +115,6 @@ def run(
             _compute(batches, workers, store, progress, known=len(questions) - len(todo))
         finally:
             workers.close()
-        store.refresh()
     found = store.find([question.key for question in questions])
     choosing.refuse_unknown(found, plan.limits, plan.aims, plan.file)
     return Sweep(plan, cases, found, len(todo), time.perf_counter() - began)
