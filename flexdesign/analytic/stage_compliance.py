@@ -237,6 +237,14 @@ class StageCompliance:
         given = float(along @ self.installed(input_stiffness) @ along) + self.base["base_compliance"]
         return 1 / given if given > 1e-12 * free else math.inf
 
+    def stroke(self, axis: str, free_stroke: float) -> float:
+        """Travel of a free table [m] as all actuators of an axis extend by their free stroke [m], the others in place.
+
+        Each pushes with its stiffness times its free stroke, and its stiffness stands between the inputs.
+        """
+        stiffness = self.actuator_stiffness or 0.0
+        return float(self._along(axis) @ self.installed(stiffness) @ (stiffness * free_stroke * self._signs(axis)))
+
     def _driven(self, axis: str) -> tuple[float, float]:
         """Return extensions, added up, and travel per force of each actuator, against what loads the table."""
         signs, along, load = self._signs(axis), self._along(axis), self.base["output_load"]

@@ -12,11 +12,11 @@ from flexdesign.cli.shared import AsJson, app, print_json, progress
 
 HELP = """Evaluate many versions of a design, keep every answer, and pick the best.
 
-STUDY is a file that names a design and what shall vary of it, or the bare name of one in studies/:
+STUDY is a file that names a design, or a stage model, and what shall vary of it; or the bare name of one in studies/:
 
     format = 1
     design = "lin2019_amplifier_xy.toml"
-    evaluator = "analytic"                   # pseudo-rigid, analytic, planar or fem
+    evaluator = "analytic"                   # pseudo-rigid, analytic, planar, fem or simulation
 
     [vary]
     "dimensions.hinge_thickness" = { from = "0.3 mm", to = "0.8 mm", count = 21 }
@@ -42,6 +42,8 @@ STUDY is a file that names a design and what shall vary of it, or the bare name 
     flexdesign sweep what_matters
 
     flexdesign sweep hinge_thickness --set evaluator=fem --set mesh.accuracy="1 %" --jobs 4
+
+    flexdesign sweep payload_and_damping
 
     flexdesign sweep hinge_thickness --scheduler tcp://192.168.1.10:8786
 

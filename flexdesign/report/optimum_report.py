@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from flexdesign import files, refinement, units, versions
 from flexdesign.files import FORMAT
 from flexdesign.model import Quantity
 from flexdesign.report.document import Document, Section, Table
+from flexdesign.sweeps.answers import as_named, key_of
 from flexdesign.sweeps.optimising import Optimum, Round
 
 
@@ -23,7 +25,12 @@ def document(found: Optimum) -> Document:
     if len(found.rounds) > 1:
         text = "Each round optimises the formulas times what finite elements found over them in the round before."
         sections.append(Section("How formulas and finite elements came to agree", [text], [_rounds(found)]))
-    return Document(found.plan.title, summary(found), sections)
+    return Document(title(found), summary(found), sections)
+
+
+def title(found: Optimum) -> str:
+    """Return what the file calls the search, or what was optimised."""
+    return found.plan.title or f"{found.plan.design.title}, optimised"
 
 
 def summary(found: Optimum) -> list[str]:
@@ -94,11 +101,8 @@ def _promises(each: Round, named: list[str]) -> list[str]:
 
 
 def _shown(found: Mapping[str, Quantity], quantity: str) -> str:
-    key = quantity.strip("|")
-    if key not in found:
-        return "–"
-    text = found[key].shown()
-    return text.removeprefix("-") if quantity.startswith("|") else text
+    there = found.get(key_of(quantity))
+    return "–" if there is None else replace(there, value=as_named(quantity, there.value)).shown()
 
 
 def _words(found: Optimum) -> str:
@@ -120,7 +124,7 @@ def result(found: Optimum) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "kind": "optimum",
-        "title": plan.title,
+        "title": title(found),
         "aim": str(plan.aims[0]),
         "limits": [str(limit) for limit in plan.limits],
         "broken": [str(limit) for limit in found.broken],

@@ -13,6 +13,7 @@ from flexdesign.part import Part
 from flexdesign.report import charts
 from flexdesign.report.document import Figure
 from flexdesign.sweeps import Sweep
+from flexdesign.sweeps.answers import key_of
 from flexdesign.sweeps.sampling import Factor
 from flexdesign.sweeps.sensitivity import Indices
 
@@ -64,8 +65,7 @@ def _curves(sweep: Sweep, quantity: str, factor: Factor, others: Sequence[Factor
         chosen = [i for i, each in enumerate(labels) if each == label]
         axes.plot(x[chosen], y[chosen], marker="o", markersize=3, color=charts.COLOURS[index], label=label)
     _limits(axes, sweep, quantity)
-    if factor.is_log:
-        axes.set_xscale("log")
+    _scale(axes, factor)
     _named(axes, labelled(factor.name, factor.unit), labelled(quantity, sweep.answers.unit(quantity)))
     if others or axes.get_legend_handles_labels()[1] not in ([], [""]):
         charts.below(figure, axes, 3)
@@ -75,11 +75,19 @@ def _curves(sweep: Sweep, quantity: str, factor: Factor, others: Sequence[Factor
 def _limits(axes: Any, sweep: Sweep, quantity: str) -> None:
     if not sweep.answers.has(quantity):
         return
-    si, unit = sweep.answers.kinds[quantity.strip("|")].si, sweep.answers.unit(quantity)
+    si, unit = sweep.answers.kinds[key_of(quantity)].si, sweep.answers.unit(quantity)
     for limit in sweep.plan.limits:
         if limit.quantity == quantity:
             bound = limit.bound(si) / units.factor(unit, si)
             axes.axhline(bound, color=charts.NEUTRAL, linestyle="--", linewidth=1, label=f"limit {limit.text}")
+
+
+def _scale(axes: Any, x: Factor, y: Factor | None = None) -> None:
+    """Let equal ratios be equally long where a factor takes them for equal steps."""
+    if x.is_log:
+        axes.set_xscale("log")
+    if y is not None and y.is_log:
+        axes.set_yscale("log")
 
 
 def _map(sweep: Sweep, quantity: str, factors: Sequence[Factor], kept: Sequence[int]) -> Figure:
@@ -98,6 +106,7 @@ def _map(sweep: Sweep, quantity: str, factors: Sequence[Factor], kept: Sequence[
         broken[list(kept)] = False
         veil = np.ma.masked_where(~broken.reshape(shape), np.ones(shape))
         axes.pcolormesh(x, y, veil, cmap="Greys", vmin=0, vmax=2, alpha=0.45, shading="nearest")
+    _scale(axes, *factors)
     _named(axes, *(labelled(factor.name, factor.unit) for factor in factors))
     caption = f"{quantity} over {' and '.join(factor.name for factor in factors)}"
     caption += "; veiled: a limit is broken" if sweep.plan.limits else ""
@@ -114,6 +123,7 @@ def _scatter(sweep: Sweep, quantity: str, numbers: Sequence[Factor]) -> Figure:
         axes = drawing.add_subplot(1, len(numbers), place)
         charts.plain(axes)
         axes.plot(given(sweep, factor), y, ".", markersize=3, color=charts.COLOURS[0], rasterized=len(y) > MANY)
+        _scale(axes, factor)
         _named(
             axes,
             labelled(factor.name, factor.unit),

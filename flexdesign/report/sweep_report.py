@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from flexdesign import refinement, units, versions
+from flexdesign.design import Design
 from flexdesign.files import FORMAT
 from flexdesign.report import sweep_figures
 from flexdesign.report.document import Document, Figure, Section, Table
@@ -61,14 +62,19 @@ def document(sweep: Sweep) -> Document:
     ]
     if sweep.failed:
         sections.append(Section("What failed", [], [_failures(sweep)]))
-    return Document(sweep.plan.title, summary(sweep), sections)
+    return Document(title(sweep), summary(sweep), sections)
+
+
+def title(sweep: Sweep) -> str:
+    """Return what the file calls the sweep, or whose it is."""
+    return sweep.plan.title or f"{sweep.plan.subject.title}: a sweep"
 
 
 def summary(sweep: Sweep) -> list[str]:
     """Say how many cases there are, how many keep their limits, and which is best."""
     kept, front = chosen(sweep)
     plan, failed = sweep.plan, len(sweep.failed)
-    text = f"{len(sweep.cases)} versions of {plan.design.title}, answered for by {EVALUATORS[plan.evaluator]}"
+    text = f"{len(sweep.cases)} versions of {plan.subject.title}, answered for by {EVALUATORS[plan.evaluator]}"
     text += f"; {failed} of them could not be" if failed else ""
     known = len(sweep.cases) - sweep.computed
     text += f". {sweep.computed} were computed in {sweep.seconds:.3g} s" if sweep.computed else ". All were known"
@@ -93,11 +99,14 @@ EVALUATORS = {
     "analytic": "the compliance model",
     "planar": "finite elements in the plane, corrected to space",
     "fem": "finite elements",
+    "simulation": "simulated experiments",
 }
 
 
 def _sections(sweep: Sweep) -> list[Figure]:
     """Draw the first of the best designs, where their parts tell their sections."""
+    if not isinstance(sweep.plan.subject, Design) or sweep.plan.subject.is_stage:
+        return []
     kept, front = chosen(sweep)
     best = (_spread(front) if sweep.plan.aims else kept[:BEST])[:DRAWN]
     found = {
@@ -146,6 +155,10 @@ def _given(value: float | str, factor: Factor) -> str:
     return f"{value / units.factor(factor.unit or '1', factor.si):.5g}"
 
 
+def _with_unit(value: float | str, factor: Factor) -> str:
+    return f"{_given(value, factor)} {'' if factor.unit == '1' else factor.unit}".rstrip()
+
+
 def _plain(sweep: Sweep, place: int, quantity: str) -> str:
     value = sweep.answers.shown(quantity)[place]
     return "–" if np.isnan(value) else units.significant(value, 4)
@@ -156,12 +169,8 @@ def _number(sweep: Sweep, place: int, quantity: str) -> str:
 
 
 def _words(sweep: Sweep, place: int) -> str:
-    return ", ".join(
-        f"{factor.name} {_given(sweep.cases[place].values[factor.key], factor)} {factor.unit}".rstrip(" 1")
-        if factor.is_number
-        else f"{factor.name} {sweep.cases[place].values[factor.key]}"
-        for factor in sweep.plan.factors
-    )
+    values = sweep.cases[place].values
+    return ", ".join(f"{factor.name} {_with_unit(values[factor.key], factor)}" for factor in sweep.plan.factors)
 
 
 def _matters(sweep: Sweep) -> list[Section]:
@@ -214,7 +223,7 @@ def _factors(sweep: Sweep) -> Table:
     rows = []
     for factor in sweep.plan.factors:
         values = [_given(value, factor) for value in factor.values]
-        ends = f"{values[0]} to {values[-1]} {factor.unit}" if factor.ends else ", ".join(values[:8])
+        ends = f"{values[0]} to {_with_unit(factor.values[-1], factor)}" if factor.ends else ", ".join(values[:8])
         count = str(len(factor.values)) if sweep.plan.method == "grid" or not factor.ends else "any"
         rows.append([factor.key, ends, count, "equal ratios" if factor.is_log else ""])
     caption = f"{sweep.plan.method}, {len(sweep.cases)} cases" + (
@@ -278,7 +287,7 @@ def result(sweep: Sweep) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "kind": "sweep",
-        "title": plan.title,
+        "title": title(sweep),
         "cases": len(sweep.cases),
         "computed": sweep.computed,
         "failed": len(sweep.failed),
@@ -288,7 +297,8 @@ def result(sweep: Sweep) -> dict[str, Any]:
         "best": [_case(sweep, i) for i in (front if plan.aims else kept)[:BEST]],
         "made_by": {
             "study": str(plan.file.name),
-            "design": plan.design.name,
+            "stage_model" if plan.bench and plan.bench.model else "design": plan.subject.name,
+            **({"experiments": plan.bench.study.stem} if plan.bench and plan.bench.study else {}),
             "evaluator": plan.evaluator,
             "sample": {"method": plan.method, "count": len(sweep.cases), "seed": plan.seed},
             "versions": versions.installed(refinement.LIBRARIES),
@@ -300,6 +310,5 @@ def _case(sweep: Sweep, place: int) -> Mapping[str, Any]:
     values = sweep.cases[place].values
     varied = {}
     for factor in sweep.plan.factors:
-        value = values[factor.key]
-        varied[factor.key] = f"{_given(value, factor)} {factor.unit}".strip() if factor.is_number else value
+        varied[factor.key] = _with_unit(values[factor.key], factor)
     return {"values": varied, "quantities": [q.to_json() for q in sweep.answers.at(place)]}

@@ -10,7 +10,7 @@ gain are those with the actuators installed: stack and seats in series, in place
 
 from flexdesign.stage_model.axis import ActuatorData, AxisModel, Contradiction, Driver, Mode, Sensor
 from flexdesign.stage_model.model import ControllerTiming, Coupling, StageModel
-from flexdesign.stage_model.reading import read
+from flexdesign.stage_model.reading import changed, find, read
 from flexdesign.stage_model.writing import to_toml
 
 __all__ = [
@@ -23,6 +23,8 @@ __all__ = [
     "Mode",
     "Sensor",
     "StageModel",
+    "changed",
+    "find",
     "read",
     "to_toml",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from flexdesign.stage_model import fields
 from flexdesign.stage_model.axis import ActuatorData, AxisModel, Contradiction, Driver, Mode, Sensor, lumped_frequency
 from flexdesign.stage_model.fields import Field, Fields
 from flexdesign.stage_model.model import ControllerTiming, Coupling, StageModel
+from flexdesign.stage_model.writing import to_toml
 
 #: Tables and lists of an axis, beside its single numbers.
 _TABLES = ("hysteresis", "effects", "modes", "driver", "sensor", "actuator", "uncertainty", "sources")
@@ -114,6 +116,22 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> StageModel:
     _same_axes(content.get("axis"), overrides)
     with files.attributed(overrides):
         return _stage(files.overlay(content, overrides), path)
+
+
+def changed(model: StageModel, overrides: Sequence[str]) -> StageModel:
+    """Return a stage model with overrides laid over it, as over its file.
+
+    Raises
+    ------
+    InputError
+        If one cannot be used.
+    """
+    if not overrides:
+        return model
+    content = tomllib.loads(to_toml(model))
+    _same_axes(content["axis"], overrides)
+    with files.attributed(overrides):
+        return replace(_stage(files.overlay(content, overrides), Path(f"{model.name}.toml")), name=model.name)
 
 
 def _same_axes(axes: object, overrides: Sequence[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,17 @@ from flexdesign.model import Quantity
 Array = NDArray[np.float64]
 #: What one case was answered: its quantities, why there are none, and how long it took [s].
 Answer = tuple[Sequence[Quantity], str, float]
+Number = TypeVar("Number", float, Array)
+
+
+def key_of(name: str) -> str:
+    """Return the key of a quantity that limits and aims name by it, or by ``|key|`` for its size."""
+    return name.strip("|")
+
+
+def as_named(name: str, value: Number) -> Number:
+    """Return a value of a quantity, or its size where ``|key|`` names it."""
+    return abs(value) if name.startswith("|") else value
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,20 +90,19 @@ class Answers:
 
     def has(self, quantity: str) -> bool:
         """Tell whether any case has a quantity, by key or ``|key|``."""
-        return quantity.strip("|") in self.kinds
+        return key_of(quantity) in self.kinds
 
     def column(self, quantity: str) -> Array:
         """Return a quantity of all cases by key, or its size by ``|key|`` [SI]; NaN where there is none."""
-        found = self.values.get(quantity.strip("|"), np.full(len(self), math.nan))
-        return np.abs(found) if quantity.startswith("|") else found
+        return as_named(quantity, self.values.get(key_of(quantity), np.full(len(self), math.nan)))
 
     def unit(self, quantity: str) -> str:
         """Return the unit in which people read a quantity."""
-        return self.kinds[quantity.strip("|")].unit or "1" if self.has(quantity) else "1"
+        return self.kinds[key_of(quantity)].unit or "1" if self.has(quantity) else "1"
 
     def shown(self, quantity: str) -> Array:
         """Return a quantity of all cases in its unit."""
-        si = self.kinds[quantity.strip("|")].si if self.has(quantity) else "1"
+        si = self.kinds[key_of(quantity)].si if self.has(quantity) else "1"
         return self.column(quantity) / units.factor(self.unit(quantity), si)
 
     def at(self, place: int) -> list[Quantity]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from flexdesign import units
 from flexdesign.errors import InputError, suggest
-from flexdesign.sweeps.answers import Answers
+from flexdesign.sweeps.answers import Answers, key_of
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -71,7 +71,7 @@ class Limit:
         """Tell of each design whether it keeps it; one without the quantity does not."""
         if not answers.has(self.quantity):
             return np.zeros(len(answers), dtype=bool)
-        bound, found = self.bound(answers.kinds[self.quantity.strip("|")].si), answers.column(self.quantity)
+        bound, found = self.bound(answers.kinds[key_of(self.quantity)].si), answers.column(self.quantity)
         return np.asarray(found < bound if self.is_upper else found > bound)
 
     def __str__(self) -> str:
@@ -138,5 +138,5 @@ def refuse_unknown(answers: Answers, limits: Sequence[Limit], aims: Sequence[Aim
     named = [(f"limits.{limit.quantity}", limit.quantity) for limit in limits] + [("aim", a.quantity) for a in aims]
     for place, quantity in named if answers.kinds else []:
         if not answers.has(quantity):
-            remedy = f"no case has this quantity{suggest(quantity.strip('|'), list(answers.kinds))}"
+            remedy = f"no case has this quantity{suggest(key_of(quantity), list(answers.kinds))}"
             raise InputError(file, place, quantity, remedy)

@@ -1,6 +1,7 @@
-"""Who answers for one case: the paper's formulas, the compliance model, finite elements in the plane or in space.
+"""Who answers for one case: the paper's formulas, the compliance model, finite elements, or experiments on a stage.
 
-All state the same quantities by the same keys, of which finite elements in space have more.
+Formulas and finite elements state the same quantities by the same keys, of which finite elements in space have more.
+Experiments are simulated on a stage model (`simulating`), which finite elements make of a design where no file has it.
 """
 
 from __future__ import annotations
@@ -9,22 +10,30 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
 from flexdesign import design as designs
-from flexdesign import refinement
+from flexdesign import quantities, refinement, static_tables
+from flexdesign.analytic import frame
+from flexdesign.analytic.compliance import SOURCE
+from flexdesign.analytic.stage_compliance import StageCompliance
 from flexdesign.cache import Cache
-from flexdesign.design import Actuator, Design
+from flexdesign.design import Design
 from flexdesign.errors import InputError
 from flexdesign.fem import domain
 from flexdesign.model import Quantity
 from flexdesign.multifidelity import Correction, FastSolid, Planar
+from flexdesign.refinement import Level
+from flexdesign.stage_model import StageModel, changed
+from flexdesign.static_tables import StaticModel
 from flexdesign.study import MeshSettings, ModeSettings, OutputSettings, Study
+from flexdesign.sweeps import simulating
 from flexdesign.sweeps.answers import Answer, Answers
 from flexdesign.sweeps.plan import SweepPlan, settings_of
 from flexdesign.sweeps.sampling import Case
+from flexdesign.sweeps.simulating import Bench
 
 #: Asked of finite elements where mesh settings state no accuracy.
 ACCURACY = 0.01
@@ -43,7 +52,7 @@ class Question:
     key
         Under which the answer is kept.
     file, overrides
-        The design, and what differs from its file as ``table.key=value``.
+        The design or stage model, and what differs from its file as ``table.key=value``.
     dimensions
         What else differs [SI].
     evaluator, mesh
@@ -54,6 +63,8 @@ class Question:
         Overrides of the design about which the cases lie, from which finite elements learn how coarse meshes err.
     correction
         What finite elements in the plane leave out, learned from a few in space.
+    bench
+        What is simulated, if anything is.
     """
 
     key: str
@@ -65,6 +76,7 @@ class Question:
     modes: int = 0
     middle: tuple[str, ...] = ()
     correction: Correction | None = None
+    bench: Bench | None = None
 
 
 def answers(questions: Sequence[Question]) -> Answers:
@@ -76,7 +88,7 @@ def answer(question: Question) -> Answer:
     """Return the answer to one question, or why there is none."""
     began = time.perf_counter()
     try:
-        found, error = _evaluate(_of(question), question), ""
+        found, error = _evaluate(question), ""
     except (InputError, ArithmeticError, ValueError) as refusal:
         found, error = (), str(refusal)
     return found, error, time.perf_counter() - began
@@ -114,10 +126,14 @@ def version(file: Path, overrides: tuple[str, ...], dimensions: Mapping[str, flo
 def version_of(plan: SweepPlan, case: Case) -> Design:
     """Return the design of a case of a sweep; raise InputError as `version` does."""
     overrides, dimensions = settings_of(case, {factor.key: factor for factor in plan.factors})
-    return version(plan.design.file, (*plan.overrides, *overrides), dimensions)
+    everything = (*plan.overrides, *overrides)
+    return version(plan.design.file, tuple(simulating.of_design(everything)), dimensions)
 
 
-def _evaluate(design: Design, question: Question) -> Sequence[Quantity]:
+def _evaluate(question: Question) -> Sequence[Quantity]:
+    if question.bench is not None:
+        return by_simulation(question, question.bench)
+    design = _of(question)
     if question.evaluator in MODELS:
         return by_formulas(design, MODELS[question.evaluator])
     settings = tuple(sorted(question.mesh.items()))
@@ -167,39 +183,77 @@ def fast_solid(mesh: MeshSettings, modes: int = 0, anchors: Sequence[Design] = (
 
 
 def by_formulas(design: Design, model: str) -> list[Quantity]:
-    """Return what an analytic model says of a part, and what follows from it with an actuator.
+    """Return what an analytic model says of a part or a stage, and what follows from it with actuators.
 
     Raises
     ------
     InputError
-        If the part has no such model, or its dimensions cannot be built.
+        If there is no such model of it, or its dimensions cannot be built.
     """
-    actuator = design.actuator
-    formulas = design.part().formulas(design.material, actuator.installed_stiffness if actuator else None, None)
+    if design.is_stage:
+        found = _with_effects(design) if model == MODELS["analytic"] else _counted(design)
+    elif design.effects and model == MODELS["analytic"]:
+        found = _with_effects(design)
+    else:
+        found = _of_part(design, model)
+    return found + _driven(found, design) if design.actuator else found
+
+
+def _with_effects(design: Design) -> list[Quantity]:
+    """Return what the compliance model says, with all that the drawing tells and the effects of the design."""
+    try:
+        model = StaticModel(design, {**static_tables.drawn(design), **design.effects}).compliance({})
+        found = list(model.quantities().values())
+        if isinstance(model, StageCompliance) and design.actuator:
+            free = design.actuator.free_stroke
+            for axis in model.assembly.axes:
+                found.append(Quantity("stroke", model.stroke(axis, free), "m", "um", f"{axis}, table free", SOURCE))
+        return found
+    except frame.Mechanism as error:
+        remedy = f"has no compliance model: {error}; name every hinge, arm and rod in linkage()"
+        raise InputError(design.file, "part", design.part_class.__name__, remedy) from error
+
+
+def _counted(design: Design) -> list[Quantity]:
+    """Return what a stage's formulas say: as the paper counts its springs, and last as they are counted here."""
+    stiffness = design.actuator.installed_stiffness if design.actuator else None
+    *_, counted = design.stage().formulas(design.material, stiffness, None).values()
+    return list(counted)
+
+
+def _of_part(design: Design, model: str) -> list[Quantity]:
+    """Return what one of a part's own models says."""
+    stiffness = design.actuator.installed_stiffness if design.actuator else None
+    formulas = design.part().formulas(design.material, stiffness, None)
     if model not in formulas:
         remedy = f"has no model {model}: it has {', '.join(formulas)}"
         raise InputError(design.file, "part", design.part_class.__name__, remedy)
-    found = list(formulas[model])
-    return found + _driven(found, actuator) if actuator else found
+    return list(formulas[model])
 
 
-def _driven(found: Sequence[Quantity], actuator: Actuator) -> list[Quantity]:
-    """Return stroke and blocked force of a two-port with an actuator between its inputs.
+def _driven(found: Sequence[Quantity], design: Design) -> list[Quantity]:
+    """Return stroke and blocked force, along each axis of a stage, with an actuator between each two inputs.
 
     The actuator's free stroke d parts over its own stiffness k and K_in: the output moves by lambda d k / (k + K_in).
-    Held, it pushes with that times K_out with the actuator installed, by superposition.
+    Held, it pushes with that times K_out with the actuators installed, by superposition.
     """
     values = {quantity.key: quantity for quantity in found}
-    needed = ("K_in_output_free", "lambda_output_free", "K_out_actuator_installed")
-    if any(key not in values for key in needed):
-        return []
-    k_in, ratio, k_out = (values[key].value for key in needed)
-    k, source = actuator.installed_stiffness, values[needed[0]].source
-    stroke = ratio * actuator.free_stroke * k / (k + k_in)
-    return [
-        Quantity("stroke", stroke, "m", "um", "output free", source),
-        Quantity("blocked_force", stroke * k_out, "N", "N", "output held", source),
-    ]
+    axes = design.stage().assembly().axes if design.is_stage else ()
+    places = [(f"{axis}, table free", f"{axis}, table held", f"{axis}, actuators installed") for axis in axes]
+    driven = []
+    for free, held, installed in places or [("output free", "output held", "actuator installed")]:
+        k_in, ratio = (values.get(Quantity(name, 0.0, "1", "", free).key) for name in ("K_in", "lambda"))
+        k_out = values.get(Quantity("K_out", 0.0, "1", "", installed).key)
+        if k_in is None or ratio is None or design.actuator is None:
+            continue
+        k, free_stroke = design.actuator.installed_stiffness, design.actuator.free_stroke
+        stroke = Quantity("stroke", ratio.value * free_stroke * k / (k + k_in.value), "m", "um", free, k_in.source)
+        if stroke.key not in values:
+            driven.append(stroke)
+        if k_out is not None:
+            force = values.get(stroke.key, stroke).value * k_out.value
+            driven.append(Quantity("blocked_force", force, "N", "N", held, k_in.source))
+    return driven
 
 
 class _Nowhere(Cache):
@@ -227,8 +281,53 @@ def by_elements(design: Design, mesh: MeshSettings, solid: FastSolid) -> list[Qu
     axis = getattr(part, "prismatic", None)
     if axis is not None and axis() is not None and mesh.method != "wild":
         return solid.evaluate(design)
+    return _meshed(design, mesh)[0]
+
+
+def _meshed(design: Design, mesh: MeshSettings) -> tuple[list[Quantity], list[Level]]:
+    """Return what finite elements say of a part as a validation asks them, and on which meshes."""
+    part = design.part()
     study = Study(design.file, design.name, design, mesh, ModeSettings(), OutputSettings())
     body = domain.of_part(part, material=design.material, chord=domain.chord(part))
     method = refinement.method_of(study, part, body)
     levels = refinement.refined(study, part, body, method, _Nowhere(Path()), lambda _: None)
-    return refinement.gathered(study, levels, method.scatter)
+    return refinement.gathered(study, levels, method.scatter), levels
+
+
+def by_simulation(question: Question, bench: Bench) -> list[Quantity]:
+    """Return what experiments measure on a simulated stage.
+
+    Raises
+    ------
+    InputError
+        If there is no such stage, or the experiments cannot be made on it.
+    ValueError
+        If no controller was found for any.
+    """
+    if bench.model is None:
+        of_design = tuple(simulating.of_design(question.overrides))
+        stage = _handed_over(
+            question.file, of_design, tuple(question.dimensions.items()), tuple(sorted(question.mesh.items()))
+        )
+    else:
+        stage = simulating.read(bench.model)
+    return simulating.measured(changed(stage, simulating.of_stage(question.overrides)), bench, question.overrides)
+
+
+@lru_cache(maxsize=8)
+def _handed_over(
+    file: Path,
+    overrides: tuple[str, ...],
+    dimensions: tuple[tuple[str, float], ...],
+    settings: tuple[tuple[str, Any], ...],
+) -> StageModel:
+    """Return the stage model that finite elements make of a design, but for what large displacements do."""
+    design = version(file, overrides, dict(dimensions))
+    found, levels = _meshed(design, MeshSettings(**dict(settings)))
+    with_modes = next(level.solution for level in reversed(levels) if level.solution.modes)
+    stage = quantities.stage_model(design, {quantity.key: quantity for quantity in found}, with_modes)
+    if stage is None:
+        raise InputError(
+            design.file, "actuator", None, "is missing, so that nothing drives the stage; write [actuator]"
+        )
+    return stage

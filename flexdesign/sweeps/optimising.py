@@ -21,6 +21,7 @@ from threadpoolctl import threadpool_limits
 from flexdesign.errors import InputError, suggest
 from flexdesign.model import Quantity
 from flexdesign.sweeps import evaluators
+from flexdesign.sweeps.answers import as_named, key_of
 from flexdesign.sweeps.choosing import Aim, Limit
 from flexdesign.sweeps.plan import SweepPlan
 from flexdesign.sweeps.sampling import Case, Factor, cases
@@ -112,6 +113,9 @@ def optimise(plan: SweepPlan, *, check: bool = True, progress: Progress = lambda
         raise InputError(plan.file, "aim", f"{len(plan.aims)} aims", remedy)
     if not any(factor.ends for factor in plan.factors):
         raise InputError(plan.file, "vary", None, 'has no range; write { from = "1 mm", to = "2 mm" }')
+    if check and plan.design.is_stage:
+        remedy = "is a whole stage, of which formulas alone know here: optimise by these, with --no-check"
+        raise InputError(plan.file, "design", plan.design.name, remedy)
     _refuse_unknown(plan)
     correction: dict[str, float] = {}
     rounds: list[Round] = []
@@ -141,13 +145,13 @@ def _refuse_unknown(plan: SweepPlan) -> None:
     known = list(_by_formulas(plan, {}))
     named = {"aim": plan.aims[0].quantity} | {f"limits.{limit.quantity}": limit.quantity for limit in plan.limits}
     for place, quantity in named.items():
-        if (key := quantity.strip("|")) not in known:
+        if (key := key_of(quantity)) not in known:
             raise InputError(plan.file, place, quantity, f"is no quantity of the formulas{suggest(key, known)}")
 
 
 def _is_settled(plan: SweepPlan, predicted: Found, elements: Found) -> bool:
     """Tell whether finite elements find what the corrected formulas promised, of aim and limits."""
-    named = {plan.aims[0].quantity.strip("|"), *(limit.quantity.strip("|") for limit in plan.limits)}
+    named = {key_of(plan.aims[0].quantity), *(key_of(limit.quantity) for limit in plan.limits)}
     pairs = [(predicted[key].value, elements[key].value) for key in named if key in predicted and key in elements]
     return all(abs(promised - true) <= SETTLED * abs(true) for promised, true in pairs)
 
@@ -262,10 +266,8 @@ def _corrected(found: Found, correction: Mapping[str, float]) -> Found:
 
 
 def _value(quantity: str, found: Found) -> float:
-    key = quantity.strip("|")
-    if key not in found:
-        return math.nan
-    return abs(found[key].value) if quantity.startswith("|") else found[key].value
+    there = found.get(key_of(quantity))
+    return math.nan if there is None else as_named(quantity, there.value)
 
 
 def _cost(aim: Aim, found: Found) -> float:
@@ -274,7 +276,7 @@ def _cost(aim: Aim, found: Found) -> float:
 
 def _violation(limit: Limit, found: Found, *, signed: bool = False) -> float:
     """Return by what share of its bound a limit is broken; negative, if `signed`, by what share it is kept."""
-    key = limit.quantity.strip("|")
+    key = key_of(limit.quantity)
     if key not in found:
         return math.inf
     bound = limit.bound(found[key].si)

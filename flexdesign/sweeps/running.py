@@ -16,10 +16,11 @@ import flexdesign
 from flexdesign import part as parts
 from flexdesign import refinement, versions
 from flexdesign.cache import content_key
+from flexdesign.design import Design
 from flexdesign.design import read as read_design
 from flexdesign.errors import InputError
-from flexdesign.sweeps import choosing
-from flexdesign.sweeps.answers import Answers
+from flexdesign.sweeps import choosing, simulating
+from flexdesign.sweeps.answers import Answers, key_of
 from flexdesign.sweeps.evaluators import DIRECT, Question, corrected
 from flexdesign.sweeps.plan import SweepPlan, settings_of
 from flexdesign.sweeps.sampling import Case
@@ -29,18 +30,29 @@ from flexdesign.sweeps.workers import Cluster, Processes, Workers
 
 Progress = Callable[[str], None]
 #: A batch is what about so many seconds of work are, and no more cases than these.
-BATCH = {"pseudo-rigid": 2000, "analytic": 100, "planar": 16, "fem": 4}
+BATCH = {"pseudo-rigid": 2000, "analytic": 100, "planar": 16, "fem": 4, "simulation": 4}
 #: The sources whose change makes answers anew.
-_FORMULAS = ("analytic/*.py", "effects/statics/*.py", "hinges/*.py", "model/*.py", "sweeps/evaluators.py")
+_FORMULAS = (
+    "analytic/*.py", "assembly/*.py", "effects/statics/*.py", "hinges/*.py", "model/*.py", "static_tables/*.py",
+    "sweeps/evaluators.py",
+)  # fmt: skip
 _ELEMENTS = ("fem/*.py", "multifidelity/*.py", "quantities/*.py", "refinement.py", "sweeps/evaluators.py")
+_SIMULATION = (
+    "control/*.py", "dynamics/*.py", "effects/*.py", "experiments/*.py", "metrics/*.py", "stage_model/*.py",
+    "trajectory/*.py", "loop_design.py", "measuring.py", "simulation.py", "standard_experiments.py",
+    "sweeps/simulating.py",
+)  # fmt: skip
 ANSWERING = {
     "pseudo-rigid": _FORMULAS,
     "analytic": _FORMULAS,
     "planar": _ELEMENTS,
     "fem": _ELEMENTS,
+    "simulation": (*_SIMULATION, *_ELEMENTS),
 }
-#: Who asks for meshes; and from so many designs in space the plane's correction is learned.
-MESHED, SAMPLES = ("planar", "fem"), 12
+#: Distributions whose versions enter into an answer besides those that make meshes.
+SIMULATED = ("numpy", "scipy", "numba", "control")
+#: From so many designs in space the plane's correction is learned.
+SAMPLES = 12
 #: Modes of each symmetry class, where a limit or an aim asks for what takes modes.
 MODES = 2
 #: Why a case has no answer whose process died.
@@ -123,9 +135,9 @@ def run(
 def asked(plan: SweepPlan, cases: Sequence[Case]) -> list[Question]:
     """Return the question of each case; its key holds all that the answer depends on, the code among it."""
     factors = {factor.key: factor for factor in plan.factors}
-    file, mesh = plan.design.file.resolve(), plan.mesh.model_dump()
+    file, mesh = plan.subject_file.resolve(), plan.mesh.model_dump()
     modes = MODES if plan.evaluator == "fem" and _beyond_direct(plan) else 0
-    how = [mesh, modes, _root(plan, plan.overrides)] if plan.evaluator in MESHED else []
+    how = [mesh, modes, _root(plan, plan.overrides)] if plan.is_meshed else []
     if plan.evaluator == "planar":
         how += [repr(plan.factors), SAMPLES, plan.seed]  # from which the plane's correction is learned
     code = content_key(_code(plan), plan.evaluator, how)
@@ -137,7 +149,9 @@ def asked(plan: SweepPlan, cases: Sequence[Case]) -> list[Question]:
         if overrides not in roots:
             roots[overrides] = content_key(code, _root(plan, overrides))
         key = content_key(roots[overrides], sorted(dimensions.items()))
-        made.append(Question(key, file, overrides, dimensions, plan.evaluator, mesh, modes, plan.overrides))
+        made.append(
+            Question(key, file, overrides, dimensions, plan.evaluator, mesh, modes, plan.overrides, None, plan.bench)
+        )
     return made
 
 
@@ -152,25 +166,30 @@ def _corrected(plan: SweepPlan, todo: Sequence[Question]) -> list[Question]:
 def _beyond_direct(plan: SweepPlan) -> bool:
     """Tell whether anything is asked that takes modes or lateral motions."""
     named = [*plan.show, *(aim.quantity for aim in plan.aims), *(limit.quantity for limit in plan.limits)]
-    return any(not quantity.strip("|").startswith(DIRECT) for quantity in named)
+    return any(not key_of(quantity).startswith(DIRECT) for quantity in named)
 
 
 def _root(plan: SweepPlan, overrides: Sequence[str]) -> list[object]:
-    """Return what a design is, but for the dimensions that vary; where it cannot be read, what was asked."""
+    """Return what a design or stage is, but for the dimensions that vary; where it cannot be read, what was asked."""
     try:
-        design = read_design(plan.design.file, overrides)
+        simulated = [] if plan.bench is None else plan.bench.inputs(overrides)
+        if not isinstance(plan.subject, Design):
+            return simulated
+        design = read_design(plan.subject_file, simulating.of_design(overrides))
     except InputError as error:
         return [list(overrides), str(error)]
     drive = design.actuator.model_dump() if design.actuator else {}
-    return [dict(design.dimensions), repr(design.material), drive, design.effects]
+    return [dict(design.dimensions), repr(design.material), drive, design.effects, *simulated]
 
 
 def _code(plan: SweepPlan) -> list[object]:
-    """Return what the answers depend on besides the design: the part, the sources that answer, and the libraries."""
+    """Return what the answers depend on besides design or stage: the part, the sources that answer, the libraries."""
     package = Path(flexdesign.__file__).parent
     sources = sorted(path for place in ANSWERING[plan.evaluator] for path in package.glob(place))
-    texts = [path.read_text(encoding="utf-8") for path in (parts.file_of(plan.design.part_class), *sources)]
-    return [texts, versions.installed(refinement.LIBRARIES if plan.evaluator in MESHED else ("numpy",))]
+    if isinstance(plan.subject, Design):
+        sources.append(parts.file_of(plan.subject.part_class))
+    libraries = {*(refinement.LIBRARIES if plan.is_meshed else ("numpy",)), *(SIMULATED if plan.bench else ())}
+    return [[path.read_text(encoding="utf-8") for path in sources], versions.installed(sorted(libraries))]
 
 
 def _compute(

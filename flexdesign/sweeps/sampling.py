@@ -47,8 +47,8 @@ class Factor:
 
     @property
     def name(self) -> str:
-        """The last word of its key."""
-        return self.key.rpartition(".")[2]
+        """Its key without the table it is in."""
+        return self.key.partition(".")[2] or self.key
 
     @property
     def is_number(self) -> bool:

@@ -152,3 +152,33 @@ def test_sweeps_draw_what_suits_what_varies(command_line: Callable[..., Ended], 
     base = design.read(ROOT / "geometry" / "lin2019_amplifier_xy.toml", ["dimensions.width=10 mm"])
     k = {quantity.key: quantity.value for quantity in evaluators.by_formulas(base, "PRB")}["K_out_input_free"]
     assert float(row["K_out_input_free [N/mm]"]) == pytest.approx(k / 1e3, rel=1e-8)
+
+
+def test_a_stage_is_optimised_by_its_formulas_alone(tmp_path: Path) -> None:
+    text = STUDY.replace("lin2019_amplifier_xy", "lin2019_xyz_stage").replace(
+        "dimensions.width", "dimensions.guide_width"
+    )
+    text = text.replace('"10 mm", to = "25 mm"', '"4 mm", to = "8 mm"').replace(
+        "|stroke_output_free|", "stroke_x_table_free"
+    )
+    asked = plan(tmp_path, text.replace("K_out_actuator_installed", "K_out_x_inputs_free").replace("200 um", "150 um"))
+    with pytest.raises(InputError, match="whole stage"):
+        optimising.optimise(asked)
+    found = optimising.optimise(asked, check=False)
+    assert not found.broken
+    assert found.last.values["dimensions.guide_width"] == pytest.approx(
+        8e-3, rel=1e-6
+    )  # stiffer, and the stroke hardly feels it
+    assert found.found["stroke_x_table_free"].value == pytest.approx(
+        150e-6, rel=1e-4
+    )  # what stroke is left makes it stiff
+
+
+def test_a_stage_model_has_nothing_to_optimise(tmp_path: Path) -> None:
+    text = 'format = 1\nstage_model = "lin2019_stage"\nevaluator = "simulation"\n[vary]\n'
+    asked = plan(
+        tmp_path,
+        text + '"axis.x.damping_ratio" = { from = 0.1, to = 1.0 }\n[aim]\nminimise = "rise_time_step_x_robust"\n',
+    )
+    with pytest.raises(InputError, match="name a design"):
+        optimising.optimise(asked)

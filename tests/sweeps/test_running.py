@@ -13,10 +13,15 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from flexdesign import design, sweeps
+from flexdesign import design, static_tables, sweeps
+from flexdesign.analytic import stage_compliance
+from flexdesign.analytic.stage_compliance import StageCompliance
+from flexdesign.assembly import Element
 from flexdesign.cache import Cache
+from flexdesign.errors import InputError
 from flexdesign.sweeps import running
 from flexdesign.sweeps.store import STAGE, Store
 
@@ -59,8 +64,18 @@ def command(study: Path, out: Path, *more: str) -> list[str]:
 
 def started(line: Sequence[str], folder: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        line, cwd=folder, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        line,
+        cwd=folder,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=_hear_interrupts,
     )
+
+
+def _hear_interrupts() -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # which shells have their background jobs ignore
 
 
 def kept(out: Path) -> int:
@@ -253,3 +268,53 @@ def test_formulas_of_a_sweep_are_those_of_the_part(study: Path, tmp_path: Path) 
         stroke = push / direct["K_in_output_free"] * direct["lambda_output_free"]
         assert there["stroke_output_free"] == pytest.approx(stroke, rel=1e-12)
         assert there["blocked_force_output_held"] / stroke == pytest.approx(direct["K_out_actuator_installed"])
+
+
+def test_effects_of_a_design_vary(tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY.partition("[vary]")[0] + '[vary]\n"effects.over_cut.thinner" = ["0 um", "20 um"]\n')
+    found = sweeps.run(sweeps.read(path), Store(tmp_path / "out"), jobs=1).answers
+    drawn = ROOT / "geometry" / "lin2019_amplifier_xy.toml"
+    for place, thinner in enumerate(("0 um", "20 um")):
+        alone = static_tables.of_design(design.read(drawn, [f"effects.over_cut.thinner={thinner}"]))
+        for key, quantity in alone.compliance({}).quantities().items():
+            assert found.column(key)[place] == pytest.approx(quantity.value, rel=1e-12)
+    assert found.column("K_in_output_free")[1] < 0.96 * found.column("K_in_output_free")[0]  # t^2.5, and t is 0.5 mm
+
+
+def test_a_whole_stage_is_answered_for_by_its_formulas(tmp_path: Path) -> None:
+    path = tmp_path / "stage.toml"
+    text = STUDY.replace("lin2019_amplifier_xy", "lin2019_xyz_stage").partition("[vary]")[0]
+    path.write_text(text + '[vary]\n"dimensions.limb_length" = ["45.5 mm", "50 mm"]\n')
+    found = sweeps.run(sweeps.read(path), Store(tmp_path / "out"), jobs=1).answers
+    whole = design.read(ROOT / "geometry" / "lin2019_xyz_stage.toml", ["dimensions.limb_length=50 mm"])
+    assembly, actuator = whole.stage().assembly(), whole.actuator
+    assert actuator is not None
+    model = StageCompliance.of_assembly(assembly, whole.material).having(stage_compliance.drawn(assembly))
+    k = actuator.installed_stiffness
+    for axis, row in (("x", 0), ("z", 2)):
+        push = np.array([assembly.axes[axis].drives.get(e.name, 0.0) for e in assembly.elements if _has_inputs(e)])
+        table = len(push) + row  # actuators that push with k times their free stroke, springs k beside them
+        travel = model.installed(k)[table, : len(push)] @ (k * actuator.free_stroke * push)
+        assert found.column(f"stroke_{axis}_table_free")[1] == pytest.approx(travel, rel=1e-6)
+        assert found.column(f"K_in_{axis}_table_free")[1] == pytest.approx(model.input_stiffness(axis), rel=1e-9)
+
+
+def _has_inputs(element: Element) -> bool:
+    return any(port.role == "input" for port in element.part.ports())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("lin2019_amplifier_xy", "lin2019_xyz_stage", "whole stage"),
+        ('"dimensions.arm_span"', '"effects.over_cut.thinner"', "compliance model"),
+        ('"dimensions.arm_span"', '"actuator.stifness"', "stiffness"),
+    ],
+)
+def test_what_an_evaluator_does_not_know_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY.replace("analytic", "fem").replace(old, new))
+    with pytest.raises(InputError, match=said) as refused:
+        sweeps.read(path)
+    assert refused.value.file == str(path)
