@@ -202,15 +202,16 @@ def test_a_delay_shifts_the_reading(late: float) -> None:
     assert np.abs(shifted - wanted)[5:-5].max() < 1e-4 * LINEAR.stroke
 
 
+@pytest.mark.parametrize("held", [False, True], ids=["linear", "held"])
 @pytest.mark.parametrize("name", [effect.name for effect in CATALOGUE])
-def test_recordings_do_not_depend_on_the_step(name: str) -> None:
+def test_recordings_do_not_depend_on_the_step(name: str, held: bool) -> None:
     rng = np.random.default_rng(4)
-    runs = recordings.draw(rng, STAGE, held=False)
+    runs = recordings.draw(rng, STAGE, held=held)
     runs = tuple(run for run in runs if "high" in run.name or "random" in run.name)
     values = BY_NAME[name].at(0.1, BY_NAME[name].constants(rng, STAGE), STAGE)
-    shown = [np.concatenate(bench.readings(STAGE, {name: values}, runs, n)) for n in (bench.FINE, 4 * bench.FINE)]
-    # A third of the least noise that a case has, at the worst sample; a slew limit ends amid a step.
-    assert np.abs(shown[0] - shown[1]).max() < 3e-5 * STAGE.stroke
+    shown = [np.concatenate(bench.readings(STAGE, {name: values}, runs, n)) for n in (bench.FINE, 2 * bench.FINE)]
+    # A tenth of the least noise that a case has, at the worst sample; a slew limit ends amid a step.
+    assert np.abs(shown[0] - shown[1]).max() < 1e-5 * STAGE.stroke
 
 
 @pytest.mark.parametrize("effect", [*CATALOGUE, *OUTSIDE], ids=lambda effect: effect.name)

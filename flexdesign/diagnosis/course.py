@@ -214,6 +214,7 @@ def case_of(
         tolerance=exact,
         delay=model.controller.delay,
         finest=fine,
+        margin=1,  # the values that are told in the end are found with far more steps
         apart=tuple(run.name for run in setting.runs),
         highest=max(0.5 / max(setting.periods), *(float(each.frequencies[-1]) for each in setting.responses), 0.0),
         bipolar=any(bool(np.min(run.command()) < -0.05 * volts) for run in setting.runs),
@@ -290,6 +291,7 @@ def search(
     if stand.effects:
         case.progress("fitting once more, simulated more exactly")
         stand = finished(case, stand)
+        stands = [*stands[:-1], stand] if stands and stands[-1].names == stand.names else stands
     return case, Course(designed, base, tuple(stands), tuple(steps), stand, agreed)
 
 

@@ -35,8 +35,6 @@ from flexdesign.stage_model import fields as units_of
 Array = NDArray[np.float64]
 #: Error that a prediction may have, relative to its span: far below the noise of any sensor.
 TOLERANCE = 1e-7
-#: The number of steps found at the first values is multiplied by this, as other values may ask for more.
-MARGIN = 2
 #: Below this share of the tolerance a prediction is exact, and needs no margin.
 EXACT = 1e-3
 #: A mode at half its damping has decayed to this share of the first command's response before a record begins.
@@ -106,6 +104,8 @@ class AxisDynamics:
         No more steps in a sample than these, whatever the error.
     fixed
         Whether there are exactly so many, which saves finding out.
+    margin
+        The number of steps found at the first values is multiplied by this, as other values may ask for more.
     apart
         Names of the runs that have numbers of their own: how late the record began, ``RUN:trigger``, and where the
         voltage had turned before, ``RUN:turn.1`` and ``RUN:turn.2``, from which all hysteresis has its state.
@@ -126,6 +126,7 @@ class AxisDynamics:
     delay: float = 0.0
     finest: int = 1024
     fixed: bool = False
+    margin: int = 2
     apart: tuple[str, ...] = ()
     bipolar: bool = False
     highest: float = math.inf
@@ -277,7 +278,7 @@ class AxisDynamics:
         def find() -> int:
             first = replace(self, axis=self.steps.at or self.axis, delay=self.steps.delay)
             found = first._simulated(run, None)
-            return min(found.substeps * (MARGIN if found.error > EXACT * self.tolerance else 1), self.finest)
+            return min(found.substeps * (self.margin if found.error > EXACT * self.tolerance else 1), self.finest)
 
         return self.steps.of(run, find)
 

@@ -136,11 +136,18 @@ class Process:
         table = np.asarray(columns, dtype=float)
         if present is not None and not present.all():
             table = np.where(present[:, None], table, 0.0)
-        made = lfilter(self.coefficients / self.sigma, [1.0], table, axis=0) if self.order else table / self.sigma
+        made = self._errors(table) if self.order else table / self.sigma
         for first, last in stretches(np.ones(len(table), dtype=bool) if present is None else present):
             count = min(self.order, last - first)
             made[first : first + count] = self.start[:count, :count] @ table[first : first + count]
         return made if present is None or present.all() else np.where(present[:, None], made, 0.0)
+
+    def _errors(self, table: Array) -> Array:
+        """Return by how much columns differ from what their past predicts, over its standard deviation."""
+        weights = self.coefficients / self.sigma
+        if table.shape[1] > 1:
+            return np.asarray(lfilter(weights, [1.0], table, axis=0))
+        return np.convolve(table[:, 0], weights)[: len(table), None]  # as lfilter does it, without its ceremony
 
 
 @dataclass(frozen=True)

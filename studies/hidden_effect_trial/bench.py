@@ -14,8 +14,9 @@ from studies.hidden_effect_trial.kernel import P
 from studies.hidden_effect_trial.recordings import PERIOD, Recording
 
 Array = NDArray[np.float64]
-#: Steps in a sample: for recordings, and for sensitivities.
-FINE, COARSE = 50, 6
+#: Steps in a sample: for recordings, and for sensitivities. Fifty would leave a tenth of the finest noise where a slew
+#: limit meets held commands, which moves what thousands of samples determine by six of its standard deviations.
+FINE, COARSE = 200, 6
 _STILL = np.zeros(0)
 
 
