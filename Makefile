@@ -6,10 +6,12 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 UV_VERSION := 0.13.8
 HIDDEN := studies/hidden_effect_demo
+# Files of tests, each whole, as its tests share what they have solved; in their order, as the long ones come early.
+SIDE_BY_SIDE := --numprocesses=auto --dist=loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo example test benchmark peers trial verification error-bars slow lint format lock clean clean-venv
+.PHONY: help demo example test coverage benchmark peers trial verification error-bars slow lint format lock clean clean-venv
 
 help: ## Show this list
 	@echo "make TARGET [PYTHON=python3.12]"
@@ -26,8 +28,11 @@ example: $(VENV)/.ready ## Make the kept example reports anew; README's tables a
 	$(BIN)/python -m studies.lin2019_gains --out reports/examples/lin2019_gains
 	$(BIN)/flexdesign diagnose $(HIDDEN)/model.toml $(HIDDEN)/runs --out reports/examples/hidden_effect_demo
 
-test: $(VENV)/.ready ## Run the tests, with coverage
-	$(BIN)/python -m pytest --cov
+test: $(VENV)/.ready ## Run the tests
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE)
+
+coverage: $(VENV)/.ready ## Run the tests, and tell which lines none of them runs
+	$(BIN)/python -m pytest --cov $(SIDE_BY_SIDE)
 
 benchmark: $(VENV)/.ready ## Time the dynamics engine beside SciPy at equal accuracy; a few minutes
 	$(BIN)/python -m studies.benchmarks.dynamics

@@ -45,7 +45,7 @@ def suggest(name: str, known: Sequence[str]) -> str:
     return f"; did you mean {' or '.join(near)}?"
 
 
-def _listed(names: Sequence[str], longest: int = 220) -> str:
+def _listed(names: Sequence[str], longest: int = 160) -> str:
     """Return names in a row, as many as one message bears."""
     room = next((n for n in range(len(names)) if len(", ".join(names[: n + 1])) > longest), len(names))
     more = len(names) - room
