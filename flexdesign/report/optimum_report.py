@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from flexdesign import design as designs
-from flexdesign import files, refinement, units, versions
+from flexdesign import files, refinement, versions
 from flexdesign.files import FORMAT
 from flexdesign.model import Quantity
 from flexdesign.report.document import Document, Section, Table
@@ -59,10 +59,7 @@ def optimum(found: Optimum) -> Table:
 
 def _given(found: Optimum, key: str) -> str:
     factor = next(factor for factor in found.plan.factors if factor.key == key)
-    value = found.last.values[key]
-    if isinstance(value, str):
-        return value
-    return f"{value / units.factor(factor.unit or '1', factor.si):.5g} {factor.unit}".removesuffix(" 1")
+    return factor.shown(found.last.values[key])
 
 
 def _ends(found: Optimum) -> Table:

@@ -18,7 +18,6 @@ from flexdesign.report import sweep_figures
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.sweep_figures import labelled
 from flexdesign.sweeps import Sweep, choosing, evaluators, sensitivity
-from flexdesign.sweeps.sampling import Factor
 from flexdesign.sweeps.sensitivity import Indices
 
 #: How many designs, reasons of failure and quantities a report has, where nobody says which.
@@ -135,7 +134,7 @@ def best(sweep: Sweep) -> Table:
     ]
     rows = [
         [
-            *(_given(sweep.cases[i].values[factor.key], factor) for factor in sweep.plan.factors),
+            *(factor.shown(sweep.cases[i].values[factor.key], unit=False) for factor in sweep.plan.factors),
             *(_plain(sweep, i, quantity) for quantity in quantities),
         ]
         for i in places
@@ -149,16 +148,6 @@ def _spread(places: Sequence[int]) -> list[int]:
     return [places[i] for i in chosen]
 
 
-def _given(value: float | str, factor: Factor) -> str:
-    if isinstance(value, str):
-        return value
-    return f"{value / units.factor(factor.unit or '1', factor.si):.5g}"
-
-
-def _with_unit(value: float | str, factor: Factor) -> str:
-    return f"{_given(value, factor)} {'' if factor.unit == '1' else factor.unit}".rstrip()
-
-
 def _plain(sweep: Sweep, place: int, quantity: str) -> str:
     value = sweep.answers.shown(quantity)[place]
     return "–" if np.isnan(value) else units.significant(value, 4)
@@ -170,7 +159,7 @@ def _number(sweep: Sweep, place: int, quantity: str) -> str:
 
 def _words(sweep: Sweep, place: int) -> str:
     values = sweep.cases[place].values
-    return ", ".join(f"{factor.name} {_with_unit(values[factor.key], factor)}" for factor in sweep.plan.factors)
+    return ", ".join(f"{factor.name} {factor.shown(values[factor.key])}" for factor in sweep.plan.factors)
 
 
 def _matters(sweep: Sweep) -> list[Section]:
@@ -222,8 +211,8 @@ def answer(sweep: Sweep) -> Table:
 def _factors(sweep: Sweep) -> Table:
     rows = []
     for factor in sweep.plan.factors:
-        values = [_given(value, factor) for value in factor.values]
-        ends = f"{values[0]} to {_with_unit(factor.values[-1], factor)}" if factor.ends else ", ".join(values[:8])
+        values = [factor.shown(value, unit=False) for value in factor.values]
+        ends = f"{values[0]} to {factor.shown(factor.values[-1])}" if factor.ends else ", ".join(values[:8])
         count = str(len(factor.values)) if sweep.plan.method == "grid" or not factor.ends else "any"
         rows.append([factor.key, ends, count, "equal ratios" if factor.is_log else ""])
     caption = f"{sweep.plan.method}, {len(sweep.cases)} cases" + (
@@ -308,7 +297,5 @@ def result(sweep: Sweep) -> dict[str, Any]:
 
 def _case(sweep: Sweep, place: int) -> Mapping[str, Any]:
     values = sweep.cases[place].values
-    varied = {}
-    for factor in sweep.plan.factors:
-        varied[factor.key] = _with_unit(values[factor.key], factor)
+    varied = {factor.key: factor.shown(values[factor.key]) for factor in sweep.plan.factors}
     return {"values": varied, "quantities": [q.to_json() for q in sweep.answers.at(place)]}

@@ -190,13 +190,11 @@ def by_formulas(design: Design, model: str) -> list[Quantity]:
     InputError
         If there is no such model of it, or its dimensions cannot be built.
     """
-    if design.is_stage:
-        found = _with_effects(design) if model == MODELS["analytic"] else _counted(design)
-    elif design.effects and model == MODELS["analytic"]:
+    if model == MODELS["analytic"] and (design.is_stage or design.effects):
         found = _with_effects(design)
     else:
-        found = _of_part(design, model)
-    return found + _driven(found, design) if design.actuator else found
+        found = _counted(design) if design.is_stage else _of_part(design, model)
+    return found + _driven(found, design)
 
 
 def _with_effects(design: Design) -> list[Quantity]:
@@ -232,27 +230,29 @@ def _of_part(design: Design, model: str) -> list[Quantity]:
 
 
 def _driven(found: Sequence[Quantity], design: Design) -> list[Quantity]:
-    """Return stroke and blocked force, along each axis of a stage, with an actuator between each two inputs.
+    """Return stroke and blocked force where a model does not, along each axis of a stage, with its actuators installed.
 
     The actuator's free stroke d parts over its own stiffness k and K_in: the output moves by lambda d k / (k + K_in).
     Held, it pushes with that times K_out with the actuators installed, by superposition.
     """
-    values = {quantity.key: quantity for quantity in found}
-    axes = design.stage().assembly().axes if design.is_stage else ()
-    places = [(f"{axis}, table free", f"{axis}, table held", f"{axis}, actuators installed") for axis in axes]
+    if design.actuator is None:
+        return []
+    values = {(quantity.name, quantity.boundary): quantity.value for quantity in found}
+    k, free_stroke = design.actuator.installed_stiffness, design.actuator.free_stroke
     driven = []
-    for free, held, installed in places or [("output free", "output held", "actuator installed")]:
-        k_in, ratio = (values.get(Quantity(name, 0.0, "1", "", free).key) for name in ("K_in", "lambda"))
-        k_out = values.get(Quantity("K_out", 0.0, "1", "", installed).key)
-        if k_in is None or ratio is None or design.actuator is None:
+    for k_in in found:
+        free = k_in.boundary
+        if k_in.name != "K_in" or not free.endswith(" free") or ("lambda", free) not in values:
             continue
-        k, free_stroke = design.actuator.installed_stiffness, design.actuator.free_stroke
-        stroke = Quantity("stroke", ratio.value * free_stroke * k / (k + k_in.value), "m", "um", free, k_in.source)
-        if stroke.key not in values:
-            driven.append(stroke)
-        if k_out is not None:
-            force = values.get(stroke.key, stroke).value * k_out.value
-            driven.append(Quantity("blocked_force", force, "N", "N", held, k_in.source))
+        axis, _, _ = free.rpartition(", ")  # of a stage "X, table free", of a part "output free"
+        installed = f"{axis}, actuators installed" if axis else "actuator installed"
+        stroke = values.get(("stroke", free))
+        if stroke is None:
+            stroke = values["lambda", free] * free_stroke * k / (k + k_in.value)
+            driven.append(Quantity("stroke", stroke, "m", "um", free, k_in.source))
+        if (k_out := values.get(("K_out", installed))) is not None:
+            held = f"{free.removesuffix(' free')} held"
+            driven.append(Quantity("blocked_force", stroke * k_out, "N", "N", held, k_in.source))
     return driven
 
 

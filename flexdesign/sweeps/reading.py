@@ -223,6 +223,8 @@ def _try(
 ) -> None:
     """Refuse what a design, a stage model or its experiments do not have, before anything is run."""
     given, _ = settings_of(Case({f.key: f.values[0] for f in factors}), {f.key: f for f in factors})
+    if not given:  # dimensions alone, which are known
+        return
     try:
         _subject(file, (*overrides, *given), evaluator, bench, path)
     except InputError as error:

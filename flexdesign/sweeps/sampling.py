@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign import units
 from flexdesign.sweeps import sensitivity
 
 Array = NDArray[np.float64]
@@ -54,6 +55,13 @@ class Factor:
     def is_number(self) -> bool:
         """Whether its values are numbers."""
         return bool(self.si)
+
+    def shown(self, value: float | str, unit: bool = True) -> str:
+        """Return one of its values as it is read, with its unit or without."""
+        if isinstance(value, str):
+            return value
+        number = f"{value / units.factor(self.unit or '1', self.si):.5g}"
+        return f"{number} {self.unit}" if unit and self.unit not in ("", "1") else number
 
     def at(self, share: float) -> float | str:
         """Return the value at a share of its range, from 0 to 1; of a choice all values have equal parts of it."""
