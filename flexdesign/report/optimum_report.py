@@ -11,15 +11,19 @@ from flexdesign import design as designs
 from flexdesign import files, refinement, versions
 from flexdesign.files import FORMAT
 from flexdesign.model import Quantity
+from flexdesign.report import design_pictures
 from flexdesign.report.document import Document, Section, Table
+from flexdesign.sweeps import evaluators
 from flexdesign.sweeps.answers import as_named, key_of
 from flexdesign.sweeps.optimising import Optimum, Round
+from flexdesign.sweeps.sampling import Case
 
 
 def document(found: Optimum) -> Document:
     """Write the report."""
+    drawn, missing = design_pictures.draw({_words(found): evaluators.version_of(found.plan, Case(found.last.values))})
     sections = [
-        Section("The optimum", [], [optimum(found), _ends(found)]),
+        Section("The optimum", missing, [optimum(found), _ends(found)], drawn),
         Section("What it gives", [_who(found)], [_quantities(found)]),
     ]
     if len(found.rounds) > 1:

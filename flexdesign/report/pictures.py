@@ -39,8 +39,9 @@ class Picture:
     ----------
     file
         Name of the picture.
-    points, tets
-        The whole part, shapes (n, 3) [m] and (m, 4), or (m, 10) for quadratic elements.
+    points, cells
+        The whole part, shapes (n, 3) [m] and (m, 4), or (m, 10) for quadratic elements, or (m, 3) for the triangles of
+        its surface.
     displacement
         Exaggerated as drawn, shape (n, 3) [m]; the undeformed outline is then drawn as well. None for none.
     scalars, label
@@ -57,7 +58,7 @@ class Picture:
 
     file: str
     points: FloatArray
-    tets: IntArray
+    cells: IntArray
     displacement: FloatArray | None = None
     scalars: FloatArray | None = None
     label: str = ""
@@ -74,14 +75,14 @@ class Reel:
 
     Parameters
     ----------
-    points, tets
+    points, cells
         As in a `Picture`.
     shots
         What to draw of it.
     """
 
     points: FloatArray
-    tets: IntArray
+    cells: IntArray
     shots: Sequence[Shot]
 
 
@@ -160,7 +161,7 @@ def _draw_all(pictures: Sequence[Picture], reel: Reel | None) -> dict[str, bytes
 
 
 def _draw_reel(reel: Reel, pv: Any) -> dict[str, bytes]:
-    rest = _grid(reel.points, reel.tets, pv)
+    rest = _grid(reel.points, reel.cells, pv)
     moved = rest.copy()
     for index, shot in enumerate(reel.shots):
         moved[f"{index}"] = shot.displacement * 1e3
@@ -189,14 +190,14 @@ def _draw_reel(reel: Reel, pv: Any) -> dict[str, bytes]:
     return files
 
 
-def _grid(points: FloatArray, tets: IntArray, pv: Any) -> Any:
+def _grid(points: FloatArray, cells: IntArray, pv: Any) -> Any:
     """Return the part as VTK has it, in mm."""
-    kind = pv.CellType.TETRA if tets.shape[1] == 4 else pv.CellType.QUADRATIC_TETRA
-    return pv.UnstructuredGrid({kind: tets}, points * 1e3)
+    kinds = {3: pv.CellType.TRIANGLE, 4: pv.CellType.TETRA, 10: pv.CellType.QUADRATIC_TETRA}
+    return pv.UnstructuredGrid({kinds[cells.shape[1]]: cells}, points * 1e3)
 
 
 def _draw(picture: Picture, pv: Any) -> bytes:
-    grid = _grid(picture.points, picture.tets, pv)
+    grid = _grid(picture.points, picture.cells, pv)
     shown = grid.copy()
     if picture.displacement is not None:
         shown.points = (picture.points + picture.displacement) * 1e3

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign import units
-from flexdesign.part import Part
 from flexdesign.report import charts
 from flexdesign.report.document import Figure
 from flexdesign.sweeps import Sweep
@@ -154,40 +153,6 @@ def _front(sweep: Sweep, front: Sequence[int], kept: Sequence[int]) -> Figure:
     _named(axes, *(labelled(each, sweep.answers.unit(each)) for each in (first, second)))
     charts.below(figure, axes, 3)
     return Figure("front.svg", charts.svg(figure), "Designs that no other beats in all aims at once")
-
-
-def sections(parts: Mapping[str, Part]) -> list[Figure]:
-    """Draw the sections of extruded parts in one scale, each under what it is called; none where none is told."""
-    outlines = {label: part.outline() if hasattr(part, "outline") else None for label, part in parts.items()}
-    told = {label: outline for label, outline in outlines.items() if outline is not None}
-    if not told:
-        return []
-    from matplotlib.figure import Figure as Drawing
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path
-
-    drawing, shared = Drawing(figsize=(2.6 * len(told), 2.4), layout="constrained"), None
-    for place, (label, outline) in enumerate(told.items(), 1):
-        axes = drawing.add_subplot(1, len(told), place, sharex=shared, sharey=shared)
-        shared = shared or axes
-        loops = [Path(1e3 * loop, closed=True) for loop in _wound(outline.loops)]
-        axes.add_patch(PathPatch(Path.make_compound_path(*loops), facecolor=charts.COLOURS[0], edgecolor="none"))
-        axes.set_title(label, fontsize=8, color=charts.NEUTRAL)
-        axes.set_aspect("equal")
-        axes.autoscale_view()
-        axes.set_axis_off()
-    caption = "Sections of the best designs, in one scale"
-    return [Figure("sections.svg", charts.svg(drawing), caption)]
-
-
-def _wound(loops: Sequence[Sequence[tuple[float, float]]]) -> list[Array]:
-    """Return contours closed, the largest to the left and the holes in it to the right, as filling asks."""
-    closed = [np.array([*loop, loop[0]]) for loop in loops]
-    areas = [float(np.sum(c[:-1, 0] * c[1:, 1] - c[1:, 0] * c[:-1, 1])) for c in closed]
-    largest = max(range(len(areas)), key=lambda i: abs(areas[i]))
-    return [
-        c if (area > 0) == (i == largest) else c[::-1] for i, (c, area) in enumerate(zip(closed, areas, strict=True))
-    ]
 
 
 def importance(told: Mapping[str, Indices], names: Sequence[str]) -> Figure:

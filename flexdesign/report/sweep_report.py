@@ -14,7 +14,7 @@ import numpy as np
 from flexdesign import refinement, units, versions
 from flexdesign.design import Design
 from flexdesign.files import FORMAT
-from flexdesign.report import sweep_figures
+from flexdesign.report import design_pictures, sweep_figures
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.sweep_figures import labelled
 from flexdesign.sweeps import Sweep, choosing, evaluators, sensitivity
@@ -51,11 +51,15 @@ def document(sweep: Sweep) -> Document:
     """Write the report."""
     kept, front = chosen(sweep)
     drawn = sweep_figures.figures(sweep, shown(sweep), front, kept)
-    is_question = sweep.plan.method == "sensitivity"
-    good = [] if is_question else [Section("The best designs", [_how(sweep)], [best(sweep)], _sections(sweep))]
+    good = []
+    if sweep.plan.method != "sensitivity":
+        pictures, missing = _drawn(sweep)
+        good.append(
+            Section("The best designs", [_how(sweep), *missing], [best(sweep)], pictures, gallery=len(pictures) > 1)
+        )
     sections = [
         *good,
-        Section("What depends on what", [], [], drawn),
+        *([Section("What depends on what", [], [], drawn)] if drawn else []),
         *_matters(sweep),
         Section("What varied", [], [_factors(sweep)]),
     ]
@@ -102,17 +106,14 @@ EVALUATORS = {
 }
 
 
-def _sections(sweep: Sweep) -> list[Figure]:
-    """Draw the first of the best designs, where their parts tell their sections."""
-    if not isinstance(sweep.plan.subject, Design) or sweep.plan.subject.is_stage:
-        return []
+def _drawn(sweep: Sweep) -> tuple[list[Figure], list[str]]:
+    """Draw the first of the best designs; return the pictures, and why some are not there."""
+    if not isinstance(sweep.plan.subject, Design):
+        return [], []
     kept, front = chosen(sweep)
     best = (_spread(front) if sweep.plan.aims else kept[:BEST])[:DRAWN]
-    found = {
-        _words(sweep, place).replace(", ", "\n"): evaluators.version_of(sweep.plan, sweep.cases[place]).part()
-        for place in best
-    }
-    return sweep_figures.sections(found)
+    found = {_words(sweep, place): evaluators.version_of(sweep.plan, sweep.cases[place]) for place in best}
+    return design_pictures.draw(found)
 
 
 def _how(sweep: Sweep) -> str:
