@@ -18,6 +18,8 @@ from flexdesign.stage_model import Mode as StageMode
 SAMPLES_PER_PERIOD = 20
 #: A damping ratio to begin with, where nothing is known.
 PLACEHOLDER_DAMPING = 0.01
+#: The axis of a stage model that one part gives: that of its output.
+AXIS = "y"
 #: A mode with less of the response to the actuator than this stays out of the stage model.
 LEAST_SHARE = 0.02
 
@@ -74,7 +76,7 @@ def stage_model(
     fastest = max(frequency.value, *(mode.frequency for mode in modes), 0.0)
     timing = ControllerTiming(rate=1000.0 * math.ceil(SAMPLES_PER_PERIOD * fastest / 1000.0))
     axis = with_hysteresis(axis, actuator, stroke.value)
-    return StageModel({"y": axis}, timing, title=design.title, source=source, name="stage_model")
+    return StageModel({AXIS: axis}, timing, title=design.title, source=source, name="stage_model")
 
 
 def with_hysteresis(axis: AxisModel, actuator: Actuator, stroke: float) -> AxisModel:

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from flexdesign import design as designs
-from flexdesign import experiments, files, stage_model, units
+from flexdesign import experiments, files, quantities, stage_model, units
 from flexdesign.design import Design
 from flexdesign.errors import InputError, suggest
 from flexdesign.files import Table, whole
@@ -175,6 +175,8 @@ def _subject(
         bench.plan(stage, overrides)  # refuses what belongs to no such experiments
         return stage
     design = designs.read(file, simulating.of_design(overrides))
+    if bench is not None and bench.study is not None:
+        experiments.read(bench.study, [quantities.AXIS], simulating.of_study(overrides))
     if design.is_stage and evaluator not in FORMULAS:
         remedy = f"is a whole stage, of which formulas alone know in a sweep; write {' or '.join(FORMULAS)}"
         raise InputError(path, "evaluator", evaluator, remedy)

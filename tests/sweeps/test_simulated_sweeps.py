@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexdesign import experiments, simulation, stage_model, sweeps
+from flexdesign import experiments, simulation, stage_model, study, sweeps
+from flexdesign.cache import Cache
 from flexdesign.errors import InputError
 from flexdesign.sweeps import Sweep
 from flexdesign.sweeps.store import Store
+from flexdesign.validation import validate
 
 STAGE = """format = 1
 [axis.x]
@@ -139,3 +141,45 @@ def test_what_does_not_go_together_is_refused(tmp_path: Path, old: str, new: str
     (tmp_path / "study.toml").write_text(SWEEP.replace(old, new) + '"axis.x.mass*" = [1, 2]')
     with pytest.raises(InputError, match=said):
         sweeps.read(tmp_path / "study.toml")
+
+
+COARSE = {"mesh.levels": 2, "mesh.at_root": 0.7}
+OF_DESIGN = """format = 1
+design = "bridge_amplifier"
+experiments = "step.toml"
+evaluator = "simulation"
+[mesh]
+levels = 2
+at_root = 0.7
+[vary]
+"axis.y.damping_ratio" = [0.02, 0.1]
+"""
+
+
+def of_design(folder: Path, axis: str) -> sweeps.SweepPlan:
+    """Return a sweep of a design's damping, of which finite elements make the stage model."""
+    step = STEP.replace('["x"]', f'["{axis}"]').replace('"10 um"', '"-10 um"')  # the bridge pulls its output in
+    (folder / "step.toml").write_text(step)
+    (folder / "study.toml").write_text(OF_DESIGN)
+    return sweeps.read(folder / "study.toml")
+
+
+def test_finite_elements_make_the_stage_of_a_design(tmp_path: Path) -> None:
+    found = sweeps.run(of_design(tmp_path, "y"), Store(tmp_path / "out"), jobs=1)
+    assert not found.failed
+    overrides = [f"{key}={value}" for key, value in COARSE.items()]
+    validated = validate(study.read("bridge_amplifier", [*overrides, "output.large_steps=0"]), Cache(tmp_path))
+    assert validated.stage_model is not None
+    for place, damping in enumerate((0.02, 0.1)):
+        stage = stage_model.changed(validated.stage_model, [f"axis.y.damping_ratio={damping}"])
+        plan = experiments.read(tmp_path / "step.toml", ["y"])
+        (run,) = simulation.run(stage, {}, plan, lambda _: None).cases
+        measured = {quantity.name: quantity.value for quantity in run.measures["y"]}
+        assert measured["overshoot"] > 0
+        for name, value in measured.items():
+            assert found.answers.column(f"{name}_step_open_loop")[place] == pytest.approx(value, rel=1e-12), name
+
+
+def test_experiments_on_another_axis_than_a_design_has_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"step\.toml.*x: is not an axis of the stage model; known: y"):
+        of_design(tmp_path, "x")
