@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import pytest
 
+from flexdesign import files
 from flexdesign.design import Actuator
 from flexdesign.files import as_text
 from flexdesign.study import OutputSettings
@@ -41,3 +44,13 @@ def test_numbers_left_out_stay_out() -> None:
     given = {name: value for name, value in as_text(OutputSettings()).items() if value is not None}
     assert given == {"actuator_offset": "0.1 mm", "large_steps": 4}
     assert as_text(OutputSettings.model_validate({"stroke": "0.2 mm"}))["stroke"] == "0.2 mm"
+
+
+def test_tables_in_lists_are_read_back() -> None:
+    content = {
+        "title": 'a "b"',
+        "top": {"rate": 1e-7, "far": float("inf"), "inner": {"of": [1, 2.5]}},
+        "run": [{"file": "1.csv", "volts.high": {"u": "V", "x": [True]}}, {"file": "2.csv"}],
+        "none": [],
+    }
+    assert tomllib.loads("\n".join(files.to_toml(content))) == content

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from flexdesign import files
 from flexdesign.errors import InputError
 from flexdesign.importing.assembling import Recording, assemble
 from flexdesign.importing.mapping import Map, read_map
@@ -77,9 +76,7 @@ def _written(recordings: Sequence[Recording], plan: Map, paths: Sequence[Path], 
         written.append(file)
         tables.append({"file": file.name, **plan.said_of_runs[recording.number]})
     description = folder / DESCRIPTION
-    text = [f"# {origin}", *_toml(plan.said)]
-    for table in tables:
-        text += ["", "[[run]]", *_toml(table)]
+    text = [f"# {origin}", *files.to_toml({**plan.said, "run": tables})]
     description.write_text("\n".join(text) + "\n", encoding="utf-8")
     return [*written, description]
 
@@ -90,23 +87,3 @@ def _read_back(scratch: Path, folder: Path, written: Sequence[Path]) -> tuple[Ru
     except InputError as error:
         file = folder / Path(error.file).name if Path(error.file).parent == scratch else error.file
         raise InputError(file, error.field, error.value, error.remedy) from error
-
-
-def _toml(table: Mapping[str, Any], name: str = "") -> list[str]:
-    """Return a table in lines: its values, then the tables in it; within ``[[run]]`` tables stand in one line."""
-    is_run = "file" in table
-    tables = {key: value for key, value in table.items() if isinstance(value, dict) and not is_run}
-    lines = [f"{key} = {_value(value)}" for key, value in table.items() if key not in tables]
-    for key, value in tables.items():
-        dotted = f"{name}.{key}" if name else key
-        inner = _toml(value, dotted)
-        lines += inner if all(isinstance(each, dict) for each in value.values()) else ["", f"[{dotted}]", *inner]
-    return lines
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_value(each)}" for key, each in value.items()) + " }"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_value, value)) + "]"
-    return repr(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False)

@@ -17,8 +17,8 @@ from flexdesign.report.pictures import drawn_or_said
 from flexdesign.report.stage_words import Axes, axis_of, computed, percent, written
 from flexdesign.report.wording import shown
 from flexdesign.stage_coupling import Cause, CrossMotion
-from flexdesign.validation import Comparison
-from flexdesign.validation.stage_course import StageValidation, provenance
+from flexdesign.validation import Comparison, provenance
+from flexdesign.validation.stage_course import StageValidation
 
 Progress = Callable[[str], None]
 

@@ -2,6 +2,7 @@
 
 from flexdesign.validation.course import validate
 from flexdesign.validation.cross_check import CrossCheck, Way
-from flexdesign.validation.findings import Comparison, Validation, provenance
+from flexdesign.validation.findings import Comparison, Validation
+from flexdesign.validation.made_by import provenance
 
 __all__ = ["Comparison", "CrossCheck", "Validation", "Way", "provenance", "validate"]

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from flexdesign import part as parts
-from flexdesign import refinement, versions
+from flexdesign import refinement
 from flexdesign.fem import convergence, stress
 from flexdesign.fem.analysis import Solution
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.methods import Method
-from flexdesign.files import as_text
 from flexdesign.large_stroke import LargeStroke
 from flexdesign.model import Quantity
-from flexdesign.refinement import LIBRARIES, Level
+from flexdesign.refinement import Level
 from flexdesign.stage_model import StageModel
 from flexdesign.study import Study
 from flexdesign.validation.cross_check import CrossCheck
@@ -125,21 +122,3 @@ class Validation:
             if quantity.key == key:
                 return quantity
         raise KeyError(key)
-
-
-def provenance(study: Study) -> dict[str, Any]:
-    """Return the inputs and versions that made a result."""
-    design = study.design
-    return {
-        "design": design.name,
-        "title": design.title,
-        "provenance": design.provenance,
-        "part": f"{design.part_class.__name__} ({parts.source_hash(design.part_class)})",
-        "dimensions": {name: f"{value * 1e3:g} mm" for name, value in design.dimensions.items()},
-        "material": design.material.as_text(),
-        "actuator": as_text(design.actuator) if design.actuator else None,
-        "mesh": as_text(study.mesh),
-        "modes": as_text(study.modes),
-        "output": as_text(study.output),
-        "versions": versions.installed(LIBRARIES),
-    }

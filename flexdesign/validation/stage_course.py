@@ -6,10 +6,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any
 
-from flexdesign import condensing, refinement, stage_coupling, static_tables, units, versions
-from flexdesign import part as parts
+from flexdesign import condensing, refinement, stage_coupling, static_tables, units
 from flexdesign.assembly import Assembly
 from flexdesign.cache import Cache
 from flexdesign.condensing import StageLevel
@@ -20,7 +18,6 @@ from flexdesign.fem.assembled import AssembledStage
 from flexdesign.fem.convergence import SCATTER, Scatter
 from flexdesign.fem.corotated import CorotatedStage, NoEquilibrium
 from flexdesign.fem.methods import Extruded
-from flexdesign.files import as_text
 from flexdesign.model import Quantity
 from flexdesign.quantities import stage_shares
 from flexdesign.quantities.stage import TOLD, of_stage
@@ -323,25 +320,3 @@ def _moved(motions: Sequence[CrossMotion]) -> dict[str, Quantity]:
 
 def _labelled(progress: Progress, label: str) -> Progress:
     return lambda text: progress(f"variant {label}: {text}")
-
-
-def provenance(study: Study) -> dict[str, Any]:
-    """Return the inputs and versions that made a result."""
-    design = study.design
-    lengths = {p.name: p for p in design.part_class.dimensions}
-    return {
-        "design": design.name,
-        "title": design.title,
-        "provenance": design.provenance,
-        "stage": f"{design.part_class.__name__} ({parts.source_hash(design.part_class)})",
-        "dimensions": {
-            name: f"{value * 1e3:g} mm" if lengths[name].si == "m" else f"{value:g}"
-            for name, value in design.dimensions.items()
-        },
-        "material": design.material.as_text(),
-        "actuator": as_text(design.actuator) if design.actuator else None,
-        "mesh": as_text(study.mesh),
-        "inputs": {axis: units.to_text(value, "um", si="m") for axis, value in study.stage.inputs.items()},
-        "variants": list(study.variants),
-        "versions": versions.installed(refinement.LIBRARIES),
-    }
