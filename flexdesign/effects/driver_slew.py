@@ -7,6 +7,13 @@ import math
 from flexdesign.model import Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
+#: A command further from the voltage than this share of what half a step can change has jumped.
+ROUNDING = 1e-9
+#: A first value nearer to where the voltage was than this share of the step's way would be taken for the voltage by
+#: hysteresis, and the parabola's own turn for one of the voltage. Where the ramp ends in the first half of a step, so that
+#: the parabola turns, it stays so far off; elsewhere it is the voltage.
+APART = 0.02
+
 
 def constants(values: Values, step: float) -> tuple[float]:
     """Return the largest change of voltage over half a step."""
@@ -19,19 +26,20 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
     As with a lag, after a jump the first of the three values is set so that their parabola has the ramp's own mean.
     """
     v, most = state[0], constants[0]
-    jump = path[0] - v
-    first, mean = v, 0.0
+    was, mean, middle = v, 0.0, v
+    jump, rests = abs(path[0] - v) > ROUNDING * most, abs(path[1] - v) < most
     for half in range(2):
         left = path[half + 1] - v
         change = min(max(left, -most), most)
         # A ramp of the largest rate to `change`, then rest; twice the part of the mean that belongs to this half.
         mean += v + change - 0.5 * change * abs(change) / most
-        v += change
+        v = path[half + 1] if change == left else v + change
         out[half + 1] += v
         if half == 0:
             middle = v
-    if jump != 0.0:
-        first = 3.0 * mean - 4.0 * middle - v
+    first = 3.0 * mean - 4.0 * middle - v if jump else was
+    if jump and abs(first - was) < APART * abs(v - was):
+        first = was + (math.copysign(APART * (v - was), first - was) if rests else 0.0)
     out[0] += first
     state[0] = v
 

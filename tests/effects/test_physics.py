@@ -58,6 +58,22 @@ def test_hysteresis_without_a_lag_is_exact_at_any_number_of_steps(name: str) -> 
     assert found == pytest.approx(GAIN * SHORT - lagging(name, 0.0), abs=1e-10 * 1e-4)
 
 
+BOUC_WEN = {"a": 0.2e-6, "b": 0.02, "c": 0.005, "n": 1.0}
+
+
+@pytest.mark.parametrize("halves", [0.2, 1 / 3, 0.6, 0.66, 2 / 3, 0.67, 0.75, 1.0, 1.2, 4 / 3, 1.34, 1.8, 3.7])
+@pytest.mark.parametrize("name", ["bouc_wen", "prandtl_ishlinskii", "asymmetric_hysteresis"])
+def test_a_ramp_that_ends_within_a_step_turns_no_hysteresis(name: str, halves: float) -> None:
+    """A slew limit makes a ramp of a jump: it leaves behind what the jump leaves, wherever in a step it ends."""
+    values = (LOOPS | {"bouc_wen": BOUC_WEN})[name] | {"rest": 0.0}
+    steps = np.repeat([0.0, 40.0, 80.0, 40.0, 80.0], 8)
+    slew = 40.0 / (halves * 0.5 * PERIOD)
+    jumps = respond({name: values}, steps, substeps=1, between_samples="hold").drive[0]
+    ramps = respond({name: values, "driver_slew": {"slew": slew}}, steps, substeps=1, between_samples="hold").drive[0]
+    assert np.ptp(jumps) > 10e-6
+    assert ramps[7::8] == pytest.approx(jumps[7::8], abs=1e-13 * 40)
+
+
 @pytest.mark.parametrize("name", LOOPS)
 def test_hysteresis_converges_where_the_voltage_turns_within_steps(name: str) -> None:
     """The parabola of a step is of third order, and its slope, on which the rate-dependent play hangs, of second."""
