@@ -10,8 +10,8 @@ from flexdesign.model.effect import Floats, Values
 #: A command further from the voltage than this share of what half a step can change has jumped.
 ROUNDING = 1e-9
 #: A first value nearer to where the voltage was than this share of the step's way would be taken for the voltage by
-#: hysteresis, and the parabola's own turn for one of the voltage. Where the ramp ends in the first half of a step, so that
-#: the parabola turns, it stays so far off; elsewhere it is the voltage.
+#: hysteresis, and the parabola's own turn for one of the voltage. Where the ramp ends in the first half of a step, so
+#: that the parabola turns, it stays so far off; elsewhere it is the voltage.
 APART = 0.02
 
 
