@@ -38,6 +38,7 @@ from flexdesign.diagnosis.setting import Setting, line_weights, settle
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
 from flexdesign.evidence.case import Case
+from flexdesign.evidence.caught import walked
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import MOST, Step, backward, forward
@@ -289,6 +290,7 @@ def search(
             stand = fitted(case, stand.model, stand.effects, {}) or stand
         stands.append(stand)
     if stand.effects:
+        stand = walked(case, stand)
         case.progress("fitting once more, simulated more exactly")
         stand = finished(case, stand)
         stands = [*stands[:-1], stand] if stands and stands[-1].names == stand.names else stands

@@ -165,6 +165,11 @@ def program(
     )
 
 
+def number_of_steps(period: float, substeps: int, delay: float) -> list[int]:
+    """Return the number of steps in each part into which a delay divides a sample."""
+    return _division(period, substeps, delay)[1]
+
+
 def _division(period: float, substeps: int, delay: float) -> tuple[list[float], list[int], list[float], int]:
     """Divide a sample where the late command changes: shares, numbers and lengths of steps, and whole samples late."""
     late = math.floor(delay / period + 1e-9)

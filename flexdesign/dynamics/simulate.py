@@ -25,6 +25,9 @@ TOLERANCE = 1e-6
 SAFETY = 1.5
 #: More steps in a sample than this are not tried.
 MOST_STEPS = 1024
+#: A delay divides samples, and the shorter part may have one step in both runs that are compared: a run with so many
+#: times the steps then has the last word.
+UNSEEN = 8
 #: With so many steps in a sample a divergence is that of the stage; with fewer it may be that of steps too long.
 SURE = 64
 #: A motion so many times larger than full drive is taken for a divergence.
@@ -183,8 +186,15 @@ def simulate(
             # Readings in whole steps decide by less than any tolerance: then changes stop falling. Two that do not fall
             # say little: a lag faster than the first steps is not resolved by them.
             stalled = len(changes) > 3 and min(changes[-3:]) > 0.7 * changes[-4]
-            if error <= tolerance or stalled or steps >= most_steps:
+            if stalled or steps >= most_steps:
                 return replace(fine, error=error)
+            if error <= tolerance:
+                unseen = inputs.change_unseen(steps, fine, most_steps)
+                if SAFETY * unseen <= tolerance:
+                    return replace(fine, error=max(error, SAFETY * unseen))
+                # What the parts of a sample leave that had one step in both.
+                steps, changes = min(UNSEEN * steps, most_steps // 2), []
+                fine = inputs.response(steps, math.inf)
         coarse = fine
 
 
@@ -332,6 +342,18 @@ class _Inputs:
         time = self.period * np.arange(done, dtype=np.float64)
         diverged = None if done == self.count else done * self.period
         return Response(time, command, cut, voltage, drive, motion, reading, error, substeps, diverged)
+
+    def change_unseen(self, steps: int, found: Response, most: int) -> float:
+        """Return what more steps change in parts of a sample that have the same number with half as many, relative."""
+        from flexdesign.dynamics.chain import number_of_steps
+
+        coarse, fine = (number_of_steps(self.period, count, self.delay) for count in (steps // 2, steps))
+        if all(many > few for few, many in zip(coarse, fine, strict=True)):
+            return 0.0
+        finer = self.response(min(UNSEEN * steps, most), math.inf)
+        if finer.diverged is not None:
+            return math.inf
+        return max(_change(a, b) for a, b in zip(self.judged(found), self.judged(finer), strict=True))
 
     def judged(self, response: Response) -> list[Array]:
         """Return what the tolerance is for: the motion, and the reading if it does not come in whole steps."""

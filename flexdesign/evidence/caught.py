@@ -21,6 +21,9 @@ ANEW, ANEW_SHARE = 2, 0.01
 #: A fit that leaves no more than this share of what was too much has found its effects; where it leaves so many times
 #: the noise all the same it may be caught between kinks: then it begins again with hidden constants times these.
 FOUND, CAUGHT, ASIDE = 0.1, 1.05, (1.1, 0.9, 1.35, 0.75)
+#: A fit with thresholds of voltage ends by beginning again with each times these, and is carried on if it has come so
+#: close to the cost before; better is what lowers that by so much, and so often it may get better.
+BESIDE, CLOSE, BETTER, LONGEST_WALK = (1.1, 0.9), 1.05, 2.0, 6
 #: A fit in doubt begins again with turns of runs moved by these shares of their range, and hidden constants by so many
 #: times as large shares of themselves.
 ASTIR, ASTIR_HIDDEN = (0.005, -0.005, 0.01, -0.01), 20.0
@@ -76,6 +79,34 @@ def from_aside(case: Case, stand: Stand) -> Stand:
             if not _is_caught(case, stand):
                 return stand
     return stand
+
+
+def walked(case: Case, stand: Stand) -> Stand:
+    """Return where fits end that begin with a threshold of voltage a little larger or smaller, until none is better.
+
+    Wherever the voltage turns, a threshold has a corner and the cost a small minimum of its own, which leaves hardly
+    more than noise, and yet a value that is many of its standard deviations off.
+    """
+    volts = {parameter.name for parameter in stand.model.parameters() if parameter.si == "V"}
+    for name in (name for effect in stand.effects for name in effect.hidden if name in volts):
+        for _ in range(LONGEST_WALK):
+            case.progress(f"fitting with {name} beside where it ended")
+            better = next((made for factor in BESIDE if (made := _beside(case, stand, name, factor)) is not None), None)
+            if better is None:
+                break
+            stand = better
+    return stand
+
+
+def _beside(case: Case, stand: Stand, name: str, factor: float) -> Stand | None:
+    """Return the fit that begins with a number times a factor; None if it is no better."""
+    value = stand.solution.problem.where.values(stand.solution.x)[name]
+    aside = case.coarse(stand.model.replace({name: factor * value}))
+    begun = fitted(case, aside, stand.effects, {}, most=SECOND, share=FIRST_SHARE, exact=False)
+    if begun is None or begun.cost > CLOSE * stand.cost:
+        return None
+    ended = fitted(case, case.fine(begun.model), stand.effects, {}, old=begun.solution.columns())
+    return ended if ended is not None and ended.cost < stand.cost - BETTER else None
 
 
 def _is_caught(case: Case, stand: Stand) -> bool:

@@ -74,6 +74,15 @@ def test_a_ramp_that_ends_within_a_step_turns_no_hysteresis(name: str, halves: f
     assert ramps[7::8] == pytest.approx(jumps[7::8], abs=1e-13 * 40)
 
 
+def test_a_ramp_within_the_shorter_part_of_a_sample_is_not_overlooked() -> None:
+    """A delay divides samples. Where ramps lie in the shorter part, which has one step, more steps change nothing."""
+    held = 20.0 * np.sin(2 * np.pi * 40.0 * TIME)
+    given = {"driver_slew": {"slew": 1.2e5}, "transport_delay": {"delay": 0.835e-3}}
+    found, fine = (respond(given, held, between_samples="hold", **n) for n in ({}, {"substeps": 512}))
+    wrong = np.abs(found.motion - fine.motion).max() / np.ptp(fine.motion)
+    assert max(wrong, found.error) <= TOLERANCE
+
+
 @pytest.mark.parametrize("name", LOOPS)
 def test_hysteresis_converges_where_the_voltage_turns_within_steps(name: str) -> None:
     """The parabola of a step is of third order, and its slope, on which the rate-dependent play hangs, of second."""
