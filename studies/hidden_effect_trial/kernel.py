@@ -333,10 +333,11 @@ def run(
         begin, end = u[sample], u[sample] if held else u[sample + 1]
         if len(kick):
             m[1] += kick[sample]
-        if begin != before and p[_DRIVER_LAG] == 0.0 and p[_SLEW] == 0.0:
+        direct = p[_DRIVER_LAG] == 0.0 and p[_SLEW] == 0.0  # else the rate of the voltage is not that of the command
+        if begin != before and direct:
             _loops(s, _limited(begin, p), 0.0, p)
             free = begin
-        elif p[_RATE_W] != 0.0:
+        elif p[_RATE_W] != 0.0 and direct:
             _loops(s, s[_V], abs(end - begin) / period, p)
         before = end
         for j in range(substeps):
@@ -346,7 +347,10 @@ def run(
                 right = begin + (end - begin) * (2 * j + half + 1) / (2 * substeps)
                 free = _amplifier(free, left, right, 0.5 * step, p)
                 v, was = _limited(free, p), _extension(s, p)
-                _loops(s, v, abs(v - s[_V]) / (0.5 * step), p)
+                rate = abs(v - s[_V]) / (0.5 * step)
+                if p[_DRIVER_LAG] > 0.0 and v == free:
+                    rate = abs(right - v) / p[_DRIVER_LAG]  # at the end of the half step, not its mean
+                _loops(s, v, rate, p)
                 if p[_CREEP] != 0.0:
                     now = _extension(s, p)
                     for i in range(DECADES):
