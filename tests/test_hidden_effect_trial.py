@@ -449,14 +449,16 @@ def outcomes() -> list[Outcome]:
 
 def test_a_trial_goes_on_where_it_stopped(tmp_path: Path) -> None:
     for outcome in outcomes():
-        trial._keep(outcome, tmp_path)
+        trial.keep(outcome, tmp_path)
     lines: list[str] = []
     again = trial.run([20000, 10000, 30000, 40000], tmp_path, 2, 1.0, lines.append)
     assert again == outcomes() and lines == ["4 of 4 cases are done already"]
-    trial._keep(replace(outcomes()[0], found=None, error="ValueError: no"), tmp_path)
-    assert trial.kept(20000, tmp_path) is None  # an error is tried again
-    (tmp_path / "cases" / "10000.json").write_text("{", encoding="utf-8")
-    assert trial.kept(10000, tmp_path) is None
+    trial.keep(replace(outcomes()[0], found=None, error="ValueError: no"), tmp_path)
+    assert 20000 not in trial.kept(tmp_path)  # an error is tried again
+    with (tmp_path / trial.OUTCOMES).open("a") as file:
+        file.write('{"number": 10')  # the process was killed
+    trial.keep(outcomes()[0], tmp_path)
+    assert list(trial.kept(tmp_path).values()) == outcomes()
 
 
 def test_the_report_counts_what_was_said(tmp_path: Path) -> None:

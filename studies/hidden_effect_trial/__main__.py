@@ -38,7 +38,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(trial.drawn(number, given.out)[0], flush=True)
         return 0
     if given.report:
-        outcomes = [outcome for n in numbers if (outcome := trial.kept(n, given.out)) is not None]
+        known = trial.kept(given.out)
+        outcomes = [known[n] for n in numbers if n in known]
     else:
         jobs = told.jobs if given.jobs is None else given.jobs
         outcomes = trial.run(numbers, given.out, jobs, told.seconds, _say, given.fresh)
@@ -60,6 +61,7 @@ def _one(number: int, out: Path, draw: bool) -> int:
     if draw:
         return 0
     outcome = trial.one(number, out)
+    trial.keep(outcome, out)
     print(trial.described(outcome))
     if outcome.found is not None:
         floor, error = (1e6 * value for value in (answer.floor, outcome.found.error))

@@ -1,4 +1,4 @@
-"""Running the trial: cases side by side in processes, each leaving one file, so that it goes on where it stopped."""
+"""Running the trial: cases side by side in processes, a line of a file for each, to go on where it stopped."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ from studies.hidden_effect_trial.scoring import Diagnosed
 #: The file that says what is run, and the folder of what comes out.
 SETTINGS = Path(__file__).resolve().parent.parent / "hidden_effect_trial.toml"
 OUT = Path("reports/hidden_effect_trial")
+#: What came of the cases, a line of JSON for each; of several of one case the last counts.
+OUTCOMES = "outcomes.jsonl"
 #: What a case is made by; when it changes, cases are made anew.
 _MAKERS = ("kernel", "effects", "recordings", "bench", "detection", "confusion", "cases", "folder")
 
@@ -100,7 +102,7 @@ def drawn(number: int, out: Path) -> tuple[Path, Answer]:
 
 
 def one(number: int, out: Path, seconds: float = 0.0) -> Outcome:
-    """Make and diagnose a case, and keep what came of it."""
+    """Make and diagnose a case."""
     from studies.hidden_effect_trial import subject
 
     folder, answer = drawn(number, out)
@@ -110,9 +112,7 @@ def one(number: int, out: Path, seconds: float = 0.0) -> Outcome:
             found = subject.diagnose(folder, answer)
     except Exception as problem:  # whatever it is, the other cases go on, and the report names it
         error = f"{type(problem).__name__}: {problem}"
-    outcome = Outcome(number, answer, found, error, source())
-    _keep(outcome, out)
-    return outcome
+    return Outcome(number, answer, found, error, source())
 
 
 def source() -> str:
@@ -141,25 +141,29 @@ class _no_longer_than:
         raise TimeoutError(f"took longer than {self.seconds:g} s")
 
 
-def _keep(outcome: Outcome, out: Path) -> None:
-    path = _path(outcome.number, out)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_suffix(f".{os.getpid()}.new")
-    new.write_text(json.dumps(asdict(outcome), indent=1), encoding="utf-8")
-    new.replace(path)
+def keep(outcome: Outcome, out: Path) -> None:
+    """Add what came of a case to the file of outcomes; what a killed process leaves of a line is passed over."""
+    out.mkdir(parents=True, exist_ok=True)
+    with (out / OUTCOMES).open("ab+") as file:
+        file.seek(-1 if file.tell() else 0, os.SEEK_END)
+        torn = file.read(1) not in (b"", b"\n")
+        file.write(b"\n" * torn + json.dumps(asdict(outcome)).encode() + b"\n")
 
 
-def _path(number: int, out: Path) -> Path:
-    return out / "cases" / f"{number}.json"
-
-
-def kept(number: int, out: Path) -> Outcome | None:
-    """Return what came of a case before; None if nothing did, or it was an error."""
+def kept(out: Path) -> dict[int, Outcome]:
+    """Return what came of cases before, by number, but for those whose last outcome is an error."""
     try:
-        told: dict[str, Any] = json.loads(_path(number, out).read_text(encoding="utf-8"))
-        return _outcome(told) if not told["error"] else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+        lines = (out / OUTCOMES).read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return {}
+    found: dict[int, Outcome | None] = {}
+    for line in lines:
+        try:
+            told: dict[str, Any] = json.loads(line)
+            found[told["number"]] = _outcome(told) if not told["error"] else None
+        except (ValueError, KeyError, TypeError):
+            continue
+    return {number: outcome for number, outcome in found.items() if outcome is not None}
 
 
 def _outcome(told: dict[str, Any]) -> Outcome:
@@ -192,7 +196,8 @@ def run(
     """
     from studies.hidden_effect_trial.scoring import is_right
 
-    done = {} if fresh else {n: outcome for n in numbers if (outcome := kept(n, out)) is not None}
+    known = {} if fresh else kept(out)
+    done = {n: known[n] for n in numbers if n in known}
     left = [n for n in numbers if n not in done]
     if done:
         say(f"{len(done)} of {len(numbers)} cases are done already")
@@ -206,6 +211,7 @@ def run(
         waiting = {pool.submit(one, n, out, seconds): n for n in left}
         for count, future in enumerate(as_completed(waiting), start=1):
             outcome = future.result()
+            keep(outcome, out)
             done[outcome.number] = outcome
             rest = (time.perf_counter() - began) / count * (len(left) - count)
             said = outcome.error or (
