@@ -37,9 +37,10 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
         out[half + 1] += v
         if half == 0:
             middle = v
-    first = 3.0 * mean - 4.0 * middle - v if jump else was
-    if jump and abs(first - was) < APART * abs(v - was):
-        first = was + (math.copysign(APART * (v - was), first - was) if rests else 0.0)
+    first = was
+    if jump:
+        aside, least = 3.0 * mean - 4.0 * middle - v - was, APART * abs(v - was)
+        first += aside if abs(aside) >= least else math.copysign(least, aside) if rests else 0.0
     out[0] += first
     state[0] = v
 
