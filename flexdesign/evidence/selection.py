@@ -48,6 +48,9 @@ ALIKE = 12.0
 CHANGED, LONG_LIST = 0.3, 12
 #: An effect is in doubt that is worth no more than this many times what it needs; the fit without it is then shaken.
 DOUBTFUL = 12.0
+#: Where nothing earns its place but the cost is so many standard deviations of chance above what noise leaves, what was
+#: found may stand in for something else beside it.
+TOO_MUCH = 3.0
 #: Why an effect is refused that is there, for all one knows, and does not matter.
 SMALL = "moves the prediction by less than the tolerance"
 #: No more effects than these are added.
@@ -122,8 +125,11 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
         return [_trial(case, stand, made, names, needed) for names, made in _refined(case, stand, attempts)]
 
     trials = tried(_shortlist(screening, max(needed * stand.scale, case.least), is_strained=strained))
+    done = {trial.names for trial in trials}
     if (best := _best(trials)) is not None:
-        trials += tried(_look_alikes(screening, best, {trial.names for trial in trials}))
+        trials += tried(_look_alikes(screening, best, done))
+    elif _leaves_more_than_noise(stand):
+        trials += tried(_hidden_behind(screening, stand, done))
     trials = _overruled(sorted(trials, key=lambda trial: trial.stand.total))
     best = _best(trials)
     if best is None:
@@ -171,6 +177,23 @@ def _look_alikes(screening: Screening, best: Trial, done: Collection[tuple[str, 
             if beginning and other not in best.names and frozenset(_names(beginning)) not in tried:
                 found.append(beginning)
     return found
+
+
+def _leaves_more_than_noise(stand: Stand) -> bool:
+    """Tell whether the runs that were fitted leave more than chance makes of white noise."""
+    samples = stand.solution.problem.suite.samples
+    return stand.seen_cost > samples + TOO_MUCH * math.sqrt(2.0 * samples)
+
+
+def _hidden_behind(
+    screening: Screening, stand: Stand, done: Collection[tuple[str, ...]]
+) -> list[tuple[Direction, ...]]:
+    """Return beginnings with effects for which those that were found stand in, and which thus promise nothing."""
+    alike = {name for effect in stand.effects for name in effect.like}
+    first: dict[str, Direction] = {}
+    for each in sorted(screening.directions, key=lambda direction: -direction.drop):
+        first.setdefault(each.candidate.name, each)
+    return [(each,) for name, each in first.items() if name in alike and (name,) not in done]
 
 
 def _behind(trial: Trial, best: Trial) -> float:
