@@ -25,8 +25,8 @@ TOLERANCE = 1e-6
 SAFETY = 1.5
 #: More steps in a sample than this are not tried.
 MOST_STEPS = 1024
-#: A delay divides samples, and the shorter part may have one step in both runs that are compared: a run with so many
-#: times the steps then has the last word.
+#: A delay divides samples, and the part behind the jump of a held command may have one step in both runs that are
+#: compared: a run with so many times the steps then has the last word.
 UNSEEN = 8
 #: With so many steps in a sample a divergence is that of the stage; with fewer it may be that of steps too long.
 SURE = 64
@@ -344,11 +344,11 @@ class _Inputs:
         return Response(time, command, cut, voltage, drive, motion, reading, error, substeps, diverged)
 
     def change_unseen(self, steps: int, found: Response, most: int) -> float:
-        """Return what more steps change in parts of a sample that have the same number with half as many, relative."""
+        """Return what more steps change behind jumps of a held command, relative; zero where half as many tell it."""
         from flexdesign.dynamics.chain import number_of_steps
 
-        coarse, fine = (number_of_steps(self.period, count, self.delay) for count in (steps // 2, steps))
-        if all(many > few for few, many in zip(coarse, fine, strict=True)):
+        coarse, fine = (number_of_steps(self.period, count, self.delay)[-1] for count in (steps // 2, steps))
+        if self.is_linear or fine > coarse:
             return 0.0
         finer = self.response(min(UNSEEN * steps, most), math.inf)
         if finer.diverged is not None:
