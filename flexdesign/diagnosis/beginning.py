@@ -27,9 +27,8 @@ Array = NDArray[np.float64]
 #: How little is known, one sigma: samples that a record was late, share of the largest command where the voltage had
 #: turned, share of the stroke that the mode swings by, and that slow states still move.
 LATE, TURNED, SWINGS, SLOW = 0.3, 0.4, 0.1, 0.01
-#: Slow states that may still relax as a record begins have these time constants [s]: creep, and the relaxations of
-#: structural damping that are slower than a mode. Without them a damped stage would be misjudged by how it was at rest.
-RELAXING = (0.016, 0.05, 0.16, 0.5, 1.6, 6.4, 25.6)
+#: Slow states that may still relax as a record begins have these time constants [s].
+RELAXING = (0.1, 0.4, 1.6, 6.4, 25.6)
 #: Before the first fit, delays are tried up to this one [s], at so many periods of the mode from each other.
 LATEST, IN_TIME = 0.012, 0.125
 #: And natural frequencies this far away, relative, at such steps: from farther than a resonance is wide, slopes lead
