@@ -181,7 +181,7 @@ def simulate(
             if steps >= SURE or _same_divergence(coarse, fine):
                 return fine
         elif coarse.diverged is None:
-            changes.append(max(_change(a, b) for a, b in zip(inputs.judged(coarse), inputs.judged(fine), strict=True)))
+            changes.append(inputs.change(coarse, fine))
             error = _estimate(changes, inputs.most_order)
             # Readings in whole steps decide by less than any tolerance: then changes stop falling. Two that do not fall
             # say little: a lag faster than the first steps is not resolved by them.
@@ -351,9 +351,11 @@ class _Inputs:
         if self.is_linear or fine > coarse:
             return 0.0
         finer = self.response(min(UNSEEN * steps, most), math.inf)
-        if finer.diverged is not None:
-            return math.inf
-        return max(_change(a, b) for a, b in zip(self.judged(found), self.judged(finer), strict=True))
+        return math.inf if finer.diverged is not None else self.change(found, finer)
+
+    def change(self, coarse: Response, fine: Response) -> float:
+        """Return by how much two runs differ in what the tolerance is for, relative to its span."""
+        return max(_change(a, b) for a, b in zip(self.judged(coarse), self.judged(fine), strict=True))
 
     def judged(self, response: Response) -> list[Array]:
         """Return what the tolerance is for: the motion, and the reading if it does not come in whole steps."""

@@ -7,7 +7,7 @@ begins again: single runs from elsewhere, hidden constants larger and smaller, a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.origins import begun_elsewhere, out_of_line
@@ -71,11 +71,8 @@ def from_aside(case: Case, stand: Stand) -> Stand:
     for name in (name for effect in stand.effects for name in effect.hidden):
         for factor in ASIDE:
             case.progress(f"fitting with {name} from elsewhere")
-            aside = case.coarse(stand.model.replace({name: factor * values[name]}))
-            made = fitted(case, aside, stand.effects, {}, most=SECOND, share=FIRST_SHARE, exact=False)
-            if made is not None and made.cost < (1 - ANEW_SHARE) * stand.cost:
-                ended = fitted(case, case.fine(made.model), stand.effects, {}, old=made.solution.columns())
-                stand = min(stand, *([in_line(case, ended)] if ended else []), key=lambda each: each.cost)
+            ended = _begun_at(case, stand, {name: factor * values[name]}, (1 - ANEW_SHARE) * stand.cost)
+            stand = min(stand, *([in_line(case, ended)] if ended else []), key=lambda each: each.cost)
             if not _is_caught(case, stand):
                 return stand
     return stand
@@ -101,12 +98,17 @@ def walked(case: Case, stand: Stand) -> Stand:
 def _beside(case: Case, stand: Stand, name: str, factor: float) -> Stand | None:
     """Return the fit that begins with a number times a factor; None if it is no better."""
     value = stand.solution.problem.where.values(stand.solution.x)[name]
-    aside = case.coarse(stand.model.replace({name: factor * value}))
-    begun = fitted(case, aside, stand.effects, {}, most=SECOND, share=FIRST_SHARE, exact=False)
-    if begun is None or begun.cost > CLOSE * stand.cost:
-        return None
-    ended = fitted(case, case.fine(begun.model), stand.effects, {}, old=begun.solution.columns())
+    ended = _begun_at(case, stand, {name: factor * value}, CLOSE * stand.cost)
     return ended if ended is not None and ended.cost < stand.cost - BETTER else None
+
+
+def _begun_at(case: Case, stand: Stand, values: Mapping[str, float], enough: float) -> Stand | None:
+    """Return a fit that begins at other values, carried to its end; None if it is not begun below some cost."""
+    aside = case.coarse(stand.model.replace(values))
+    begun = fitted(case, aside, stand.effects, {}, most=SECOND, share=FIRST_SHARE, exact=False)
+    if begun is None or begun.cost >= enough:
+        return None
+    return fitted(case, case.fine(begun.model), stand.effects, {}, old=begun.solution.columns())
 
 
 def _is_caught(case: Case, stand: Stand) -> bool:
