@@ -8,6 +8,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import grimp
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -336,6 +337,11 @@ def test_the_simulator_shares_no_code_with_the_package() -> None:
             named = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             named += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             assert not any(name.startswith("flexdesign") for name in named), path.name
+
+
+def test_no_diagnosis_imports_what_leaves_outcomes_as_they_are() -> None:
+    imported = grimp.build_graph("flexdesign").find_upstream_modules("flexdesign.diagnosis", as_package=True)
+    assert {name.split(".")[1] for name in imported if "." in name}.isdisjoint(trial.ELSEWHERE)
 
 
 @pytest.mark.parametrize("lumped", [True, False])

@@ -9,7 +9,7 @@ import os
 import signal
 import time
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
@@ -28,6 +28,11 @@ OUT = Path("reports/hidden_effect_trial")
 OUTCOMES = "outcomes.jsonl"
 #: What a case is made by; when it changes, cases are made anew.
 _MAKERS = ("kernel", "effects", "recordings", "bench", "detection", "confusion", "cases", "folder")
+#: What of the package no diagnosis imports: its changes leave outcomes what they are.
+ELSEWHERE = (
+    "cache", "cli", "condensing", "fem", "importing", "isolated", "large_stroke", "multifidelity", "quantities",
+    "refinement", "report", "sizing", "stage_coupling", "study", "sweeps", "testing", "validation", "versions",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -82,9 +87,8 @@ def settings(path: Path = SETTINGS) -> Settings:
     return Settings(told["cases"], tuple(told["ci"]["numbers"]), told["run"]["jobs"], told["run"]["seconds"])
 
 
-def fingerprint(folder: Path, names: Sequence[str] | None = None) -> str:
-    """Return a hash of Python files: of the named ones in a folder, or of all below it."""
-    paths = [folder / f"{name}.py" for name in names] if names else sorted(folder.rglob("*.py"))
+def fingerprint(folder: Path, paths: Iterable[Path]) -> str:
+    """Return a hash of files in a folder: of their names there and of what they hold."""
     total = hashlib.sha256()
     for path in paths:
         total.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
@@ -93,7 +97,8 @@ def fingerprint(folder: Path, names: Sequence[str] | None = None) -> str:
 
 def drawn(number: int, out: Path) -> tuple[Path, Answer]:
     """Return the folder of a case and its answer; they are made if this version of the trial has not yet."""
-    made = out / "drawn" / fingerprint(Path(__file__).parent, _MAKERS)
+    here = Path(__file__).parent
+    made = out / "drawn" / fingerprint(here, [here / f"{name}.py" for name in _MAKERS])
     name = f"{cases.kind_of(number)}-{number}"
     folder, answer = made / name, made / "answers" / f"{name}.toml"
     if not answer.is_file():  # written last
@@ -116,10 +121,16 @@ def one(number: int, out: Path, seconds: float = 0.0) -> Outcome:
 
 
 def source() -> str:
-    """Return the fingerprint of the package under trial."""
+    """Return the fingerprint of what is on trial: the package but for what no diagnosis imports."""
     import flexdesign
 
-    return fingerprint(Path(flexdesign.__file__).parent)
+    package = Path(flexdesign.__file__).parent
+    on_trial = (each for each in sorted(package.rglob("*.py")) if _top(each, package) not in ELSEWHERE)
+    return fingerprint(package, on_trial)
+
+
+def _top(module: Path, package: Path) -> str:
+    return module.relative_to(package).parts[0].removesuffix(".py")
 
 
 class _no_longer_than:
