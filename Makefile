@@ -8,6 +8,8 @@ UV_VERSION := 0.13.8
 HIDDEN := studies/hidden_effect_demo
 # Files of tests, each whole, as its tests share what they have solved; in their order, as the long ones come early.
 SIDE_BY_SIDE := --numprocesses=auto --dist=loadfile --no-loadscope-reorder
+# One process for each core, each with one thread: more of them wait for each other, and take twice as long.
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -29,10 +31,10 @@ example: $(VENV)/.ready ## Make the kept example reports anew; README's tables a
 	$(BIN)/flexdesign diagnose $(HIDDEN)/model.toml $(HIDDEN)/runs --out reports/examples/hidden_effect_demo
 
 test: $(VENV)/.ready ## Run the tests
-	$(BIN)/python -m pytest $(SIDE_BY_SIDE)
+	$(PYTEST) $(SIDE_BY_SIDE)
 
 coverage: $(VENV)/.ready ## Run the tests, and tell which lines none of them runs
-	$(BIN)/python -m pytest --cov $(SIDE_BY_SIDE)
+	$(PYTEST) --cov $(SIDE_BY_SIDE)
 
 benchmark: $(VENV)/.ready ## Time the dynamics engine beside SciPy at equal accuracy; a few minutes
 	$(BIN)/python -m studies.benchmarks.dynamics

@@ -1,4 +1,4 @@
-"""A stage's parts meshed and condensed, each kind once however often it is built in; cached by content.
+"""A stage's parts meshed and condensed, each kind once however often it is built in, and put together; mesh by mesh.
 
 Condensed parts are kept at unit modulus and density, and serve every isotropic material with the same Poisson's ratio:
 stiffness goes with Young's modulus, mass with density.
@@ -7,7 +7,7 @@ stiffness goes with Young's modulus, mass with density.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 from flexdesign import part as parts
@@ -16,14 +16,19 @@ from flexdesign.assembly import Assembly
 from flexdesign.cache import Cache, content_key
 from flexdesign.errors import InputError
 from flexdesign.fem import domain, superelement
+from flexdesign.fem.assembled import AssembledStage
+from flexdesign.fem.convergence import SCATTER, Scatter
 from flexdesign.fem.elasticity import Elasticity
 from flexdesign.fem.gate import HingeCheck
 from flexdesign.fem.mesh import MeshError
+from flexdesign.fem.methods import Extruded
 from flexdesign.fem.solver import NotEnoughMemory
 from flexdesign.fem.superelement import Superelement
 from flexdesign.materials import Material
+from flexdesign.model import Quantity, by_key
 from flexdesign.part import Piece
-from flexdesign.refinement import LIBRARIES, Progress
+from flexdesign.quantities.stage import of_stage
+from flexdesign.refinement import LIBRARIES, MOST_LEVELS, Progress
 from flexdesign.study import Study
 
 #: Port faces sit on rigid bodies, whose motions are polynomials of this degree.
@@ -78,13 +83,13 @@ class StageLevel:
         Edge length at the roots of the first kind's hinges [m], by which results are extrapolated.
     kinds
         Each once.
-    parts
-        Each element's superelement, by the element's name.
+    stage
+        Put together of them.
     """
 
     size: float
     kinds: tuple[Kind, ...]
-    parts: Mapping[str, Superelement]
+    stage: AssembledStage
 
     @property
     def unknowns(self) -> int:
@@ -135,7 +140,45 @@ def condensed(
         kinds.append(kind)
         sizes.append(size)
         by_element |= {element.name: kind.part for element in elements}
-    return StageLevel(sizes[0], tuple(kinds), by_element)
+    return StageLevel(sizes[0], tuple(kinds), AssembledStage(assembly, by_element, study.design.material.density))
+
+
+def refined(
+    study: Study, assembly: Assembly, cache: Cache, progress: Progress = lambda _: None, *, inside: int = 0
+) -> list[StageLevel]:
+    """Condense on meshes from coarse to fine: as many as were asked for, or as an accuracy takes.
+
+    The coarsest `inside` keep what goes on inside. What is raised is what `condensed` raises.
+    """
+    asked, count = study.mesh.accuracy, study.mesh.levels
+    levels: list[StageLevel] = []
+    for number in range(1, (MOST_LEVELS if asked else count) + 1):
+        coarseness, words = study.mesh.refinement ** (count - number), f"mesh {number}" + f" of {count}" * (not asked)
+        say = labelled(progress, words)
+        levels.append(condensed(study, assembly, coarseness, cache, inside=number <= inside, progress=say))
+        if asked and number > 1:
+            reached = refinement.estimated_error(gathered(levels, [by_key(of_stage(study, lv.stage)) for lv in levels]))
+            progress(f"estimated error {100 * reached:.2g} %, asked for {100 * asked:.2g} %")
+            if reached <= asked:
+                break
+    return levels
+
+
+def gathered(levels: Sequence[StageLevel], found: Sequence[Mapping[str, Quantity]]) -> list[Quantity]:
+    """Extrapolate every quantity over the meshes, on each of which it is `found` by its key."""
+    source = f"FEM, {len(levels)} meshes, the finest of {levels[-1].unknowns} unknowns condensed, extrapolated"
+    limits = refinement.limits(found, [level.size for level in levels], scatter(levels))
+    return [replace(quantity, source=source) for quantity in limits]
+
+
+def scatter(levels: Sequence[StageLevel]) -> Scatter:
+    """Return that of extruded meshes, unless a part was meshed the other way, whose scatter is larger."""
+    return SCATTER if any("wild" in kind.method for kind in levels[0].kinds) else Extruded.scatter
+
+
+def labelled(progress: Progress, label: str) -> Progress:
+    """Return a progress whose words a label stands before."""
+    return lambda text: progress(f"{label}: {text}")
 
 
 def _kind(

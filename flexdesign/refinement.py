@@ -25,7 +25,7 @@ from flexdesign.fem.gate import HingeCheck
 from flexdesign.fem.mesh import MeshError, TaggedMesh
 from flexdesign.fem.methods import Extruded, Grading, Method, Wild
 from flexdesign.fem.solver import NotEnoughMemory
-from flexdesign.model import Member, Quantity
+from flexdesign.model import Member, Quantity, by_key
 from flexdesign.study import Study
 
 Progress = Callable[[str], None]
@@ -209,7 +209,7 @@ def method_of(study: Study, part: parts.Piece, body: Domain) -> Method:
 
 def gathered(study: Study, levels: Sequence[Level], scatter: Scatter) -> list[Quantity]:
     """Extrapolate every quantity over the meshes that know it; peaks of stress are judged by rules of their own."""
-    found = [{q.key: q for q in quantities.of_solution(study, level.solution)} for level in levels]
+    found = [by_key(quantities.of_solution(study, level.solution)) for level in levels]
     gathered = []
     for quantity in limits(found, [level.size for level in levels], scatter):
         known = [level for level, there in zip(levels, found, strict=True) if quantity.key in there]

@@ -9,18 +9,28 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from flexdesign import cli, condensing, experiments, simulation, stage_model, static_tables
+from flexdesign import cli, condensing, experiments, refinement, simulation, stage_model, static_tables
+from flexdesign import design as designs
+from flexdesign.cache import Cache
+from flexdesign.condensing import StageLevel
 from flexdesign.errors import InputError
-from flexdesign.model import Quantity
+from flexdesign.fem import superelement
+from flexdesign.fem.assembled import AssembledStage
+from flexdesign.fem.superelement import Superelement
+from flexdesign.model import Quantity, by_key
+from flexdesign.part import Piece
 from flexdesign.quantities.stage import StageStatics
 from flexdesign.quantities.stage_modes import mode_shares
+from flexdesign.refinement import MOST_LEVELS
 from flexdesign.report import published_rows, stage_report
 from flexdesign.report.stage_words import Axes
+from flexdesign.sweeps import elements
 from flexdesign.validation import stage_course, stage_published, stage_variants
 from flexdesign.validation.stage_course import StageValidation, validate_stage
 from tests.conftest import Ended
@@ -420,7 +430,7 @@ def test_what_is_expected_is_what_is_found(run: Run) -> None:
     ("arguments", "said"),
     [
         (("--set", "stage.inputs.w=20 um"), ("stage.inputs.w", "is no axis of this stage")),
-        (("--set", "mesh.accuracy=1 %"), ("mesh.accuracy", "mesh.levels")),
+        (("--set", "mesh.cross_check=true"), ("mesh.cross_check", "a part alone")),
         (("--export", "stage.vtu"), ("stage.vtu", "a stage has no mesh of the whole", ".step")),
     ],
 )
@@ -431,3 +441,55 @@ def test_what_a_stage_has_not_is_refused_before_work_begins(
     assert ended.code == 2
     for words in said:
         assert words in ended.stderr.replace("\n", " ")
+
+
+@pytest.mark.parametrize("asked", [0.2, 0.01, 1e-4])
+def test_a_stage_is_refined_until_its_estimate_is_small_enough(
+    run: Run, asked: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Meshes that are wrong by 10 % of their edge length, which stands in for the stage."""
+    lengths: list[float] = []
+
+    def condensed(_study: object, _assembly: object, coarseness: float, *_: object, **__: object) -> StageLevel:
+        lengths.append(coarseness)
+        return StageLevel(coarseness, run.found.finest.kinds, cast(AssembledStage, coarseness))
+
+    def of_stage(_: object, length: AssembledStage) -> list[Quantity]:
+        return [Quantity("K_in", 1.0 + 0.1 * cast(float, length), "N/m", "N/mm", "x, table free")]
+
+    monkeypatch.setattr(condensing, "condensed", condensed)
+    monkeypatch.setattr(condensing, "of_stage", of_stage)
+    study = replace(run.found.study, mesh=run.found.study.mesh.model_copy(update={"accuracy": asked}))
+    levels = condensing.refined(study, run.found.assembly, Cache(run.cache))
+    found = [by_key(of_stage(study, level.stage)) for level in levels]
+    limits = [condensing.gathered(levels[:count], found[:count]) for count in range(2, len(levels) + 1)]
+    errors = [refinement.estimated_error(limit) for limit in limits]
+    assert all(error > asked for error in errors[:-1]) and (errors[-1] <= asked or len(levels) == MOST_LEVELS)
+    assert lengths == sorted(lengths, reverse=True) and lengths[0] == study.mesh.refinement
+    assert abs(limits[-1][0].value - 1) < errors[-1]
+
+
+def test_a_sweep_asks_stages_as_a_validation_does(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other quantities and another stage model by not a bit; and another actuator makes no part anew."""
+    settings, design = run.found.study.mesh.model_copy(update={"accuracy": 0.2}), run.found.study.design
+    made: list[str] = []
+    condense = superelement.condense
+
+    def counted(piece: Piece, *arguments: Any, **options: Any) -> Superelement:
+        made.append(type(piece).__name__)
+        return condense(piece, *arguments, **options)
+
+    monkeypatch.setattr(superelement, "condense", counted)
+    solid = elements.fast_solid(settings)
+    for quantity in elements.by_elements(design, settings, solid):
+        assert quantity == run.found.fem(quantity.key)
+    handed_over, validated = elements.stage_model(design, settings), run.found.stage_model
+    assert validated is not None and handed_over.axes == validated.axes
+    assert handed_over.coupling.quadratic == {} != validated.coupling.quadratic
+    kinds = len(run.found.assembly.kinds())
+    assert len(made) == len(run.found.levels) * kinds
+    stronger = designs.read(design.file, ["actuator.stiffness*=2"])
+    stiff, soft = (by_key(elements.by_elements(each, settings, solid)) for each in (stronger, design))
+    assert len(made) == len(run.found.levels) * kinds
+    assert stiff["stroke_x_table_free"].value > 1.01 * soft["stroke_x_table_free"].value
+    assert stiff["K_in_x_table_free"] == soft["K_in_x_table_free"]

@@ -23,7 +23,7 @@ from flexdesign.analytic import frame
 from flexdesign.effects import statics
 from flexdesign.hinges import beam
 from flexdesign.materials import Material
-from flexdesign.model import Adjust, Elastic, Linkage, Member, Quantity, Reshape, Term
+from flexdesign.model import Adjust, Elastic, Linkage, Member, Quantity, Reshape, Term, by_key
 from flexdesign.part import Piece, Port
 
 Array = NDArray[np.float64]
@@ -247,7 +247,7 @@ class ComplianceModel:
             value = self.output_stiffness(stiffness)
             if math.isfinite(value):
                 found.append(Quantity("K_out", value, "N/m", "N/mm", boundary, SOURCE))
-        return {quantity.key: quantity for quantity in found}
+        return by_key(found)
 
 
 def _pseudo_rigid(member: Member, elastic: Elastic) -> Array:

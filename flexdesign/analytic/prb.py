@@ -37,7 +37,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.model import Quantity, output_boundary
+from flexdesign.model import Quantity, by_key, output_boundary
 
 SOURCE = "Lin et al. (2019)"
 
@@ -379,4 +379,4 @@ def quantities(
         value = model.output_stiffness_with_input(stiffness)
         if math.isfinite(value):
             found.append(Quantity("K_out", value, "N/m", "N/mm", boundary, ports))
-    return {quantity.key: quantity for quantity in found}
+    return by_key(found)

@@ -35,7 +35,7 @@ from flexdesign.analytic.compliance import SOURCE, ComplianceModel, Effects
 from flexdesign.assembly import Assembly, Element
 from flexdesign.effects import statics
 from flexdesign.materials import Material
-from flexdesign.model import Quantity
+from flexdesign.model import Quantity, by_key
 from flexdesign.part import Port
 
 Array = NDArray[np.float64]
@@ -274,7 +274,7 @@ class StageCompliance:
                 value = self.output_stiffness(axis, stiffness)
                 if math.isfinite(value):
                     found.append(Quantity("K_out", value, "N/m", "N/mm", f"{axis}, {boundary}", SOURCE))
-        return {quantity.key: quantity for quantity in found}
+        return by_key(found)
 
 
 def drawn(assembly: Assembly) -> dict[str, dict[str, float]]:

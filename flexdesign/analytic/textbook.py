@@ -47,7 +47,7 @@ from numpy.typing import NDArray
 
 from flexdesign.analytic.prb import leaf_rotational_stiffness
 from flexdesign.analytic.two_port import TwoPort
-from flexdesign.model import Quantity
+from flexdesign.model import Quantity, by_key
 
 SOURCE = "textbook bridge (hinge rotation, stretch and sway)"
 
@@ -269,4 +269,4 @@ def quantities(bridge: TextbookBridge, actuator_stiffness: float | None = None) 
         value = bridge.output_stiffness_with_input(stiffness)
         if math.isfinite(value):
             found.append(Quantity("K_out", value, "N/m", "N/mm", boundary, SOURCE))
-    return {quantity.key: quantity for quantity in found}
+    return by_key(found)

@@ -17,7 +17,7 @@ from flexdesign.model.formulas import Formulas
 from flexdesign.model.linkage import Linkage, Member, Root
 from flexdesign.model.observation import Model, Observation
 from flexdesign.model.parameter import Parameter
-from flexdesign.model.quantity import Quantity, output_boundary
+from flexdesign.model.quantity import Quantity, by_key, output_boundary
 
 __all__ = [
     "OTHER",
@@ -39,5 +39,6 @@ __all__ = [
     "Root",
     "Socket",
     "Term",
+    "by_key",
     "output_boundary",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,6 +72,11 @@ class Quantity:
     def __str__(self) -> str:
         boundary = f" ({self.boundary})" if self.boundary else ""
         return f"{self.name}{boundary} = {self.shown()}"
+
+
+def by_key(found: Iterable[Quantity]) -> dict[str, Quantity]:
+    """Return quantities by their keys."""
+    return {quantity.key: quantity for quantity in found}
 
 
 def output_boundary(load: float) -> str:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from flexdesign.design import Design
 from flexdesign.errors import InputError
-from flexdesign.model import Quantity
+from flexdesign.model import Quantity, by_key
 from flexdesign.multifidelity import extrusion
 
 FloatArray = NDArray[np.float64]
@@ -88,7 +88,7 @@ class Correction:
         order = next((o for o in (2, 1) if len(designs) >= _needed(len(names), o)), 0)
         terms = _terms(logs, order)
         coefficients, errors = {}, {}
-        pairs = [(_by_key(planar, design), _by_key(solid, design)) for design in designs]
+        pairs = [(by_key(planar.evaluate(design)), by_key(solid.evaluate(design))) for design in designs]
         for key in pairs[0][0]:
             ratios = np.array([truth[key].value / flat[key].value for flat, truth in pairs])
             if not (ratios > 0).all():
@@ -121,10 +121,6 @@ class Correction:
             source = "planar FEM, corrected to solid FEM"
             corrected.append(replace(quantity, value=value, sigma=error * abs(value), source=source))
         return corrected
-
-
-def _by_key(evaluator: Evaluator, design: Design) -> dict[str, Quantity]:
-    return {quantity.key: quantity for quantity in evaluator.evaluate(design)}
 
 
 def _needed(count: int, order: int) -> int:

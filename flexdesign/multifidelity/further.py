@@ -23,7 +23,7 @@ from flexdesign.fem import analysis
 from flexdesign.fem.convergence import Scatter
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.mesh import TaggedMesh
-from flexdesign.model import Quantity
+from flexdesign.model import Quantity, by_key
 from flexdesign.part import Part
 from flexdesign.quantities import of_solution
 from flexdesign.study import MeshSettings, ModeSettings, OutputSettings, Study
@@ -71,7 +71,7 @@ class Further:
         study = Study(design.file, design.name, design, MeshSettings(), asked, self.output)
         actuator = design.actuator.installed_stiffness if design.actuator else 0.0
         solution = analysis.solve(part, design.material, domain, mesh, actuator=actuator, mode_count=self.modes)
-        return {quantity.key: quantity for quantity in of_solution(study, solution)}
+        return by_key(of_solution(study, solution))
 
     def known(
         self,

@@ -15,28 +15,23 @@ from pathlib import Path
 from typing import Any
 
 from flexdesign import design as designs
-from flexdesign import quantities, refinement, static_tables
+from flexdesign import static_tables
 from flexdesign.analytic import frame
 from flexdesign.analytic.compliance import SOURCE
 from flexdesign.analytic.stage_compliance import StageCompliance
-from flexdesign.cache import Cache
 from flexdesign.design import Design
 from flexdesign.errors import InputError
-from flexdesign.fem import domain
 from flexdesign.model import Quantity
 from flexdesign.multifidelity import Correction, FastSolid, Planar
-from flexdesign.refinement import Level
 from flexdesign.stage_model import StageModel, changed
 from flexdesign.static_tables import StaticModel
-from flexdesign.study import MeshSettings, ModeSettings, OutputSettings, Study
-from flexdesign.sweeps import simulating
+from flexdesign.study import MeshSettings
+from flexdesign.sweeps import elements, simulating
 from flexdesign.sweeps.answers import Answer, Answers
 from flexdesign.sweeps.plan import SweepPlan, settings_of
 from flexdesign.sweeps.sampling import Case
 from flexdesign.sweeps.simulating import Bench
 
-#: Asked of finite elements where mesh settings state no accuracy.
-ACCURACY = 0.01
 #: What finite elements tell without modes.
 DIRECT = ("K_in", "lambda", "K_out", "stroke", "blocked_force", "actuator_force")
 #: What a part calls the models that are asked.
@@ -141,7 +136,7 @@ def _evaluate(question: Question) -> Sequence[Quantity]:
         planar = _planar(question.file, question.middle, settings)
         return question.correction.apply(design, planar.evaluate(design))
     solid = _solid(question.file, question.middle, settings, question.modes)
-    return by_elements(design, MeshSettings(**question.mesh), solid)
+    return elements.by_elements(design, MeshSettings(**question.mesh), solid)
 
 
 @cache
@@ -158,9 +153,9 @@ def _solid(file: Path, middle: tuple[str, ...], settings: tuple[tuple[str, Any],
     """Return an evaluator that all cases of a process share; one anchor for all, so that processes answer alike."""
     mesh = MeshSettings(**dict(settings))
     try:
-        return fast_solid(mesh, modes, [_read(file, middle)])
+        return elements.fast_solid(mesh, modes, [_read(file, middle)])
     except InputError:  # the middle cannot be built, or is no extrusion
-        return fast_solid(mesh, modes, [])
+        return elements.fast_solid(mesh, modes, [])
 
 
 def corrected(questions: Sequence[Question]) -> Correction:
@@ -175,11 +170,6 @@ def corrected(questions: Sequence[Question]) -> Correction:
     settings = tuple(sorted(first.mesh.items()))
     solid, planar = _solid(first.file, first.middle, settings, 0), _planar(first.file, first.middle, settings)
     return Correction.fit([_of(question) for question in questions], planar, solid)
-
-
-def fast_solid(mesh: MeshSettings, modes: int = 0, anchors: Sequence[Design] = ()) -> FastSolid:
-    """Return an evaluator of extruded parts with the accuracy that mesh settings ask for, or 1 %."""
-    return FastSolid(mesh.accuracy or ACCURACY, mesh, modes=modes, anchors=anchors)
 
 
 def by_formulas(design: Design, model: str) -> list[Quantity]:
@@ -256,44 +246,6 @@ def _driven(found: Sequence[Quantity], design: Design) -> list[Quantity]:
     return driven
 
 
-class _Nowhere(Cache):
-    """A cache that keeps nothing: what is asked of many designs is asked of each once."""
-
-    def load(self, stage: str, key: str) -> None:
-        return None
-
-    def store(self, stage: str, key: str, arrays: Any, table: Any) -> None:
-        return None
-
-
-def by_elements(design: Design, mesh: MeshSettings, solid: FastSolid) -> list[Quantity]:
-    """Return what finite elements say of a part.
-
-    Extruded parts are solved on coarse meshes whose error is known from designs near by; others, and where `mesh`
-    asks for wild meshes, as a validation does it.
-
-    Raises
-    ------
-    InputError
-        If the solid or a mesh cannot be used.
-    """
-    part = design.part()
-    axis = getattr(part, "prismatic", None)
-    if axis is not None and axis() is not None and mesh.method != "wild":
-        return solid.evaluate(design)
-    return _meshed(design, mesh)[0]
-
-
-def _meshed(design: Design, mesh: MeshSettings) -> tuple[list[Quantity], list[Level]]:
-    """Return what finite elements say of a part as a validation asks them, and on which meshes."""
-    part = design.part()
-    study = Study(design.file, design.name, design, mesh, ModeSettings(), OutputSettings())
-    body = domain.of_part(part, material=design.material, chord=domain.chord(part))
-    method = refinement.method_of(study, part, body)
-    levels = refinement.refined(study, part, body, method, _Nowhere(Path()), lambda _: None)
-    return refinement.gathered(study, levels, method.scatter), levels
-
-
 def by_simulation(question: Question, bench: Bench) -> list[Quantity]:
     """Return what experiments measure on a simulated stage.
 
@@ -321,13 +273,4 @@ def _handed_over(
     dimensions: tuple[tuple[str, float], ...],
     settings: tuple[tuple[str, Any], ...],
 ) -> StageModel:
-    """Return the stage model that finite elements make of a design, but for what large displacements do."""
-    design = version(file, overrides, dict(dimensions))
-    found, levels = _meshed(design, MeshSettings(**dict(settings)))
-    with_modes = next(level.solution for level in reversed(levels) if level.solution.modes)
-    stage = quantities.stage_model(design, {quantity.key: quantity for quantity in found}, with_modes)
-    if stage is None:
-        raise InputError(
-            design.file, "actuator", None, "is missing, so that nothing drives the stage; write [actuator]"
-        )
-    return stage
+    return elements.stage_model(version(file, overrides, dict(dimensions)), MeshSettings(**dict(settings)))

@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from flexdesign.errors import InputError, suggest
-from flexdesign.model import Quantity
+from flexdesign.model import Quantity, by_key
 from flexdesign.sweeps import evaluators
 from flexdesign.sweeps.answers import as_named, key_of
 from flexdesign.sweeps.choosing import Aim, Limit
+from flexdesign.sweeps.elements import by_elements, fast_solid
 from flexdesign.sweeps.plan import SweepPlan
 from flexdesign.sweeps.sampling import Case, Factor, cases
 
@@ -113,13 +114,10 @@ def optimise(plan: SweepPlan, *, check: bool = True, progress: Progress = lambda
         raise InputError(plan.file, "aim", f"{len(plan.aims)} aims", remedy)
     if not any(factor.ends for factor in plan.factors):
         raise InputError(plan.file, "vary", None, 'has no range; write { from = "1 mm", to = "2 mm" }')
-    if check and plan.design.is_stage:
-        remedy = "is a whole stage, of which formulas alone know here: optimise by these, with --no-check"
-        raise InputError(plan.file, "design", plan.design.name, remedy)
     _refuse_unknown(plan)
     correction: dict[str, float] = {}
     rounds: list[Round] = []
-    solid = evaluators.fast_solid(plan.mesh)
+    solid = fast_solid(plan.mesh)
     with threadpool_limits(1):
         for number in range(1, ROUNDS + 1):
             progress(f"round {number}: optimising the formulas")
@@ -129,8 +127,7 @@ def optimise(plan: SweepPlan, *, check: bool = True, progress: Progress = lambda
             elements = None
             if check:
                 progress(f"round {number}: checking the optimum by finite elements")
-                found = evaluators.by_elements(evaluators.version_of(plan, Case(best.values)), plan.mesh, solid)
-                elements = {quantity.key: quantity for quantity in found}
+                elements = by_key(by_elements(evaluators.version_of(plan, Case(best.values)), plan.mesh, solid))
             rounds.append(Round(best.values, formulas, predicted, elements))
             if elements is None or _is_settled(plan, predicted, elements):
                 break
@@ -256,9 +253,7 @@ def _unit_sample(dimensions: int, seed: int) -> Iterator[list[float]]:
 
 def _by_formulas(plan: SweepPlan, values: Mapping[str, float | str]) -> Found:
     model = evaluators.MODELS.get(plan.evaluator, evaluators.MODELS["analytic"])
-    return {
-        quantity.key: quantity for quantity in evaluators.by_formulas(evaluators.version_of(plan, Case(values)), model)
-    }
+    return by_key(evaluators.by_formulas(evaluators.version_of(plan, Case(values)), model))
 
 
 def _corrected(found: Found, correction: Mapping[str, float]) -> Found:

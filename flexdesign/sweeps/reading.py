@@ -25,8 +25,7 @@ from flexdesign.sweeps.plan import Evaluator, SweepPlan, settings_of
 from flexdesign.sweeps.sampling import Case, Factor, Method
 from flexdesign.sweeps.simulating import STAGE_KEYS, STUDY_KEYS, Bench
 
-#: Those that know whole stages; and the one that simulates.
-FORMULAS: tuple[Evaluator, ...] = ("pseudo-rigid", "analytic")
+#: The one that simulates.
 SIMULATION: Evaluator = "simulation"
 #: No sweep has more cases than these.
 MOST = 1_000_000
@@ -176,9 +175,10 @@ def _subject(
         return stage
     design = designs.read(file, simulating.of_design(overrides))
     if bench is not None and bench.study is not None:
-        experiments.read(bench.study, [quantities.AXIS], simulating.of_study(overrides))
-    if design.is_stage and evaluator not in FORMULAS:
-        remedy = f"is a whole stage, of which formulas alone know in a sweep; write {' or '.join(FORMULAS)}"
+        axes = list(design.stage().assembly().axes) if design.is_stage else [quantities.AXIS]
+        experiments.read(bench.study, axes, simulating.of_study(overrides))
+    if design.is_stage and evaluator == "planar":
+        remedy = 'is a whole stage, which is not of one section; write "fem", "analytic" or "pseudo-rigid"'
         raise InputError(path, "evaluator", evaluator, remedy)
     return design
 

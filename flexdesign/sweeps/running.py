@@ -36,7 +36,10 @@ _FORMULAS = (
     "analytic/*.py", "assembly/*.py", "effects/statics/*.py", "hinges/*.py", "model/*.py", "static_tables/*.py",
     "sweeps/evaluators.py",
 )  # fmt: skip
-_ELEMENTS = ("fem/*.py", "multifidelity/*.py", "quantities/*.py", "refinement.py", "sweeps/evaluators.py")
+_ELEMENTS = (
+    "assembly/*.py", "fem/*.py", "multifidelity/*.py", "quantities/*.py", "condensing.py", "refinement.py",
+    "sweeps/elements.py", "sweeps/evaluators.py",
+)  # fmt: skip
 _SIMULATION = (
     "control/*.py", "dynamics/*.py", "effects/*.py", "experiments/*.py", "metrics/*.py", "stage_model/*.py",
     "trajectory/*.py", "loop_design.py", "measuring.py", "simulation.py", "standard_experiments.py",
@@ -187,9 +190,15 @@ def _code(plan: SweepPlan) -> list[object]:
     package = Path(flexdesign.__file__).parent
     sources = sorted(path for place in ANSWERING[plan.evaluator] for path in package.glob(place))
     if isinstance(plan.subject, Design):
-        sources.append(parts.file_of(plan.subject.part_class))
+        sources += _parts(plan.subject)
     libraries = {*(refinement.LIBRARIES if plan.is_meshed else ("numpy",)), *(SIMULATED if plan.bench else ())}
     return [[path.read_text(encoding="utf-8") for path in sources], versions.installed(sorted(libraries))]
+
+
+def _parts(design: Design) -> list[Path]:
+    """Return the files of a part, or of a stage and the parts that it is built of."""
+    built = [type(piece) for piece, _ in design.stage().assembly().kinds()] if design.is_stage else []
+    return sorted({parts.file_of(each) for each in (design.part_class, *built)})
 
 
 def _compute(

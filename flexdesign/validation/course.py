@@ -17,7 +17,7 @@ from flexdesign.fem import convergence, domain
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.load_path import StrokePath
 from flexdesign.large_stroke import LargeStroke
-from flexdesign.model import Quantity
+from flexdesign.model import Quantity, by_key
 from flexdesign.refinement import Level
 from flexdesign.study import Study
 from flexdesign.validation import cross_check, ladder
@@ -73,7 +73,7 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
         cross_check=others,
         stage_model=quantities.stage_model(
             design,
-            {q.key: q for q in further} | {c.fem.key: c.fem for c in comparisons},
+            by_key(further) | {c.fem.key: c.fem for c in comparisons},
             next(level.solution for level in reversed(levels) if level.solution.modes),
             large.effects() if large else {},
         ),
@@ -122,7 +122,7 @@ def _compare(
 ) -> tuple[list[Comparison], list[Quantity]]:
     stiffness = design.actuator.installed_stiffness if design.actuator else None
     given = part.formulas(design.material, stiffness, load)
-    formulas = {model: {q.key: q for q in found} for model, found in given.items()}
+    formulas = {model: by_key(found) for model, found in given.items()}
     comparisons, further = [], []
     for quantity in gathered:
         analytic = {model: found[quantity.key] for model, found in formulas.items() if quantity.key in found}

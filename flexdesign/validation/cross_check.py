@@ -17,7 +17,7 @@ from flexdesign.errors import InputError
 from flexdesign.fem import domain
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.methods import Method
-from flexdesign.model import Quantity
+from flexdesign.model import Quantity, by_key
 from flexdesign.part import Part
 from flexdesign.refinement import Level
 from flexdesign.study import Study
@@ -155,7 +155,7 @@ def _tried(study: Study, part: Part, body: Domain, cache: Cache, progress: Progr
 
 
 def _answered(study: Study, method: Method, body: Domain, levels: Sequence[Level]) -> Way:
-    gathered = {q.key: q for q in refinement.gathered(study, levels, method.scatter)}
+    gathered = by_key(refinement.gathered(study, levels, method.scatter))
     return Way(
         method.name,
         _axes(body),

@@ -15,10 +15,9 @@ from flexdesign.design import Design
 from flexdesign.errors import InputError, suggest
 from flexdesign.fem import second_order
 from flexdesign.fem.assembled import AssembledStage
-from flexdesign.fem.convergence import SCATTER, Scatter
+from flexdesign.fem.convergence import Scatter
 from flexdesign.fem.corotated import CorotatedStage, NoEquilibrium
-from flexdesign.fem.methods import Extruded
-from flexdesign.model import Quantity
+from flexdesign.model import Quantity, by_key
 from flexdesign.quantities import stage_shares
 from flexdesign.quantities.stage import TOLD, of_stage
 from flexdesign.quantities.stage_handover import stage_model_of
@@ -31,7 +30,7 @@ from flexdesign.validation import ladder
 from flexdesign.validation.findings import Comparison
 from flexdesign.validation.ladder import Ladder
 from flexdesign.validation.stage_published import read_published, stated
-from flexdesign.validation.stage_variants import by_key, changed
+from flexdesign.validation.stage_variants import changed
 
 Progress = Callable[[str], None]
 
@@ -49,8 +48,6 @@ class StageValidation:
         What was asked, and of what.
     levels
         The parts, on meshes from coarse to fine.
-    stages
-        Put together on the coarsest mesh, which is the one for pictures, and on the finest.
     comparisons
         Stiffness, amplification and coupling: FEM beside the analytic models and published numbers.
     further
@@ -80,7 +77,6 @@ class StageValidation:
     study: Study
     assembly: Assembly
     levels: Sequence[StageLevel]
-    stages: tuple[AssembledStage, AssembledStage]
     comparisons: Sequence[Comparison]
     further: Sequence[Quantity]
     motions: Sequence[CrossMotion]
@@ -101,6 +97,11 @@ class StageValidation:
         return self.levels[-1]
 
     @property
+    def stages(self) -> tuple[AssembledStage, AssembledStage]:
+        """Put together on the coarsest mesh, which is the one for pictures, and on the finest."""
+        return self.levels[0].stage, self.levels[-1].stage
+
+    @property
     def inputs(self) -> dict[str, float]:
         """By axis how far each actuator parts its inputs where coupling and pictures are stated [m]."""
         return {axis: stated(self.study, axis) for axis in self.assembly.axes}
@@ -108,7 +109,7 @@ class StageValidation:
     @property
     def scatter(self) -> Scatter:
         """That of the meshes, by which results are extrapolated."""
-        return _scatter(self.levels)
+        return condensing.scatter(self.levels)
 
     def fem(self, key: str) -> Quantity:
         """Return a FEM quantity by its key, e.g. ``K_in_x_table_free``."""
@@ -144,23 +145,23 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     assembly = design.stage().assembly()
     _refuse_unknown(study, assembly)
     published = read_published(study, assembly)
-    levels = _levels(study, assembly, cache, progress)
-    stages = [_assembled(design, assembly, level) for level in levels]
+    levels = condensing.refined(study, assembly, cache, progress, inside=DRIVEN)
     progress("putting the stage together")
-    found, sizes = [by_key(of_stage(study, stage)) for stage in stages], [level.size for level in levels]
-    limits = refinement.limits(found, sizes, _scatter(levels))
-    source = f"FEM, {len(levels)} meshes, the finest of {levels[-1].unknowns} unknowns condensed, extrapolated"
-    limits = [replace(quantity, source=source) for quantity in limits]
+    finest = levels[-1].stage
+    found, sizes = [by_key(of_stage(study, level.stage)) for level in levels], [level.size for level in levels]
+    limits = condensing.gathered(levels, found)
     driven = [
-        _motions(study, assembly, level, stage, _counted(progress, number, len(levels)))
-        for number, (level, stage) in enumerate(zip(levels[:DRIVEN], stages, strict=False), 1)
+        _motions(study, level, condensing.labelled(progress, f"mesh {number} of {len(levels)}"))
+        for number, level in enumerate(levels[:DRIVEN], 1)
     ]
     motions, full = driven[0]
     moved = [here | _moved([*near, *far]) for here, (near, far) in zip(found, driven, strict=False)]
     told = _moved([*motions, *full])
     source = f"FEM, large displacements on the {DRIVEN} coarsest of {len(levels)} meshes, extrapolated"
     limits += [
-        replace(q, source=source) for q in refinement.limits(moved, sizes[:DRIVEN], _scatter(levels)) if q.key in told
+        replace(q, source=source)
+        for q in refinement.limits(moved, sizes[:DRIVEN], condensing.scatter(levels))
+        if q.key in told
     ]
     comparisons, further = compare(study, limits, [*motions, *full], published)
     solved = {label: _variant(study, label, cache, progress) for label in study.variants}
@@ -171,61 +172,32 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
         study=study,
         assembly=assembly,
         levels=levels,
-        stages=(stages[0], stages[-1]),
         comparisons=comparisons,
         further=further,
         motions=motions,
         at_full_stroke=full,
-        causes=stage_coupling.causes(stages[-1]),
-        springs=stage_shares.springs(stages[-1]),
-        chains=stage_shares.input_chains(design.stage(), design.material, stages[-1], found[-1]),
-        modes=(mode_shares(stages[-1], 0.0, TOLD), mode_shares(stages[-1], spring, TOLD) if spring else []),
+        causes=stage_coupling.causes(finest),
+        springs=stage_shares.springs(finest),
+        chains=stage_shares.input_chains(design.stage(), design.material, finest, found[-1]),
+        modes=(mode_shares(finest, 0.0, TOLD), mode_shares(finest, spring, TOLD) if spring else []),
         coarsest=found[0] | _moved(motions),
         variants={label: changed(moved, there, sizes[:DRIVEN], by_key(limits)) for label, there in solved.items()},
         ladder=rungs,
-        stage_model=stage_model_of(design, stages[-1], by_key(limits), _quadratic(motions, by_key(limits))),
+        stage_model=stage_model_of(design, finest, by_key(limits), _quadratic(motions, by_key(limits))),
         seconds=perf_counter() - began,
     )
 
 
-def _levels(study: Study, assembly: Assembly, cache: Cache, progress: Progress) -> list[StageLevel]:
-    """Condense on as many meshes as were asked for; those for large displacements keep what goes on inside."""
-    levels = []
-    for power in range(study.mesh.levels - 1, -1, -1):
-        coarseness, inside = study.mesh.refinement**power, power >= study.mesh.levels - DRIVEN
-        say = _counted(progress, study.mesh.levels - power, study.mesh.levels)
-        levels.append(condensing.condensed(study, assembly, coarseness, cache, inside=inside, progress=say))
-    return levels
-
-
-def _counted(progress: Progress, number: int, of: int) -> Progress:
-    return lambda text: progress(f"mesh {number} of {of}: {text}")
-
-
-def _assembled(design: Design, assembly: Assembly, level: StageLevel) -> AssembledStage:
-    return AssembledStage(assembly, level.parts, design.material.density)
-
-
-def _scatter(levels: Sequence[StageLevel]) -> Scatter:
-    """Return that of extruded meshes, unless a part was meshed the other way, whose scatter is larger."""
-    return SCATTER if any("wild" in kind.method for kind in levels[0].kinds) else Extruded.scatter
-
-
 def _motions(
-    study: Study,
-    assembly: Assembly,
-    level: StageLevel,
-    linear: AssembledStage,
-    progress: Progress,
-    *,
-    full: bool = True,
+    study: Study, level: StageLevel, progress: Progress, *, full: bool = True
 ) -> tuple[list[CrossMotion], list[CrossMotion]]:
     """Drive each axis through large displacements at the stated input and, if `full`, at the actuator's free stroke."""
     if not study.output.large_steps:
         return [], []
     progress("integrating second order")
     energies = {id(kind.part): second_order.of(kind.part) for kind in level.kinds}
-    stage = CorotatedStage(assembly, {name: energies[id(part)] for name, part in level.parts.items()})
+    linear, assembly = level.stage, level.stage.assembly
+    stage = CorotatedStage(assembly, {name: energies[id(part)] for name, part in linear.parts.items()})
     actuator = study.design.actuator
 
     def driven(axis: str, extension: float) -> CrossMotion:
@@ -280,10 +252,8 @@ def _compliance(design: Design) -> Mapping[str, Quantity]:
 
 def _refuse_unknown(study: Study, assembly: Assembly) -> None:
     """Refuse what a stage has not, and what is done for a part alone, before long work begins."""
-    for key, value in (("accuracy", study.mesh.accuracy), ("cross_check", study.mesh.cross_check)):
-        if value:
-            remedy = "is for a part alone; for a stage say how many meshes: mesh.levels"
-            raise InputError(study.file, f"mesh.{key}", value, remedy)
+    if study.mesh.cross_check:
+        raise InputError(study.file, "mesh.cross_check", True, "is for a part alone; leave it out for a stage")
     for axis in study.stage.inputs:
         if axis not in assembly.axes:
             remedy = f"is no axis of this stage{suggest(axis, list(assembly.axes))}"
@@ -294,12 +264,11 @@ def _variant(study: Study, label: str, cache: Cache, progress: Progress) -> list
     """Return a variant's quantities on the coarsest meshes, by key."""
     design = study.variants[label]
     other, found = replace(study, design=design), []
-    assembly, say = design.stage().assembly(), _labelled(progress, label)
+    assembly, say = design.stage().assembly(), condensing.labelled(progress, f"variant {label}")
     for power in range(study.mesh.levels - 1, study.mesh.levels - 1 - DRIVEN, -1):
         level = condensing.condensed(other, assembly, study.mesh.refinement**power, cache, inside=True, progress=say)
-        stage = _assembled(design, assembly, level)
-        motions, _ = _motions(other, assembly, level, stage, say, full=False)
-        found.append(by_key(of_stage(other, stage)) | _moved(motions))
+        motions, _ = _motions(other, level, say, full=False)
+        found.append(by_key(of_stage(other, level.stage)) | _moved(motions))
     return found
 
 
@@ -316,7 +285,3 @@ def _quadratic(motions: Sequence[CrossMotion], limits: Mapping[str, Quantity]) -
 
 def _moved(motions: Sequence[CrossMotion]) -> dict[str, Quantity]:
     return by_key(q for motion in motions for q in motion.quantities())
-
-
-def _labelled(progress: Progress, label: str) -> Progress:
-    return lambda text: progress(f"variant {label}: {text}")

@@ -8,7 +8,7 @@ from dataclasses import replace
 from flexdesign import stage_coupling, units
 from flexdesign.assembly import Assembly
 from flexdesign.errors import InputError, suggest
-from flexdesign.model import Quantity
+from flexdesign.model import Quantity, by_key
 from flexdesign.quantities.stage import asked
 from flexdesign.study import Study
 
@@ -35,11 +35,11 @@ def read_published(study: Study, assembly: Assembly) -> dict[str, dict[str, Quan
         If a number belongs to no quantity, or cannot be read.
     """
     actuator = study.design.actuator
-    known = {q.key: q for q in asked(assembly.axes, installed=actuator is not None)}
+    known = by_key(asked(assembly.axes, installed=actuator is not None))
     for axis in assembly.axes:
         others = [other for other in assembly.axes if other != axis]
         for extension in [stated(study, axis), *([actuator.free_stroke] if actuator else [])]:
-            known |= {q.key: q for q in stage_coupling.asked(axis, extension, others)}
+            known |= by_key(stage_coupling.asked(axis, extension, others))
     return {
         label: {
             key: _published(study, label, key, text, known)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from flexdesign.fem.convergence import Scatter, extrapolate
@@ -11,11 +11,6 @@ from flexdesign.model import Quantity
 
 #: Stage and variant are of the same or of like meshes, so that what is irregular in these cancels in the ratio.
 ALIKE = Scatter(0.0)
-
-
-def by_key(found: Iterable[Quantity]) -> dict[str, Quantity]:
-    """Return quantities by their keys."""
-    return {quantity.key: quantity for quantity in found}
 
 
 def changed(

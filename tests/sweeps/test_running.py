@@ -300,6 +300,15 @@ def test_a_whole_stage_is_answered_for_by_its_formulas(tmp_path: Path) -> None:
         assert found.column(f"K_in_{axis}_table_free")[1] == pytest.approx(model.input_stiffness(axis), rel=1e-9)
 
 
+def test_a_whole_stage_has_no_section(tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    text = STUDY.replace("lin2019_amplifier_xy", "lin2019_xyz_stage").replace("arm_span", "limb_length")
+    path.write_text(text.replace('"15 mm", to = "30 mm"', '"40 mm", to = "50 mm"'))
+    assert sweeps.read(path, ["evaluator=fem"]).design.is_stage
+    with pytest.raises(InputError, match="not of one section"):
+        sweeps.read(path, ["evaluator=planar"])
+
+
 def _has_inputs(element: Element) -> bool:
     return any(port.role == "input" for port in element.part.ports())
 
@@ -307,7 +316,6 @@ def _has_inputs(element: Element) -> bool:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("lin2019_amplifier_xy", "lin2019_xyz_stage", "whole stage"),
         ('"dimensions.arm_span"', '"effects.over_cut.thinner"', "compliance model"),
         ('"dimensions.arm_span"', '"actuator.stifness"', "stiffness"),
     ],

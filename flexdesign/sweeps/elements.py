@@ -1,0 +1,122 @@
+"""Finite elements as a sweep asks them: of one design after the other, most of which have much in common.
+
+Extruded parts are solved on coarse meshes whose error is known from designs near by; other parts as a validation solves
+them. Of whole stages each kind of part is condensed once for all designs that have it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from flexdesign import condensing, quantities, refinement
+from flexdesign.cache import Arrays, Cache
+from flexdesign.design import Design
+from flexdesign.errors import InputError
+from flexdesign.fem import domain
+from flexdesign.model import Quantity, by_key
+from flexdesign.multifidelity import FastSolid
+from flexdesign.quantities.stage import of_stage
+from flexdesign.quantities.stage_handover import stage_model_of
+from flexdesign.refinement import Level
+from flexdesign.stage_model import StageModel
+from flexdesign.study import MeshSettings, ModeSettings, OutputSettings, Study
+
+#: Asked of extruded parts and of stages where mesh settings state no accuracy.
+ACCURACY = 0.01
+#: A process keeps so many meshes and condensed parts of stages: three kinds of part on five meshes each.
+KEPT = 30
+
+
+class _Nowhere(Cache):
+    """A cache that keeps nothing: what is asked of many designs is asked of each once."""
+
+    def load(self, stage: str, key: str) -> None:
+        return None
+
+    def store(self, stage: str, key: str, arrays: Any, table: Any) -> None:
+        return None
+
+
+class _InMemory(Cache):
+    """A cache that keeps the last few answers of a process: neighbouring stages have most of their parts in common."""
+
+    _kept: dict[tuple[str, str], tuple[Arrays, dict[str, Any]]] = {}  # noqa: RUF012 - one for the process
+
+    def load(self, stage: str, key: str) -> tuple[Arrays, dict[str, Any]] | None:
+        found = self._kept.pop((stage, key), None)
+        if found is not None:
+            self._kept[stage, key] = found  # which makes it the latest
+        return found
+
+    def store(self, stage: str, key: str, arrays: Mapping[str, NDArray[Any]], table: Mapping[str, Any]) -> None:
+        self._kept[stage, key] = dict(arrays), dict(table)
+        while len(self._kept) > KEPT:
+            del self._kept[next(iter(self._kept))]
+
+
+def fast_solid(mesh: MeshSettings, modes: int = 0, anchors: Sequence[Design] = ()) -> FastSolid:
+    """Return an evaluator of extruded parts with the accuracy that mesh settings ask for, or 1 %."""
+    return FastSolid(mesh.accuracy or ACCURACY, mesh, modes=modes, anchors=anchors)
+
+
+def by_elements(design: Design, mesh: MeshSettings, solid: FastSolid) -> list[Quantity]:
+    """Return what finite elements say of a part or a stage.
+
+    Extruded parts are asked of `solid`; other parts, and where `mesh` asks for wild meshes, as a validation does it.
+
+    Raises
+    ------
+    InputError
+        If the solid or a mesh cannot be used.
+    """
+    if design.is_stage:
+        return _condensed(design, mesh)[0]
+    axis = getattr(design.part(), "prismatic", None)
+    if axis is not None and axis() is not None and mesh.method != "wild":
+        return solid.evaluate(design)
+    return _meshed(design, mesh)[0]
+
+
+def stage_model(design: Design, mesh: MeshSettings) -> StageModel:
+    """Return the stage model that finite elements make of a design, but for what large displacements do.
+
+    Raises
+    ------
+    InputError
+        If the solid or a mesh cannot be used, or nothing drives the stage.
+    """
+    if design.is_stage:
+        found, finest = _condensed(design, mesh)
+        stage = stage_model_of(design, finest.stage, by_key(found), {})
+    else:
+        found, levels = _meshed(design, mesh)
+        with_modes = next(level.solution for level in reversed(levels) if level.solution.modes)
+        stage = quantities.stage_model(design, by_key(found), with_modes)
+    if stage is None:
+        remedy = "is missing, so that nothing drives the stage; write [actuator]"
+        raise InputError(design.file, "actuator", None, remedy)
+    return stage
+
+
+def _study(design: Design, mesh: MeshSettings) -> Study:
+    return Study(design.file, design.name, design, mesh, ModeSettings(), OutputSettings())
+
+
+def _meshed(design: Design, mesh: MeshSettings) -> tuple[list[Quantity], list[Level]]:
+    """Return what finite elements say of a part as a validation asks them, and on which meshes."""
+    part, study = design.part(), _study(design, mesh)
+    body = domain.of_part(part, material=design.material, chord=domain.chord(part))
+    method = refinement.method_of(study, part, body)
+    levels = refinement.refined(study, part, body, method, _Nowhere(Path()), lambda _: None)
+    return refinement.gathered(study, levels, method.scatter), levels
+
+
+def _condensed(design: Design, mesh: MeshSettings) -> tuple[list[Quantity], condensing.StageLevel]:
+    """Return what finite elements say of a stage, on as many meshes as the accuracy takes, and the finest of these."""
+    study = _study(design, mesh.model_copy(update={"accuracy": mesh.accuracy or ACCURACY}))
+    levels = condensing.refined(study, design.stage().assembly(), _InMemory(Path()))
+    return condensing.gathered(levels, [by_key(of_stage(study, level.stage)) for level in levels]), levels[-1]
