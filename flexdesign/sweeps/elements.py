@@ -27,8 +27,8 @@ from flexdesign.study import MeshSettings, ModeSettings, OutputSettings, Study
 
 #: Asked of extruded parts and of stages where mesh settings state no accuracy.
 ACCURACY = 0.01
-#: A process keeps so many meshes and condensed parts of stages: three kinds of part on five meshes each.
-KEPT = 30
+#: A process keeps so much of meshes and condensed parts of stages [bytes], the latest.
+KEPT = 400e6
 
 
 class _Nowhere(Cache):
@@ -42,7 +42,7 @@ class _Nowhere(Cache):
 
 
 class _InMemory(Cache):
-    """A cache that keeps the last few answers of a process: neighbouring stages have most of their parts in common."""
+    """A cache that keeps the latest answers of a process: neighbouring stages have most of their parts in common."""
 
     _kept: dict[tuple[str, str], tuple[Arrays, dict[str, Any]]] = {}  # noqa: RUF012 - one for the process
 
@@ -54,8 +54,9 @@ class _InMemory(Cache):
 
     def store(self, stage: str, key: str, arrays: Mapping[str, NDArray[Any]], table: Mapping[str, Any]) -> None:
         self._kept[stage, key] = dict(arrays), dict(table)
-        while len(self._kept) > KEPT:
-            del self._kept[next(iter(self._kept))]
+        sizes = [sum(array.nbytes for array in arrays.values()) for arrays, _ in self._kept.values()]
+        while sum(sizes) > KEPT and len(sizes) > 1:
+            del self._kept[next(iter(self._kept))], sizes[0]
 
 
 def fast_solid(mesh: MeshSettings, modes: int = 0, anchors: Sequence[Design] = ()) -> FastSolid:
