@@ -38,7 +38,7 @@ from flexdesign.diagnosis.setting import Setting, line_weights, settle
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
 from flexdesign.evidence.case import Case
-from flexdesign.evidence.caught import walked
+from flexdesign.evidence.caught import ANEW_SHARE, in_line, walked
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import MOST, Step, backward, forward
@@ -280,14 +280,18 @@ def search(
         if step.chosen is None:
             break
         stand = backward(case, step.chosen.stand, dynamics, every)
-        if stand.names == (stands[-1] if stands else base).names:  # what was added made itself superfluous
-            base = base if stands else min(base, stand, key=lambda each: each.cost)
-            stand = stands[-1] if stands else base
-            break
+        before = stands[-1] if stands else base
+        if stand.names == before.names:  # what was added made itself superfluous: it helped a fit that was caught
+            stand = min(before, stand, key=lambda each: each.cost)
+            base, stands = (base, [*stands[:-1], stand]) if stands else (stand, stands)
+            if stand.cost > (1 - ANEW_SHARE) * before.cost:
+                break
+            continue
         present = cast(AxisDynamics, stand.model)
-        if begins_otherwise(cast(AxisDynamics, (stands[-1] if stands else base).model), present):
+        if begins_otherwise(cast(AxisDynamics, before.model), present):
             case = begun_like(case, present)
-            stand = fitted(case, stand.model, stand.effects, {}) or stand
+            again = fitted(case, stand.model, stand.effects, {})
+            stand = stand if again is None else in_line(case, again)
         stands.append(stand)
     if stand.effects:
         stand = walked(case, stand)
