@@ -85,11 +85,14 @@ class StageLevel:
         Each once.
     stage
         Put together of them.
+    found
+        The quantities of that, by key.
     """
 
     size: float
     kinds: tuple[Kind, ...]
     stage: AssembledStage
+    found: Mapping[str, Quantity]
 
     @property
     def unknowns(self) -> int:
@@ -140,7 +143,9 @@ def condensed(
         kinds.append(kind)
         sizes.append(size)
         by_element |= {element.name: kind.part for element in elements}
-    return StageLevel(sizes[0], tuple(kinds), AssembledStage(assembly, by_element, study.design.material.density))
+    progress("putting the stage together")
+    stage = AssembledStage(assembly, by_element, study.design.material.density)
+    return StageLevel(sizes[0], tuple(kinds), stage, by_key(of_stage(study, stage)))
 
 
 def refined(
@@ -156,18 +161,15 @@ def refined(
         coarseness, words = study.mesh.refinement ** (count - number), f"mesh {number}" + f" of {count}" * (not asked)
         say = labelled(progress, words)
         levels.append(condensed(study, assembly, coarseness, cache, inside=number <= inside, progress=say))
-        if asked and number > 1:
-            reached = refinement.estimated_error(gathered(levels, [by_key(of_stage(study, lv.stage)) for lv in levels]))
-            progress(f"estimated error {100 * reached:.2g} %, asked for {100 * asked:.2g} %")
-            if reached <= asked:
-                break
+        if asked and number > 1 and refinement.is_reached(asked, gathered(levels), progress):
+            break
     return levels
 
 
-def gathered(levels: Sequence[StageLevel], found: Sequence[Mapping[str, Quantity]]) -> list[Quantity]:
-    """Extrapolate every quantity over the meshes, on each of which it is `found` by its key."""
+def gathered(levels: Sequence[StageLevel]) -> list[Quantity]:
+    """Extrapolate every quantity over the meshes."""
     source = f"FEM, {len(levels)} meshes, the finest of {levels[-1].unknowns} unknowns condensed, extrapolated"
-    limits = refinement.limits(found, [level.size for level in levels], scatter(levels))
+    limits = refinement.limits([level.found for level in levels], [level.size for level in levels], scatter(levels))
     return [replace(quantity, source=source) for quantity in limits]
 
 

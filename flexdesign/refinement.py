@@ -97,11 +97,8 @@ def refined(
             refused = refused or error
             progress(f"passing over this mesh: {error.remedy}")
             continue
-        if asked and len(levels) > 1:
-            reached = estimated_error(gathered(study, levels, method.scatter))
-            progress(f"estimated error {100 * reached:.2g} %, asked for {100 * asked:.2g} %")
-            if reached <= asked:
-                break
+        if asked and len(levels) > 1 and is_reached(asked, gathered(study, levels, method.scatter), progress):
+            break
     if refused and len(levels) < 2:
         raise refused
     return levels
@@ -111,6 +108,13 @@ def estimated_error(found: Sequence[Quantity]) -> float:
     """Return the largest relative error of stiffnesses and amplification, as estimated."""
     judged = [quantity for quantity in found if quantity.name in ("K_in", "lambda", "K_out") and quantity.value]
     return max(abs((quantity.sigma or 0.0) / quantity.value) for quantity in judged)
+
+
+def is_reached(asked: float, found: Sequence[Quantity], progress: Progress) -> bool:
+    """Tell whether quantities have the relative accuracy that was asked for, as estimated."""
+    error = estimated_error(found)
+    progress(f"estimated error {100 * error:.2g} %, asked for {100 * asked:.2g} %")
+    return error <= asked
 
 
 def _level(

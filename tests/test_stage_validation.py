@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +21,6 @@ from flexdesign.cache import Cache
 from flexdesign.condensing import StageLevel
 from flexdesign.errors import InputError
 from flexdesign.fem import superelement
-from flexdesign.fem.assembled import AssembledStage
 from flexdesign.fem.superelement import Superelement
 from flexdesign.model import Quantity, by_key
 from flexdesign.part import Piece
@@ -447,22 +446,18 @@ def test_what_a_stage_has_not_is_refused_before_work_begins(
 def test_a_stage_is_refined_until_its_estimate_is_small_enough(
     run: Run, asked: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Meshes that are wrong by 10 % of their edge length, which stands in for the stage."""
+    """Meshes that are wrong by 10 % of their edge length."""
     lengths: list[float] = []
 
     def condensed(_study: object, _assembly: object, coarseness: float, *_: object, **__: object) -> StageLevel:
         lengths.append(coarseness)
-        return StageLevel(coarseness, run.found.finest.kinds, cast(AssembledStage, coarseness))
-
-    def of_stage(_: object, length: AssembledStage) -> list[Quantity]:
-        return [Quantity("K_in", 1.0 + 0.1 * cast(float, length), "N/m", "N/mm", "x, table free")]
+        k_in = Quantity("K_in", 1.0 + 0.1 * coarseness, "N/m", "N/mm", "x, table free")
+        return StageLevel(coarseness, run.found.finest.kinds, run.found.finest.stage, by_key([k_in]))
 
     monkeypatch.setattr(condensing, "condensed", condensed)
-    monkeypatch.setattr(condensing, "of_stage", of_stage)
     study = replace(run.found.study, mesh=run.found.study.mesh.model_copy(update={"accuracy": asked}))
     levels = condensing.refined(study, run.found.assembly, Cache(run.cache))
-    found = [by_key(of_stage(study, level.stage)) for level in levels]
-    limits = [condensing.gathered(levels[:count], found[:count]) for count in range(2, len(levels) + 1)]
+    limits = [condensing.gathered(levels[:count]) for count in range(2, len(levels) + 1)]
     errors = [refinement.estimated_error(limit) for limit in limits]
     assert all(error > asked for error in errors[:-1]) and (errors[-1] <= asked or len(levels) == MOST_LEVELS)
     assert lengths == sorted(lengths, reverse=True) and lengths[0] == study.mesh.refinement

@@ -72,7 +72,8 @@ def from_aside(case: Case, stand: Stand) -> Stand:
         for factor in ASIDE:
             case.progress(f"fitting with {name} from elsewhere")
             ended = _begun_at(case, stand, {name: factor * values[name]}, (1 - ANEW_SHARE) * stand.cost)
-            stand = min([stand, *([in_line(case, ended)] if ended else [])], key=lambda each: each.cost)
+            if ended is not None:
+                stand = min(stand, in_line(case, ended), key=lambda each: each.cost)
             if not _is_caught(case, stand):
                 return stand
     return stand

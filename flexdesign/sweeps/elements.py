@@ -19,7 +19,6 @@ from flexdesign.errors import InputError
 from flexdesign.fem import domain
 from flexdesign.model import Quantity, by_key
 from flexdesign.multifidelity import FastSolid
-from flexdesign.quantities.stage import of_stage
 from flexdesign.quantities.stage_handover import stage_model_of
 from flexdesign.refinement import Level
 from flexdesign.stage_model import StageModel
@@ -120,4 +119,4 @@ def _condensed(design: Design, mesh: MeshSettings) -> tuple[list[Quantity], cond
     """Return what finite elements say of a stage, on as many meshes as the accuracy takes, and the finest of these."""
     study = _study(design, mesh.model_copy(update={"accuracy": mesh.accuracy or ACCURACY}))
     levels = condensing.refined(study, design.stage().assembly(), _InMemory(Path()))
-    return condensing.gathered(levels, [by_key(of_stage(study, level.stage)) for level in levels]), levels[-1]
+    return condensing.gathered(levels), levels[-1]

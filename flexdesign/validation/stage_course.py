@@ -19,7 +19,7 @@ from flexdesign.fem.convergence import Scatter
 from flexdesign.fem.corotated import CorotatedStage, NoEquilibrium
 from flexdesign.model import Quantity, by_key
 from flexdesign.quantities import stage_shares
-from flexdesign.quantities.stage import TOLD, of_stage
+from flexdesign.quantities.stage import TOLD
 from flexdesign.quantities.stage_handover import stage_model_of
 from flexdesign.quantities.stage_modes import ModeShares, mode_shares
 from flexdesign.quantities.stage_shares import InputChain, Spring
@@ -146,16 +146,15 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     _refuse_unknown(study, assembly)
     published = read_published(study, assembly)
     levels = condensing.refined(study, assembly, cache, progress, inside=DRIVEN)
-    progress("putting the stage together")
     finest = levels[-1].stage
-    found, sizes = [by_key(of_stage(study, level.stage)) for level in levels], [level.size for level in levels]
-    limits = condensing.gathered(levels, found)
+    found, sizes = [level.found for level in levels], [level.size for level in levels]
+    limits = condensing.gathered(levels)
     driven = [
         _motions(study, level, condensing.labelled(progress, f"mesh {number} of {len(levels)}"))
         for number, level in enumerate(levels[:DRIVEN], 1)
     ]
     motions, full = driven[0]
-    moved = [here | _moved([*near, *far]) for here, (near, far) in zip(found, driven, strict=False)]
+    moved = [{**here, **_moved([*near, *far])} for here, (near, far) in zip(found, driven, strict=False)]
     told = _moved([*motions, *full])
     source = f"FEM, large displacements on the {DRIVEN} coarsest of {len(levels)} meshes, extrapolated"
     limits += [
@@ -180,7 +179,7 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
         springs=stage_shares.springs(finest),
         chains=stage_shares.input_chains(design.stage(), design.material, finest, found[-1]),
         modes=(mode_shares(finest, 0.0, TOLD), mode_shares(finest, spring, TOLD) if spring else []),
-        coarsest=found[0] | _moved(motions),
+        coarsest={**found[0], **_moved(motions)},
         variants={label: changed(moved, there, sizes[:DRIVEN], by_key(limits)) for label, there in solved.items()},
         ladder=rungs,
         stage_model=stage_model_of(design, finest, by_key(limits), _quadratic(motions, by_key(limits))),
@@ -268,7 +267,7 @@ def _variant(study: Study, label: str, cache: Cache, progress: Progress) -> list
     for power in range(study.mesh.levels - 1, study.mesh.levels - 1 - DRIVEN, -1):
         level = condensing.condensed(other, assembly, study.mesh.refinement**power, cache, inside=True, progress=say)
         motions, _ = _motions(other, level, say, full=False)
-        found.append(by_key(of_stage(other, level.stage)) | _moved(motions))
+        found.append({**level.found, **_moved(motions)})
     return found
 
 
