@@ -6,11 +6,13 @@ the end with p = 2 s = 1.089 however high the order of the elements. Before the 
 falls with a higher power, has its share, so that the order seen lies between that and about 2.
 
 Hence a bracket: extrapolations with the lowest and the highest order that theory allows for, and their middle as the
-value. Half their distance would be all of the error if meshes were refined alike everywhere. They are not: how many
-triangles meet at a root, and how many layers or elements fit, changes from mesh to mesh, and with it what a mesh leaves
-open. Over refinements of one section the error of K_in fell by factors between 1.7 and 2.5 where 2.1 is the mean; on
-forty parts (`studies.error_bars`) an estimate that left this out held no more than 4 truths of 5. Each mesh therefore
-has a `Scatter`, part of which is a share of what it leaves open, and extrapolation magnifies it.
+value. Where rounded roots leave little that is singular, three meshes may still show the smooth error's own order, 3 to
+4 with quadratic elements, and the bracket opens to what they show. Half their distance would be all of the error if
+meshes were refined alike everywhere. They are not: how many triangles meet at a root, and how many layers or elements
+fit, changes from mesh to mesh, and with it what a mesh leaves open. Over refinements of one section the error of K_in
+fell by factors between 1.7 and 2.5 where 2.1 is the mean; on forty parts (`studies.error_bars`) an estimate that left
+this out held no more than 4 truths of 5. Each mesh therefore has a `Scatter`, part of which is a share of what it
+leaves open, and extrapolation magnifies it.
 """
 
 from __future__ import annotations
@@ -23,6 +25,9 @@ from dataclasses import dataclass
 #: and that of a mixture with the smooth error. Rounding the hinge roots leaves the sharp corners elsewhere and brings
 #: the error of straight edges on round fillets, of order 2, so that the bracket is the same.
 ORDERS = (2 * 0.5444837, 2.0)
+
+#: Order of the smooth error of quadratic elements, in energies and what follows from them: no mesh shows a higher one.
+SMOOTH = 4.0
 
 
 @dataclass(frozen=True)
@@ -87,7 +92,8 @@ def extrapolate(
     sizes
         Element size of each mesh.
     orders
-        Lowest and highest order of convergence.
+        Lowest and highest order of convergence. The highest gives way to the one that three meshes show, if that is
+        higher, up to `SMOOTH`.
     scatter
         Of the values over meshes made alike.
     beside
@@ -95,17 +101,19 @@ def extrapolate(
         amplification, the regular part of their errors cancels, and its own values show little; the scatter stays, as
         each root is irregular by itself.
     """
+    # of the last step, in the extrapolation; scatter may feign a high order, which must not make its own share small
+    weight = sum(_weight(sizes[-2:], order) for order in orders) / 2
+    observed = observed_order(values[-3:], sizes[-3:]) if len(values) > 2 else math.nan
+    if observed > orders[1]:
+        orders = orders[0], min(observed, SMOOTH)
     low, high = (_pair(values[-2:], sizes[-2:], order) for order in orders)
     value = (low + high) / 2
     doubts = [abs(high - low) / 2]
-    observed = math.nan
     if len(values) == 2:
         doubts.append(abs(value - values[-1]) / 2)
     else:
         before = sum(_pair(values[-3:-1], sizes[-3:-1], order) for order in orders) / 2
         doubts.append(abs(value - before) / 4)
-        observed = observed_order(values[-3:], sizes[-3:])
-    weight = sum(_weight(sizes[-2:], order) for order in orders) / 2  # of the last step, in the extrapolation
     coarse, fine = (
         math.hypot(scatter.relative / 2 * abs(value), scatter.share * max(abs(value - found), abs(value) * other))
         for found, other in zip(values[-2:], beside[-2:] if beside else (0.0, 0.0), strict=True)
@@ -119,10 +127,11 @@ def described(scatter: Scatter) -> str:
     """Return in words how limits and their errors are found."""
     share = f" and of {100 * scatter.share:g} % of what each mesh leaves open" if scatter.share else ""
     return (
-        f"The error is taken to fall with the edge length to a power between {ORDERS[0]:.3g} and {ORDERS[1]:.3g}; the "
-        "value is the middle of the two extrapolations. The printed error is the larger of half their distance and a "
-        "quarter of what the coarser pair of meshes answers otherwise (of two meshes alone: half of what extrapolation "
-        f"changes), and, in quadrature, what a scatter of {100 * scatter.relative:g} %{share} becomes by extrapolation."
+        f"The error is taken to fall with the edge length to a power between {ORDERS[0]:.3g} and {ORDERS[1]:.3g} (or "
+        f"the higher one that three meshes show, up to {SMOOTH:g}); the value is the middle of the two extrapolations. "
+        "The printed error is the larger of half their distance and a quarter of what the coarser pair of meshes "
+        "answers otherwise (of two meshes alone: half of what extrapolation changes), and, in quadrature, what a "
+        f"scatter of {100 * scatter.relative:g} %{share} becomes by extrapolation."
     )
 
 

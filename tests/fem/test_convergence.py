@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from flexdesign.fem.convergence import ORDERS as BRACKET
-from flexdesign.fem.convergence import SCATTER, Scatter, extrapolate, observed_order
+from flexdesign.fem.convergence import SCATTER, SMOOTH, Scatter, extrapolate, observed_order
 
 ORDERS = st.floats(0.8, 4.0)
 LIMITS = st.floats(0.5, 2e6)
@@ -54,6 +54,31 @@ def test_error_bar_holds_the_truth_for_any_order_in_the_bracket(
     for count in (2, 3):
         found = extrapolate(power_law(limit, share, order, sizes)[-count:], sizes[-count:], orders)
         assert abs(found.value - limit) <= found.error * (1 + 1e-9)
+
+
+@given(LIMITS, st.floats(1e-3, 0.1), st.booleans(), st.floats(BRACKET[1], SMOOTH), SIZES)
+def test_error_bar_holds_the_truth_where_three_meshes_show_a_smooth_error(
+    limit: float, share: float, above: bool, order: float, sizes: tuple[float, ...]
+) -> None:
+    """Above the bracket, where rounded roots leave little that is singular; two meshes cannot show it."""
+    values = power_law(limit, share if above else -share, order, sizes)
+    found = extrapolate(values, sizes, BRACKET)
+    assert abs(found.value - limit) <= found.error
+    scatter = SCATTER.relative / 2 * abs(found.value)  # half the way between the two extrapolations, and no more
+    low, high = (
+        values[-1] + (values[-1] - values[-2]) / ((sizes[-2] / sizes[-1]) ** p - 1) for p in (BRACKET[0], order)
+    )
+    assert found.value == pytest.approx((low + high) / 2, rel=1e-6)
+    assert found.error > scatter
+
+
+def test_no_order_above_that_of_smooth_errors_is_believed() -> None:
+    """A step that falls by 2^6 and another that falls by 2^4 are judged alike: the sizes halve."""
+    steep, smooth = (extrapolate(power_law(1.0, 0.01, order, (4.0, 2.0, 1.0)), (4.0, 2.0, 1.0)) for order in (6.0, 4.0))
+    assert steep.observed_order == pytest.approx(6.0)
+    left = [(1 / (2 ** BRACKET[0] - 1) + 1 / (2**SMOOTH - 1)) / 2 * 0.01 * (2**order - 1) for order in (6.0, 4.0)]
+    for found, order, beyond in zip((steep, smooth), (6.0, 4.0), left, strict=True):
+        assert found.value == pytest.approx(1 + 0.01 - beyond, rel=1e-9), order
 
 
 @given(LIMITS, st.floats(0.0, 0.1), st.floats(0.0, 0.05), SIZES)
