@@ -4,12 +4,13 @@ Everything is written in the undeformed body (Bonet and Wood, Nonlinear Continuu
 2nd ed., sections 5.3 and 9.4). With G_a the gradient of the shape function of node a, and a sum over integration points
 of weight w,
 
-    F = 1 + u_a G_a^T,   E = (F^T F - 1) / 2,   S = lam tr(E) 1 + 2 mu E,
+    H = u_a G_a^T,   F = 1 + H,   E = (H + H^T + H^T H) / 2,   S = lam tr(E) 1 + 2 mu E,
     f_a = w F S G_a,
     K_ab = w [ (G_a . S G_b) 1 + lam p_a p_b^T + mu ((G_a . G_b) F F^T + p_b p_a^T) ],   p_a = F G_a.
 
-Strains in flexures are small and rotations are not: for that the material is as good as any. The four integration
-points that are exact for small displacements serve here too.
+Strains in flexures are small and rotations are not: for that the material is as good as any. Green's strain E is
+written in H, as (F^T F - 1) / 2 would lose the digits of what is small beside 1. The four integration points that are
+exact for small displacements serve here too.
 """
 
 from __future__ import annotations
@@ -66,8 +67,10 @@ class LargeDisplacement:
         lam, mu = self.body.material.lame
         moved = displacement.reshape(-1, 3)[self.body.nodes]
         shape = np.einsum("qak,eki->eqai", self._slopes, gradients, optimize=True)
-        stretch = np.eye(3) + np.einsum("eaj,eqai->eqji", moved, shape, optimize=True)
-        strain = 0.5 * (np.einsum("eqki,eqkj->eqij", stretch, stretch) - np.eye(3))
+        gradient = np.einsum("eaj,eqai->eqji", moved, shape, optimize=True)
+        strain = 0.5 * (
+            gradient + gradient.swapaxes(2, 3) + np.einsum("eqki,eqkj->eqij", gradient, gradient, optimize=True)
+        )
         trace = np.trace(strain, axis1=2, axis2=3)
         density = 0.5 * lam * trace**2 + mu * np.einsum("eqij,eqij->eq", strain, strain)
         return float(volumes @ density @ self._weights)
@@ -102,7 +105,7 @@ def _elements(
 ) -> None:
     """Fill in each element's internal forces (m, 30) and, if asked for, its tangent by pairs of nodes (m, 55, 3, 3)."""
     g, p, s = np.zeros((10, 3)), np.zeros((10, 3)), np.zeros((10, 3))
-    f, e, stress, left = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
+    h, f, e, stress, left = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
     for element in range(len(volumes)):
         for q in range(len(weights)):
             w = weights[q] * volumes[element]
@@ -113,12 +116,14 @@ def _elements(
                         g[a, i] += slopes[q, a, k] * gradients[element, k, i]
             for i in range(3):
                 for j in range(3):
-                    f[i, j] = 1.0 if i == j else 0.0
+                    h[i, j] = 0.0
                     for a in range(10):
-                        f[i, j] += moved[element, a, i] * g[a, j]
+                        h[i, j] += moved[element, a, i] * g[a, j]
+                    f[i, j] = h[i, j] + (i == j)
             for i in range(3):
                 for j in range(3):
-                    e[i, j] = 0.5 * (f[0, i] * f[0, j] + f[1, i] * f[1, j] + f[2, i] * f[2, j] - (i == j))
+                    quadratic = h[0, i] * h[0, j] + h[1, i] * h[1, j] + h[2, i] * h[2, j]
+                    e[i, j] = 0.5 * (h[i, j] + h[j, i] + quadratic)
                     left[i, j] = f[i, 0] * f[j, 0] + f[i, 1] * f[j, 1] + f[i, 2] * f[j, 2]
             trace = e[0, 0] + e[1, 1] + e[2, 2]
             for i in range(3):

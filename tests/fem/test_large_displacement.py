@@ -143,3 +143,14 @@ def test_the_way_of_an_actuator_begins_with_the_linear_answers() -> None:
     rates = 1 / path.input_stiffness
     assert path.extension[2] == pytest.approx(2e3 / 3 * (rates[0] + 4 * rates[1] + rates[2]), rel=1e-6)
     assert abs(path.extension[2] / 2 / path.extension[1] - 1) > 1e-5  # it is not linear
+
+
+def test_the_way_may_begin_with_a_force_far_below_the_last() -> None:
+    """A nanonewton moves this ring by some 1e-17 m: what is small beside the body's size keeps its digits."""
+    solid = solids.ring()
+    forces = [1e-9, 1e-6, 2e3]
+    path = stroke_path(Ring(), METAL, solid.domain, solid.mesh, forces)  # type: ignore[arg-type]
+    linear = path.force[1:3] / path.input_stiffness[0]
+    assert path.extension[1:3] == pytest.approx(linear, rel=1e-9)
+    direct = stroke_path(Ring(), METAL, solid.domain, solid.mesh, [2e3])  # type: ignore[arg-type]
+    assert path.extension[-1] == pytest.approx(direct.extension[-1], rel=1e-9)
