@@ -25,6 +25,10 @@ SLOWEST, SPACING = 0.1, 0.5
 #: A jump of the voltage is taken in pieces no longer than this [V].
 PIECE = 0.1
 
+#: What a step calls is put there before anything is compiled: arrays that are handed on are counted at every turn,
+#: which took three quarters of the time.
+inside = njit(error_model="numpy", inline="always")
+
 
 class P(IntEnum):
     """Places in the vector of parameters; SI. A place that is not set holds zero, which means: not there."""
@@ -104,7 +108,7 @@ def bouc_wen(h: float, dv: float, a: float, b: float, c: float) -> float:
     return h + a * dv - b * abs(dv) * middle - c * dv * abs(middle)
 
 
-@njit(cache=True, error_model="numpy")
+@inside
 def _loops(s: Array, v: float, rate: float, p: Array) -> None:
     """Take all loops from the voltage s[0] to v [V]; `rate` is |dv/dt| [V/s]."""
     dv = v - s[_V]
@@ -126,7 +130,7 @@ def _loops(s: Array, v: float, rate: float, p: Array) -> None:
         s[_R] = min(max(s[_R], v - r), v + r)
 
 
-@njit(cache=True, error_model="numpy")
+@inside
 def _extension(s: Array, p: Array) -> float:
     """Return the drive that the voltage and its loops make, before the actuator's own additions [m]."""
     v = s[_V]
@@ -137,7 +141,7 @@ def _extension(s: Array, p: Array) -> float:
     return d - p[_RATE_W] * (v - s[_R]) if p[_RATE_W] != 0.0 else d
 
 
-@njit(cache=True, error_model="numpy")
+@inside
 def _drive(s: Array, p: Array) -> float:
     """Return the displacement that drives the modes [m]."""
     d = _extension(s, p)
@@ -150,14 +154,14 @@ def _drive(s: Array, p: Array) -> float:
     return whole
 
 
-@njit(cache=True, error_model="numpy")
+@inside
 def _lag(y: float, begin: float, end: float, step: float, tau: float) -> float:
     """Return where y, tau y' = u - y, comes to while u goes straight from `begin` to `end`."""
     behind = (end - begin) / step * tau
     return end - behind + (y - begin + behind) * math.exp(-step / tau)
 
 
-@njit(cache=True, error_model="numpy")
+@inside
 def _amplifier(v: float, begin: float, end: float, step: float, p: Array) -> float:
     """Return the voltage after a step over which the command goes straight from `begin` to `end` [V]."""
     if p[_DRIVER_LAG] > 0.0:
@@ -169,12 +173,12 @@ def _amplifier(v: float, begin: float, end: float, step: float, p: Array) -> flo
     return v
 
 
-@njit(cache=True, error_model="numpy")
+@inside
 def _limited(v: float, p: Array) -> float:
     return min(max(v, -p[_LEVEL]), p[_LEVEL]) if p[_LEVEL] > 0.0 else v
 
 
-@njit(cache=True, error_model="numpy")
+@inside
 def _bristle(m: Array, x: float, p: Array) -> float:
     """Return the bristle's deflection at x: Dahl's z' = x' - |x'| z / presliding depends on the path alone [m].
 
@@ -184,7 +188,7 @@ def _bristle(m: Array, x: float, p: Array) -> float:
     return end + (m[_BRISTLE] - end) * math.exp(-abs(x - m[_FROM]) / p[_PRESLIDING])
 
 
-@njit(cache=True, error_model="numpy")
+@inside
 def _force(x: float, velocity: float, m: Array, p: Array) -> float:
     """Return the sum of forces over the stiffness [m].
 
@@ -204,7 +208,7 @@ def _force(x: float, velocity: float, m: Array, p: Array) -> float:
     return f - p[_DRAG] * velocity * abs(velocity)
 
 
-@njit(cache=True, error_model="numpy")
+@inside
 def _rates(m: Array, drive: float, p: Array, out: Array) -> None:
     x, velocity = m[0] + m[2], m[1] + m[3]
     total = drive + _force(x, velocity, m, p)
@@ -226,7 +230,7 @@ def _active(p: Array) -> int:
     return 4 if p[_SHARE] != 0.0 else 2
 
 
-@njit(cache=True, error_model="numpy")
+@inside
 def _step(m: Array, d: Array, step: float, p: Array, k: Array, trial: Array, active: int) -> None:
     """Take the mechanics over a step by the classical fourth-order rule; d at start, middle and end."""
     _rates(m, d[0], p, k[0])
