@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -57,17 +58,32 @@ def step(a: Array, b: Array, length: float, until: float = 1.0) -> Step:
     return Step(exponential[:n, :n], exponential[:n, n:] @ to_monomials @ _PARABOLA)
 
 
+@njit(cache=True, error_model="numpy")
 def _exponential(matrix: Array) -> Array:
     """Return the exponential of a small matrix: Taylor's series of a fraction of it, squared up.
 
-    A fit asks for thousands of them, 5 x 5; SciPy's takes a hundred times as long where BLAS has several threads.
+    A fit asks for tens of thousands of them, 5 x 5, where each call of NumPy costs more than the arithmetic.
     """
-    halvings = max(0, math.ceil(math.log2(max(float(np.abs(matrix).sum(axis=1).max()), 1e-300))) + 1)
+    norm = np.abs(matrix).sum(axis=1).max()
+    halvings = max(0, math.ceil(math.log2(max(norm, 1e-300))) + 1)
     part = matrix / 2.0**halvings
-    total = term = np.eye(len(matrix))
+    total = np.eye(len(matrix))
+    term = total
     for k in range(1, 16):  # 0.5^16 / 16! is below rounding
-        term = term @ part / k
+        term = _product(term, part) / k
         total = total + term
     for _ in range(halvings):
-        total = total @ total
+        total = _product(total, total)
     return total
+
+
+@njit(cache=True, error_model="numpy")
+def _product(a: Array, b: Array) -> Array:
+    """Return the product of two square matrices; in loops, as BLAS is for large ones."""
+    n = len(a)
+    found = np.zeros((n, n))
+    for i in range(n):
+        for k in range(n):
+            for j in range(n):
+                found[i, j] += a[i, k] * b[k, j]
+    return found

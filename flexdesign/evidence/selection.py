@@ -115,16 +115,22 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     screening = Screening(stand.solution, left, case.coarse)
     needed, strained = SURE * screening.chance(case.drawn(stand)), _is_strained(case, stand)
 
-    def tried(beginnings: Sequence[tuple[Direction, ...]]) -> list[Trial]:
+    def tried(beginnings: Sequence[tuple[Direction, ...]], reached: float = 0.0) -> list[Trial]:
         attempts = list[tuple[tuple[str, ...], Stand]]()
         for beginning in beginnings:
             names = _names(beginning)
             case.progress(f"trying {' and '.join((*stand.names, *names))}")
             if (made := _extended(case, stand, beginning, is_strained=strained)) is not None:
                 attempts.append((names, made))
-        return [_trial(case, stand, made, names, needed) for names, made in _refined(case, stand, attempts)]
+        refined = _refined(case, stand, attempts, reached)
+        return [_trial(case, stand, made, names, needed) for names, made in refined]
 
-    trials = tried(_shortlist(screening, max(needed * stand.scale, case.least), is_strained=strained))
+    enough = max(needed * stand.scale, case.least)
+    trials = tried(_shortlist(screening, enough, is_strained=strained))
+    best = _best(trials)
+    # Where one explains all but noise, or there was no more from the start, two have nothing to tell apart.
+    if case.least > 0.0 or _leaves_more_than_noise(stand if best is None else best.stand):
+        trials += tried(_pairs(screening, enough), 0.0 if best is None else best.gain)
     done = {trial.names for trial in trials}
     if (best := _best(trials)) is not None:
         trials += tried(_look_alikes(screening, best, done))
@@ -224,14 +230,14 @@ def _ended(case: Case, before: Stand, trial: Trial, values: Mapping[str, float] 
 
 
 def _refined(
-    case: Case, before: Stand, attempts: Sequence[tuple[tuple[str, ...], Stand]]
+    case: Case, before: Stand, attempts: Sequence[tuple[tuple[str, ...], Stand]], reached: float
 ) -> Iterator[tuple[tuple[str, ...], Stand]]:
-    """Yield the best attempt of each candidate, those within reach of the best of all fitted further."""
+    """Yield the best attempt of each candidate, fitted further if within reach of the best, or of what was reached."""
     best: dict[tuple[str, ...], Stand] = {}
     for names, made in attempts:
         if names not in best or made.cost < best[names].cost:
             best[names] = made
-    most = max((before.cost - made.cost for made in best.values()), default=0.0)
+    most = max([reached, *(before.cost - made.cost for made in best.values())])
     for names, made in best.items():
         if before.cost - made.cost < WITHIN_REACH * most:
             yield names, made
@@ -301,7 +307,7 @@ def _is_strained(case: Case, stand: Stand) -> bool:
 
 
 def _shortlist(screening: Screening, needed: float, *, is_strained: bool) -> list[tuple[Direction, ...]]:
-    """Return from where fits begin: the best trials of each candidate, and of pairs."""
+    """Return from where fits begin: the best trials of each candidate."""
     found: list[tuple[Direction, ...]] = []
     best = screening.best()
     # Where the model's own numbers made up for what it lacks, promises say little.
@@ -310,9 +316,14 @@ def _shortlist(screening: Screening, needed: float, *, is_strained: bool) -> lis
             break
         enough = max(0.5 * needed, SECOND_BEST * directions[0].drop)
         found += [(direction,) for direction in directions[:BEGINNINGS] if direction.drop > enough]
-    most = best[0][0].drop if best else 0.0
-    found += [(a, b) for promise, a, b in screening.pairs(PAIRS) if promise > most + needed]
     return found
+
+
+def _pairs(screening: Screening, needed: float) -> list[tuple[Direction, ...]]:
+    """Return from where fits with two candidates begin: where both promise that much more than the best one alone."""
+    best = screening.best()
+    most = best[0][0].drop if best else 0.0
+    return [(a, b) for promise, a, b in screening.pairs(PAIRS) if promise > most + needed]
 
 
 def _extended(case: Case, stand: Stand, beginning: Sequence[Direction], *, is_strained: bool) -> Stand | None:
