@@ -18,6 +18,7 @@ from flexdesign.errors import InputError
 from flexdesign.fem import domain, superelement
 from flexdesign.fem.assembled import AssembledStage
 from flexdesign.fem.convergence import SCATTER, Scatter
+from flexdesign.fem.domain import Domain
 from flexdesign.fem.elasticity import Elasticity
 from flexdesign.fem.gate import HingeCheck
 from flexdesign.fem.mesh import MeshError
@@ -74,6 +75,25 @@ class Kind:
 
 
 @dataclass(frozen=True)
+class Drawn:
+    """One kind of part as it is drawn, which no mesh changes.
+
+    Parameters
+    ----------
+    piece
+        Its shape.
+    body
+        The domain that is meshed.
+    elements
+        Names of those in the stage that are one.
+    """
+
+    piece: Piece
+    body: Domain
+    elements: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class StageLevel:
     """All parts of a stage on meshes of one coarseness.
 
@@ -105,9 +125,26 @@ class StageLevel:
         return sum(kind.seconds for kind in self.kinds)
 
 
+def drawn(assembly: Assembly, progress: Progress = lambda _: None) -> list[Drawn]:
+    """Build the solid of every kind of part of a stage.
+
+    Raises
+    ------
+    InputError
+        If a solid cannot be used.
+    """
+    found = []
+    for piece, elements in assembly.kinds():
+        progress(f"{type(piece).__name__}: building the solid")
+        body = domain.of_part(piece, chord=domain.chord(piece))
+        found.append(Drawn(piece, body, tuple(element.name for element in elements)))
+    return found
+
+
 def condensed(
     study: Study,
     assembly: Assembly,
+    kinds: Sequence[Drawn],
     coarseness: float,
     cache: Cache,
     *,
@@ -122,6 +159,8 @@ def condensed(
         How to mesh, and of what the design is made.
     assembly
         The stage.
+    kinds
+        Its parts, each kind once; see `drawn`.
     coarseness
         1 for the finest mesh.
     cache
@@ -136,16 +175,16 @@ def condensed(
     InputError
         If a part, or its mesh, cannot be used, or memory does not suffice.
     """
-    kinds, sizes = [], []
+    made, sizes = [], []
     by_element: dict[str, Superelement] = {}
-    for piece, elements in assembly.kinds():
-        kind, size = _kind(study, piece, len(elements), coarseness, cache, inside, progress)
-        kinds.append(kind)
+    for kind in kinds:
+        one, size = _kind(study, kind, coarseness, cache, inside, progress)
+        made.append(one)
         sizes.append(size)
-        by_element |= {element.name: kind.part for element in elements}
+        by_element |= dict.fromkeys(kind.elements, one.part)
     progress("putting the stage together")
     stage = AssembledStage(assembly, by_element, study.design.material.density)
-    return StageLevel(sizes[0], tuple(kinds), stage, by_key(of_stage(study, stage)))
+    return StageLevel(sizes[0], tuple(made), stage, by_key(of_stage(study, stage)))
 
 
 def refined(
@@ -156,11 +195,11 @@ def refined(
     The coarsest `inside` keep what goes on inside. What is raised is what `condensed` raises.
     """
     asked, count = study.mesh.accuracy, study.mesh.levels
-    levels: list[StageLevel] = []
+    kinds, levels = drawn(assembly, progress), list[StageLevel]()
     for number in range(1, (MOST_LEVELS if asked else count) + 1):
         coarseness, words = study.mesh.refinement ** (count - number), f"mesh {number}" + f" of {count}" * (not asked)
         say = labelled(progress, words)
-        levels.append(condensed(study, assembly, coarseness, cache, inside=number <= inside, progress=say))
+        levels.append(condensed(study, assembly, kinds, coarseness, cache, inside=number <= inside, progress=say))
         if asked and number > 1 and refinement.is_reached(asked, gathered(levels), progress):
             break
     return levels
@@ -184,9 +223,10 @@ def labelled(progress: Progress, label: str) -> Progress:
 
 
 def _kind(
-    study: Study, piece: Piece, elements: int, coarseness: float, cache: Cache, inside: bool, progress: Progress
+    study: Study, kind: Drawn, coarseness: float, cache: Cache, inside: bool, progress: Progress
 ) -> tuple[Kind, float]:
     """Return a kind of part, and the edge length at its hinge roots [m]."""
+    piece, body = kind.piece, kind.body
     began, name, file = perf_counter(), type(piece).__name__, parts.file_of(type(piece))
     material = study.design.material
     if material.crystal is not None:
@@ -197,8 +237,6 @@ def _kind(
     def say(text: str) -> None:
         progress(f"{name}: {text}")
 
-    say("building the solid")
-    body = domain.of_part(piece, chord=domain.chord(piece))
     method = refinement.method_of(study, piece, body)
     modes = MODES if any(port.role == "input" for port in piece.ports()) else HINGE_MODES
     try:
@@ -223,5 +261,5 @@ def _kind(
     except NotEnoughMemory as error:
         raise InputError(file, "mesh", None, f"{error}; ask for a coarser mesh: mesh.levels, mesh.at_root") from error
     part = found.made_of(material)
-    kind = Kind(name, method.name, elements, part, body.copies, hinges, seconds, cached=stored is not None)
-    return kind, method.size(mesh, coarseness)
+    count, cached = len(kind.elements), stored is not None
+    return Kind(name, method.name, count, part, body.copies, hinges, seconds, cached), method.size(mesh, coarseness)
