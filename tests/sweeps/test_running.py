@@ -116,12 +116,12 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(study: Path, tmp_path: Path
 
 
 def test_ctrl_c_keeps_what_is_done_and_says_so(study: Path, tmp_path: Path) -> None:
-    out, many = tmp_path / "out", 10 * CASES
+    out, many = tmp_path / "out", 100 * CASES  # some seconds of work: this process may have to wait its turn
     process = started(command(study, out, "--jobs", "1", "--set", f"sample.count={many}"), tmp_path)
     wait_for(lambda: kept(out) > 0)
     os.killpg(process.pid, signal.SIGINT)
     _, said = process.communicate(timeout=30)
-    assert process.returncode == 130
+    assert process.returncode == 130, said
     assert "interrupted" in said and "Traceback" not in said
     assert 0 < kept(out) < many
 
