@@ -125,14 +125,18 @@ class StageLevel:
         return sum(kind.seconds for kind in self.kinds)
 
 
-def drawn(assembly: Assembly, progress: Progress = lambda _: None) -> list[Drawn]:
+def drawn(study: Study, assembly: Assembly, progress: Progress = lambda _: None) -> list[Drawn]:
     """Build the solid of every kind of part of a stage.
 
     Raises
     ------
     InputError
-        If a solid cannot be used.
+        If the material or a solid cannot be used.
     """
+    material = study.design.material
+    if material.crystal is not None:
+        remedy = "is a crystal, and parts lie in a stage in several directions; choose an isotropic material"
+        raise InputError(study.design.file, "material", material.name, remedy)
     found = []
     for piece, elements in assembly.kinds():
         progress(f"{type(piece).__name__}: building the solid")
@@ -195,7 +199,7 @@ def refined(
     The coarsest `inside` keep what goes on inside. What is raised is what `condensed` raises.
     """
     asked, count = study.mesh.accuracy, study.mesh.levels
-    kinds, levels = drawn(assembly, progress), list[StageLevel]()
+    kinds, levels = drawn(study, assembly, progress), list[StageLevel]()
     for number in range(1, (MOST_LEVELS if asked else count) + 1):
         coarseness, words = study.mesh.refinement ** (count - number), f"mesh {number}" + f" of {count}" * (not asked)
         say = labelled(progress, words)
@@ -229,9 +233,6 @@ def _kind(
     piece, body = kind.piece, kind.body
     began, name, file = perf_counter(), type(piece).__name__, parts.file_of(type(piece))
     material = study.design.material
-    if material.crystal is not None:
-        remedy = "is a crystal, and parts lie in a stage in several directions; choose an isotropic material"
-        raise InputError(study.design.file, "material", material.name, remedy)
     unit = Material("unit", UNIT_MODULUS, material.poissons_ratio, UNIT_DENSITY, None)
 
     def say(text: str) -> None:

@@ -264,7 +264,7 @@ def _variant(study: Study, label: str, cache: Cache, progress: Progress) -> list
     design = study.variants[label]
     other, found = replace(study, design=design), []
     assembly, say = design.stage().assembly(), condensing.labelled(progress, f"variant {label}")
-    kinds = condensing.drawn(assembly, say)
+    kinds = condensing.drawn(other, assembly, say)
     for power in range(study.mesh.levels - 1, study.mesh.levels - 1 - DRIVEN, -1):
         coarseness = study.mesh.refinement**power
         level = condensing.condensed(other, assembly, kinds, coarseness, cache, inside=True, progress=say)
