@@ -90,7 +90,10 @@ def refined(
     refused: InputError | None = None
     for power in range(study.mesh.levels - 1, omit - 1 - finest, -1):
         try:
-            levels.append(_level(study, part, body, method, study.mesh.refinement**power, cache, progress))
+            coarseness = study.mesh.refinement**power
+            # Lateral motions and modes converge sooner: with three meshes the finest goes without them.
+            whole = coarseness > 1.0 or len(levels) < 2
+            levels.append(_level(study, part, body, method, coarseness, cache, progress, all_classes=whole))
         except InputError as error:
             if not isinstance(error.__cause__, MeshError):
                 raise
@@ -125,6 +128,8 @@ def _level(
     coarseness: float,
     cache: Cache,
     progress: Progress,
+    *,
+    all_classes: bool,
 ) -> Level:
     design = study.design
     began = perf_counter()
@@ -133,8 +138,6 @@ def _level(
     except MeshError as error:
         raise InputError(design.file, "mesh", None, str(error)) from error
     actuator = design.actuator.installed_stiffness if design.actuator else 0.0
-    # Lateral motions and modes converge sooner: with three meshes the finest goes without them.
-    all_classes = coarseness > 1.0 or study.mesh.levels == 2
     count = study.modes.count if all_classes else 0
     material = design.material
     key = content_key(

@@ -21,27 +21,36 @@ SIZES = (2e-5, 1e-5)
 
 def refined(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, refused: set[int], cause: Exception
-) -> tuple[list[Any], list[str]]:
-    """Return the levels of a study of three meshes, of which some are refused, and what was said."""
+) -> tuple[list[Any], list[str], list[bool]]:
+    """Return the levels of a study of three meshes, some of them refused, what was said, and which are whole."""
     tried: list[float] = []
     said: list[str] = []
+    whole: list[bool] = []
 
-    def level(*arguments: Any) -> Any:
+    def level(*arguments: Any, all_classes: bool) -> Any:
         tried.append(arguments[4])
         if len(tried) - 1 in refused:
             raise InputError("part.toml", "mesh", None, f"mesh {len(tried)} is too coarse") from cause
+        whole.append(all_classes)
         return arguments[4]
 
     monkeypatch.setattr(refinement, "_level", level)
     nothing: Any = None
     asked = study.read("bridge_amplifier")
-    return refinement.refined(asked, nothing, nothing, nothing, Cache(tmp_path), said.append), said
+    return refinement.refined(asked, nothing, nothing, nothing, Cache(tmp_path), said.append), said, whole
 
 
 def test_a_mesh_that_cannot_be_used_is_passed_over(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    levels, said = refined(monkeypatch, tmp_path, {0}, MeshError("off"))
+    levels, said, whole = refined(monkeypatch, tmp_path, {0}, MeshError("off"))
     assert levels == [pytest.approx(1.35), 1.0]
     assert said == ["passing over this mesh: mesh 1 is too coarse"]
+    assert whole == [True, True]  # two meshes must know what is extrapolated
+
+
+def test_the_finest_of_three_meshes_goes_without_lateral_motions(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    assert refined(monkeypatch, tmp_path, set(), MeshError("off"))[2] == [True, True, False]
 
 
 @pytest.mark.parametrize(("refused", "cause"), [({0, 2}, MeshError("off")), ({1}, MemoryError())])
