@@ -42,7 +42,7 @@ from flexdesign.evidence.caught import ANEW_SHARE, in_line, walked
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import MOST, Step, backward, forward
-from flexdesign.evidence.stand import Stand, calibrated, finished, fitted
+from flexdesign.evidence.stand import CALIBRATION_SHARE, Stand, calibrated, finished, fitted
 from flexdesign.evidence.suite import Suite
 from flexdesign.identification import HYSTERESIS, LINEAR
 from flexdesign.model import Model
@@ -260,7 +260,7 @@ def search(
     Which effects are tried, and at what values, may follow from what calibration leaves: `catalogue` tells.
     """
     case.progress("predicting with the model as it is")
-    designed = fitted(replace(case, free=(), believed=BELIEVED), dynamics, (), {})
+    designed = fitted(replace(case, free=(), believed=BELIEVED), dynamics, (), {}, share=CALIBRATION_SHARE, exact=False)
     case.progress("calibrating")
     stand, agreed = calibrated(case, in_tune(case, in_time(case, dynamics)), seed=seed)
     if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers

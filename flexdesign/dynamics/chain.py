@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -64,8 +65,12 @@ class AxisChain:
 
     def blocks(self, *sockets: Socket) -> list[tuple[Block, Values]]:
         """Return the blocks of some sockets with their values, by name of their effect."""
+        return [each for each in self._blocks if each[0].socket in sockets]
+
+    @cached_property
+    def _blocks(self) -> list[tuple[Block, Values]]:
         faces = ((face, values) for effect, values in self.acting for face in effect.faces)
-        return [(face, values) for face, values in faces if isinstance(face, Block) and face.socket in sockets]
+        return [(face, values) for face, values in faces if isinstance(face, Block)]
 
     def disturbance(
         self, time: NDArray[np.float64], recorded: Mapping[str, NDArray[np.float64]] | None = None
@@ -141,13 +146,13 @@ def program(
     keep = Keeper()
     shares, steps, lengths, late = _division(period, substeps, delay)
     builder = _Moves(keep, lengths)
-    command, voltage, drive = np.array([builder.upstream(axis) for axis in axes]).T
+    command, voltage, drive = zip(*(builder.upstream(axis) for axis in axes), strict=True)
     upstream = len(builder.moves)
     motion = [builder.slot() for _ in axes]
     reading = [builder.sensor(axis, place) for axis, place in zip(axes, motion, strict=True)]
-    signals = keep.reals(np.zeros(3 * builder.slots))
+    signals = keep.reals([0.0] * (3 * builder.slots))
     modes = [mode for axis in axes for mode in axis.modes]
-    return Program(
+    laid_out = Program(
         Timing(len(shares), keep.reals(shares), keep.reals(lengths), keep.ints(steps), late, is_linear),
         Layout(keep.ints(command), keep.ints(voltage), keep.ints(drive), keep.ints(motion), keep.ints(reading)),
         _ticks(keep, [_block_ticks(axis, Socket.COMMAND, period) for axis in axes]),
@@ -155,14 +160,16 @@ def program(
         _forces(keep, axes, lengths[0]),
         Modes(
             len(modes),
-            keep.ints(np.cumsum([0, *(len(axis.modes) for axis in axes)])),
+            keep.ints(list(accumulate((len(axis.modes) for axis in axes), initial=0))),
             keep.reals([number for step in lengths for mode in modes for number in _passage(mode, step)]),
         ),
         _ticks(keep, [_block_ticks(axis, Socket.SENSOR, period) for axis in axes]),
         _ticks(keep, [_control_ticks(controllers.get(axis.name, ()), every * period) for axis in axes]),
-        State(signals, *(keep.reals(np.zeros(2 * count)) for count in (len(modes), len(axes), len(axes)))),
+        State(signals, *(keep.reals([0.0] * (2 * count)) for count in (len(modes), len(axes), len(axes)))),
         keep.kept,
     )
+    keep.fill()
+    return laid_out
 
 
 def number_of_steps(period: float, substeps: int, delay: float) -> list[int]:
@@ -193,7 +200,7 @@ def _passage(mode: Oscillator, step: float) -> tuple[float, ...]:
 
 
 class Keeper:
-    """Keeps numbers and gives their addresses; most fit into two arrays, as making one costs more than filling it."""
+    """Keeps numbers and gives their addresses; most fit into two arrays, filled in one go when all are there."""
 
     def __init__(self) -> None:
         self.kept: list[NDArray[Any]] = []
@@ -207,25 +214,35 @@ class Keeper:
         """Keep whole numbers; return their address."""
         return self._ints.keep(numbers)
 
+    def fill(self) -> None:
+        """Put what was kept where its addresses point to."""
+        self._reals.fill()
+        self._ints.fill()
+
 
 class _Room:
     """An array that is filled from its beginning; what does not fit gets an array of its own."""
 
     def __init__(self, array: NDArray[Any], kept: list[NDArray[Any]]) -> None:
-        self.array, self.kept, self.used, self.address = array, kept, 0, int(array.ctypes.data)
+        self.array, self.kept, self.address = array, kept, int(array.ctypes.data)
+        self.numbers: list[float] = []
         kept.append(array)
 
     def keep(self, numbers: Sequence[float] | NDArray[Any]) -> int:
         """Put numbers and a zero behind them into the array; return their address."""
-        first, last = self.used, self.used + len(numbers)
-        if last < len(self.array):
-            self.array[first:last] = numbers
-            self.used = last + 1
+        first = len(self.numbers)
+        if first + len(numbers) < len(self.array):
+            self.numbers += numbers.tolist() if isinstance(numbers, np.ndarray) else numbers
+            self.numbers.append(0)
             return self.address + self.array.itemsize * first
         own = np.zeros(len(numbers) + 1, dtype=self.array.dtype)
         own[:-1] = numbers
         self.kept.append(own)
         return int(own.ctypes.data)
+
+    def fill(self) -> None:
+        """Put the numbers into the array."""
+        self.array[: len(self.numbers)] = self.numbers
 
 
 class _Moves:
@@ -286,25 +303,23 @@ class _Moves:
         """Return the moves as addresses."""
         columns = zip(*self.moves, strict=True) if self.moves else ((),) * 6
         hooks, paths, outs, states, bases, constants = columns
-        path, out = np.array(paths, dtype=np.int64), np.array(outs, dtype=np.int64)
         ints, reals = self.keep.ints, self.keep.reals
-        rows = np.array(constants, dtype=np.int64).T.ravel()
-        places = (ints(path), ints(out))
+        places = (ints(paths), ints(outs))
         return Moves(
-            len(path),
+            len(paths),
             upstream,
             ints(hooks),
-            ints(signals + 8 * path),
-            ints(signals + 8 * out),
+            ints([signals + 8 * path for path in paths]),
+            ints([signals + 8 * out for out in outs]),
             ints(states),
-            ints(rows),
+            ints([address for row in zip(*constants, strict=True) for address in row]),
             *places,
             reals(bases),
         )
 
 
 def _state(keep: Keeper, block: Block) -> int:
-    return keep.reals(np.zeros(len(block.states) + block.memory))
+    return keep.reals([0.0] * (len(block.states) + block.memory))
 
 
 def _forces(keep: Keeper, axes: Sequence[AxisChain], step: float) -> Forces:
@@ -320,7 +335,7 @@ def _forces(keep: Keeper, axes: Sequence[AxisChain], step: float) -> Forces:
             if kind == "flow":
                 by_path.append(len(hooks))
         first.append(len(hooks))
-    rooms = (keep.reals(np.zeros(count * place[-1])) for count in (1, 1, 4))
+    rooms = (keep.reals([0.0] * (count * place[-1])) for count in (1, 1, 4))
     return Forces(place[-1], *(keep.ints(numbers) for numbers in (first, hooks, by_path, place, constants)), *rooms)
 
 
@@ -342,5 +357,5 @@ def _control_ticks(controllers: Sequence[Controller], period: float) -> list[Tic
 
 def _ticks(keep: Keeper, by_axis: Sequence[Sequence[Tick]]) -> Ticks:
     flat = [tick for ticks in by_axis for tick in ticks]
-    entries = [number for hook, states, c in flat for number in (hook, keep.reals(np.zeros(states)), keep.reals(c))]
-    return Ticks(keep.ints(np.cumsum([0, *map(len, by_axis)])), keep.ints(entries))
+    entries = [number for hook, states, c in flat for number in (hook, keep.reals([0.0] * states), keep.reals(c))]
+    return Ticks(keep.ints(list(accumulate(map(len, by_axis), initial=0))), keep.ints(entries))

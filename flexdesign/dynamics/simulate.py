@@ -252,10 +252,10 @@ class _Inputs:
         self.given = self._finer([loop.command for loop in self.ordered])
         self.reference = self._finer([self._reference(loop) for loop in self.ordered])
         self.count = self.given.shape[1]
-        generator = np.random.default_rng(seed)
         sizes = np.array([[stage.noise.get(name, 0.0)] for name in names])
-        shape = (len(names), self.count)
-        self.noise = sizes * generator.standard_normal(shape) if sizes.any() else np.zeros(shape)
+        self.noise = np.zeros((len(names), self.count))
+        if sizes.any():
+            self.noise += sizes * np.random.default_rng(seed).standard_normal(self.noise.shape)
         self._disturb(disturbances)
         limits = [stage.limits.get(name, (-math.inf, math.inf)) for name in names]
         self.limits = np.array(limits, dtype=np.float64)
@@ -322,7 +322,10 @@ class _Inputs:
         )
         linear = np.eye(axes) if stage.coupling is None else stage.coupling
         quadratic = np.zeros((axes, axes)) if stage.quadratic_coupling is None else stage.quadratic_coupling
+        coupling = Coupling(keep.reals(np.ravel(linear)), keep.reals(np.ravel(quadratic)))
         record = np.empty((6, axes, self.count))  # what the engine fills in is all that is read
+        first, size = record.ctypes.data, record.strides[0]
+        keep.fill()
         done = engine.run(
             inputs,
             laid_out.timing,
@@ -331,12 +334,12 @@ class _Inputs:
             laid_out.moves,
             laid_out.forces,
             laid_out.modes,
-            Coupling(keep.reals(np.ravel(linear)), keep.reals(np.ravel(quadratic))),
+            coupling,
             laid_out.sensor_ticks,
             laid_out.controllers,
             laid_out.state,
             self._bound(),
-            Record(*(array.ctypes.data for array in record)),
+            Record(*(first + size * i for i in range(len(record)))),
         )
         command, cut, voltage, drive, motion, reading = record[:, :, :done]
         time = self.period * np.arange(done, dtype=np.float64)

@@ -200,7 +200,7 @@ class Coloured:
         if len(present) != len(residual) or present.shape[1] not in (1, residual.shape[1]):
             remedy = f"the residual is shaped {residual.shape}, measured are {present.shape}; give samples by channels"
             raise InputError("fit", observation.name, None, remedy)
-        if np.all(present == present[:, :1]):
+        if present.shape[1] == 1 or np.all(present == present[:, :1]):
             return process.whiten(residual, present[:, 0])
         pairs = zip(residual.T, present.T, strict=True)
         return np.column_stack([process.whiten(column[:, None], there) for column, there in pairs])
@@ -212,6 +212,8 @@ def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     >>> stretches(np.array([True, True, False, True]))
     [(0, 2), (3, 4)]
     """
+    if flags.all():
+        return [(0, len(flags))] if len(flags) else []
     edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0)).tolist()
     return list(zip(edges[::2], edges[1::2], strict=True))
 

@@ -17,6 +17,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ from flexdesign.evidence.marquardt import Solution
 from flexdesign.model import Model
 
 Array = NDArray[np.float64]
+#: Where in the grid of its hidden constants a candidate is tried.
+Place = tuple[int, ...]
 #: An effect of which the free numbers leave less than this, in squares, is one that they can imitate.
 OWN = 1e-8
 #: A move smaller than this, in shares of the data, is rounding.
@@ -36,6 +39,8 @@ FARTHEST = 300.0
 #: A move larger than this, in standard deviations of the noise, is made smaller where the free numbers imitate it and
 #: leave less than this share of its square.
 LARGE, IMITATED = 3.0, 0.2
+#: A move is straight in its strength that bends by less than this share of what the free numbers leave of it.
+BENT = 0.01
 #: Draws of chance, and the share of them above which a promise is more than chance.
 DRAWS, LEVEL = 4000, 0.01
 
@@ -75,6 +80,18 @@ class Candidate:
     signed: bool = False
     is_limit: bool = False
     like: tuple[str, ...] = ()
+
+    @cached_property
+    def grid(self) -> dict[Place, Mapping[str, float]]:
+        """The trials by their places: for each number that has several values the rank of the one tried."""
+        axes = {name: sorted({values[name] for values in self.trials}) for name in self.trials[0]}
+        several = [(name, axis) for name, axis in axes.items() if len(axis) > 1]
+        return {tuple(axis.index(values[name]) for name, axis in several): values for values in self.trials}
+
+    @property
+    def scattered(self) -> list[Place]:
+        """Places that are tried first: every other one of a grid in two or more numbers, as on a chessboard."""
+        return [place for place in self.grid if len(place) < 2 or sum(place) % 2 == 0]
 
     @property
     def hidden(self) -> tuple[str, ...]:
@@ -130,6 +147,16 @@ class Direction:
         return max(self.promise * self.amount - float(more), 0.0)
 
 
+def _between(candidate: Candidate, made: Mapping[tuple[str, Place], float]) -> list[Place]:
+    """Return the places of a candidate next to the one that promised most, which none of the first trials was at."""
+    first = [place for place in candidate.scattered if made.get((candidate.name, place), 0.0) > 0]
+    if not first:
+        return []
+    best = max(first, key=lambda place: made[candidate.name, place])
+    left = set(candidate.grid) - set(candidate.scattered)
+    return sorted(place for place in left if sum(abs(a - b) for a, b in zip(place, best, strict=True)) == 1)
+
+
 class Screening:
     """The directions of all candidates at a solution.
 
@@ -155,9 +182,16 @@ class Screening:
         self.inverse = solution.covariance
         self.residual = np.concatenate(solution.residuals)
         self.here = [np.asarray(self.model.predict(record.observation)) for record in problem.suite.records]
-        trials = [(candidate, values) for candidate in candidates for values in candidate.trials]
-        found = problem.each(lambda trial: self._tried(*trial), trials)
-        self.directions = [direction for direction in found if direction is not None]
+        self.directions = list[Direction]()
+        made = self._directions([(candidate, place) for candidate in candidates for place in candidate.scattered])
+        self._directions([(candidate, place) for candidate in candidates for place in _between(candidate, made)])
+
+    def _directions(self, trials: Sequence[tuple[Candidate, Place]]) -> dict[tuple[str, Place], float]:
+        """Try candidates at places of their grids, keep the directions, and return what each promises."""
+        found = self.solution.problem.each(lambda trial: self._tried(trial[0], trial[0].grid[trial[1]]), trials)
+        made = {trial: direction for trial, direction in zip(trials, found, strict=True) if direction is not None}
+        self.directions += made.values()
+        return {(candidate.name, place): direction.drop for (candidate, place), direction in made.items()}
 
     def _tried(self, candidate: Candidate, values: Mapping[str, float], small: bool = False) -> Direction | None:
         try:
@@ -176,10 +210,22 @@ class Screening:
             # What the free numbers imitate is taken out to first order: for that the move must be small.
             less = {**values, candidate.strength: values[candidate.strength] * LARGE / size}
             found = self._direction(candidate, values, whole)
-            if found is None or found.own < IMITATED * float(whole @ whole):
-                return self._tried(candidate, less, small=True)
-            return found
+            if found is not None and found.own >= IMITATED * float(whole @ whole):
+                return found
+            if found is not None and self._is_straight(model.replace(less), move, LARGE / size, found.own):
+                return found  # a smaller move says the same
+            return self._tried(candidate, less, small=True)
         return self._direction(candidate, values, whole)
+
+    def _is_straight(self, model: Model, move: Sequence[Array], share: float, own: float) -> bool:
+        """Tell whether a share of the strength makes that share of a move, by the record that it moves most."""
+        suite, k = self.solution.problem.suite, int(np.argmax([part @ part for part in move]))
+        record = suite.records[k]
+        moved = np.asarray(model.predict(record.observation)) - self.here[k]
+        if not np.isfinite(moved).all():
+            return False
+        bent = suite.whitened(record, np.where(record.present, moved, 0.0)) - share * move[k]
+        return float(bent @ bent) < BENT**2 * share**2 * own
 
     def _move(self, model: Model) -> list[Array] | None:
         suite, moves = self.solution.problem.suite, []

@@ -132,6 +132,45 @@ def solution(model: Sum, observed: Sequence[Run], of: Whitening, **known: tuple[
     return found
 
 
+# --- what is tried --------------------------------------------------------------------------------------------------
+
+
+def bump(v: Mapping[str, float], run: Any) -> Array:
+    """A strength times a bell in time."""
+    return np.asarray(v["x"] * np.exp(-(((run.t - v["middle"]) / v["width"]) ** 2)))
+
+
+@pytest.mark.parametrize("hidden", [(i, j) for i in range(5) for j in range(4)])
+def test_a_grid_in_two_numbers_is_tried_as_on_a_chessboard_and_then_beside_the_best(hidden: tuple[int, int]) -> None:
+    middles, widths = (0.1, 0.3, 0.5, 0.7, 0.9), (0.1, 0.15, 0.2, 0.3)
+    numbers = (strength("x"), strength("middle", 0.5), strength("width", 0.2))
+    trials = tuple({"x": 0.01, "middle": m, "width": w} for m in middles for w in widths)
+    wanted = Candidate("x", lambda model: _sum(model).plus(bump, *numbers), "x", ("x", "middle", "width"), trials)
+    truth = {"x": 1.0, "middle": middles[hidden[0]], "width": widths[hidden[1]]}
+    observed = runs(lambda run: bump(truth, run))
+    screening = Screening(solution(base("p"), observed, White(0.1)), [wanted])
+    assert 10 < len(screening.directions) <= 14
+    assert {**screening.best()[0][0].values, "x": 1.0} == truth
+
+
+@pytest.mark.parametrize(("power", "asked"), [(1, len(NAMES) + 1), (2, 2 * len(NAMES) + 1)])
+def test_a_large_move_that_is_straight_in_its_strength_is_not_made_smaller(power: int, asked: int) -> None:
+    """A large move of which base numbers imitate most, by a strength or by its square: how often it is simulated."""
+    seen = list[float]()
+
+    def large(v: Mapping[str, float], run: Any) -> Array:
+        seen.append(v["x"])
+        return np.asarray(v["x"] ** power * (50 * column(run, "p") + 5 * column(run, "x")))
+
+    wanted = Candidate("x", lambda model: _sum(model).plus(large, strength("x")), "x", ("x",), ({"x": 1.0},))
+    observed = runs(lambda run: column(run, "x"))
+    found = Screening(solution(base("p"), observed, White(1.0)), [wanted])
+    assert len([x for x in seen if x]) == asked
+    if power == 1:
+        alone = Screening(found.solution, [dataclasses.replace(wanted, trials=({"x": 1e-3},))])
+        assert found.directions[0].drop == pytest.approx(alone.directions[0].drop, rel=1e-9)
+
+
 # --- promises -------------------------------------------------------------------------------------------------------
 
 
