@@ -7,7 +7,6 @@ It answers more than the others: all port loads that fit the symmetry, checks of
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import Any
 
 from studies.benchmarks.fem_peer_case import Answer, Case, Stopwatch, serve
@@ -30,8 +29,6 @@ def solve(case: Case, coarseness: list[float], symmetric: bool = True) -> Answer
     from flexdesign import design
     from flexdesign.fem import analysis, convergence, domain, methods, outlined
 
-    with suppress(ImportError):
-        import pypardiso  # noqa: F401
     read = design.read(design.find(case.name))
     watch = Stopwatch()
     part = read.part()
