@@ -55,7 +55,10 @@ MEASURES = {
 def _registry() -> Any:
     import pint  # costs a third of a second: only where text with units is read or written
 
-    return pint.UnitRegistry(autoconvert_offset_to_baseunit=False)
+    try:  # parsing its definitions takes as long again: once parsed they are kept in the user's cache
+        return pint.UnitRegistry(autoconvert_offset_to_baseunit=False, cache_folder=":auto:")
+    except Exception:  # a folder that cannot be written, or a file that another process is writing
+        return pint.UnitRegistry(autoconvert_offset_to_baseunit=False)
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -125,3 +126,21 @@ def test_any_text_is_read_or_refused(text: str, si: str) -> None:
 )
 def test_significant_digits(number: float, digits: int, shown: str) -> None:
     assert units.significant(number, digits) == shown
+
+
+def test_kept_definitions_that_cannot_be_read_or_written_are_no_matter(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def known() -> float:
+        registry = units._registry.__wrapped__()
+        return float(registry.Quantity(1.0, "N/mm").to("N/m").magnitude)
+
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda *given, **named: tmp_path / "kept")
+    assert known() == 1000.0
+    kept = [path for path in (tmp_path / "kept").glob("*.pickle") if path.stat().st_size]
+    assert kept and known() == 1000.0
+    for path in kept:  # as if another process were just writing them
+        path.write_bytes(path.read_bytes()[:100])
+    assert known() == 1000.0
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda *given, **named: tmp_path / "kept" / kept[0].name)
+    assert known() == 1000.0
