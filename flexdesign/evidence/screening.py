@@ -183,10 +183,10 @@ class Screening:
         self.residual = np.concatenate(solution.residuals)
         self.here = [np.asarray(self.model.predict(record.observation)) for record in problem.suite.records]
         self.directions = list[Direction]()
-        made = self._directions([(candidate, place) for candidate in candidates for place in candidate.scattered])
-        self._directions([(candidate, place) for candidate in candidates for place in _between(candidate, made)])
+        made = self._add([(candidate, place) for candidate in candidates for place in candidate.scattered])
+        self._add([(candidate, place) for candidate in candidates for place in _between(candidate, made)])
 
-    def _directions(self, trials: Sequence[tuple[Candidate, Place]]) -> dict[tuple[str, Place], float]:
+    def _add(self, trials: Sequence[tuple[Candidate, Place]]) -> dict[tuple[str, Place], float]:
         """Try candidates at places of their grids, keep the directions, and return what each promises."""
         found = self.solution.problem.each(lambda trial: self._tried(trial[0], trial[0].grid[trial[1]]), trials)
         made = {trial: direction for trial, direction in zip(trials, found, strict=True) if direction is not None}
