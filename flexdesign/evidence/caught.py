@@ -39,11 +39,16 @@ def freed(case: Case, before: Stand, stand: Stand) -> Stand:
     stand
         The fit, carried to its end.
     """
-    noise = stand.solution.problem.suite.samples  # what it would leave on average
-    if stand.cost - noise > FOUND * (before.cost - noise):
+    if not has_found(before, stand):
         return stand
     free = from_aside(case, stand) if _is_caught(case, stand) else stand
     return from_elsewhere(case, free, case.identify.names)
+
+
+def has_found(before: Stand, stand: Stand) -> bool:
+    """Tell whether a fit leaves so little of what was too much before that it has found what was missing."""
+    noise = stand.solution.problem.suite.samples  # what it would leave on average
+    return stand.cost - noise <= FOUND * (before.cost - noise)
 
 
 def in_line(case: Case, stand: Stand) -> Stand:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexdesign.evidence.case import Case
-from flexdesign.evidence.caught import ANEW, ANEW_SHARE, FIRST_SHARE, SECOND, freed, in_line, shaken
+from flexdesign.evidence.caught import ANEW, ANEW_SHARE, FIRST_SHARE, SECOND, freed, has_found, in_line, shaken
 from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate, Direction, Screening
 from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, fitted, moved, refitted
@@ -127,7 +127,10 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
 
     enough = max(needed * stand.scale, case.least)
     trials = tried(_shortlist(screening, enough, is_strained=strained))
-    best = _best(trials)
+    free = best = _best(trials)
+    if best is not None and _leaves_more_than_noise(best.stand) and has_found(stand, best.stand):
+        free = _polished(case, stand, best)[0]  # lest a second effect be taken for what frees a fit that is caught
+        trials, best = [free if trial is best else trial for trial in trials], free
     # Where one explains all but noise, or there was no more from the start, two have nothing to tell apart.
     if case.least > 0.0 or _leaves_more_than_noise(stand if best is None else best.stand):
         trials += tried(_pairs(screening, enough), 0.0 if best is None else best.gain)
@@ -143,7 +146,7 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     accepted = [trial for trial in trials if not trial.reason]
     reach = max(NEAR * best.gain, ALIKE)
     near = [t for t in accepted if t is not best and len(t.names) == len(best.names) and _behind(t, best) < reach]
-    best, rivals = _polished(case, stand, best, near[:RIVALS])
+    best, rivals = _polished(case, stand, best, near[:RIVALS], is_free=best is free)
     return Step(best, tuple(trials), tuple(trial for trial in rivals if is_alike(best.stand, trial.stand)))
 
 
@@ -206,10 +209,12 @@ def _behind(trial: Trial, best: Trial) -> float:
     return trial.stand.total - best.stand.total
 
 
-def _polished(case: Case, before: Stand, best: Trial, rivals: Sequence[Trial]) -> tuple[Trial, list[Trial]]:
+def _polished(
+    case: Case, before: Stand, best: Trial, rivals: Sequence[Trial] = (), *, is_free: bool = False
+) -> tuple[Trial, list[Trial]]:
     """Return the best trial and its rivals with fits carried to the end; where it was caught they begin as it ends."""
-    ended = _ended(case, before, best)
-    free = freed(case, before, ended.stand)
+    ended = best if is_free else _ended(case, before, best)
+    free = ended.stand if is_free else freed(case, before, ended.stand)
     if free is ended.stand:
         return ended, [_ended(case, before, trial) for trial in rivals]
     values = free.solution.problem.where.values(free.solution.x)
