@@ -18,7 +18,7 @@ from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import ALIKE, SMALL, Step, backward, forward
 from flexdesign.evidence.stand import Stand, calibrated, fitted
 from flexdesign.evidence.suite import Suite
-from tests.evidence.test_screening import NAMES, N, Sum, base, candidate, column, columns, least, offset, strength
+from tests.evidence.test_screening import NAMES, N, Sum, _sum, base, candidate, column, columns, least, offset, strength
 from tests.evidence.toys import Array, Run, parameter
 
 SIGMA = 0.1
@@ -285,7 +285,7 @@ def test_a_fit_that_is_caught_beside_the_hidden_constant_begins_again_on_either_
     waves = parameter("waves", 0.75, 0.1, 5.0, scale="log")
     trials = tuple({"d": 0.1, "waves": value} for value in (0.5, 0.75))
     effect = Candidate(
-        "d", lambda model: stage().plus(rippled, strength("d"), waves), "d", ("d", "waves"), trials, signed=True
+        "d", lambda model: _sum(model).plus(rippled, strength("d"), waves), "d", ("d", "waves"), trials, signed=True
     )
     truth = {"d": 1.0, "waves": 1.0}
 
@@ -299,11 +299,19 @@ def test_a_fit_that_is_caught_beside_the_hidden_constant_begins_again_on_either_
     start = {"d": 1.0, "waves": 0.75}
     alone = fitted(about, effect.add(before.model), (effect,), start)
     assert alone is not None and alone.scale > CAUGHT and alone.cost < FOUND * before.cost
-    step = forward(about, before, [effect])
-    assert step.chosen is not None
-    stand = step.chosen.stand
-    assert stand.scale < 1.2
-    assert stand.solution.problem.where.values(stand.solution.x)["waves"] == pytest.approx(1.0, abs=2e-3)
+    # Another effect would make up for the ripple: what it is not needed for it is not tried for.
+    other = Candidate(
+        "r",
+        lambda model: _sum(model).plus(lambda v, run: v["r"] * np.cos(20.0 * run.t), strength("r")),
+        "r", ("r",), ({"r": 0.1},), signed=True,
+    )  # fmt: skip
+    for offered in ([effect], [effect, other]):
+        step = forward(about, before, offered)
+        assert step.chosen is not None and step.chosen.names == ("d",)
+        assert all(len(trial.names) == 1 for trial in step.trials)
+        stand = step.chosen.stand
+        assert stand.scale < 1.2
+        assert stand.solution.problem.where.values(stand.solution.x)["waves"] == pytest.approx(1.0, abs=2e-3)
 
 
 def test_what_is_explained_as_well_by_an_effect_that_hardly_moves_anything_needs_no_other() -> None:
