@@ -14,11 +14,11 @@ from flexdesign.dynamics.axis_model import CAME_FROM, AxisDynamics
 from flexdesign.dynamics.axis_parameters import TRIGGER
 from flexdesign.effects import creep
 from flexdesign.evidence.case import Case
-from flexdesign.evidence.caught import in_line
+from flexdesign.evidence.caught import fitted_in_line
 from flexdesign.evidence.noise import Whitening
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import PLAIN_CHANCE, SURE, Step, forward
-from flexdesign.evidence.stand import Stand, fitted
+from flexdesign.evidence.stand import Stand
 from flexdesign.evidence.suite import Problem
 from flexdesign.model import Observation, Parameter
 from flexdesign.runs import FrequencyResponse, Run
@@ -102,8 +102,7 @@ def at_rest(
     if "creep" in stand.names:
         return None
     still = begun_like(case, model, noise, is_slow=False)
-    calm = fitted(still, model, stand.effects, {})
-    calm = None if calm is None else in_line(still, calm)  # lest what frees a run that is caught be taken for a cause
+    calm = fitted_in_line(still, model, stand.effects)  # lest what frees a run that is caught be taken for a cause
     if calm is None or calm.seen_cost - stand.seen_cost < SURE * PLAIN_CHANCE * max(stand.scale, 1.0):
         return None  # nothing moves slowly
     step = forward(still, calm, candidates)

@@ -38,7 +38,7 @@ from flexdesign.diagnosis.setting import Setting, line_weights, settle
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
 from flexdesign.evidence.case import Case
-from flexdesign.evidence.caught import ANEW_SHARE, in_line, walked
+from flexdesign.evidence.caught import ANEW_SHARE, fitted_in_line, walked
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import MOST, Step, backward, forward
@@ -290,8 +290,7 @@ def search(
         present = cast(AxisDynamics, stand.model)
         if begins_otherwise(cast(AxisDynamics, before.model), present):
             case = begun_like(case, present)
-            again = fitted(case, stand.model, stand.effects, {})
-            stand = stand if again is None else in_line(case, again)
+            stand = fitted_in_line(case, stand.model, stand.effects) or stand
         stands.append(stand)
     if stand.effects:
         stand = walked(case, stand)

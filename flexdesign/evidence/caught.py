@@ -10,8 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from flexdesign.evidence.case import Case
+from flexdesign.evidence.marquardt import Columns
 from flexdesign.evidence.origins import begun_elsewhere, out_of_line
+from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.stand import GROSS, Stand, fitted
+from flexdesign.model import Model
 
 #: A fit that is followed for a while finds slopes so often; one that is only begun ends where a step lowers the cost by
 #: less than this share.
@@ -49,6 +52,21 @@ def has_found(before: Stand, stand: Stand) -> bool:
     """Tell whether a fit leaves so little of what was too much before that it has found what was missing."""
     noise = stand.solution.problem.suite.samples  # what it would leave on average
     return stand.cost - noise <= FOUND * (before.cost - noise)
+
+
+def fitted_in_line(
+    case: Case,
+    model: Model,
+    effects: tuple[Candidate, ...],
+    start: Mapping[str, float] | None = None,
+    old: Columns | None = None,
+) -> Stand | None:
+    """Return a fit carried to its end, its runs in line; None where the model cannot be simulated.
+
+    Parameters are those of `flexdesign.evidence.stand.fitted`.
+    """
+    made = fitted(case, model, effects, start or {}, old=old)
+    return None if made is None else in_line(case, made)
 
 
 def in_line(case: Case, stand: Stand) -> Stand:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexdesign.evidence.case import Case
-from flexdesign.evidence.caught import ANEW, ANEW_SHARE, FIRST_SHARE, SECOND, freed, has_found, in_line, shaken
+from flexdesign.evidence.caught import ANEW, ANEW_SHARE, FIRST_SHARE, SECOND, fitted_in_line, freed, has_found, shaken
 from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate, Direction, Screening
 from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, fitted, moved, refitted
@@ -229,8 +229,8 @@ def _ended(case: Case, before: Stand, trial: Trial, values: Mapping[str, float] 
         return trial
     names = stand.solution.problem.where.names
     begun = {name: value for name, value in (values or {}).items() if name in names}
-    ended = fitted(case, stand.model, stand.effects, begun, old=None if begun else stand.solution.columns())
-    ended = ended and in_line(case, ended)
+    old = None if begun else stand.solution.columns()
+    ended = fitted_in_line(case, stand.model, stand.effects, begun, old)
     return trial if ended is None else _trial(case, before, ended, trial.names, trial.needed / max(stand.scale, 1.0))
 
 
