@@ -17,7 +17,7 @@ from flexdesign.evidence.case import Case
 from flexdesign.evidence.caught import ANEW, ANEW_SHARE, FIRST_SHARE, SECOND, fitted_in_line, freed, has_found, shaken
 from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate, Direction, Screening
-from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, fitted, moved, refitted
+from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, at_null, fitted, moved, refitted
 from flexdesign.model import Model
 
 #: Effects that are refitted after a screening, pairs among them; trials of each from which a fit begins.
@@ -366,7 +366,10 @@ def _trial(case: Case, before: Stand, after: Stand, names: tuple[str, ...], need
     gain, held = before.seen_cost - after.seen_cost, before.held_cost - after.held_cost
     judges = [record.observation.name for record in (case.validate.records or case.identify.records)]
     kept_apart = case.judging or judges
-    far = moved(case.validate if case.validate.records else case.identify, before, after, case.weights)
+    new = case.validate if case.validate.records else case.identify
+    far = moved(new, before.model, after.model, case.weights)
+    added = [at_null(after.model, effect) for effect in after.effects if effect.name in names]
+    alone = min(moved(new, without, after.model, case.weights) for without in added)
     scale = max(after.scale, 1.0)
     reason = ""
     if gain < needed * scale * len(names):
@@ -377,6 +380,8 @@ def _trial(case: Case, before: Stand, after: Stand, names: tuple[str, ...], need
         reason = "does not help on the runs kept apart"
     elif far < case.tolerance:
         reason = SMALL
+    elif alone < case.tolerance:
+        reason = f"itself {SMALL}: it helps a fit that is caught"
     elif after.at_bound():
         reason = f"{' and '.join(after.at_bound())} at the end of what is plausible"
     return Trial(names, after, gain, held, far, after.rms(kept_apart, case.scales), needed * scale, reason)

@@ -244,8 +244,8 @@ def finished(case: Case, stand: Stand) -> Stand:
     return stand if made is None else made
 
 
-def moved(suite: Suite, before: Stand, after: Stand, weights: Mapping[str, Array] | None = None) -> float:
-    """Return by how much two stands differ in what they predict of new runs, rms [response]; offsets are free.
+def moved(suite: Suite, before: Model, after: Model, weights: Mapping[str, Array] | None = None) -> float:
+    """Return by how much two models differ in what they predict of new runs, rms [response]; offsets are free.
 
     New runs begin where the old ones did, but in time: a delay that every run has is not the runs' own. Observations
     with weights, see `Case`, count on their own: the larger of both differences is returned.
@@ -256,14 +256,21 @@ def moved(suite: Suite, before: Stand, after: Stand, weights: Mapping[str, Array
     return max(_moved(records, before, after, weights) for records in (plain, weighted) if records)
 
 
-def _moved(records: Sequence[Record], before: Stand, after: Stand, weights: Mapping[str, Array]) -> float:
+def _moved(records: Sequence[Record], before: Model, after: Model, weights: Mapping[str, Array]) -> float:
     squares, count = 0.0, 0
-    models = [stand.model.replace(_in_time(stand.model)) for stand in (before, after)]
+    models = [model.replace(_in_time(model)) for model in (before, after)]
     for record in records:
         first, second = (np.asarray(model.predict(record.observation)) for model in models)
         difference = free_part(record, (second - first), weights)
         squares, count = squares + float(np.sum(difference**2)), count + len(difference)
     return math.sqrt(squares / count)
+
+
+def at_null(model: Model, effect: Candidate) -> Model:
+    """Return a model in which an effect does nothing; all other numbers stay."""
+    null = next(p.null for p in model.parameters() if p.name == effect.strength)
+    assert null is not None  # that is what makes it the strength
+    return model.replace({effect.strength: null})
 
 
 def free_part(record: Record, difference: Array, weights: Mapping[str, Array]) -> Array:

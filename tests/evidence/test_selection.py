@@ -314,6 +314,18 @@ def test_a_fit_that_is_caught_beside_the_hidden_constant_begins_again_on_either_
         assert stand.solution.problem.where.values(stand.solution.x)["waves"] == pytest.approx(1.0, abs=2e-3)
 
 
+def test_an_effect_that_only_helps_a_fit_that_is_caught_is_refused() -> None:
+    """One of the model's own numbers is far from its best, which the fit with an effect finds that looks like it."""
+    about = case({}, tolerance=0.05)
+    caught = fitted(dataclasses.replace(about, free=()), stage().replace({"p": 1.0}), (), {})
+    assert caught is not None and caught.scale > 30
+    step = forward(about, caught, effects(e=candidate("e", {"p": 0.5, "e": 1.0}, signed=True)))
+    assert step.chosen is None and step.trials
+    best = max(step.trials, key=lambda trial: trial.gain)
+    assert best.gain > 100 * best.needed and best.moved > 0.05
+    assert best.reason == f"itself {SMALL}: it helps a fit that is caught"
+
+
 def test_what_is_explained_as_well_by_an_effect_that_hardly_moves_anything_needs_no_other() -> None:
     """The same column in the runs for the fit; in those kept apart the other effect is 1.9 times as large."""
     tolerance = 0.1
