@@ -127,9 +127,9 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
 
     enough = max(needed * stand.scale, case.least)
     trials = tried(_shortlist(screening, enough, is_strained=strained))
-    free = best = _best(trials)
+    best, free, values = _best(trials), None, None
     if best is not None and _leaves_more_than_noise(best.stand) and has_found(stand, best.stand):
-        free = _polished(case, stand, best)[0]  # lest a second effect be taken for what frees a fit that is caught
+        free, values = _polished(case, stand, best)  # lest a second effect be taken for what frees a fit that is caught
         trials, best = [free if trial is best else trial for trial in trials], free
     # Where one explains all but noise, or there was no more from the start, two have nothing to tell apart.
     if case.least > 0.0 or _leaves_more_than_noise(stand if best is None else best.stand):
@@ -146,7 +146,9 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     accepted = [trial for trial in trials if not trial.reason]
     reach = max(NEAR * best.gain, ALIKE)
     near = [t for t in accepted if t is not best and len(t.names) == len(best.names) and _behind(t, best) < reach]
-    best, rivals = _polished(case, stand, best, near[:RIVALS], is_free=best is free)
+    if best is not free:
+        best, values = _polished(case, stand, best)
+    rivals = [_ended(case, stand, trial, values) for trial in near[:RIVALS]]
     return Step(best, tuple(trials), tuple(trial for trial in rivals if is_alike(best.stand, trial.stand)))
 
 
@@ -209,17 +211,17 @@ def _behind(trial: Trial, best: Trial) -> float:
     return trial.stand.total - best.stand.total
 
 
-def _polished(
-    case: Case, before: Stand, best: Trial, rivals: Sequence[Trial] = (), *, is_free: bool = False
-) -> tuple[Trial, list[Trial]]:
-    """Return the best trial and its rivals with fits carried to the end; where it was caught they begin as it ends."""
-    ended = best if is_free else _ended(case, before, best)
-    free = ended.stand if is_free else freed(case, before, ended.stand)
+def _polished(case: Case, before: Stand, best: Trial) -> tuple[Trial, Mapping[str, float] | None]:
+    """Return the best trial with its fit carried to the end; and, if it was caught, where its rivals begin: as it ends.
+
+    Otherwise they begin where they are: None.
+    """
+    ended = _ended(case, before, best)
+    free = freed(case, before, ended.stand)
     if free is ended.stand:
-        return ended, [_ended(case, before, trial) for trial in rivals]
-    values = free.solution.problem.where.values(free.solution.x)
+        return ended, None
     best = _trial(case, before, free, ended.names, ended.needed / max(ended.stand.scale, 1.0))
-    return best, [_ended(case, before, trial, values) for trial in rivals]
+    return best, free.solution.problem.where.values(free.solution.x)
 
 
 def _ended(case: Case, before: Stand, trial: Trial, values: Mapping[str, float] | None = None) -> Trial:
