@@ -21,10 +21,19 @@ SETTINGS: tuple[dict[str, Any], ...] = (
     {"coarseness": [1.5, 1.2]},
     {"coarseness": [1.35, 1.0]},
 )
-WHOLE: tuple[dict[str, Any], ...] = ({"coarseness": [1.35], "symmetric": False},)
+#: Ways that cost more: the part without its symmetry, and tetrahedra that know of no section, raw and extrapolated.
+OTHER_WAYS: dict[str, tuple[dict[str, Any], ...]] = {
+    "the whole part, without symmetry": ({"coarseness": [1.35], "symmetric": False},),
+    "wild tetrahedra of the same quarter": (
+        {"coarseness": [1.1], "wild": True},
+        {"coarseness": [1.5, 1.1], "wild": True},
+    ),
+}
+#: How far the wild mesher may move the surface, in hinge thicknesses, unless a study says otherwise.
+ENVELOPE = 0.05
 
 
-def solve(case: Case, coarseness: list[float], symmetric: bool = True) -> Answer:
+def solve(case: Case, coarseness: list[float], symmetric: bool = True, wild: bool = False) -> Answer:
     """Solve as a sweep does, without its files."""
     from flexdesign import design
     from flexdesign.fem import analysis, convergence, domain, methods, outlined
@@ -33,9 +42,10 @@ def solve(case: Case, coarseness: list[float], symmetric: bool = True) -> Answer
     watch = Stopwatch()
     part = read.part()
     members = part.linkage().members
-    told = outlined.of_part(part) if symmetric else None
+    told = outlined.of_part(part) if symmetric and not wild else None
     body = told or domain.of_part(part, symmetric=symmetric, chord=domain.chord(part))
-    method = methods.Extruded(methods.Grading(body, members, *methods.EXTRUDED_GRADING, None))
+    grading = methods.Grading(body, members, *(methods.WILD_GRADING if wild else methods.EXTRUDED_GRADING), None)
+    method: methods.Method = methods.Wild(grading, ENVELOPE) if wild else methods.Extruded(grading)
     meshing, solving, values, sizes, unknowns = watch.lap(), 0.0, [], [], 0
     for level in coarseness:
         mesh = method.mesh(level)
