@@ -99,3 +99,23 @@ def test_distances_from_fem_are_those_of_the_example() -> None:
         errors = 100 * np.abs([list(design[model].values()) for design in designs])
         numbers = [*np.median(errors, axis=0), *errors.max(axis=0)]
         assert sentence.format(*(f"{n:.0f}" if n >= 10 else f"{n:.2g}" for n in numbers)) in WORDS
+
+
+def test_rates_are_those_of_the_kept_trial() -> None:
+    result = json.loads((EXAMPLES / "hidden_effect_trial" / "result.json").read_text())
+    rates = {rate["what"]: rate for rate in result["rates"]}
+
+    def counted(what: str) -> tuple[str, str]:
+        hits, total = rates[what]["cases"].split(" of ")
+        return hits, total
+
+    named, singles = counted("one effect: right verdict")
+    both, pairs = counted("two effects: right verdict")
+    alarms, none = counted("nothing missing: an effect named")
+    unknown, outside = counted("outside the catalogue: unknown")
+    assert (alarms, unknown) == ("0", outside)
+    assert f"Of {singles} single effects it named {named}, of {pairs} pairs {both};" in WORDS
+    assert f"of {none} recordings with nothing missing it named an effect in none" in WORDS
+    assert f"all {outside} effects from outside the catalogue" in WORDS
+    held = rates["95 % intervals that hold the truth"]
+    assert f"hold the truth in {held['rate']} of {held['cases'].split(' of ')[1]} cases" in WORDS

@@ -34,6 +34,8 @@ ASKED: tuple[tuple[tuple[str, ...], str, Callable[[Answer, Diagnosed], bool], st
 )
 #: Columns of the confusion matrix that are no effects.
 VERDICTS = (scoring.NOTHING, scoring.UNKNOWN, "right", "wrong")
+#: What is right in rows that are no effects.
+RIGHT = {"none": scoring.NOTHING, "faint": scoring.NOTHING, "outside": scoring.UNKNOWN, "pair": "right"}
 
 
 def write(outcomes: Sequence[Outcome], out: Path) -> list[str]:
@@ -62,7 +64,10 @@ def _summary(outcomes: Sequence[Outcome], judged: Judged) -> list[str]:
         f"shares no code with the package; {right} verdicts are right."
     ]
     if seconds:
-        said.append(f"A diagnosis took {scoring.median(seconds):.1f} s in the median, {seconds[-1]:.1f} s at most.")
+        said.append(
+            f"A diagnosis took {scoring.median(seconds):.1f} s in the median, {seconds[-1]:.1f} s at most; "
+            f"all of them {sum(seconds) / 3600.0:.2f} h, on one core each."
+        )
     if errors := [outcome for outcome in outcomes if outcome.found is None]:
         said.append(f"{len(errors)} cases ended in an error, the first: {errors[0].number}: {errors[0].error}")
     if old := sum(outcome.source != source() for outcome in outcomes):
@@ -145,29 +150,14 @@ def _picture(judged: Judged) -> Figure:
         total = sum(counts[row].values())
         for j, column in enumerate(columns):
             if count := counts[row].get(column, 0):
-                good = column in (
-                    row,
-                    {
-                        "none": scoring.NOTHING,
-                        "faint": scoring.NOTHING,
-                        "outside": scoring.UNKNOWN,
-                        "pair": "right",
-                    }.get(row),
-                )
+                fits = column == RIGHT.get(row, row)
                 side = 0.92 * math.sqrt(count / total)
-                square = _square(j, i, side, charts.COLOURS[0] if good else charts.COLOURS[1])
-                axes.add_patch(square)
-                axes.text(
-                    j,
-                    i,
-                    str(count),
-                    ha="center",
-                    va="center",
-                    fontsize=7,
-                    color=charts.NEUTRAL if side < 0.6 else "white",
-                )
+                axes.add_patch(_square(j, i, side, charts.COLOURS[0] if fits else charts.COLOURS[1]))
+                # A number that its square is too small for stands beside it.
+                place, colour = (j, "white") if side > 0.5 else (j + side / 2.0 + 0.22, charts.COLOURS[1])
+                axes.text(place, i, str(count), ha="center", va="center", fontsize=7, color=colour)
     axes.set(
-        xlim=(-0.6, len(columns) - 0.4), ylim=(len(rows) - 0.4, -0.6), xlabel="said", ylabel="hidden", aspect="equal"
+        xlim=(-0.6, len(columns) - 0.2), ylim=(len(rows) - 0.4, -0.6), xlabel="said", ylabel="hidden", aspect="equal"
     )
     axes.set_xticks(range(len(columns)), [_words(c) for c in columns], rotation=90, fontsize=8)
     axes.set_yticks(range(len(rows)), [_words(r) for r in rows], fontsize=8)
