@@ -104,6 +104,7 @@ def test_distances_from_fem_are_those_of_the_example() -> None:
 def test_rates_are_those_of_the_kept_trial() -> None:
     result = json.loads((EXAMPLES / "hidden_effect_trial" / "result.json").read_text())
     rates = {rate["what"]: rate for rate in result["rates"]}
+    assert f"tried on {len(result['cases'])} such recordings" in WORDS
 
     def counted(what: str) -> tuple[str, str]:
         hits, total = rates[what]["cases"].split(" of ")
