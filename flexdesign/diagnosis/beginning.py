@@ -17,9 +17,10 @@ from flexdesign.evidence.case import Case
 from flexdesign.evidence.caught import fitted_in_line
 from flexdesign.evidence.noise import Whitening
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import PLAIN_CHANCE, SURE, Step, forward
+from flexdesign.evidence.selection import PLAIN_CHANCE, SURE, forward
 from flexdesign.evidence.stand import Stand
 from flexdesign.evidence.suite import Problem
+from flexdesign.evidence.trial import Step
 from flexdesign.model import Observation, Parameter
 from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.stage_model import AxisModel

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
 from typing import Any, cast
 
@@ -34,6 +35,7 @@ from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.findings import Diagnosis
 from flexdesign.diagnosis.judgement import conclude
+from flexdesign.diagnosis.opening import opening
 from flexdesign.diagnosis.setting import Setting, line_weights, settle
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
@@ -41,9 +43,10 @@ from flexdesign.evidence.case import Case
 from flexdesign.evidence.caught import ANEW_SHARE, fitted_in_line, walked
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import MOST, Step, backward, forward
+from flexdesign.evidence.selection import MOST, backward, confirmed, forward
 from flexdesign.evidence.stand import CALIBRATION_SHARE, Stand, calibrated, finished, fitted
 from flexdesign.evidence.suite import Suite
+from flexdesign.evidence.trial import Step
 from flexdesign.identification import HYSTERESIS, LINEAR
 from flexdesign.model import Model
 from flexdesign.runs import FrequencyResponse, Run
@@ -139,8 +142,8 @@ def diagnose(
         setting = with_better_between(model, setting, each, progress)
         dynamics, case = case_of(model, setting, each, progress)
 
-        def every(stand: Stand) -> tuple[Candidate, ...]:
-            lines = periodic.frequencies(setting, stand)
+        def every(of: Setting, stand: Stand) -> tuple[Candidate, ...]:
+            lines = periodic.frequencies(of, stand)
             return candidates(
                 dynamics,
                 more,
@@ -150,7 +153,12 @@ def diagnose(
                 in_time=bool(setting.runs),
             )
 
-        case, course = search(setting, case, dynamics, every, seed)
+        ahead = None
+        if (short := opening(setting)) is not None:
+            progress("searching in the opening of each run")
+            _, case_of_openings = case_of(model, short, each, progress)
+            _, ahead = search(short, case_of_openings, dynamics, partial(every, short), seed)
+        case, course = search(setting, case, dynamics, partial(every, setting), seed, ahead)
         progress("looking at what is left")
         left = _rival(setting, case, course.final)
         before = _rival(setting, case, course.calibrated) if course.final.effects else left
@@ -254,15 +262,21 @@ def search(
     dynamics: AxisDynamics,
     catalogue: Callable[[Stand], Sequence[Candidate]],
     seed: int,
+    ahead: Course | None = None,
 ) -> tuple[Case, Course]:
     """Calibrate, and add effects while they earn their place; return the case as calibrated, and how it went.
 
-    Which effects are tried, and at what values, may follow from what calibration leaves: `catalogue` tells.
+    Which effects are tried, and at what values, may follow from what calibration leaves: `catalogue` tells. What a
+    search `ahead` found in a part of the runs is tried first, and alone.
     """
     case.progress("predicting with the model as it is")
     designed = fitted(replace(case, free=(), believed=BELIEVED), dynamics, (), {}, share=CALIBRATION_SHARE, exact=False)
     case.progress("calibrating")
-    stand, agreed = calibrated(case, in_tune(case, in_time(case, dynamics)), seed=seed)
+    stand, agreed = (
+        calibrated(case, in_tune(case, in_time(case, dynamics)), seed=seed)
+        if ahead is None
+        else (fitted(case, like(dynamics, ahead.calibrated), (), {}, share=CALIBRATION_SHARE), ahead.agreed)
+    )
     if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
         case = begun_like(case, cast(AxisDynamics, stand.model), setting.rounded(stand))
         stand = fitted(case, stand.model, (), {})
@@ -271,8 +285,12 @@ def search(
     if not setting.noise.known:  # then nothing says at which size of what is left it would be noise
         case = replace(case, least=LEAST * stand.seen_cost)
     base, stands, steps, every = stand, list[Stand](), list[Step](), catalogue(stand)
+    found = [] if ahead is None else [step for step in ahead.steps if _lasted(step, ahead.final)]
     while len(stand.effects) < MOST:
-        step = forward(case, stand, every)
+        step = confirmed(case, stand, found.pop(0)) if found else None
+        if step is None:  # nothing was found ahead, or all of the runs refuse it
+            found.clear()
+            step = forward(case, stand, every)
         if step.chosen is None and (other := at_rest(case, stand, every, setting.rounded(stand))) is not None:
             case, stand, step = other
             base, stands = (base, [*stands[:-1], stand]) if stands else (stand, stands)
@@ -298,6 +316,17 @@ def search(
         stand = finished(case, stand)
         stands = [*stands[:-1], stand] if stands and stands[-1].names == stand.names else stands
     return case, Course(designed, base, tuple(stands), tuple(steps), stand, agreed)
+
+
+def like(model: Model, stand: Stand) -> Model:
+    """Return a model at the values of a stand that has its numbers."""
+    values = {parameter.name: parameter.start for parameter in stand.model.parameters()}
+    return model.replace({p.name: start for p in model.parameters() if (start := values.get(p.name)) is not None})
+
+
+def _lasted(step: Step, final: Stand) -> bool:
+    """Tell whether the effects of a step are in the last stand, too."""
+    return step.chosen is not None and {*step.chosen.names} <= {*final.names}
 
 
 def _rival(setting: Setting, case: Case, stand: Stand) -> Rival:

@@ -14,8 +14,8 @@ from flexdesign.diagnosis.findings import Diagnosis, Named, Rung, Tried, Value, 
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.evidence.coordinates import value
 from flexdesign.evidence.rival import Rival
-from flexdesign.evidence.selection import Step, Trial
 from flexdesign.evidence.stand import Stand
+from flexdesign.evidence.trial import Step, Trial
 from flexdesign.stage_model import StageModel
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from flexdesign.evidence.case import Case
 from flexdesign.evidence.caught import ANEW, ANEW_SHARE, FIRST_SHARE, SECOND, fitted_in_line, freed, has_found, shaken
 from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate, Direction, Screening
-from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, at_null, fitted, moved, refitted
+from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, fitted, refitted
+from flexdesign.evidence.trial import ALIKE, Step, Trial, behind, best_of, is_alike, overruled, weighed
 from flexdesign.model import Model
 
 #: Effects that are refitted after a screening, pairs among them; trials of each from which a fit begins.
@@ -41,8 +42,6 @@ FIRM = 20.0
 #: Rivals whose cost is higher by no more than this share of what the best one gains are carried to the end with it, and
 #: no more than so many.
 NEAR, RIVALS = 0.02, 3
-#: Two answers are one if their costs differ by less than this, in multiples of the noise's variance.
-ALIKE = 12.0
 #: Its own numbers make up for what it lacks where one of which nothing was known differs by this share from what it was
 #: designed to be. So many effects are refitted there.
 CHANGED, LONG_LIST = 0.3, 12
@@ -51,61 +50,10 @@ DOUBTFUL = 12.0
 #: Where nothing earns its place but the cost is so many standard deviations of chance above what noise leaves, what was
 #: found may stand in for something else beside it.
 TOO_MUCH = 3.0
-#: Why an effect is refused that is there, for all one knows, and does not matter.
-SMALL = "moves the prediction by less than the tolerance"
+#: Why an effect is refused that a part of the runs tried.
+LESS = "explains less"
 #: No more effects than these are added.
 MOST = 3
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """A candidate that was refitted beside others at one step.
-
-    Parameters
-    ----------
-    names
-        Effects added at this step, one or two.
-    stand
-        The fit.
-    gain, held_gain
-        Fall of the cost of what the fit saw and of the runs kept apart.
-    moved
-        By how much it moves the prediction of the latter, rms [response].
-    error
-        Root mean square of what is left of these [response].
-    needed
-        The fall that counts as more than chance.
-    reason
-        Why it is not accepted; empty if it is.
-    """
-
-    names: tuple[str, ...]
-    stand: Stand
-    gain: float
-    held_gain: float
-    moved: float
-    error: float
-    needed: float
-    reason: str
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One addition: the best trial, and those that do as well.
-
-    Parameters
-    ----------
-    chosen
-        The trial whose effects were added; None at the last step, where none earned its place.
-    trials
-        All that were refitted, best first.
-    alike
-        Trials that these runs cannot tell from the chosen one.
-    """
-
-    chosen: Trial | None
-    trials: tuple[Trial, ...]
-    alike: tuple[Trial, ...] = ()
 
 
 def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
@@ -123,11 +71,11 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
             if (made := _extended(case, stand, beginning, is_strained=strained)) is not None:
                 attempts.append((names, made))
         refined = _refined(case, stand, attempts, reached)
-        return [_trial(case, stand, made, names, needed) for names, made in refined]
+        return [weighed(case, stand, made, names, needed) for names, made in refined]
 
     enough = max(needed * stand.scale, case.least)
     trials = tried(_shortlist(screening, enough, is_strained=strained))
-    best, free, values = _best(trials), None, None
+    best, free, values = best_of(trials), None, None
     if best is not None and _leaves_more_than_noise(best.stand) and has_found(stand, best.stand):
         free, values = _polished(case, stand, best)  # lest a second effect be taken for what frees a fit that is caught
         trials, best = [free if trial is best else trial for trial in trials], free
@@ -135,46 +83,71 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     if case.least > 0.0 or _leaves_more_than_noise(stand if best is None else best.stand):
         trials += tried(_pairs(screening, enough), 0.0 if best is None else best.gain)
     done = {trial.names for trial in trials}
-    if (best := _best(trials)) is not None:
+    if (best := best_of(trials)) is not None:
         trials += tried(_look_alikes(screening, best, done))
     elif _leaves_more_than_noise(stand):
         trials += tried(_hidden_behind(screening, stand, done))
-    trials = _overruled(sorted(trials, key=lambda trial: trial.stand.total))
-    best = _best(trials)
+    trials = overruled(sorted(trials, key=lambda trial: trial.stand.total))
+    best = best_of(trials)
     if best is None:
         return Step(None, tuple(trials))
+    return _chosen(case, stand, trials, best, values, is_free=best is free)
+
+
+def confirmed(case: Case, stand: Stand, seen: Step) -> Step | None:
+    """Return an addition that a part of the runs chose, with its rivals, fitted to all of them; None if they refuse it.
+
+    Others that the part refused are kept as it saw them.
+    """
+    if seen.chosen is None:
+        return None
+    needed = seen.chosen.needed / max(seen.chosen.stand.scale, 1.0)
+    trials = list[Trial]()
+    for trial in (seen.chosen, *seen.alike):
+        case.progress(f"fitting with {' and '.join((*stand.names, *trial.names))}, the whole runs")
+        if (made := _as_seen(case, stand, trial)) is not None:
+            trials.append(weighed(case, stand, made, trial.names, needed))
+    trials.sort(key=lambda trial: trial.stand.total)
+    best, done = best_of(trials), {trial.names for trial in trials}
+    if best is None:
+        return None
+    others = [trial for trial in seen.trials if trial.names not in done]
+    step = _chosen(case, stand, trials, best)
+    return replace(step, trials=(*step.trials, *(replace(each, reason=each.reason or LESS) for each in others)))
+
+
+def _as_seen(case: Case, stand: Stand, trial: Trial) -> Stand | None:
+    """Return a fit with the effects of a trial that saw a part of the runs, from where that ended."""
+    model, added = stand.model, tuple(effect for effect in trial.stand.effects if effect.name in trial.names)
+    for effect in added:
+        model = effect.add(model)
+    names = {parameter.name for parameter in model.parameters()}
+    ended = {p.name: p.start for p in trial.stand.model.parameters() if p.name in names and p.start is not None}
+    together = (*stand.effects, *added)
+    return fitted(case, case.fine(model), together, ended, most=SECOND, share=SECOND_SHARE)
+
+
+def _chosen(
+    case: Case,
+    stand: Stand,
+    trials: Sequence[Trial],
+    best: Trial,
+    values: Mapping[str, float] | None = None,
+    *,
+    is_free: bool = False,
+) -> Step:
+    """Return the step with the best trial, and those near it, carried to their ends."""
     accepted = [trial for trial in trials if not trial.reason]
     reach = max(NEAR * best.gain, ALIKE)
-    near = [t for t in accepted if t is not best and len(t.names) == len(best.names) and _behind(t, best) < reach]
-    if best is not free:
+    near = [t for t in accepted if t is not best and len(t.names) == len(best.names) and behind(t, best) < reach]
+    if not is_free:
         best, values = _polished(case, stand, best)
     rivals = [_ended(case, stand, trial, values) for trial in near[:RIVALS]]
     return Step(best, tuple(trials), tuple(trial for trial in rivals if is_alike(best.stand, trial.stand)))
 
 
-def _overruled(trials: Sequence[Trial]) -> list[Trial]:
-    """Return trials, best first, without those that explain no more than one that hardly moves the prediction."""
-    first = next((trial for trial in trials if trial.reason == SMALL), None)
-    if first is None:
-        return list(trials)
-    reason = f"explains no more than {' and '.join(first.names)}, which {SMALL}"
-    place = trials.index(first)
-    weaker = [trial if trial.reason else replace(trial, reason=reason) for trial in trials[place:]]
-    return [*trials[:place], *weaker]
-
-
 def _names(beginning: Sequence[Direction]) -> tuple[str, ...]:
     return tuple(direction.candidate.name for direction in beginning)
-
-
-def _best(trials: Sequence[Trial]) -> Trial | None:
-    """Return the trial that pays best; a pair must beat its better half by as much as an effect of its own must."""
-    accepted = sorted((trial for trial in trials if not trial.reason), key=lambda trial: trial.stand.total)
-    singles = [trial for trial in accepted if len(trial.names) == 1]
-    if not accepted:
-        return None
-    is_half = len(accepted[0].names) == 2 and bool(singles) and _behind(singles[0], accepted[0]) < accepted[0].needed
-    return singles[0] if is_half else accepted[0]
 
 
 def _look_alikes(screening: Screening, best: Trial, done: Collection[tuple[str, ...]]) -> list[tuple[Direction, ...]]:
@@ -207,10 +180,6 @@ def _hidden_behind(
     return [(each,) for name, each in first.items() if name in alike and (name,) not in done]
 
 
-def _behind(trial: Trial, best: Trial) -> float:
-    return trial.stand.total - best.stand.total
-
-
 def _polished(case: Case, before: Stand, best: Trial) -> tuple[Trial, Mapping[str, float] | None]:
     """Return the best trial with its fit carried to the end; and, if it was caught, where its rivals begin: as it ends.
 
@@ -220,7 +189,7 @@ def _polished(case: Case, before: Stand, best: Trial) -> tuple[Trial, Mapping[st
     free = freed(case, before, ended.stand)
     if free is ended.stand:
         return ended, None
-    best = _trial(case, before, free, ended.names, ended.needed / max(ended.stand.scale, 1.0))
+    best = weighed(case, before, free, ended.names, ended.needed / max(ended.stand.scale, 1.0))
     return best, free.solution.problem.where.values(free.solution.x)
 
 
@@ -233,7 +202,7 @@ def _ended(case: Case, before: Stand, trial: Trial, values: Mapping[str, float] 
     begun = {name: value for name, value in (values or {}).items() if name in names}
     old = None if begun else stand.solution.columns()
     ended = fitted_in_line(case, stand.model, stand.effects, begun, old)
-    return trial if ended is None else _trial(case, before, ended, trial.names, trial.needed / max(stand.scale, 1.0))
+    return trial if ended is None else weighed(case, before, ended, trial.names, trial.needed / max(stand.scale, 1.0))
 
 
 def _refined(
@@ -266,14 +235,6 @@ def _further(case: Case, stand: Stand) -> Stand:
             break
         best, model, old = made, made.model, made.solution.columns()
     return best or stand
-
-
-def is_alike(a: Stand, b: Stand) -> bool:
-    """Tell whether the runs cannot tell two answers apart."""
-    if len(a.effects) != len(b.effects):
-        return False
-    allowed = ALIKE * max(a.scale, 1.0)
-    return (b.cost + b.held_cost) - (a.cost + a.held_cost) < allowed
 
 
 def backward(case: Case, stand: Stand, base: Model, candidates: Sequence[Candidate]) -> Stand:
@@ -361,29 +322,3 @@ def _extended(case: Case, stand: Stand, beginning: Sequence[Direction], *, is_st
     anew = begun_anew(case.identify, coarse.replace({**start, **case.designed}))
     other = fitted(case, anew, together, {}, most=FOLLOWED, share=FIRST_SHARE, exact=False)
     return min((each for each in (made, other) if each is not None), key=lambda each: each.cost, default=None)
-
-
-def _trial(case: Case, before: Stand, after: Stand, names: tuple[str, ...], needed: float) -> Trial:
-    # Judged by the data alone: an effect is not needed because it lets a number stay where it was thought to be.
-    gain, held = before.seen_cost - after.seen_cost, before.held_cost - after.held_cost
-    judges = [record.observation.name for record in (case.validate.records or case.identify.records)]
-    kept_apart = case.judging or judges
-    new = case.validate if case.validate.records else case.identify
-    far = moved(new, before.model, after.model, case.weights)
-    added = [at_null(after.model, effect) for effect in after.effects if effect.name in names]
-    alone = min(moved(new, without, after.model, case.weights) for without in added)
-    scale = max(after.scale, 1.0)
-    reason = ""
-    if gain < needed * scale * len(names):
-        reason = "no more than chance gives"
-    elif gain < case.least:
-        reason = "explains too little to be told from what else is unknown"
-    elif case.validate.records and held <= 0:
-        reason = "does not help on the runs kept apart"
-    elif far < case.tolerance:
-        reason = SMALL
-    elif alone < case.tolerance:
-        reason = f"itself {SMALL}: it helps a fit that is caught"
-    elif after.at_bound():
-        reason = f"{' and '.join(after.at_bound())} at the end of what is plausible"
-    return Trial(names, after, gain, held, far, after.rms(kept_apart, case.scales), needed * scale, reason)

@@ -15,9 +15,10 @@ from flexdesign.evidence.caught import CAUGHT, FOUND
 from flexdesign.evidence.noise import White
 from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import ALIKE, SMALL, Step, backward, forward
+from flexdesign.evidence.selection import backward, forward
 from flexdesign.evidence.stand import Stand, calibrated, fitted
 from flexdesign.evidence.suite import Suite
+from flexdesign.evidence.trial import ALIKE, SMALL, Step
 from tests.evidence.test_screening import NAMES, N, Sum, _sum, base, candidate, column, columns, least, offset, strength
 from tests.evidence.toys import Array, Run, parameter
 
