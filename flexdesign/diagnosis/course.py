@@ -275,7 +275,7 @@ def search(
     stand, agreed = (
         calibrated(case, in_tune(case, in_time(case, dynamics)), seed=seed)
         if ahead is None
-        else (fitted(case, like(dynamics, ahead.calibrated), (), {}, share=CALIBRATION_SHARE), ahead.agreed)
+        else (fitted(case, in_time(case, like(dynamics, ahead.calibrated)), (), {}), ahead.agreed)
     )
     if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
         case = begun_like(case, cast(AxisDynamics, stand.model), setting.rounded(stand))
@@ -287,7 +287,7 @@ def search(
     base, stands, steps, every = stand, list[Stand](), list[Step](), catalogue(stand)
     found = [] if ahead is None else [step for step in ahead.steps if _lasted(step, ahead.final)]
     while len(stand.effects) < MOST:
-        step = confirmed(case, stand, found.pop(0)) if found else None
+        step = confirmed(case, stand, found.pop(0), is_last=not found) if found else None
         if step is None:  # nothing was found ahead, or all of the runs refuse it
             found.clear()
             step = forward(case, stand, every)
@@ -319,8 +319,8 @@ def search(
 
 
 def like(model: Model, stand: Stand) -> Model:
-    """Return a model at the values of a stand that has its numbers."""
-    values = {parameter.name: parameter.start for parameter in stand.model.parameters()}
+    """Return a model at the values of a stand that has its numbers; but for those of single runs."""
+    values = {parameter.name: parameter.start for parameter in stand.model.parameters() if not parameter.run}
     return model.replace({p.name: start for p in model.parameters() if (start := values.get(p.name)) is not None})
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from flexdesign.diagnosis.setting import Setting
 from flexdesign.runs import Run
 
-#: So many values are enough to search in; runs of less than so many times that are searched whole.
-ENOUGH, LONG = 20_000, 2
+#: So many values are enough to search in; runs of fewer than so many in all are searched whole.
+ENOUGH, LONG = 12_000, 40_000
 
 
 def opening(setting: Setting) -> Setting | None:
@@ -26,7 +26,7 @@ def opening(setting: Setting) -> Setting | None:
     10000
     """
     lengths = [len(run.time) for run in setting.runs]
-    if sum(lengths) < LONG * ENOUGH:
+    if sum(lengths) < LONG:
         return None
     cut = _cut(lengths, ENOUGH)
     return replace(setting, runs=tuple(_opening(run, cut) for run in setting.runs))

@@ -94,10 +94,10 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     return _chosen(case, stand, trials, best, values, is_free=best is free)
 
 
-def confirmed(case: Case, stand: Stand, seen: Step) -> Step | None:
+def confirmed(case: Case, stand: Stand, seen: Step, *, is_last: bool) -> Step | None:
     """Return an addition that a part of the runs chose, with its rivals, fitted to all of them; None if they refuse it.
 
-    Others that the part refused are kept as it saw them.
+    Others that the part refused are kept as it saw them. Only the last addition is asked whether its fit is caught.
     """
     if seen.chosen is None:
         return None
@@ -112,7 +112,7 @@ def confirmed(case: Case, stand: Stand, seen: Step) -> Step | None:
     if best is None:
         return None
     others = [trial for trial in seen.trials if trial.names not in done]
-    step = _chosen(case, stand, trials, best)
+    step = _chosen(case, stand, trials, best, is_free=not is_last)
     return replace(step, trials=(*step.trials, *(replace(each, reason=each.reason or LESS) for each in others)))
 
 
@@ -121,10 +121,10 @@ def _as_seen(case: Case, stand: Stand, trial: Trial) -> Stand | None:
     model, added = stand.model, tuple(effect for effect in trial.stand.effects if effect.name in trial.names)
     for effect in added:
         model = effect.add(model)
-    names = {parameter.name for parameter in model.parameters()}
-    ended = {p.name: p.start for p in trial.stand.model.parameters() if p.name in names and p.start is not None}
-    together = (*stand.effects, *added)
-    return fitted(case, case.fine(model), together, ended, most=SECOND, share=SECOND_SHARE)
+    # Where each run began is sought anew: what an opening says of it may hold for no more than that.
+    ended = {p.name: p.start for p in trial.stand.model.parameters() if p.start is not None and not p.run}
+    begun = case.fine(model.replace({p.name: ended[p.name] for p in model.parameters() if p.name in ended}))
+    return fitted_in_line(case, begun_anew(case.identify, begun), (*stand.effects, *added))
 
 
 def _chosen(

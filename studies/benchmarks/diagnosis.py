@@ -35,7 +35,7 @@ HIDDEN: Mapping[str, Mapping[str, Values]] = {
     "creep": {"creep": {"per_decade": 0.015, "t0": 0.1}},
     "transport_delay": {"transport_delay": {"delay": 2.2e-3}},
     "prandtl_ishlinskii": {"prandtl_ishlinskii": {"weight": 0.05 * STAGE.gain, "reach": 30.0, "shape": 0.0}},
-    "pair": {"creep": {"per_decade": 0.015, "t0": 0.1}, "stress_stiffening": {"cubic": 0.03 / STAGE.stroke**2}},
+    "pair": {"creep": {"per_decade": 0.003, "t0": 0.1}, "stress_stiffening": {"cubic": 0.006 / STAGE.stroke**2}},
 }
 
 

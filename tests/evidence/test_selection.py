@@ -15,7 +15,7 @@ from flexdesign.evidence.caught import CAUGHT, FOUND
 from flexdesign.evidence.noise import White
 from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import backward, forward
+from flexdesign.evidence.selection import backward, confirmed, forward
 from flexdesign.evidence.stand import Stand, calibrated, fitted
 from flexdesign.evidence.suite import Suite
 from flexdesign.evidence.trial import ALIKE, SMALL, Step
@@ -107,6 +107,29 @@ def test_gains_are_falls_of_the_cost() -> None:
     assert step.chosen.held_gain == pytest.approx(0.3**2 / SIGMA**2 * kept, rel=0.3)
     assert step.chosen.moved == pytest.approx(0.3, rel=0.2)
     assert step.chosen.error == pytest.approx(SIGMA, rel=0.3)
+
+
+def test_what_a_part_of_the_runs_chose_is_confirmed_by_all_of_them() -> None:
+    about = case({"d": 0.3})
+    part = dataclasses.replace(about, identify=about.identify.part(NAMES[:2]))
+    seen, right = forward(part, calibrated_stand(part), effects()), forward(about, calibrated_stand(about), effects())
+    step = confirmed(about, calibrated_stand(about), seen, is_last=True)
+    assert step is not None and step.chosen is not None and right.chosen is not None
+    assert step.chosen.names == ("d",)
+    # Of all runs: the same fit as that of a search in all of them, to a fraction of what one value of noise costs.
+    assert step.chosen.gain == pytest.approx(right.chosen.gain, abs=0.05)
+    assert step.chosen.error == pytest.approx(right.chosen.error, rel=1e-4)
+    assert {trial.names for trial in step.trials} == {trial.names for trial in seen.trials}
+    assert all(trial.reason for trial in step.trials if trial.names != ("d",))
+
+
+def test_what_a_part_of_the_runs_chose_is_refused_where_the_others_know_better() -> None:
+    part, whole = case({"d": 0.3}), case({}, seed=1)
+    seen = forward(part, calibrated_stand(part), effects())
+    assert seen.chosen is not None and seen.chosen.names == ("d",)
+    assert confirmed(whole, calibrated_stand(whole), seen, is_last=True) is None
+    nothing = forward(whole, calibrated_stand(whole), effects())
+    assert nothing.chosen is None and confirmed(whole, calibrated_stand(whole), nothing, is_last=True) is None
 
 
 def test_two_effects_are_found_one_after_the_other() -> None:
