@@ -318,7 +318,7 @@ def search(
     return case, Course(designed, base, tuple(stands), tuple(steps), stand, agreed)
 
 
-def like(model: Model, stand: Stand) -> Model:
+def like(model: AxisDynamics, stand: Stand) -> AxisDynamics:
     """Return a model at the values of a stand that has its numbers; but for those of single runs."""
     values = {parameter.name: parameter.start for parameter in stand.model.parameters() if not parameter.run}
     return model.replace({p.name: start for p in model.parameters() if (start := values.get(p.name)) is not None})
