@@ -44,7 +44,7 @@ from flexdesign.evidence.caught import ANEW_SHARE, fitted_in_line, walked
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import MOST, backward, confirmed, forward
-from flexdesign.evidence.stand import CALIBRATION_SHARE, Stand, calibrated, finished, fitted
+from flexdesign.evidence.stand import CALIBRATION_SHARE, Stand, calibrated, finished, fitted, like
 from flexdesign.evidence.suite import Suite
 from flexdesign.evidence.trial import Step
 from flexdesign.identification import HYSTERESIS, LINEAR
@@ -275,7 +275,7 @@ def search(
     stand, agreed = (
         calibrated(case, in_tune(case, in_time(case, dynamics)), seed=seed)
         if ahead is None
-        else (fitted(case, in_time(case, like(dynamics, ahead.calibrated)), (), {}), ahead.agreed)
+        else (fitted(case, in_time(case, cast(AxisDynamics, like(dynamics, ahead.calibrated))), (), {}), ahead.agreed)
     )
     if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
         case = begun_like(case, cast(AxisDynamics, stand.model), setting.rounded(stand))
@@ -316,12 +316,6 @@ def search(
         stand = finished(case, stand)
         stands = [*stands[:-1], stand] if stands and stands[-1].names == stand.names else stands
     return case, Course(designed, base, tuple(stands), tuple(steps), stand, agreed)
-
-
-def like(model: AxisDynamics, stand: Stand) -> AxisDynamics:
-    """Return a model at the values of a stand that has its numbers; but for those of single runs."""
-    values = {parameter.name: parameter.start for parameter in stand.model.parameters() if not parameter.run}
-    return model.replace({p.name: start for p in model.parameters() if (start := values.get(p.name)) is not None})
 
 
 def _lasted(step: Step, final: Stand) -> bool:

@@ -15,7 +15,7 @@ from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.evidence.coordinates import value
 from flexdesign.evidence.rival import Rival
 from flexdesign.evidence.stand import Stand
-from flexdesign.evidence.trial import Step, Trial
+from flexdesign.evidence.trial import LESS, Step, Trial
 from flexdesign.stage_model import StageModel
 
 if TYPE_CHECKING:
@@ -262,7 +262,7 @@ def _tried(steps: Sequence[Step]) -> tuple[Tried, ...]:
 
 def _not_chosen(step: Step, trial: Trial) -> str:
     is_alike = any(trial.names == other.names for other in step.alike)
-    return "these runs cannot tell it from what was added" if is_alike else "explains less"
+    return "these runs cannot tell it from what was added" if is_alike else LESS
 
 
 def _ladder(setting: Setting, course: Course) -> tuple[Rung, ...]:

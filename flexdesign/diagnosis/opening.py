@@ -19,12 +19,7 @@ ENOUGH, LONG = 12_000, 40_000
 
 
 def opening(setting: Setting) -> Setting | None:
-    """Return the setting with its runs cut after a number of values, the same for all; None where they are not long.
-
-    >>> lengths = [1_000, 30_000, 30_000]
-    >>> _cut(lengths, 21_000)
-    10000
-    """
+    """Return the setting with its runs cut after a number of values, the same for all; None where they are not long."""
     lengths = [len(run.time) for run in setting.runs]
     if sum(lengths) < LONG:
         return None
@@ -33,7 +28,11 @@ def opening(setting: Setting) -> Setting | None:
 
 
 def _cut(lengths: list[int], enough: int) -> int:
-    """Return the length beyond which runs are cut, so that about `enough` values are left."""
+    """Return the length beyond which runs are cut, so that about `enough` values are left.
+
+    >>> _cut([1_000, 30_000, 30_000], 21_000)
+    10000
+    """
     left = enough
     for place, length in enumerate(ordered := sorted(lengths)):
         if length * (len(ordered) - place) >= left:

@@ -17,8 +17,8 @@ from flexdesign.evidence.case import Case
 from flexdesign.evidence.caught import ANEW, ANEW_SHARE, FIRST_SHARE, SECOND, fitted_in_line, freed, has_found, shaken
 from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate, Direction, Screening
-from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, fitted, refitted
-from flexdesign.evidence.trial import ALIKE, Step, Trial, behind, best_of, is_alike, overruled, weighed
+from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, fitted, like, refitted
+from flexdesign.evidence.trial import ALIKE, LESS, Step, Trial, behind, best_of, is_alike, overruled, weighed
 from flexdesign.model import Model
 
 #: Effects that are refitted after a screening, pairs among them; trials of each from which a fit begins.
@@ -50,8 +50,6 @@ DOUBTFUL = 12.0
 #: Where nothing earns its place but the cost is so many standard deviations of chance above what noise leaves, what was
 #: found may stand in for something else beside it.
 TOO_MUCH = 3.0
-#: Why an effect is refused that a part of the runs tried.
-LESS = "explains less"
 #: No more effects than these are added.
 MOST = 3
 
@@ -91,7 +89,7 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     best = best_of(trials)
     if best is None:
         return Step(None, tuple(trials))
-    return _chosen(case, stand, trials, best, values, is_free=best is free)
+    return _chosen(case, stand, trials, best, values, carry_on=best is not free)
 
 
 def confirmed(case: Case, stand: Stand, seen: Step, *, is_last: bool) -> Step | None:
@@ -112,7 +110,7 @@ def confirmed(case: Case, stand: Stand, seen: Step, *, is_last: bool) -> Step | 
     if best is None:
         return None
     others = [trial for trial in seen.trials if trial.names not in done]
-    step = _chosen(case, stand, trials, best, is_free=not is_last)
+    step = _chosen(case, stand, trials, best, carry_on=is_last)
     return replace(step, trials=(*step.trials, *(replace(each, reason=each.reason or LESS) for each in others)))
 
 
@@ -122,8 +120,7 @@ def _as_seen(case: Case, stand: Stand, trial: Trial) -> Stand | None:
     for effect in added:
         model = effect.add(model)
     # Where each run began is sought anew: what an opening says of it may hold for no more than that.
-    ended = {p.name: p.start for p in trial.stand.model.parameters() if p.start is not None and not p.run}
-    begun = case.fine(model.replace({p.name: ended[p.name] for p in model.parameters() if p.name in ended}))
+    begun = case.fine(like(model, trial.stand))
     return fitted_in_line(case, begun_anew(case.identify, begun), (*stand.effects, *added))
 
 
@@ -134,13 +131,13 @@ def _chosen(
     best: Trial,
     values: Mapping[str, float] | None = None,
     *,
-    is_free: bool = False,
+    carry_on: bool,
 ) -> Step:
-    """Return the step with the best trial, and those near it, carried to their ends."""
+    """Return the step with the best trial, carried to its end if it is to be, and those near it, carried to theirs."""
     accepted = [trial for trial in trials if not trial.reason]
     reach = max(NEAR * best.gain, ALIKE)
     near = [t for t in accepted if t is not best and len(t.names) == len(best.names) and behind(t, best) < reach]
-    if not is_free:
+    if carry_on:
         best, values = _polished(case, stand, best)
     rivals = [_ended(case, stand, trial, values) for trial in near[:RIVALS]]
     return Step(best, tuple(trials), tuple(trial for trial in rivals if is_alike(best.stand, trial.stand)))

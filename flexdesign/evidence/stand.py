@@ -233,6 +233,12 @@ def refitted(case: Case, stand: Stand, base: Model, effects: tuple[Candidate, ..
     return fitted(case, model, effects, values)
 
 
+def like(model: Model, stand: Stand) -> Model:
+    """Return a model at the values of a stand that has its numbers; but for those of single runs."""
+    values = {parameter.name: parameter.start for parameter in stand.model.parameters() if not parameter.run}
+    return model.replace({p.name: start for p in model.parameters() if (start := values.get(p.name)) is not None})
+
+
 def finished(case: Case, stand: Stand) -> Stand:
     """Return a stand with values that do not hang on how exactly the model is simulated.
 

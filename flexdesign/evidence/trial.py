@@ -12,6 +12,8 @@ from flexdesign.evidence.stand import Stand, at_null, moved
 ALIKE = 12.0
 #: Why an effect is refused that is there, for all one knows, and does not matter.
 SMALL = "moves the prediction by less than the tolerance"
+#: Why one is that nothing speaks against, but for a better one.
+LESS = "explains less"
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,7 +45,7 @@ def runs(rng: np.random.Generator) -> tuple[Recording, ...]:
     draws = [recordings.draw(rng, STAGE, held=False) for _ in range(8)]
     long = []
     for same in zip(*draws, strict=True):
-        if same[0].name.endswith(f"-{LEFT_OUT}") and "decaying" not in same[0].name:
+        if same[0].name.partition("-")[2] == LEFT_OUT:
             continue
         command = np.concatenate([run.u[: run.n] for run in same])[: samples + 1]
         long.append(replace(same[0], u=command, turns=np.append(same[0].turns[:-1], command[0])))
