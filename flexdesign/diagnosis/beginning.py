@@ -16,10 +16,9 @@ from flexdesign.effects import creep
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.caught import fitted_in_line
 from flexdesign.evidence.noise import Whitening
-from flexdesign.evidence.screening import Candidate
+from flexdesign.evidence.screening import Candidate, Moves
 from flexdesign.evidence.selection import PLAIN_CHANCE, SURE, forward
 from flexdesign.evidence.stand import Stand
-from flexdesign.evidence.suite import Problem
 from flexdesign.evidence.trial import Step
 from flexdesign.model import Observation, Parameter
 from flexdesign.runs import FrequencyResponse, Run
@@ -92,7 +91,7 @@ def begun_like(case: Case, model: AxisDynamics, noise: Whitening | None = None, 
 
 
 def at_rest(
-    case: Case, stand: Stand, candidates: Sequence[Candidate], noise: Whitening | None = None
+    case: Case, stand: Stand, candidates: Sequence[Candidate], moves: Moves | None, noise: Whitening | None = None
 ) -> tuple[Case, Stand, Step] | None:
     """Return the case with records that begin at rest, the stand there, and what to add, if likelier; else None.
 
@@ -106,7 +105,7 @@ def at_rest(
     calm = fitted_in_line(still, model, stand.effects)  # lest what frees a run that is caught be taken for a cause
     if calm is None or calm.seen_cost - stand.seen_cost < SURE * PLAIN_CHANCE * max(stand.scale, 1.0):
         return None  # nothing moves slowly
-    step = forward(still, calm, candidates)
+    step = forward(still, calm, candidates, moves)
     if step.chosen is None:
         return None
     after, scale = step.chosen.stand, max(stand.scale, 1.0)
@@ -148,6 +147,6 @@ def in_tune(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
 def _cost(case: Case, model: AxisDynamics) -> float:
     """Return what a model leaves of the runs that are fitted, nothing of it fitted but what may add to a record."""
     where = case.coordinates(model, (), case.identify)
-    problem = Problem(case.identify, model, where, case.each)
+    problem = case.problem(case.identify, model, where)
     left = problem.residuals(where.start)
     return math.inf if left is None else float(sum(e @ e for e in left))

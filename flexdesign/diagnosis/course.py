@@ -39,7 +39,7 @@ from flexdesign.diagnosis.opening import opening
 from flexdesign.diagnosis.setting import Setting, line_weights, settle
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
-from flexdesign.evidence.case import Case
+from flexdesign.evidence.case import Case, Fitting
 from flexdesign.evidence.caught import ANEW_SHARE, fitted_in_line, walked
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
@@ -67,6 +67,10 @@ BELIEVED = 4.0
 SMOOTHER = 20.0
 #: What is said of such a run.
 SMOOTH = "the command is taken as smooth between its samples, which fits better than straight lines"
+#: How fits are made where runs are long, in their openings and in the whole of them. A step that promises to lower the
+#: cost by less than a count of numbers moves each by a small share of its standard deviation; and among many values
+#: corners lie so close that a difference taken from farther is none of a slope.
+AHEAD, LONG = Fitting(share=1e-4), Fitting(share=1e-5, moved=1e-6, sparing=True)
 #: Where the noise is unknown, an effect must explain this share of what was unexplained (in squares).
 LEAST = 1e-3
 
@@ -157,8 +161,11 @@ def diagnose(
         if (short := opening(setting)) is not None:
             progress("searching in the opening of each run")
             _, case_of_openings = case_of(model, short, each, progress)
-            _, ahead = search(short, case_of_openings, dynamics, partial(every, short), seed)
+            part = replace(case_of_openings, fitting=AHEAD)
+            _, ahead = search(short, part, dynamics, partial(every, short), seed, is_part=True)
+            case = replace(case, fitting=LONG)
         case, course = search(setting, case, dynamics, partial(every, setting), seed, ahead)
+        course = ended(case, course)
         progress("looking at what is left")
         left = _rival(setting, case, course.final)
         before = _rival(setting, case, course.calibrated) if course.final.effects else left
@@ -263,11 +270,13 @@ def search(
     catalogue: Callable[[Stand], Sequence[Candidate]],
     seed: int,
     ahead: Course | None = None,
+    *,
+    is_part: bool = False,
 ) -> tuple[Case, Course]:
     """Calibrate, and add effects while they earn their place; return the case as calibrated, and how it went.
 
     Which effects are tried, and at what values, may follow from what calibration leaves: `catalogue` tells. What a
-    search `ahead` found in a part of the runs is tried first, and alone.
+    search `ahead` found in a part of the runs is tried first, and alone. Of a part it is not asked what moves slowly.
     """
     case.progress("predicting with the model as it is")
     designed = fitted(replace(case, free=(), believed=BELIEVED), dynamics, (), {}, share=CALIBRATION_SHARE, exact=False)
@@ -275,7 +284,7 @@ def search(
     stand, agreed = (
         calibrated(case, in_tune(case, in_time(case, dynamics)), seed=seed)
         if ahead is None
-        else (fitted(case, in_time(case, cast(AxisDynamics, like(dynamics, ahead.calibrated))), (), {}), ahead.agreed)
+        else (fitted(case, like(dynamics, ahead.calibrated), (), {}, most=1, exact=False), ahead.agreed)
     )
     if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
         case = begun_like(case, cast(AxisDynamics, stand.model), setting.rounded(stand))
@@ -286,12 +295,15 @@ def search(
         case = replace(case, least=LEAST * stand.seen_cost)
     base, stands, steps, every = stand, list[Stand](), list[Step](), catalogue(stand)
     found = [] if ahead is None else [step for step in ahead.steps if _lasted(step, ahead.final)]
+    if ahead is not None and found:
+        found[-1] = _ending(found[-1], ahead.final)
     while len(stand.effects) < MOST:
-        step = confirmed(case, stand, found.pop(0), is_last=not found) if found else None
+        step = confirmed(case, stand, found.pop(0)) if found else None
         if step is None:  # nothing was found ahead, or all of the runs refuse it
             found.clear()
             step = forward(case, stand, every)
-        if step.chosen is None and (other := at_rest(case, stand, every, setting.rounded(stand))) is not None:
+        asks = step.chosen is None and not is_part
+        if asks and (other := at_rest(case, stand, every, step.moves, setting.rounded(stand))) is not None:
             case, stand, step = other
             base, stands = (base, [*stands[:-1], stand]) if stands else (stand, stands)
         steps.append(step)
@@ -310,12 +322,24 @@ def search(
             case = begun_like(case, present)
             stand = fitted_in_line(case, stand.model, stand.effects) or stand
         stands.append(stand)
-    if stand.effects:
-        stand = walked(case, stand)
-        case.progress("fitting once more, simulated more exactly")
-        stand = finished(case, stand)
-        stands = [*stands[:-1], stand] if stands and stands[-1].names == stand.names else stands
-    return case, Course(designed, base, tuple(stands), tuple(steps), stand, agreed)
+    return case, Course(designed, base, tuple(stands), tuple(steps), walked(case, stand), agreed)
+
+
+def ended(case: Case, course: Course) -> Course:
+    """Return a course with its last fit carried to its end, simulated more exactly."""
+    if not course.final.effects:
+        return course
+    case.progress("fitting once more, simulated more exactly")
+    stand, stands = finished(case, course.final), course.stands
+    stands = (*stands[:-1], stand) if stands and stands[-1].names == stand.names else stands
+    return replace(course, stands=stands, final=stand)
+
+
+def _ending(step: Step, final: Stand) -> Step:
+    """Return a step whose choice stands as the last stand does, if that has the same effects."""
+    if step.chosen is None or step.chosen.stand.names != final.names:
+        return step
+    return replace(step, chosen=replace(step.chosen, stand=final))
 
 
 def _lasted(step: Step, final: Stand) -> bool:

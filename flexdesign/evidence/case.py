@@ -11,14 +11,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.evidence.coordinates import Coordinates, coordinate, coordinates
-from flexdesign.evidence.residuals import Map
-from flexdesign.evidence.suite import Suite
+from flexdesign.evidence.marquardt import SHARE
+from flexdesign.evidence.residuals import MOVED, Map
+from flexdesign.evidence.suite import Problem, Suite
 from flexdesign.model import Model
 
 if TYPE_CHECKING:
     from flexdesign.evidence.stand import Stand
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """How fits are made.
+
+    Parameters
+    ----------
+    share
+        None goes on where a step promises to lower the cost by less than this share.
+    moved
+        How far a finite difference should move the data, relative.
+    sparing
+        Whether simulations are saved that hardly change what is found: each run is fitted alone before all are fitted
+        together, and what effects do is not asked again at a stand nearby.
+    """
+
+    share: float = SHARE
+    moved: float = MOVED
+    sparing: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +80,8 @@ class Case:
         root mean square is stated: typical noise over their own.
     judging
         Names of the observations whose error is stated; by default those kept apart, or all if there are none.
+    fitting
+        How fits are made.
     """
 
     identify: Suite
@@ -78,6 +101,11 @@ class Case:
     weights: Mapping[str, Array] = field(default_factory=dict)
     scales: Mapping[str, Array] = field(default_factory=dict)
     judging: tuple[str, ...] = ()
+    fitting: Fitting = Fitting()
+
+    def problem(self, suite: Suite, model: Model, where: Coordinates, each: Map | None = None) -> Problem:
+        """Return a model with free numbers, to be laid beside a suite."""
+        return Problem(suite, model, where, each or self.each, self.fitting.moved)
 
     def coordinates(self, model: Model, free: Sequence[str], suite: Suite) -> Coordinates:
         """Return free numbers and those of each run as coordinates."""

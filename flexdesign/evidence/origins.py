@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.marquardt import solve
-from flexdesign.evidence.suite import Problem, Record, Suite
+from flexdesign.evidence.suite import Record, Suite
 from flexdesign.model import Model, Parameter
 
 Array = NDArray[np.float64]
@@ -27,6 +27,8 @@ OUT_OF_LINE = 1.5
 #: So many of the values to be tried become starts of a fit of the run by itself, which finds slopes so often, and ends
 #: where a step lowers its misfit by less than this share.
 FOLLOWED, SLOPES, SHARE = 4, 6, 1e-3
+#: The same for runs that are all fitted alone before all numbers are.
+SLOPES_BEFORE, SHARE_BEFORE = 4, 1e-4
 
 
 def out_of_line(suite: Suite, residuals: Sequence[Array], usual: float = 0.0) -> list[str]:
@@ -72,7 +74,7 @@ def begun_elsewhere(case: Case, suite: Suite, model: Model, runs: Sequence[str])
         for start in starts[:FOLLOWED]:
             begun = model.replace(start)
             where = case.coordinates(begun, (), alone)
-            ended = solve(Problem(alone, begun, where), where.start, most=SLOPES, share=SHARE, exact=False)
+            ended = solve(case.problem(alone, begun, where, map), where.start, most=SLOPES, share=SHARE, exact=False)
             if ended is not None and (misfit := sum(float(part @ part) for part in ended.residuals)) < BETTER * least:
                 best, least = where.values(ended.x), misfit
         return best
@@ -82,6 +84,23 @@ def begun_elsewhere(case: Case, suite: Suite, model: Model, runs: Sequence[str])
     ]
     changed = {name: value for values in case.each(found, records) for name, value in values.items()}
     return model.replace(changed) if changed else model
+
+
+def begun_alone(case: Case, model: Model) -> Model:
+    """Return a model with the numbers of each run fitted to that one while all others stand.
+
+    They are few, and a corner that one of them meets stops none of the others.
+    """
+
+    def found(record: Record) -> dict[str, float]:
+        alone = case.identify.part([record.observation.name])
+        where = case.coordinates(model, (), alone)
+        problem = case.problem(alone, model, where, map)
+        ended = solve(problem, where.start, most=SLOPES_BEFORE, share=SHARE_BEFORE, exact=False)
+        return {} if ended is None else where.values(ended.x)
+
+    records = [record for record in case.identify.records if record.observation.name in _by_run(model)]
+    return model.replace({name: value for own in case.each(found, records) for name, value in own.items()})
 
 
 def _by_run(model: Model) -> dict[str, list[Parameter]]:

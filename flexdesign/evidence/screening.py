@@ -30,6 +30,8 @@ from flexdesign.model import Model
 Array = NDArray[np.float64]
 #: Where in the grid of its hidden constants a candidate is tried.
 Place = tuple[int, ...]
+#: By how much effects with some numbers move what is predicted of each record (n values each, response).
+Moves = Mapping[tuple[str, frozenset[tuple[str, float]]], Sequence[Array]]
 #: An effect of which the free numbers leave less than this, in squares, is one that they can imitate.
 OWN = 1e-8
 #: A move smaller than this, in shares of the data, is rounding.
@@ -168,6 +170,8 @@ class Screening:
         What might be missing.
     coarse
         Makes a model that predicts less exactly and faster.
+    moves
+        What effects do at a solution nearby, where that is known.
     """
 
     def __init__(
@@ -175,8 +179,10 @@ class Screening:
         solution: Solution,
         candidates: Sequence[Candidate],
         coarse: Callable[[Model], Model] = lambda model: model,
+        moves: Moves | None = None,
     ) -> None:
         self.solution, self.coarse = solution, coarse
+        self.moves = dict(moves or {})
         problem = solution.problem
         self.model = coarse(problem.at(solution.x))
         self.inverse = solution.covariance
@@ -199,7 +205,7 @@ class Screening:
                 model = self.coarse(candidate.add(self.model))
                 if candidate.phase:
                     return self._sinusoid(candidate, model, values)
-                move = self._move(model.replace(values))
+                move = self._move(candidate, model, values)
         except (ArithmeticError, InputError):
             return None
         if move is None:
@@ -227,14 +233,20 @@ class Screening:
         bent = suite.whitened(record, np.where(record.present, moved, 0.0)) - share * move[k]
         return float(bent @ bent) < BENT**2 * share**2 * own
 
-    def _move(self, model: Model) -> list[Array] | None:
-        suite, moves = self.solution.problem.suite, []
-        for record, before in zip(suite.records, self.here, strict=True):
-            moved = np.asarray(model.predict(record.observation)) - before
-            if not np.isfinite(moved).all():
-                return None
-            moves.append(suite.whitened(record, np.where(record.present, moved, 0.0)))
-        return moves
+    def _move(self, candidate: Candidate, model: Model, values: Mapping[str, float]) -> list[Array] | None:
+        """Return by how much a candidate moves each record, whitened; None where that is not finite."""
+        suite, asked = self.solution.problem.suite, (candidate.name, frozenset(values.items()))
+        if asked not in self.moves:
+            there, moved = model.replace(values), list[Array]()
+            for record, before in zip(suite.records, self.here, strict=True):
+                moved.append(np.asarray(there.predict(record.observation)) - before)
+                if not np.isfinite(moved[-1]).all():
+                    return None
+            self.moves[asked] = moved
+        return [
+            suite.whitened(record, np.where(record.present, moved, 0.0))
+            for record, moved in zip(suite.records, self.moves[asked], strict=True)
+        ]
 
     def _direction(self, candidate: Candidate, values: Mapping[str, float], move: Array) -> Direction | None:
         """Return a direction; None where the model can imitate it."""
@@ -251,7 +263,7 @@ class Screening:
         ends = np.cumsum([record.rows for record in self.solution.problem.suite.records])
         columns = []
         for phase in (0.0, math.pi / 2):
-            moves = self._move(model.replace({**values, **{f"{name}:{candidate.phase}": phase for name in names}}))
+            moves = self._move(candidate, model, {**values, **{f"{n}:{candidate.phase}": phase for n in names}})
             if moves is None:
                 return None
             for end, part in zip(ends, moves, strict=True):

@@ -16,7 +16,7 @@ import numpy as np
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.caught import ANEW, ANEW_SHARE, FIRST_SHARE, SECOND, fitted_in_line, freed, has_found, shaken
 from flexdesign.evidence.origins import begun_anew
-from flexdesign.evidence.screening import Candidate, Direction, Screening
+from flexdesign.evidence.screening import Candidate, Direction, Moves, Screening
 from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, fitted, like, refitted
 from flexdesign.evidence.trial import ALIKE, LESS, Step, Trial, behind, best_of, is_alike, overruled, weighed
 from flexdesign.model import Model
@@ -54,11 +54,11 @@ TOO_MUCH = 3.0
 MOST = 3
 
 
-def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
-    """Return the addition that pays best, or none."""
+def forward(case: Case, stand: Stand, candidates: Sequence[Candidate], moves: Moves | None = None) -> Step:
+    """Return the addition that pays best, or none; what effects do at a stand nearby may be known from its step."""
     left = [candidate for candidate in candidates if candidate.name not in stand.names]
     case.progress("screening the catalogue" if not stand.effects else f"screening beside {', '.join(stand.names)}")
-    screening = Screening(stand.solution, left, case.coarse)
+    screening = Screening(stand.solution, left, case.coarse, moves)
     needed, strained = SURE * screening.chance(case.drawn(stand)), _is_strained(case, stand)
 
     def tried(beginnings: Sequence[tuple[Direction, ...]], reached: float = 0.0) -> list[Trial]:
@@ -88,14 +88,14 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate]) -> Step:
     trials = overruled(sorted(trials, key=lambda trial: trial.stand.total))
     best = best_of(trials)
     if best is None:
-        return Step(None, tuple(trials))
+        return Step(None, tuple(trials), moves=screening.moves if case.fitting.sparing else None)
     return _chosen(case, stand, trials, best, values, carry_on=best is not free)
 
 
-def confirmed(case: Case, stand: Stand, seen: Step, *, is_last: bool) -> Step | None:
+def confirmed(case: Case, stand: Stand, seen: Step) -> Step | None:
     """Return an addition that a part of the runs chose, with its rivals, fitted to all of them; None if they refuse it.
 
-    Others that the part refused are kept as it saw them. Only the last addition is asked whether its fit is caught.
+    Others that the part refused are kept as it saw them.
     """
     if seen.chosen is None:
         return None
@@ -110,7 +110,7 @@ def confirmed(case: Case, stand: Stand, seen: Step, *, is_last: bool) -> Step | 
     if best is None:
         return None
     others = [trial for trial in seen.trials if trial.names not in done]
-    step = _chosen(case, stand, trials, best, carry_on=is_last)
+    step = _chosen(case, stand, trials, best)
     return replace(step, trials=(*step.trials, *(replace(each, reason=each.reason or LESS) for each in others)))
 
 
@@ -119,9 +119,9 @@ def _as_seen(case: Case, stand: Stand, trial: Trial) -> Stand | None:
     model, added = stand.model, tuple(effect for effect in trial.stand.effects if effect.name in trial.names)
     for effect in added:
         model = effect.add(model)
-    # Where each run began is sought anew: what an opening says of it may hold for no more than that.
-    begun = case.fine(like(model, trial.stand))
-    return fitted_in_line(case, begun_anew(case.identify, begun), (*stand.effects, *added))
+    # Where a run began may be one thing to its opening, and another to the whole of it.
+    begun = begun_anew(case.identify, case.fine(like(model, trial.stand)))
+    return fitted_in_line(case, begun, (*stand.effects, *added))
 
 
 def _chosen(
@@ -131,7 +131,7 @@ def _chosen(
     best: Trial,
     values: Mapping[str, float] | None = None,
     *,
-    carry_on: bool,
+    carry_on: bool = False,
 ) -> Step:
     """Return the step with the best trial, carried to its end if it is to be, and those near it, carried to theirs."""
     accepted = [trial for trial in trials if not trial.reason]

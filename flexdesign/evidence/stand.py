@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.marquardt import SHARE, Columns, Solution, solve
-from flexdesign.evidence.origins import begun_elsewhere, out_of_line
+from flexdesign.evidence.origins import begun_alone, begun_elsewhere, out_of_line
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.suite import Problem, Record, Suite
+from flexdesign.evidence.suite import Record, Suite
 from flexdesign.model import Model
 
 Array = NDArray[np.float64]
@@ -147,7 +147,7 @@ def _sampled(case: Case, model: Model, count: int, seed: int) -> Iterator[dict[s
 
     where = case.coordinates(model, case.free, case.identify)
     shared = [j for j, parameter in enumerate(where.parameters) if not parameter.run]
-    problem = Problem(case.identify, model, where, case.each)
+    problem = case.problem(case.identify, model, where)
     low, high = where.sampled()
     tried = []
     for unit in Sobol(len(shared), rng=np.random.default_rng(seed)).random(SAMPLED):
@@ -178,12 +178,15 @@ def fitted(
     start
         Values from which it begins, where they are not those of the model.
     old, most, share, exact
-        See `flexdesign.evidence.marquardt.solve`.
+        See `flexdesign.evidence.marquardt.solve`; the share is at least that of the case.
     """
+    share = max(share, case.fitting.share)
     begun = model.replace(start)
     free = [*case.free, *(name for effect in effects for name in effect.free)]
+    if case.fitting.sparing and free and not old:
+        begun = begun_alone(case, begun)
     where = case.coordinates(begun, free, case.identify)
-    problem = Problem(case.identify, begun, where, case.each)
+    problem = case.problem(case.identify, begun, where)
     solution = solve(problem, where.start, most=most, share=share, old=old, exact=exact)
     return None if solution is None else judged(case, solution, effects, share)
 
@@ -195,7 +198,7 @@ def judged(case: Case, solution: Solution, effects: tuple[Candidate, ...], share
     if case.validate.records:
         where = case.coordinates(model, (), case.validate)
         # What is known of these numbers comes from nowhere else, so that their slopes are not asked for again.
-        problem = Problem(case.validate, model, where, case.each)
+        problem = case.problem(case.validate, model, where)
         beginning = solve(problem, where.start, share=max(share, HELD_SHARE), exact=False)
         if beginning is None:
             return None
@@ -215,9 +218,8 @@ def _from_elsewhere(case: Case, beginning: Solution, solution: Solution, share: 
     if not odd or (moved := begun_elsewhere(case, case.validate, model, odd)) is model:
         return beginning
     where = case.coordinates(moved, (), case.validate)
-    anew = solve(
-        Problem(case.validate, moved, where, case.each), where.start, share=max(share, HELD_SHARE), exact=False
-    )
+    problem = case.problem(case.validate, moved, where)
+    anew = solve(problem, where.start, share=max(share, HELD_SHARE), exact=False)
     return beginning if anew is None or anew.cost > beginning.cost else anew
 
 
@@ -234,8 +236,8 @@ def refitted(case: Case, stand: Stand, base: Model, effects: tuple[Candidate, ..
 
 
 def like(model: Model, stand: Stand) -> Model:
-    """Return a model at the values of a stand that has its numbers; but for those of single runs."""
-    values = {parameter.name: parameter.start for parameter in stand.model.parameters() if not parameter.run}
+    """Return a model at the values of a stand that has its numbers."""
+    values = {parameter.name: parameter.start for parameter in stand.model.parameters()}
     return model.replace({p.name: start for p in model.parameters() if (start := values.get(p.name)) is not None})
 
 

@@ -176,10 +176,12 @@ class Problem:
         Its free numbers as coordinates; those that act on one run alone carry its name.
     each
         Maps simulations, over threads perhaps.
+    moved
+        How far a finite difference should move the data, relative.
     """
 
-    def __init__(self, suite: Suite, model: Model, where: Coordinates, each: Map = map) -> None:
-        self.suite, self.model, self.where, self.each = suite, model, where, each
+    def __init__(self, suite: Suite, model: Model, where: Coordinates, each: Map = map, moved: float = MOVED) -> None:
+        self.suite, self.model, self.where, self.each, self.moved = suite, model, where, each, moved
         self.evaluations = 0
         runs = [parameter.run for parameter in where.parameters]
         names = [record.observation.name for record in suite.records]
@@ -293,7 +295,7 @@ class Problem:
                 if column is not None:
                     columns[r, j] = column
         # The next steps move the whitened response by a small share of it.
-        sizes, wanted = self.where.sizes(x), MOVED * self.suite.size
+        sizes, wanted = self.where.sizes(x), self.moved * self.suite.size
         by = np.where(moved > 0, np.clip(wanted / np.maximum(np.sqrt(moved), 1e-300), 0.1, 10.0), 1.0)
         self.steps = np.clip(self.steps * by, SMALLEST * sizes, LARGEST * sizes)
         return [

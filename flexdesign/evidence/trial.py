@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from flexdesign.evidence.case import Case
+from flexdesign.evidence.screening import Moves
 from flexdesign.evidence.stand import Stand, at_null, moved
 
 #: Two answers are one if their costs differ by less than this, in multiples of the noise's variance.
@@ -60,11 +61,14 @@ class Step:
         All that were refitted, best first.
     alike
         Trials that these runs cannot tell from the chosen one.
+    moves
+        What effects do, where nothing was chosen and that may be asked again.
     """
 
     chosen: Trial | None
     trials: tuple[Trial, ...]
     alike: tuple[Trial, ...] = ()
+    moves: Moves | None = field(default=None, repr=False)
 
 
 def weighed(case: Case, before: Stand, after: Stand, names: tuple[str, ...], needed: float) -> Trial:

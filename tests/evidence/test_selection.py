@@ -113,7 +113,7 @@ def test_what_a_part_of_the_runs_chose_is_confirmed_by_all_of_them() -> None:
     about = case({"d": 0.3})
     part = dataclasses.replace(about, identify=about.identify.part(NAMES[:2]))
     seen, right = forward(part, calibrated_stand(part), effects()), forward(about, calibrated_stand(about), effects())
-    step = confirmed(about, calibrated_stand(about), seen, is_last=True)
+    step = confirmed(about, calibrated_stand(about), seen)
     assert step is not None and step.chosen is not None and right.chosen is not None
     assert step.chosen.names == ("d",)
     # Of all runs: the same fit as that of a search in all of them, to a fraction of what one value of noise costs.
@@ -127,9 +127,9 @@ def test_what_a_part_of_the_runs_chose_is_refused_where_the_others_know_better()
     part, whole = case({"d": 0.3}), case({}, seed=1)
     seen = forward(part, calibrated_stand(part), effects())
     assert seen.chosen is not None and seen.chosen.names == ("d",)
-    assert confirmed(whole, calibrated_stand(whole), seen, is_last=True) is None
+    assert confirmed(whole, calibrated_stand(whole), seen) is None
     nothing = forward(whole, calibrated_stand(whole), effects())
-    assert nothing.chosen is None and confirmed(whole, calibrated_stand(whole), nothing, is_last=True) is None
+    assert nothing.chosen is None and confirmed(whole, calibrated_stand(whole), nothing) is None
 
 
 def test_two_effects_are_found_one_after_the_other() -> None:
