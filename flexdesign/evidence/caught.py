@@ -13,7 +13,7 @@ from flexdesign.evidence.case import Case
 from flexdesign.evidence.marquardt import Columns
 from flexdesign.evidence.origins import begun_elsewhere, out_of_line
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.stand import GROSS, Stand, fitted
+from flexdesign.evidence.stand import GROSS, Stand, fitted, judged, solved
 from flexdesign.model import Model
 
 #: A fit that is followed for a while finds slopes so often; one that is only begun ends where a step lowers the cost by
@@ -25,7 +25,8 @@ ANEW, ANEW_SHARE = 2, 0.01
 #: the noise all the same it may be caught between kinks: then it begins again with hidden constants times these.
 FOUND, CAUGHT, ASIDE = 0.1, 1.05, (1.1, 0.9, 1.35, 0.75)
 #: A fit with thresholds of voltage ends by beginning again with each times these, and is carried on if it has come so
-#: close to the cost before; better is what lowers that by so much, and so often it may get better.
+#: close to the cost before, or below it where simulations are spared; better is what lowers that by so much, and so
+#: often it may get better.
 BESIDE, CLOSE, BETTER, LONGEST_WALK = (1.1, 0.9), 1.05, 2.0, 6
 #: A fit in doubt begins again with turns of runs moved by these shares of their range, and hidden constants by so many
 #: times as large shares of themselves.
@@ -122,15 +123,15 @@ def walked(case: Case, stand: Stand) -> Stand:
 def _beside(case: Case, stand: Stand, name: str, factor: float) -> Stand | None:
     """Return the fit that begins with a number times a factor; None if it is no better."""
     value = stand.solution.problem.where.values(stand.solution.x)[name]
-    ended = _begun_at(case, stand, {name: factor * value}, CLOSE * stand.cost)
+    ended = _begun_at(case, stand, {name: factor * value}, (1.0 if case.fitting.sparing else CLOSE) * stand.cost)
     return ended if ended is not None and ended.cost < stand.cost - BETTER else None
 
 
 def _begun_at(case: Case, stand: Stand, values: Mapping[str, float], enough: float) -> Stand | None:
     """Return a fit that begins at other values, carried to its end; None if it is not begun below some cost."""
     aside = case.coarse(stand.model.replace(values))
-    begun = fitted(case, aside, stand.effects, {}, most=SECOND, share=FIRST_SHARE, exact=False)
-    if begun is None or begun.cost >= enough:
+    found = solved(case, aside, stand.effects, {}, most=SECOND, share=FIRST_SHARE, exact=False)
+    if found is None or found.cost >= enough or (begun := judged(case, found, stand.effects, FIRST_SHARE)) is None:
         return None
     return fitted(case, case.fine(begun.model), stand.effects, {}, old=begun.solution.columns())
 

@@ -15,12 +15,15 @@ import numpy as np
 
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.caught import ANEW, ANEW_SHARE, FIRST_SHARE, SECOND, fitted_in_line, freed, has_found, shaken
+from flexdesign.evidence.marquardt import Solution
 from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate, Direction, Moves, Screening
-from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, fitted, like, refitted
+from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, fitted, judged, like, refitted, solved
 from flexdesign.evidence.trial import ALIKE, LESS, Step, Trial, behind, best_of, is_alike, overruled, weighed
 from flexdesign.model import Model
 
+#: A first fit with some effects, not judged on the runs kept apart.
+Attempt = tuple[tuple[Candidate, ...], Solution]
 #: Effects that are refitted after a screening, pairs among them; trials of each from which a fit begins.
 SHORTLIST, PAIRS, BEGINNINGS = 7, 2, 2
 #: A candidate that promises less than this share of what the best one does cannot win at this step.
@@ -62,7 +65,7 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate], moves: Mo
     needed, strained = SURE * screening.chance(case.drawn(stand)), _is_strained(case, stand)
 
     def tried(beginnings: Sequence[tuple[Direction, ...]], reached: float = 0.0) -> list[Trial]:
-        attempts = list[tuple[tuple[str, ...], Stand]]()
+        attempts = list[tuple[tuple[str, ...], Attempt]]()
         for beginning in beginnings:
             names = _names(beginning)
             case.progress(f"trying {' and '.join((*stand.names, *names))}")
@@ -203,35 +206,36 @@ def _ended(case: Case, before: Stand, trial: Trial, values: Mapping[str, float] 
 
 
 def _refined(
-    case: Case, before: Stand, attempts: Sequence[tuple[tuple[str, ...], Stand]], reached: float
+    case: Case, before: Stand, attempts: Sequence[tuple[tuple[str, ...], Attempt]], reached: float
 ) -> Iterator[tuple[tuple[str, ...], Stand]]:
     """Yield the best attempt of each candidate, fitted further if within reach of the best, or of what was reached."""
-    best: dict[tuple[str, ...], Stand] = {}
+    best: dict[tuple[str, ...], Attempt] = {}
     for names, made in attempts:
-        if names not in best or made.cost < best[names].cost:
+        if names not in best or made[1].cost < best[names][1].cost:
             best[names] = made
-    most = max([reached, *(before.cost - made.cost for made in best.values())])
-    for names, made in best.items():
-        if before.cost - made.cost < WITHIN_REACH * most:
-            yield names, made
-            continue
-        case.progress(f"fitting with {' and '.join((*before.names, *names))}")
-        yield names, _further(case, made)
+    most = max([reached, *(before.cost - solution.cost for _, solution in best.values())])
+    for names, (effects, solution) in best.items():
+        further = None
+        if before.cost - solution.cost >= WITHIN_REACH * most:
+            case.progress(f"fitting with {' and '.join((*before.names, *names))}")
+            further = _further(case, effects, solution)
+        if (stand := further or judged(case, solution, effects, FIRST_SHARE)) is not None:
+            yield names, stand
 
 
-def _further(case: Case, stand: Stand) -> Stand:
+def _further(case: Case, effects: tuple[Candidate, ...], first: Solution) -> Stand | None:
     """Return a first fit carried further; where a run seems to have come from elsewhere it is fitted again."""
     best: Stand | None = None
-    model, old = case.fine(stand.solution.problem.at(stand.solution.x)), stand.solution.columns()
+    model, old = case.fine(first.problem.at(first.x)), first.columns()
     for _ in range(ANEW):
         moved = begun_anew(case.identify, model)
         if best is not None and moved is model:
             break
-        made = fitted(case, moved, stand.effects, {}, old=old, most=SECOND, share=SECOND_SHARE)
+        made = fitted(case, moved, effects, {}, old=old, most=SECOND, share=SECOND_SHARE)
         if made is None or (best is not None and made.cost > (1 - ANEW_SHARE) * best.cost):
             break
         best, model, old = made, made.model, made.solution.columns()
-    return best or stand
+    return best
 
 
 def backward(case: Case, stand: Stand, base: Model, candidates: Sequence[Candidate]) -> Stand:
@@ -291,7 +295,7 @@ def _pairs(screening: Screening, needed: float) -> list[tuple[Direction, ...]]:
     return [(a, b) for promise, a, b in screening.pairs(PAIRS) if promise > most + needed]
 
 
-def _extended(case: Case, stand: Stand, beginning: Sequence[Direction], *, is_strained: bool) -> Stand | None:
+def _extended(case: Case, stand: Stand, beginning: Sequence[Direction], *, is_strained: bool) -> Attempt | None:
     """Return a first fit with further effects, coarse, from the slopes that are known."""
     model, start, old = stand.model, dict[str, float](), dict(stand.solution.columns())
     ends = np.cumsum([record.rows for record in case.identify.records])[:-1]
@@ -312,10 +316,10 @@ def _extended(case: Case, stand: Stand, beginning: Sequence[Direction], *, is_st
         start |= {p.name: p.screen[len(p.screen) // 2] for p in model.parameters() if p.run and p.screen}
     known = None if gross or any(candidate.is_limit for candidate in added) else old
     together, coarse = (*stand.effects, *added), case.coarse(model)
-    made = fitted(case, coarse, together, start, old=known, most=FIRST, share=FIRST_SHARE, exact=False)
-    if not is_strained:
-        return made
-    # There its own numbers, too, made up for what it lacked: they begin where they were thought to be.
-    anew = begun_anew(case.identify, coarse.replace({**start, **case.designed}))
-    other = fitted(case, anew, together, {}, most=FOLLOWED, share=FIRST_SHARE, exact=False)
-    return min((each for each in (made, other) if each is not None), key=lambda each: each.cost, default=None)
+    tried = [solved(case, coarse, together, start, old=known, most=FIRST, share=FIRST_SHARE, exact=False)]
+    if is_strained:
+        # There its own numbers, too, made up for what it lacked: they begin where they were thought to be.
+        anew = begun_anew(case.identify, coarse.replace({**start, **case.designed}))
+        tried.append(solved(case, anew, together, {}, most=FOLLOWED, share=FIRST_SHARE, exact=False))
+    best = min((each for each in tried if each is not None), key=lambda each: each.cost, default=None)
+    return None if best is None else (together, best)

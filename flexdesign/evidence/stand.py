@@ -119,26 +119,24 @@ def calibrated(case: Case, model: Model, starts: int = 4, seed: int = 0) -> tupl
     The first start is the model's own values; the others are the best of a sample of what is plausible or known. The
     search ends early when two agree.
     """
-    first = fitted(case, model, (), {}, share=CALIBRATION_SHARE, exact=False)
+    first = solved(case, model, (), {}, share=CALIBRATION_SHARE, exact=False)
     found = [] if first is None else [first]
-    if first is not None and first.scale < GOOD:  # no other minimum can be deeper by much
-        return first, 1
-    for values in _sampled(case, model, starts - 1, seed):
-        case.progress(f"calibrating: start {len(found) + 1}")
-        made = fitted(case, model, (), values, share=CALIBRATION_SHARE, most=FOLLOWED, exact=False)
-        if made is not None:
-            found.append(made)
-            best = min(found, key=lambda stand: stand.cost)
-            if _agreed(found, best) > 1:
-                return best, _agreed(found, best)
-    if not found:
-        return None, 0
-    best = min(found, key=lambda stand: stand.cost)
-    return best, _agreed(found, best)
+    # Where the first leaves hardly more than noise no other minimum can be deeper by much.
+    if first is None or first.cost >= GOOD * case.identify.samples:
+        for values in _sampled(case, model, starts - 1, seed):
+            case.progress(f"calibrating: start {len(found) + 1}")
+            made = solved(case, model, (), values, share=CALIBRATION_SHARE, most=FOLLOWED, exact=False)
+            if made is not None:
+                found.append(made)
+                if _agreed(found) > 1:
+                    break
+    best = min(found, key=lambda solution: solution.cost, default=None)
+    return None if best is None else judged(case, best, (), CALIBRATION_SHARE), _agreed(found)
 
 
-def _agreed(found: Sequence[Stand], best: Stand) -> int:
-    return sum(stand.cost <= (1 + AGREED) * best.cost for stand in found)
+def _agreed(found: Sequence[Solution]) -> int:
+    least = min((solution.cost for solution in found), default=0.0)
+    return sum(solution.cost <= (1 + AGREED) * least for solution in found)
 
 
 def _sampled(case: Case, model: Model, count: int, seed: int) -> Iterator[dict[str, float]]:
@@ -173,6 +171,25 @@ def fitted(
 ) -> Stand | None:
     """Fit a model that has some effects, and judge it on the runs kept apart; None where it cannot be simulated.
 
+    Parameters are those of `solved`.
+    """
+    solution = solved(case, model, effects, start, old=old, most=most, share=share, exact=exact)
+    return None if solution is None else judged(case, solution, effects, share)
+
+
+def solved(
+    case: Case,
+    model: Model,
+    effects: tuple[Candidate, ...],
+    start: Mapping[str, float],
+    *,
+    old: Columns | None = None,
+    most: int = 20,
+    share: float = SHARE,
+    exact: bool = True,
+) -> Solution | None:
+    """Fit a model that has some effects; None where it cannot be simulated.
+
     Parameters
     ----------
     start
@@ -180,21 +197,18 @@ def fitted(
     old, most, share, exact
         See `flexdesign.evidence.marquardt.solve`; the share is at least that of the case.
     """
-    share = max(share, case.fitting.share)
     begun = model.replace(start)
     free = [*case.free, *(name for effect in effects for name in effect.free)]
     if case.fitting.sparing and free and not old:
         begun = begun_alone(case, begun)
     where = case.coordinates(begun, free, case.identify)
     problem = case.problem(case.identify, begun, where)
-    solution = solve(problem, where.start, most=most, share=share, old=old, exact=exact)
-    return None if solution is None else judged(case, solution, effects, share)
+    return solve(problem, where.start, most=most, share=max(share, case.fitting.share), old=old, exact=exact)
 
 
 def judged(case: Case, solution: Solution, effects: tuple[Candidate, ...], share: float = SHARE) -> Stand | None:
     """Judge a fit on the runs kept apart: where each began is found, and what is left of all."""
-    model = solution.problem.at(solution.x)
-    held = 0.0
+    model, held, share = solution.problem.at(solution.x), 0.0, max(share, case.fitting.share)
     if case.validate.records:
         where = case.coordinates(model, (), case.validate)
         # What is known of these numbers comes from nowhere else, so that their slopes are not asked for again.

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign.evidence.case import Case
+from flexdesign.evidence.case import Case, Fitting
 from flexdesign.evidence.caught import in_line, shaken
 from flexdesign.evidence.noise import White
-from flexdesign.evidence.origins import begun_elsewhere, out_of_line
-from flexdesign.evidence.stand import Stand, fitted
+from flexdesign.evidence.origins import SHARE_BEFORE, begun_alone, begun_elsewhere, out_of_line
+from flexdesign.evidence.stand import Stand, fitted, solved
 from flexdesign.evidence.suite import Suite
-from tests.evidence.test_screening import NAMES, N, Sum, base, column, offset
+from tests.evidence.test_screening import NAMES, N, Sum, base, column, least, offset
 from tests.evidence.toys import Array, Run, parameter
 
 SIGMA = 0.1
@@ -80,6 +80,46 @@ def test_a_run_out_of_line_is_fitted_by_itself_from_several_places() -> None:
     assert ripple(found.pop("two:turn") or 0.0) == pytest.approx(ripple(0.82), abs=0.05)
     assert found == {p.name: p.start for p in begun.parameters() if p.name != "two:turn"}
     assert begun_elsewhere(case, case.identify, begun, []) is begun
+
+
+def test_each_run_is_fitted_alone_while_all_other_numbers_stand() -> None:
+    """Its own amount of a column follows from linear algebra: that of what shared numbers leave, beside an offset."""
+    own = [parameter(f"{n}:own", 0.0, -9.0, 9.0, run=n) for n in NAMES]
+    model = base("p").plus(lambda v, run: v[f"{run.name}:own"] * column(run, "own"), *own)
+    rng = np.random.default_rng(0)
+    observed = [Run(name, np.arange(N) / N, rng.standard_normal(N)) for name in NAMES]
+    case = Case(Suite(observed, White(SIGMA), offset), Suite([], White(SIGMA), offset), ("p",), lambda _: {}, 1e-3)
+    found = {p.name: p.start for p in begun_alone(case, model.replace({"p": 0.7})).parameters()}
+    assert found.pop("p") == 0.7
+    for run in observed:
+        matrix = np.column_stack([column(run, "own"), np.ones(N)])
+        left = run.data - 0.7 * column(run, "p")
+        amount = np.linalg.lstsq(matrix, left)[0][0]
+        # No step is left that promises more than a small share of what the run leaves.
+        farthest = math.sqrt(SHARE_BEFORE * least(matrix, left)) / math.sqrt(least(matrix[:, 1:], matrix[:, 0]))
+        assert found[f"{run.name}:own"] == pytest.approx(amount, abs=farthest)
+
+
+def test_fits_that_spare_simulations_end_where_others_do() -> None:
+    case = about()
+    start = {f"{run}:turn": turn + 0.01 for run, turn in TRUTH.items()}
+    plain = solved(case, model(), (), start)
+    spared = solved(dataclasses.replace(case, fitting=Fitting(sparing=True)), model(), (), start)
+    assert plain is not None and spared is not None
+    assert spared.cost == pytest.approx(plain.cost, abs=0.1)  # a step that promises less is the last
+    assert spared.x == pytest.approx(plain.x, abs=1e-3)
+    assert spared.problem.evaluations < plain.problem.evaluations
+
+
+def test_fits_go_on_no_further_than_the_case_asks() -> None:
+    case = about()
+    exact, rough = (
+        solved(dataclasses.replace(case, fitting=Fitting(share=share)), model(), (), {"p": 2.0, "q": -1.0})
+        for share in (1e-6, 0.5)
+    )
+    assert exact is not None and rough is not None
+    assert exact.cost < rough.cost < 2 * exact.cost
+    assert rough.problem.evaluations < exact.problem.evaluations
 
 
 def test_a_fit_and_the_runs_kept_apart_come_free_together() -> None:

@@ -171,6 +171,26 @@ def test_a_large_move_that_is_straight_in_its_strength_is_not_made_smaller(power
         assert found.directions[0].drop == pytest.approx(alone.directions[0].drop, rel=1e-9)
 
 
+def test_what_effects_do_is_not_asked_again_of_a_solution_nearby() -> None:
+    asked = list[str]()
+
+    def told(v: Mapping[str, float], run: Any) -> Array:
+        asked.append(run.name)
+        return v["x"] * column(run, "x")
+
+    wanted = Candidate("x", lambda model: _sum(model).plus(told, strength("x")), "x", ("x",), ({"x": 0.1},))
+    observed = runs(lambda run: column(run, "p") + 0.3 * column(run, "x"))
+    here, nearby = solution(base("p"), observed, White(1.0)), solution(base("p", "q"), observed, White(1.0))
+    first = Screening(here, [wanted])
+    assert asked == list(NAMES)
+    again = Screening(nearby, [wanted], moves=first.moves)
+    assert asked == list(NAMES)
+    # The move is the old one; what free numbers imitate of it, and what it promises, are those of the new solution.
+    anew = Screening(nearby, [wanted])
+    assert again.directions[0].drop == pytest.approx(anew.directions[0].drop, rel=1e-9)
+    assert again.directions[0].drop != pytest.approx(first.directions[0].drop, rel=1e-3)
+
+
 # --- promises -------------------------------------------------------------------------------------------------------
 
 
