@@ -176,6 +176,8 @@ def holds(command: Array) -> list[tuple[int, int, float]]:
     found = []
     change, span = np.diff(command), float(np.ptp(command))
     for jump in (np.flatnonzero(np.abs(change) > JUMP * span) + 1).tolist():
+        if np.abs(command[jump : jump + STAYS] - command[jump]).max() > STANDS * span:
+            continue
         moved = np.flatnonzero(np.abs(command[jump:] - command[jump]) > STANDS * span)
         last = jump + int(moved[0]) if moved.size else len(command)
         if last - jump >= STAYS:

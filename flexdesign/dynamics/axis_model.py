@@ -324,10 +324,8 @@ class AxisDynamics:
     # --- simulation ----------------------------------------------------------------------------------------------
 
     def _reading(self, run: Run, steps: int) -> Array:
-        found = self._simulated(run, steps)
-        if found.diverged is not None:
-            return np.full(len(run.time), np.nan)
-        return found.reading[0, -len(run.time) :]
+        found, n = self._simulated(run, steps), len(run.time)
+        return found.reading[0, -n:] if found.diverged is None else np.full(n, np.nan)
 
     def _limited(self, run: Run) -> Array:
         """Return the command of a run within the limits; none act on what was measured behind them."""
@@ -372,7 +370,8 @@ class AxisDynamics:
 
     def _disturbances(self, axis: AxisModel, run: Run, samples: int) -> Mapping[str, Array]:
         """Return what adds to the reading; nothing does before the record."""
-        added = stages.disturbance(self.name, axis, run.columns, run.time)
+        there = axis is not self.axis or self._is_disturbed
+        added = stages.disturbance(self.name, axis, run.columns, run.time) if there else None
         return {} if added is None else {self.name: np.concatenate([np.zeros(samples - len(added)), added])}
 
     def _decay(self, share: float, damping_ratio: float) -> float:
@@ -386,6 +385,10 @@ class AxisDynamics:
         """Whether an effect has a memory of where the voltage had turned; that of modes and filters is short."""
         faces = (face for name in self.axis.effects for face in effects.find(name).faces)
         return any(isinstance(face, Block) and bool(face.states or face.memory) for face in faces)
+
+    @cached_property
+    def _is_disturbed(self) -> bool:
+        return stages.is_disturbed(self.axis)
 
     @cached_property
     def _chain(self) -> AxisChain:

@@ -81,6 +81,11 @@ def disturbance(
     return AxisChain(name, axis.gain, (), tuple(given)).disturbance(time, there)
 
 
+def is_disturbed(axis: AxisModel) -> bool:
+    """Tell whether an effect of an axis adds to its reading."""
+    return any(isinstance(face, Disturbance) for effect, _ in acting(axis) for face in effect.faces)
+
+
 def missing(name: str, effect: Effect, recorded: Mapping[str, NDArray[np.float64]]) -> tuple[str, ...]:
     """Return the columns that an effect on the axis `name` needs and a run lacks; `OTHER` for another axis."""
     there = with_other(name, recorded)
