@@ -69,8 +69,8 @@ SMOOTHER = 20.0
 #: What is said of such a run.
 SMOOTH = "the command is taken as smooth between its samples, which fits better than straight lines"
 #: How fits are made where runs are long, in their openings and in the whole of them. A step that promises to lower the
-#: cost by less than a count of numbers moves each by a small share of its standard deviation; and among many values
-#: corners lie so close that a difference taken from farther is none of a slope.
+#: cost by less than about one moves no number by its standard deviation; and among many values corners lie so close
+#: that a difference taken from farther is none of a slope.
 AHEAD, LONG = Fitting(share=1e-4), Fitting(share=1e-5, moved=1e-6, sparing=True)
 #: Where the noise is unknown, an effect must explain this share of what was unexplained (in squares).
 LEAST = 1e-3

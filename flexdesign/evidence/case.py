@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from flexdesign.evidence.stand import Stand
 
 Array = NDArray[np.float64]
+Of = TypeVar("Of")
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,16 @@ class Case:
     def problem(self, suite: Suite, model: Model, where: Coordinates, each: Map | None = None) -> Problem:
         """Return a model with free numbers, to be laid beside a suite."""
         return Problem(suite, model, where, each or self.each, self.fitting.moved)
+
+    def side_by_side(self, make: Callable[[Case, Of], Made], of: Sequence[Of]) -> list[Made]:
+        """Return what is made of each of some things; of several at a time, each then simulating one run after another.
+
+        Between short simulations threads wait for each other; between whole fits they hardly do.
+        """
+        if len(of) < 2:
+            return [make(self, each) for each in of]
+        alone = replace(self, each=map)
+        return list(self.each(lambda each: make(alone, each), of))
 
     def coordinates(self, model: Model, free: Sequence[str], suite: Suite) -> Coordinates:
         """Return free numbers and those of each run as coordinates."""

@@ -8,7 +8,7 @@ the prediction. Of these runs, too, where each began is fitted, and nothing else
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,8 +22,8 @@ from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, fitted, judged, li
 from flexdesign.evidence.trial import ALIKE, LESS, Step, Trial, behind, best_of, is_alike, overruled, weighed
 from flexdesign.model import Model
 
-#: A first fit with some effects, not judged on the runs kept apart.
-Attempt = tuple[tuple[Candidate, ...], Solution]
+#: A first fit with some effects, not judged on the runs kept apart: names of those that are new, all, and the fit.
+Attempt = tuple[tuple[str, ...], tuple[Candidate, ...], Solution]
 #: Effects that are refitted after a screening, pairs among them; trials of each from which a fit begins.
 SHORTLIST, PAIRS, BEGINNINGS = 7, 2, 2
 #: A candidate that promises less than this share of what the best one does cannot win at this step.
@@ -64,15 +64,13 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate], moves: Mo
     screening = Screening(stand.solution, left, case.coarse, moves)
     needed, strained = SURE * screening.chance(case.drawn(stand)), _is_strained(case, stand)
 
+    def attempt(alone: Case, beginning: tuple[Direction, ...]) -> Attempt | None:
+        case.progress(f"trying {' and '.join((*stand.names, *_names(beginning)))}")
+        return _extended(alone, stand, beginning, is_strained=strained)
+
     def tried(beginnings: Sequence[tuple[Direction, ...]], reached: float = 0.0) -> list[Trial]:
-        attempts = list[tuple[tuple[str, ...], Attempt]]()
-        for beginning in beginnings:
-            names = _names(beginning)
-            case.progress(f"trying {' and '.join((*stand.names, *names))}")
-            if (made := _extended(case, stand, beginning, is_strained=strained)) is not None:
-                attempts.append((names, made))
-        refined = _refined(case, stand, attempts, reached)
-        return [weighed(case, stand, made, names, needed) for names, made in refined]
+        made = [each for each in case.side_by_side(attempt, beginnings) if each is not None]
+        return [weighed(case, stand, each, names, needed) for names, each in _refined(case, stand, made, reached)]
 
     enough = max(needed * stand.scale, case.least)
     trials = tried(_shortlist(screening, enough, is_strained=strained))
@@ -206,21 +204,25 @@ def _ended(case: Case, before: Stand, trial: Trial, values: Mapping[str, float] 
 
 
 def _refined(
-    case: Case, before: Stand, attempts: Sequence[tuple[tuple[str, ...], Attempt]], reached: float
-) -> Iterator[tuple[tuple[str, ...], Stand]]:
-    """Yield the best attempt of each candidate, fitted further if within reach of the best, or of what was reached."""
+    case: Case, before: Stand, attempts: Sequence[Attempt], reached: float
+) -> list[tuple[tuple[str, ...], Stand]]:
+    """Return the best attempt of each candidate, fitted further if within reach of the best, or of what was reached."""
     best: dict[tuple[str, ...], Attempt] = {}
-    for names, made in attempts:
-        if names not in best or made[1].cost < best[names][1].cost:
-            best[names] = made
-    most = max([reached, *(before.cost - solution.cost for _, solution in best.values())])
-    for names, (effects, solution) in best.items():
+    for names, effects, solution in attempts:
+        if names not in best or solution.cost < best[names][-1].cost:
+            best[names] = names, effects, solution
+    most = max([reached, *(before.cost - solution.cost for *_, solution in best.values())])
+
+    def refined(alone: Case, attempt: Attempt) -> Stand | None:
+        names, effects, solution = attempt
         further = None
         if before.cost - solution.cost >= WITHIN_REACH * most:
             case.progress(f"fitting with {' and '.join((*before.names, *names))}")
-            further = _further(case, effects, solution)
-        if (stand := further or judged(case, solution, effects, FIRST_SHARE)) is not None:
-            yield names, stand
+            further = _further(alone, effects, solution)
+        return further or judged(alone, solution, effects, FIRST_SHARE)
+
+    made = case.side_by_side(refined, list(best.values()))
+    return [(names, stand) for names, stand in zip(best, made, strict=True) if stand is not None]
 
 
 def _further(case: Case, effects: tuple[Candidate, ...], first: Solution) -> Stand | None:
@@ -322,4 +324,4 @@ def _extended(case: Case, stand: Stand, beginning: Sequence[Direction], *, is_st
         anew = begun_anew(case.identify, coarse.replace({**start, **case.designed}))
         tried.append(solved(case, anew, together, {}, most=FOLLOWED, share=FIRST_SHARE, exact=False))
     best = min((each for each in tried if each is not None), key=lambda each: each.cost, default=None)
-    return None if best is None else (together, best)
+    return None if best is None else (_names(beginning), together, best)

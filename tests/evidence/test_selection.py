@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -107,6 +108,17 @@ def test_gains_are_falls_of_the_cost() -> None:
     assert step.chosen.held_gain == pytest.approx(0.3**2 / SIGMA**2 * kept, rel=0.3)
     assert step.chosen.moved == pytest.approx(0.3, rel=0.2)
     assert step.chosen.error == pytest.approx(SIGMA, rel=0.3)
+
+
+def test_trials_side_by_side_are_those_one_after_another() -> None:
+    about = case({"a": 0.5, "c": 0.2})
+    with ThreadPoolExecutor(2) as pool:
+        together = forward(dataclasses.replace(about, each=pool.map), calibrated_stand(about), effects())
+    alone = forward(about, calibrated_stand(about), effects())
+    assert len(alone.trials) > 2
+    assert [(t.names, t.stand.cost, t.reason) for t in together.trials] == [
+        (t.names, t.stand.cost, t.reason) for t in alone.trials
+    ]
 
 
 def test_what_a_part_of_the_runs_chose_is_confirmed_by_all_of_them() -> None:
