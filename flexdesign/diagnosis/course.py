@@ -40,7 +40,7 @@ from flexdesign.diagnosis.setting import Setting, line_weights, settle
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
 from flexdesign.evidence.case import Case, Fitting
-from flexdesign.evidence.caught import ANEW_SHARE, fitted_in_line, walked
+from flexdesign.evidence.caught import ANEW_SHARE, FIRST_SHARE, fitted_in_line, walked
 from flexdesign.evidence.marquardt import SHARE
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
@@ -290,7 +290,7 @@ def search(
     if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
         case = begun_like(case, cast(AxisDynamics, stand.model), setting.rounded(stand))
         is_rough = ahead is not None and stand.scale > GROSS  # then an effect is missing beside which this is no matter
-        stand = fitted(case, stand.model, (), {}, share=CALIBRATION_SHARE if is_rough else SHARE)
+        stand = fitted(case, stand.model, (), {}, share=FIRST_SHARE if is_rough else SHARE)
     if designed is None or stand is None:
         raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
     if not setting.noise.known:  # then nothing says at which size of what is left it would be noise
