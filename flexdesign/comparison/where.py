@@ -176,6 +176,7 @@ def holds(command: Array) -> list[tuple[int, int, float]]:
     found = []
     change, span = np.diff(command), float(np.ptp(command))
     for jump in (np.flatnonzero(np.abs(change) > JUMP * span) + 1).tolist():
+        # Of a lively command most jumps are followed by another soon, and nothing beyond that is looked at.
         if np.abs(command[jump : jump + STAYS] - command[jump]).max() > STANDS * span:
             continue
         moved = np.flatnonzero(np.abs(command[jump:] - command[jump]) > STANDS * span)

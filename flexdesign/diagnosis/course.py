@@ -296,9 +296,7 @@ def search(
     if not setting.noise.known:  # then nothing says at which size of what is left it would be noise
         case = replace(case, least=LEAST * stand.seen_cost)
     base, stands, steps, every = stand, list[Stand](), list[Step](), catalogue(stand)
-    found = [] if ahead is None else [step for step in ahead.steps if _lasted(step, ahead.final)]
-    if ahead is not None and found:
-        found[-1] = _ending(found[-1], ahead.final)
+    found = [] if ahead is None else _lasting(ahead)
     while len(stand.effects) < MOST:
         step = confirmed(case, stand, found.pop(0)) if found else None
         if step is None:  # nothing was found ahead, or all of the runs refuse it
@@ -337,16 +335,13 @@ def ended(case: Case, course: Course) -> Course:
     return replace(course, stands=stands, final=stand)
 
 
-def _ending(step: Step, final: Stand) -> Step:
-    """Return a step whose choice stands as the last stand does, if that has the same effects."""
-    if step.chosen is None or step.chosen.stand.names != final.names:
-        return step
-    return replace(step, chosen=replace(step.chosen, stand=final))
-
-
-def _lasted(step: Step, final: Stand) -> bool:
-    """Tell whether the effects of a step are in the last stand, too."""
-    return step.chosen is not None and {*step.chosen.names} <= {*final.names}
+def _lasting(course: Course) -> list[Step]:
+    """Return the steps whose effects are in the last stand, too; what the last one chose stands as that does."""
+    final = course.final
+    steps = [step for step in course.steps if step.chosen is not None and {*step.chosen.names} <= {*final.names}]
+    if steps and (last := steps[-1].chosen) is not None and last.stand.names == final.names:
+        steps[-1] = replace(steps[-1], chosen=replace(last, stand=final))
+    return steps
 
 
 def _rival(setting: Setting, case: Case, stand: Stand) -> Rival:

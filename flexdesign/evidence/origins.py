@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.evidence.case import Case
-from flexdesign.evidence.marquardt import solve
+from flexdesign.evidence.marquardt import Solution, solve
 from flexdesign.evidence.suite import Record, Suite
 from flexdesign.model import Model, Parameter
 
@@ -69,14 +69,11 @@ def begun_elsewhere(case: Case, suite: Suite, model: Model, runs: Sequence[str])
         own = [p for p in numbers[record.observation.name] if p.si != "rad"]
         starts = [{p.name: place.get(_number(p), usual[_number(p)]) for p in own} for place in places]
         starts.sort(key=lambda start: _misfit(suite, model.replace(start), record))
-        alone = suite.part([record.observation.name])
         best, least = dict[str, float](), _misfit(suite, model, record)
         for start in starts[:FOLLOWED]:
-            begun = model.replace(start)
-            where = case.coordinates(begun, (), alone)
-            ended = solve(case.problem(alone, begun, where, map), where.start, most=SLOPES, share=SHARE, exact=False)
+            ended = _alone(case, suite, model.replace(start), record, SLOPES, SHARE)
             if ended is not None and (misfit := sum(float(part @ part) for part in ended.residuals)) < BETTER * least:
-                best, least = where.values(ended.x), misfit
+                best, least = ended.problem.where.values(ended.x), misfit
         return best
 
     records = [
@@ -93,14 +90,18 @@ def begun_alone(case: Case, model: Model) -> Model:
     """
 
     def found(record: Record) -> dict[str, float]:
-        alone = case.identify.part([record.observation.name])
-        where = case.coordinates(model, (), alone)
-        problem = case.problem(alone, model, where, map)
-        ended = solve(problem, where.start, most=SLOPES_BEFORE, share=SHARE_BEFORE, exact=False)
-        return {} if ended is None else where.values(ended.x)
+        ended = _alone(case, case.identify, model, record, SLOPES_BEFORE, SHARE_BEFORE)
+        return {} if ended is None else ended.problem.where.values(ended.x)
 
     records = [record for record in case.identify.records if record.observation.name in _by_run(model)]
     return model.replace({name: value for own in case.each(found, records) for name, value in own.items()})
+
+
+def _alone(case: Case, suite: Suite, model: Model, record: Record, slopes: int, share: float) -> Solution | None:
+    """Return a fit of one run by itself: its own numbers move, all others stand."""
+    alone = suite.part([record.observation.name])
+    where = case.coordinates(model, (), alone)
+    return solve(case.problem(alone, model, where, map), where.start, most=slopes, share=share, exact=False)
 
 
 def _by_run(model: Model) -> dict[str, list[Parameter]]:

@@ -5,7 +5,7 @@
 
 The stage is that of `studies.hidden_effect_demo`, the simulator that of `studies.hidden_effect_trial`; every run goes
 on for ten seconds. Timed is `flexdesign diagnose` as a user starts it, from the interpreter's start to the written
-report; what Numba compiles is compiled by a run before.
+report. What Numba compiles is kept on disk: the first diagnosis after a change of the engine takes longer by that.
 """
 
 from __future__ import annotations
