@@ -2,7 +2,8 @@
 
 A search fits hundreds of models, each of which is simulated over all of the runs. Where these are long it is made in
 their openings first; what it finds is then fitted to the whole runs, which confirm it or refuse it, and are searched
-themselves for what they still leave.
+themselves for what they still leave. Where the noise is unknown an effect is weighed by its share of what was
+unexplained, and a part of the runs has shares of its own: those are searched whole.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ ENOUGH, LONG = 12_000, 40_000
 
 
 def opening(setting: Setting) -> Setting | None:
-    """Return the setting with its runs cut after a number of values, the same for all; None where they are not long."""
+    """Return the setting with its runs cut after a number of values, the same for all; None where they are searched whole."""
     lengths = [len(run.time) for run in setting.runs]
-    if sum(lengths) < LONG:
+    if sum(lengths) < LONG or not setting.noise.known:
         return None
     cut = _cut(lengths, ENOUGH)
     return replace(setting, runs=tuple(_opening(run, cut) for run in setting.runs))
