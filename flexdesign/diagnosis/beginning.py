@@ -35,6 +35,8 @@ LATEST, IN_TIME = 0.012, 0.125
 #: And natural frequencies this far away, relative, at such steps: from farther than a resonance is wide, slopes lead
 #: nowhere. A payload or a loose part may have changed it by so much.
 OUT_OF_TUNE, IN_TUNE = 0.24, 0.03
+#: What moves slowly in all records promises at least this share of what amounts of their own made up for.
+PROMISED = 0.3
 
 
 def known_of_start(parameter: Parameter, runs: Sequence[Run], volts: float) -> tuple[float, float] | None:
@@ -105,12 +107,12 @@ def at_rest(
     calm = fitted_in_line(still, model, stand.effects)  # lest what frees a run that is caught be taken for a cause
     if calm is None or calm.seen_cost - stand.seen_cost < SURE * PLAIN_CHANCE * max(stand.scale, 1.0):
         return None  # nothing moves slowly
-    step = forward(still, calm, candidates, moves)
+    scale = max(stand.scale, 1.0)
+    saved = sum(a.freedom - b.freedom for a, b in ((case.identify, still.identify), (case.validate, still.validate)))
+    step = forward(still, calm, candidates, moves, promising=PROMISED * (calm.cost - stand.cost - saved * scale))
     if step.chosen is None:
         return None
-    after, scale = step.chosen.stand, max(stand.scale, 1.0)
-    saved = sum(a.freedom - b.freedom for a, b in ((case.identify, still.identify), (case.validate, still.validate)))
-    more = (after.total - stand.total) / scale
+    more = (step.chosen.stand.total - stand.total) / scale
     return (still, calm, step) if more < saved else None
 
 

@@ -40,11 +40,11 @@ from flexdesign.diagnosis.setting import Setting, line_weights, settle
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
 from flexdesign.evidence.case import Case, Fitting
-from flexdesign.evidence.caught import ANEW_SHARE, FIRST_SHARE, fitted_in_line, walked
+from flexdesign.evidence.caught import ANEW_SHARE, FIRST_SHARE, carried_on, fitted_in_line, walked
 from flexdesign.evidence.marquardt import SHARE
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import MOST, backward, confirmed, forward
+from flexdesign.evidence.selection import MOST, backward, confirmed, forward, leaves_more_than_noise
 from flexdesign.evidence.stand import CALIBRATION_SHARE, GROSS, Stand, calibrated, finished, fitted, like
 from flexdesign.evidence.suite import Suite
 from flexdesign.evidence.trial import Step
@@ -69,9 +69,9 @@ SMOOTHER = 20.0
 #: What is said of such a run.
 SMOOTH = "the command is taken as smooth between its samples, which fits better than straight lines"
 #: How fits are made where runs are long, in their openings and in the whole of them. A step that promises to lower the
-#: cost by less than about one moves no number by its standard deviation; and among many values corners lie so close
-#: that a difference taken from farther is none of a slope.
-AHEAD, LONG = Fitting(share=1e-4), Fitting(share=1e-5, moved=1e-6, sparing=True)
+#: cost by less than about one moves no number by its standard deviation, and one that promises a few tells nothing of
+#: what is missing; and among many values corners lie so close that a difference taken from farther is none of a slope.
+AHEAD, LONG = Fitting(share=1e-4, last=1e-4), Fitting(share=1e-4, last=1e-5, moved=1e-6, sparing=True)
 #: Where the noise is unknown, an effect must explain this share of what was unexplained (in squares).
 LEAST = 1e-3
 
@@ -277,7 +277,8 @@ def search(
     """Calibrate, and add effects while they earn their place; return the case as calibrated, and how it went.
 
     Which effects are tried, and at what values, may follow from what calibration leaves: `catalogue` tells. What a
-    search `ahead` found in a part of the runs is tried first, and alone. Of a part it is not asked what moves slowly.
+    search `ahead` found in a part of the runs is tried first, and alone. A part is searched while it leaves more than
+    noise: for what is fainter, and for what moves slowly, all of the runs are asked.
     """
     case.progress("predicting with the model as it is")
     designed = fitted(replace(case, free=(), believed=BELIEVED), dynamics, (), {}, share=CALIBRATION_SHARE, exact=False)
@@ -297,7 +298,7 @@ def search(
         case = replace(case, least=LEAST * stand.seen_cost)
     base, stands, steps, every = stand, list[Stand](), list[Step](), catalogue(stand)
     found = [] if ahead is None else _lasting(ahead)
-    while len(stand.effects) < MOST:
+    while len(stand.effects) < MOST and (leaves_more_than_noise(stand) or not is_part):
         step = confirmed(case, stand, found.pop(0)) if found else None
         if step is None:  # nothing was found ahead, or all of the runs refuse it
             found.clear()
@@ -322,7 +323,8 @@ def search(
             case = begun_like(case, present)
             stand = fitted_in_line(case, stand.model, stand.effects) or stand
         stands.append(stand)
-    return case, Course(designed, base, tuple(stands), tuple(steps), walked(case, stand), agreed)
+    final = walked(case.at_last, carried_on(case, stand))
+    return case, Course(designed, base, tuple(stands), tuple(steps), final, agreed)
 
 
 def ended(case: Case, course: Course) -> Course:
@@ -330,7 +332,7 @@ def ended(case: Case, course: Course) -> Course:
     if not course.final.effects:
         return course
     case.progress("fitting once more, simulated more exactly")
-    stand, stands = finished(case, course.final), course.stands
+    stand, stands = finished(case.at_last, course.final), course.stands
     stands = (*stands[:-1], stand) if stands and stands[-1].names == stand.names else stands
     return replace(course, stands=stands, final=stand)
 

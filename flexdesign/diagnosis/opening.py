@@ -20,7 +20,7 @@ ENOUGH, LONG = 12_000, 40_000
 
 
 def opening(setting: Setting) -> Setting | None:
-    """Return the setting with its runs cut after a number of values, the same for all; None where they are searched whole."""
+    """Return the setting with its runs cut after a number of values, the same for all; None if they are not cut."""
     lengths = [len(run.time) for run in setting.runs]
     if sum(lengths) < LONG or not setting.noise.known:
         return None

@@ -30,8 +30,9 @@ class Fitting:
 
     Parameters
     ----------
-    share
-        None goes on where a step promises to lower the cost by less than this share.
+    share, last
+        None goes on where a step promises to lower the cost by less than this share; and that of the last one, whose
+        numbers are told.
     moved
         How far a finite difference should move the data, relative.
     sparing
@@ -40,6 +41,7 @@ class Fitting:
     """
 
     share: float = SHARE
+    last: float = SHARE
     moved: float = MOVED
     sparing: bool = False
 
@@ -104,6 +106,11 @@ class Case:
     scales: Mapping[str, Array] = field(default_factory=dict)
     judging: tuple[str, ...] = ()
     fitting: Fitting = Fitting()
+
+    @property
+    def at_last(self) -> Case:
+        """The case as the last fit is made."""
+        return replace(self, fitting=replace(self.fitting, share=self.fitting.last))
 
     def problem(self, suite: Suite, model: Model, where: Coordinates, each: Map | None = None) -> Problem:
         """Return a model with free numbers, to be laid beside a suite."""

@@ -103,6 +103,14 @@ def from_aside(case: Case, stand: Stand) -> Stand:
     return stand
 
 
+def carried_on(case: Case, stand: Stand) -> Stand:
+    """Return a stand with its effects' values carried to where the last fit ends; itself if it was carried so far."""
+    if not stand.effects or case.fitting.last >= case.fitting.share:
+        return stand
+    further = fitted(case.at_last, stand.model, stand.effects, {}, old=stand.solution.columns(), most=SECOND)
+    return further or stand
+
+
 def walked(case: Case, stand: Stand) -> Stand:
     """Return where fits end that begin with a threshold of voltage a little larger or smaller, until none is better.
 

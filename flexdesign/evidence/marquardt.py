@@ -25,6 +25,8 @@ LEAST_KEPT, LONGEST, KEPT_PROMISE = 0.1, 12, (0.7, 1.5)
 DAMPING, EASED, RAISED, LARGEST_DAMPING = 1e-3, 0.2, 8.0, 1e8
 #: Damping that no longer matters.
 UNDAMPED = 1e-9
+#: Where slopes that were found so often at one point lead nowhere, the search ends.
+TWICE = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +120,8 @@ def solve(
         # Slopes that were carried along may promise too little: where it counts, those found here have the last word.
         if search.descend(share) and (search.fresh or not exact):
             return search.solution(True)
+        if search.looked == TWICE:
+            break
         search.look()
     return search.solution(False)
 
@@ -128,6 +132,7 @@ class _Search:
     def __init__(self, problem: Problem, x: Array, residuals: list[Array], old: Columns | None) -> None:
         self.problem, self.x, self.residuals = problem, x, residuals
         self.cost, self.damping, self.kept = problem.cost(x, residuals), DAMPING, 0.0
+        self.looked = 0
         self.look(old)
         self.fresh = not old
 
@@ -136,7 +141,7 @@ class _Search:
         self.slopes = self.problem.slopes(self.x, self.residuals, old)
         self.problem.even(self.slopes)
         self.normal = _normal(self.problem, self.x, self.slopes)
-        self.fresh, self.eased = True, False
+        self.fresh, self.eased, self.looked = True, False, self.looked + 1
 
     def descend(self, share: float) -> bool:
         """Take steps while the slopes serve; tell whether less than this share of the cost is left to be gained."""
@@ -177,7 +182,7 @@ class _Search:
         self.x, self.residuals, self.cost = self.x + step, tried, reached
         self.damping = max(self.damping * (EASED if self.kept > 0.5 else 1.0), UNDAMPED)
         self.normal = _normal(self.problem, self.x, self.slopes)
-        self.fresh, self.eased = False, False
+        self.fresh, self.eased, self.looked = False, False, 0
 
     def solution(self, is_settled: bool) -> Solution:
         """Return where the search stands."""

@@ -14,7 +14,17 @@ from dataclasses import replace
 import numpy as np
 
 from flexdesign.evidence.case import Case
-from flexdesign.evidence.caught import ANEW, ANEW_SHARE, FIRST_SHARE, SECOND, fitted_in_line, freed, has_found, shaken
+from flexdesign.evidence.caught import (
+    ANEW,
+    ANEW_SHARE,
+    FIRST_SHARE,
+    SECOND,
+    carried_on,
+    fitted_in_line,
+    freed,
+    has_found,
+    shaken,
+)
 from flexdesign.evidence.marquardt import Solution
 from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate, Direction, Moves, Screening
@@ -57,8 +67,18 @@ TOO_MUCH = 3.0
 MOST = 3
 
 
-def forward(case: Case, stand: Stand, candidates: Sequence[Candidate], moves: Moves | None = None) -> Step:
-    """Return the addition that pays best, or none; what effects do at a stand nearby may be known from its step."""
+def forward(
+    case: Case,
+    stand: Stand,
+    candidates: Sequence[Candidate],
+    moves: Moves | None = None,
+    *,
+    promising: float | None = None,
+) -> Step:
+    """Return the addition that pays best, or none; what effects do at a stand nearby may be known from its step.
+
+    If it is said by how much an effect must promise to lower the cost, those that do are tried, and no two at once.
+    """
     left = [candidate for candidate in candidates if candidate.name not in stand.names]
     case.progress("screening the catalogue" if not stand.effects else f"screening beside {', '.join(stand.names)}")
     screening = Screening(stand.solution, left, case.coarse, moves)
@@ -73,18 +93,20 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate], moves: Mo
         return [weighed(case, stand, each, names, needed) for names, each in _refined(case, stand, made, reached)]
 
     enough = max(needed * stand.scale, case.least)
-    trials = tried(_shortlist(screening, enough, is_strained=strained))
+    # Of long runs, an effect that is there promises much.
+    wide, least = promising is None, max(promising or -math.inf, enough if case.fitting.sparing else -math.inf)
+    trials = tried([each for each in _shortlist(screening, enough, is_strained=strained) if each[0].drop >= least])
     best, free, values = best_of(trials), None, None
-    if best is not None and _leaves_more_than_noise(best.stand) and has_found(stand, best.stand):
+    if best is not None and leaves_more_than_noise(best.stand) and has_found(stand, best.stand):
         free, values = _polished(case, stand, best)  # lest a second effect be taken for what frees a fit that is caught
         trials, best = [free if trial is best else trial for trial in trials], free
     # Where one explains all but noise, or there was no more from the start, two have nothing to tell apart.
-    if case.least > 0.0 or _leaves_more_than_noise(stand if best is None else best.stand):
+    if wide and (case.least > 0.0 or leaves_more_than_noise(stand if best is None else best.stand)):
         trials += tried(_pairs(screening, enough), 0.0 if best is None else best.gain)
     done = {trial.names for trial in trials}
     if (best := best_of(trials)) is not None:
         trials += tried(_look_alikes(screening, best, done))
-    elif _leaves_more_than_noise(stand):
+    elif wide and leaves_more_than_noise(stand):
         trials += tried(_hidden_behind(screening, stand, done))
     trials = overruled(sorted(trials, key=lambda trial: trial.stand.total))
     best = best_of(trials)
@@ -122,7 +144,9 @@ def _as_seen(case: Case, stand: Stand, trial: Trial) -> Stand | None:
         model = effect.add(model)
     # Where a run began may be one thing to its opening, and another to the whole of it.
     begun = begun_anew(case.identify, case.fine(like(model, trial.stand)))
-    return fitted_in_line(case, begun, (*stand.effects, *added))
+    made = fitted_in_line(case, begun, (*stand.effects, *added))
+    # What is rough about it would pass for a further effect where nothing else is left.
+    return made if made is None or leaves_more_than_noise(made) else carried_on(case, made)
 
 
 def _chosen(
@@ -161,7 +185,7 @@ def _look_alikes(screening: Screening, best: Trial, done: Collection[tuple[str, 
     return found
 
 
-def _leaves_more_than_noise(stand: Stand) -> bool:
+def leaves_more_than_noise(stand: Stand) -> bool:
     """Tell whether the runs that were fitted leave more than chance makes of white noise."""
     samples = stand.solution.problem.suite.samples
     return stand.seen_cost > samples + TOO_MUCH * math.sqrt(2.0 * samples)
