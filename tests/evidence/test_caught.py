@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from flexdesign.evidence.case import Case, Fitting
-from flexdesign.evidence.caught import in_line, shaken
+from flexdesign.evidence.caught import carried_on, in_line, shaken
 from flexdesign.evidence.noise import White
 from flexdesign.evidence.origins import SHARE_BEFORE, begun_alone, begun_elsewhere, out_of_line
 from flexdesign.evidence.stand import Stand, fitted, solved
 from flexdesign.evidence.suite import Suite
-from tests.evidence.test_screening import NAMES, N, Sum, base, column, least, offset
+from tests.evidence.test_screening import NAMES, N, Sum, base, candidate, column, least, offset
 from tests.evidence.toys import Array, Run, parameter
 
 SIGMA = 0.1
@@ -120,6 +120,18 @@ def test_fits_go_on_no_further_than_the_case_asks() -> None:
     assert exact is not None and rough is not None
     assert exact.cost < rough.cost < 2 * exact.cost
     assert rough.problem.evaluations < exact.problem.evaluations
+
+
+def test_a_rough_fit_is_carried_on_to_where_the_last_one_ends() -> None:
+    case = dataclasses.replace(about({"a": 0.5}), fitting=Fitting(share=0.5))
+    added = candidate("a", signed=True)
+    start = {"p": 2.0, "q": -1.0, **{f"{run}:turn": turn + 0.01 for run, turn in TRUTH.items()}}
+    rough = fitted(case, added.add(model()), (added,), start)
+    exact = fitted(about({"a": 0.5}), added.add(model()), (added,), start)
+    assert rough is not None and exact is not None and exact.cost + 1.0 < rough.cost
+    assert carried_on(case, rough).cost == pytest.approx(exact.cost, abs=0.1)
+    as_far = dataclasses.replace(case, fitting=Fitting(share=0.5, last=0.5))
+    assert carried_on(as_far, rough) is rough
 
 
 def test_a_fit_and_the_runs_kept_apart_come_free_together() -> None:

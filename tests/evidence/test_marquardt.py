@@ -187,6 +187,14 @@ def test_a_kink_is_passed(start: float) -> None:
     assert found.cost - min(cost(gap) for gap in np.linspace(0.75, 0.85, 2001)) < SMALL
 
 
+def test_a_search_ends_in_a_corner_where_slopes_promise_what_no_step_keeps() -> None:
+    model = Toy(lambda v, t: -10 - np.abs(v["x"] * np.ones_like(t)), (parameter("x", 0.0, -99.0, 99.0),))
+    found = solve(case := problem(model, np.zeros(1), 0.1, t=T[:1]), case.where.start)
+    assert found is not None and not found.is_settled
+    assert values(found)["x"] == pytest.approx(0.0, abs=1e-6)
+    assert case.evaluations < 2 * 15  # slopes twice, and a dozen shorter and shorter steps with each
+
+
 def test_a_number_without_influence_stays_where_it_is() -> None:
     model = Toy(lambda v, t: v["a"] * t, (parameter("a", 1.0, -9.0, 9.0), parameter("idle", 0.3, -1.0, 1.0)))
     found = solved(problem(model, 2 * T, 0.1))

@@ -110,6 +110,17 @@ def test_gains_are_falls_of_the_cost() -> None:
     assert step.chosen.error == pytest.approx(SIGMA, rel=0.3)
 
 
+def test_only_what_promises_enough_is_tried_if_it_is_said_how_much() -> None:
+    about = case({"d": 0.3})
+    before = calibrated_stand(about)
+    step = forward(about, before, effects())
+    assert step.chosen is not None
+    # What it promises, it keeps: the model is linear.
+    enough, too_much = (forward(about, before, effects(), promising=by * step.chosen.gain) for by in (0.9, 1.1))
+    assert [trial.names for trial in enough.trials] == [("d",)] and enough.chosen is not None
+    assert too_much.trials == () and too_much.chosen is None
+
+
 def test_trials_side_by_side_are_those_one_after_another() -> None:
     about = case({"a": 0.5, "c": 0.2})
     with ThreadPoolExecutor(2) as pool:
