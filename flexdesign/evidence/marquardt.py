@@ -46,7 +46,7 @@ class Solution:
     normal
         J'J with what was known, coordinates by coordinates.
     is_settled
-        Whether it ended because nothing more was to be gained, and not for want of trials.
+        Whether it ended because nothing more was to be gained, and not for want of trials or where no slopes led on.
     """
 
     problem: Problem
