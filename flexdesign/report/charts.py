@@ -77,7 +77,13 @@ def below(figure: Any, axes: Any, columns: int) -> None:
 def svg(figure: Any) -> bytes:
     """Return a drawing as SVG that is the same in every run; hundredths of a point are finer than any screen."""
     import matplotlib
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
+    if (layout := figure.get_layout_engine()) is not None:
+        # Laid out here, or everything would be drawn once more, unseen, before it is.
+        FigureCanvasSVG(figure)
+        layout.execute(figure)
+        figure.set_layout_engine("none")
     stream = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "flexdesign", "path.simplify_threshold": 0.2}):
         figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
