@@ -2,10 +2,12 @@
 
     python -m studies.benchmarks.diagnosis              # every case, a few minutes
     python -m studies.benchmarks.diagnosis creep        # one of them
+    python -m studies.benchmarks.diagnosis 21100 30003  # cases of `studies.hidden_effect_trial`, on runs as long
 
-The stage is that of `studies.hidden_effect_demo`, the simulator that of `studies.hidden_effect_trial`; every run goes
-on for ten seconds. Timed is `flexdesign diagnose` as a user starts it, from the interpreter's start to the written
-report. What Numba compiles is kept on disk: the first diagnosis after a change of the engine takes longer by that.
+The stage of named cases is that of `studies.hidden_effect_demo`, the simulator that of `studies.hidden_effect_trial`;
+every run goes on for ten seconds. Timed is `flexdesign diagnose` as a user starts it, from the interpreter's start to
+the written report. What Numba compiles is kept on disk: the first diagnosis after a change of the engine takes longer
+by that.
 """
 
 from __future__ import annotations
@@ -23,11 +25,13 @@ import numpy as np
 
 from studies.hidden_effect_demo.__main__ import BELIEVED, NOISE, POLES, STAGE
 from studies.hidden_effect_trial import cases, folder, recordings
-from studies.hidden_effect_trial.effects import Values
+from studies.hidden_effect_trial.effects import Stage, Values
 from studies.hidden_effect_trial.recordings import PERIOD, Recording
 
 #: Which of the trial's nine runs, and how long each is [s].
 LEFT_OUT, LASTS = "sine", 10.0
+#: How often the command waits between samples, where nothing settles it.
+HELD = 0.3
 #: What is hidden, by case.
 HIDDEN: Mapping[str, Mapping[str, Values]] = {
     "nothing": {},
@@ -39,10 +43,11 @@ HIDDEN: Mapping[str, Mapping[str, Values]] = {
 }
 
 
-def runs(rng: np.random.Generator) -> tuple[Recording, ...]:
-    """Return eight runs that go on for ten seconds, each drawn anew as often as that takes."""
+def runs(rng: np.random.Generator, stage: Stage, held: bool | None = None) -> tuple[Recording, ...]:
+    """Return eight runs on a stage that go on for ten seconds, each drawn anew as often as that takes."""
     samples = round(LASTS / PERIOD)
-    draws = [recordings.draw(rng, STAGE, held=False) for _ in range(8)]
+    held = bool(rng.random() < HELD) if held is None else held
+    draws = [recordings.draw(rng, stage, held) for _ in range(8)]
     long = []
     for same in zip(*draws, strict=True):
         if same[0].name.partition("-")[2] == LEFT_OUT:
@@ -63,16 +68,24 @@ def timed(case: cases.Case, here: Path) -> tuple[float, str]:
     return took, " and ".join(effect["name"] for effect in found["effects"]) or found["verdict"]
 
 
+def case_of(name: str) -> cases.Case:
+    """Return a case by the name of what is hidden, or by its number in the trial."""
+    if name.isdigit():
+        return cases.make(int(name), runs)
+    rng = np.random.default_rng(cases.SEED)
+    driven = runs(rng, STAGE, held=False)
+    return cases.record(rng, STAGE, BELIEVED, HIDDEN[name], driven, NOISE * STAGE.stroke, POLES)
+
+
 def main(*names: str) -> None:
     """Print a line for every case."""
     for name in names or HIDDEN:
-        rng = np.random.default_rng(cases.SEED)
-        driven = runs(rng)
-        case = cases.record(rng, STAGE, BELIEVED, HIDDEN[name], driven, NOISE * STAGE.stroke, POLES)
+        case = case_of(name)
         with tempfile.TemporaryDirectory() as here:
             took, said = timed(case, Path(here))
-        seconds = sum(run.n for run in driven) * PERIOD
-        print(f"{len(driven)} runs, {seconds:.0f} s, hidden {name}: {took:.1f} s, said {said}", flush=True)
+        seconds = sum(run.n for run in case.runs) * PERIOD
+        hidden = f"{name}: {' and '.join(case.effects) or 'nothing'}" if name.isdigit() else name
+        print(f"{len(case.runs)} runs, {seconds:.0f} s, hidden {hidden}: {took:.1f} s, said {said}", flush=True)
 
 
 if __name__ == "__main__":

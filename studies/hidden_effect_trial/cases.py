@@ -6,7 +6,7 @@ Case i is always the same: its number says its kind and seeds everything that is
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,6 +18,8 @@ from studies.hidden_effect_trial.effects import BY_NAME, CATALOGUE, OUTSIDE, Sta
 from studies.hidden_effect_trial.recordings import PERIOD, Recording
 
 Array = NDArray[np.float64]
+#: Draws the runs on a stage, as `recordings.draw` does.
+Drawn = Callable[[np.random.Generator, Stage, bool | None], tuple[Recording, ...]]
 #: The seed of all cases.
 SEED = 20191
 #: First number of each kind; of single and faint cases hundred belong to an effect, of those outside hundred to a kind.
@@ -119,8 +121,8 @@ def numbers(kind: str, count: int) -> list[int]:
     return [first + 100 * i + k for i in about for k in range(count)]
 
 
-def make(number: int) -> Case:
-    """Return a case.
+def make(number: int, drawn: Drawn = recordings.draw) -> Case:
+    """Return a case, on the trial's recordings or on others.
 
     Raises
     ------
@@ -130,26 +132,26 @@ def make(number: int) -> Case:
     kind = kind_of(number)
     for attempt in range(50):
         rng = np.random.default_rng([SEED, number, attempt])
-        found = _attempt(rng, number, kind)
+        found = _attempt(rng, number, kind, drawn)
         if found is not None:
             return found
     raise RuntimeError(f"case {number} could not be drawn")
 
 
-def _attempt(rng: np.random.Generator, number: int, kind: str) -> Case | None:
+def _attempt(rng: np.random.Generator, number: int, kind: str, drawn: Drawn) -> Case | None:
     stage = _stage(rng)
     lumped = bool(rng.random() < 0.5)
     poles, noise = _noise(rng), stage.stroke * float(np.exp(rng.uniform(math.log(1e-4), math.log(1e-3))))
     names = _names(rng, number, kind)
     held = False if "rate_dependent_hysteresis" in names else None
-    runs = recordings.draw(rng, stage, held)
+    runs = drawn(rng, stage, held)
     believed = _believed(rng, stage, names)
     effects: dict[str, Values] = {}
     if names:
-        drawn = _effects(rng, kind, names, stage, believed, runs, noise)
-        if drawn is None:
+        found = _effects(rng, kind, names, stage, believed, runs, noise)
+        if found is None:
             return None
-        effects = drawn
+        effects = found
     bare = replace(stage, a=0.0) if "bouc_wen" in effects else stage
     case = record(rng, bare, believed, effects, runs, noise, poles)
     case = replace(case, number=number, kind=kind, lumped=lumped)
