@@ -105,9 +105,9 @@ def at_rest(
         return None
     still = begun_like(case, model, noise, is_slow=False)
     calm = fitted_in_line(still, model, stand.effects)  # lest what frees a run that is caught be taken for a cause
-    if calm is None or calm.seen_cost - stand.seen_cost < SURE * PLAIN_CHANCE * max(stand.scale, 1.0):
-        return None  # nothing moves slowly
     scale = max(stand.scale, 1.0)
+    if calm is None or calm.seen_cost - stand.seen_cost < SURE * PLAIN_CHANCE * scale:
+        return None  # nothing moves slowly
     saved = sum(a.freedom - b.freedom for a, b in ((case.identify, still.identify), (case.validate, still.validate)))
     step = forward(still, calm, candidates, moves, promising=PROMISED * (calm.cost - stand.cost - saved * scale))
     if step.chosen is None:

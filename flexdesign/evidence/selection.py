@@ -73,7 +73,7 @@ def forward(
     candidates: Sequence[Candidate],
     moves: Moves | None = None,
     *,
-    promising: float | None = None,
+    promising: float = -math.inf,
 ) -> Step:
     """Return the addition that pays best, or none; what effects do at a stand nearby may be known from its step.
 
@@ -94,7 +94,7 @@ def forward(
 
     enough = max(needed * stand.scale, case.least)
     # Of long runs, an effect that is there promises much.
-    wide, least = promising is None, max(promising or -math.inf, enough if case.fitting.sparing else -math.inf)
+    wide, least = math.isinf(promising), max(promising, enough) if case.fitting.sparing else promising
     trials = tried([each for each in _shortlist(screening, enough, is_strained=strained) if each[0].drop >= least])
     best, free, values = best_of(trials), None, None
     if best is not None and leaves_more_than_noise(best.stand) and has_found(stand, best.stand):

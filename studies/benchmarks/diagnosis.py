@@ -30,8 +30,6 @@ from studies.hidden_effect_trial.recordings import PERIOD, Recording
 
 #: Which of the trial's nine runs, and how long each is [s].
 LEFT_OUT, LASTS = "sine", 10.0
-#: How often the command waits between samples, where nothing settles it.
-HELD = 0.3
 #: What is hidden, by case.
 HIDDEN: Mapping[str, Mapping[str, Values]] = {
     "nothing": {},
@@ -46,7 +44,7 @@ HIDDEN: Mapping[str, Mapping[str, Values]] = {
 def runs(rng: np.random.Generator, stage: Stage, held: bool | None = None) -> tuple[Recording, ...]:
     """Return eight runs on a stage that go on for ten seconds, each drawn anew as often as that takes."""
     samples = round(LASTS / PERIOD)
-    held = bool(rng.random() < HELD) if held is None else held
+    held = recordings.waits(rng) if held is None else held
     draws = [recordings.draw(rng, stage, held) for _ in range(8)]
     long = []
     for same in zip(*draws, strict=True):

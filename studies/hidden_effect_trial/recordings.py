@@ -16,6 +16,8 @@ PERIOD = 1e-3
 #: Largest trigger delay either way, in samples; largest offset and initial velocity, in strokes and strokes times
 #: natural frequency.
 TRIGGER, OFFSET, KICKED = 0.3, 0.05, 0.003
+#: How often commands wait between samples, where nothing settles it.
+HELD = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +62,14 @@ class Recording:
         return len(self.u) - 1
 
 
+def waits(rng: np.random.Generator) -> bool:
+    """Draw what commands do between samples."""
+    return bool(rng.random() < HELD)
+
+
 def draw(rng: np.random.Generator, stage: Stage, held: bool | None = None) -> tuple[Recording, ...]:
     """Return the runs on a stage; `held` settles what commands do between samples, else it is drawn."""
-    held = bool(rng.random() < 0.3) if held is None else held
+    held = waits(rng) if held is None else held
     wave = _multisine(rng, stage)
     top = stage.volts
     middle = top * rng.uniform(0.45, 0.55)
