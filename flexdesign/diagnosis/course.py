@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -45,6 +44,7 @@ from flexdesign.evidence.marquardt import SHARE
 from flexdesign.evidence.rival import Rival, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import MOST, backward, confirmed, forward, leaves_more_than_noise
+from flexdesign.evidence.sharing import Shared, sharing
 from flexdesign.evidence.stand import CALIBRATION_SHARE, GROSS, Stand, calibrated, finished, fitted, like
 from flexdesign.evidence.suite import Suite
 from flexdesign.evidence.trial import Step
@@ -176,10 +176,10 @@ def diagnose(
 
 
 @contextmanager
-def simulating(threads: int) -> Iterator[Any]:
-    """Give a `map` that runs on so many threads; those of linear algebra would fight with them, on small matrices."""
-    with threadpool_limits(1), ThreadPoolExecutor(threads) as pool:
-        yield pool.map if threads > 1 else map
+def simulating(threads: int) -> Iterator[Shared]:
+    """Give a map shared among so many threads; those of linear algebra would fight with them, on small matrices."""
+    with threadpool_limits(1), sharing(threads) as each:
+        yield each
 
 
 def with_better_between(model: StageModel, setting: Setting, each: Any, progress: Callable[[str], None]) -> Setting:

@@ -70,11 +70,11 @@ class Steps:
     def __init__(self, at: AxisModel | None = None, delay: float = 0.0) -> None:
         self.at, self.delay = at, delay
         self._found: dict[Observation, int] = {}
-        self._lock = Lock()
+        self._locks = dict[Observation, Any]()
 
     def of(self, run: Observation, find: Callable[[], int]) -> int:
-        """Return the number for a run; `find` is called the first time."""
-        with self._lock:
+        """Return the number for a run; `find` is called the first time, and others that ask for it meanwhile wait."""
+        with self._locks.setdefault(run, Lock()):
             if run not in self._found:
                 self._found[run] = find()
             return self._found[run]

@@ -153,7 +153,14 @@ def program(
     signals = keep.reals([0.0] * (3 * builder.slots))
     modes = [mode for axis in axes for mode in axis.modes]
     laid_out = Program(
-        Timing(len(shares), keep.reals(shares), keep.reals(lengths), keep.ints(steps), late, is_linear),
+        Timing(
+            len(shares),
+            keep.reals(lengths),
+            keep.ints(steps),
+            late,
+            is_linear,
+            keep.reals(_within(shares, steps)) if is_linear else 0,
+        ),
         Layout(keep.ints(command), keep.ints(voltage), keep.ints(drive), keep.ints(motion), keep.ints(reading)),
         _ticks(keep, [_block_ticks(axis, Socket.COMMAND, period) for axis in axes]),
         builder.laid_out(signals, upstream),
@@ -184,6 +191,20 @@ def _division(period: float, substeps: int, delay: float) -> tuple[list[float], 
     shares = [1.0] if rest < 1e-9 else [rest, 1.0 - rest]
     steps = [max(1, math.ceil(substeps * share - 1e-9)) for share in shares]
     return shares, steps, [period * share / count for share, count in zip(shares, steps, strict=True)], late
+
+
+def _within(shares: Sequence[float], steps: Sequence[int]) -> list[float]:
+    """Return where start, middle and end of each step lie in the stretch between two commands, as shares.
+
+    The first of two segments is the end of such a stretch, the last one its beginning.
+    """
+    begins = [0.0] if len(shares) == 1 else [1.0 - shares[0], 0.0]
+    return [
+        begin + share * (step + half) / count
+        for begin, share, count in zip(begins, shares, steps, strict=True)
+        for step in range(count)
+        for half in (0.0, 0.5, 1.0)
+    ]
 
 
 @lru_cache(maxsize=4096)

@@ -28,8 +28,8 @@ from flexdesign.dynamics.layout import (
     Timing,
 )
 
-#: What `run` calls is compiled with it, and kept in it; nothing else calls it, so that it needs no way in of its own.
-inside = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+#: What `run` calls is compiled into it; nothing else calls it, so that it needs no way in of its own.
+inside = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)
 #: The same for what is called at one place: put there before anything is compiled, it is not optimised twice.
 once = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, inline="always")
 
@@ -72,9 +72,11 @@ def run(
             elif closed[axis]:
                 _apply(axis, at, _commanded(axis, at, k, inputs, controllers, record), command_ticks, inputs, record)
         if k < inputs.samples - 1:
+            within = timing.within
             for segment in range(timing.segments):
-                for step in range(steps[segment]):
-                    _advance(k, segment, step, inputs, timing, layout, moves, forces, modes, coupling, state, record)
+                for _ in range(steps[segment]):
+                    _advance(k, segment, within, inputs, timing, layout, moves, forces, modes, coupling, state, record)
+                    within += 24  # three numbers on
     return inputs.samples
 
 
@@ -137,7 +139,7 @@ def _ticked(axis: int, value: float, ticks: Ticks) -> float:
 def _advance(
     k: int,
     segment: int,
-    step: int,
+    within: Reals,
     inputs: Inputs,
     timing: Timing,
     layout: Layout,
@@ -151,7 +153,7 @@ def _advance(
     """Advance the whole stage by one step."""
     length = reals(timing.step)[segment]
     for axis in range(inputs.axes):
-        _command(axis, k, segment, step, inputs, timing, layout, state, record)
+        _command(axis, k, segment, within, inputs, timing, layout, state, record)
     _move(0, moves.upstream, segment, moves, state)
     drive, first = ints(layout.drive), ints(forces.first)
     moved, before = reals(state.moved), reals(state.before)
@@ -171,7 +173,7 @@ def _command(
     axis: int,
     k: int,
     segment: int,
-    step: int,
+    within: Reals,
     inputs: Inputs,
     timing: Timing,
     layout: Layout,
@@ -188,16 +190,14 @@ def _command(
         return
     # Before its first value a linear command rests, then it jumps there.
     following = command[row + min(index + 1, inputs.samples - 1)] if index >= 0 else held
-    # The first of two segments is the end of the stretch between two commands, the last one its beginning.
-    share, steps = reals(timing.share), ints(timing.steps)[segment]
-    begins = 1.0 - share[0] if segment < timing.segments - 1 else 0.0
+    share = reals(within)
     for i in range(3):
-        path[place + i] = held + (following - held) * (begins + share[segment] * (step + 0.5 * i) / steps)
+        path[place + i] = held + (following - held) * share[i]
     if inputs.slopes != 0 and index >= 0:  # a cubic with the right slopes at both samples
         slope, rise = reals(inputs.slopes), following - held
         before, after = slope[row + index] - rise, slope[row + min(index + 1, inputs.samples - 1)] - rise
         for i in range(3):
-            f = begins + share[segment] * (step + 0.5 * i) / steps
+            f = share[i]
             path[place + i] += f * (1.0 - f) * (before * (1.0 - f) - after * f)
 
 

@@ -31,7 +31,9 @@ SIGNATURES = {
     "control": _REAL(_REAL, _REAL, _REAL, _FLOATS, _FLOATS),
 }
 _PLAIN = (int, float, bool, types.BuiltinFunctionType, type)
-_OPTIONS: dict[str, Any] = {"error_model": "numpy"}  # division by zero is inf, as in NumPy, and found as a divergence
+#: Division by zero is inf, as in NumPy, and found as a divergence. A hook is one piece of code with what it calls: it
+#: runs in some ten nanoseconds, of which calls were a third.
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "forceinline": True}
 
 
 @cache

@@ -92,17 +92,18 @@ class Inputs(NamedTuple):
 
 
 class Timing(NamedTuple):
-    """How a sample is divided: for each segment its share of the sample, its step [s] and the number of these.
+    """How a sample is divided: for each segment its step [s] and the number of these.
 
-    The command that acts is `late` samples old, and one more in the first of two segments; it is held, or linear.
+    The command that acts is `late` samples old, and one more in the first of two segments; it is held, or linear. Then
+    `within` holds for each step where its start, middle and end lie in the stretch between two commands, as shares.
     """
 
     segments: int
-    share: Reals
     step: Reals
     steps: Ints
     late: int
     linear: bool
+    within: Reals
 
 
 class Layout(NamedTuple):

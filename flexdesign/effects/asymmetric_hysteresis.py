@@ -62,10 +62,11 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
     """
     strength, b, rest = constants[0], constants[1], constants[2]
     slope, bend = -3.0 * path[0] + 4.0 * path[1] - path[2], 2.0 * path[0] - 4.0 * path[1] + 2.0 * path[2]
-    turn = -0.5 * slope / bend if bend != 0.0 else -1.0
+    bends = abs(bend) > STRAIGHT * abs(slope)  # of a straight way rounding would say anything
+    turn = -0.5 * slope / bend if bends else -1.0
     g, v = rest + state[0], state[1]
     held, was = g, v
-    lags = abs(path[0] - v) > JUMP * abs(path[2] - v) and abs(bend) > STRAIGHT * abs(slope)
+    lags = bends and abs(path[0] - v) > JUMP * abs(path[2] - v)
     for node in range(1 if lags else 0, 3):
         if not lags and 0.0 < turn < 1.0 and 0.5 * (node - 1) < turn <= 0.5 * node:
             extreme = path[0] + 0.5 * slope * turn

@@ -124,10 +124,11 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
     """
     a, b, c, n, rest = constants[0], constants[1], constants[2], constants[3], constants[4]
     slope, bend = -3.0 * path[0] + 4.0 * path[1] - path[2], 2.0 * path[0] - 4.0 * path[1] + 2.0 * path[2]
-    turn = -0.5 * slope / bend if bend != 0.0 else -1.0
+    bends = abs(bend) > STRAIGHT * abs(slope)  # of a straight way rounding would say anything
+    turn = -0.5 * slope / bend if bends else -1.0
     h, v = rest + state[0], state[1]
     held, was = h, v
-    lags = abs(path[0] - v) > JUMP * abs(path[2] - v) and abs(bend) > STRAIGHT * abs(slope)
+    lags = bends and abs(path[0] - v) > JUMP * abs(path[2] - v)
     node, passed = (1 if lags else 0), lags or turn <= 0.0
     while node < 3:  # to the three points, and the turn between; a loop, so that `advance` is compiled into it once
         turning = not passed and 2.0 * turn < node

@@ -65,9 +65,10 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
     first value of the path itself was set so, it is no voltage: the way then goes straight from where the voltage was.
     """
     slope, bend = -3.0 * path[0] + 4.0 * path[1] - path[2], 2.0 * path[0] - 4.0 * path[1] + 2.0 * path[2]
-    turn = -0.5 * slope / bend if bend != 0.0 else -1.0
+    bends = abs(bend) > STRAIGHT * abs(slope)  # of a straight way rounding would say anything
+    turn = -0.5 * slope / bend if bends else -1.0
     was, parabola = state[PLAYS], (path[0] + 4.0 * path[1] + path[2]) / 6.0
-    lags = abs(path[0] - was) > JUMP * abs(path[2] - was) and abs(bend) > STRAIGHT * abs(slope)
+    lags = bends and abs(path[0] - was) > JUMP * abs(path[2] - was)
     first = was if lags else path[0]
     if lags:
         turn, bend = -1.0, 0.0

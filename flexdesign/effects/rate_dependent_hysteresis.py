@@ -64,9 +64,10 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
     """
     weight, rest = constants[0], constants[3]
     slope, bend = -3.0 * path[0] + 4.0 * path[1] - path[2], 2.0 * path[0] - 4.0 * path[1] + 2.0 * path[2]
-    turn = -0.5 * slope / bend if bend != 0.0 else -1.0
+    bends = abs(bend) > STRAIGHT * abs(slope)  # of a straight way rounding would say anything
+    turn = -0.5 * slope / bend if bends else -1.0
     was, parabola = state[1], (path[0] + 4.0 * path[1] + path[2]) / 6.0
-    lags = abs(path[0] - was) > JUMP * abs(path[2] - was) and abs(bend) > STRAIGHT * abs(slope)
+    lags = bends and abs(path[0] - was) > JUMP * abs(path[2] - was)
     v = was if lags else path[0]
     if lags:
         turn, bend, slope = -1.0, 0.0, 2.0 * (path[1] - v)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from flexdesign.evidence.stand import Stand
 
 Array = NDArray[np.float64]
-Of = TypeVar("Of")
-Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ class Case:
         Make a model that predicts less exactly and faster, for screening; one that predicts exactly; and one whose
         errors are small beside those of values that many samples determine, which are far below the noise.
     each
-        Maps simulations, over threads perhaps.
+        Maps simulations, over threads perhaps; and whole fits that map theirs by it, see `flexdesign.evidence.sharing`.
     progress
         Told what is being done.
     designed
@@ -112,19 +110,9 @@ class Case:
         """The case as the last fit is made."""
         return replace(self, fitting=replace(self.fitting, share=self.fitting.last))
 
-    def problem(self, suite: Suite, model: Model, where: Coordinates, each: Map | None = None) -> Problem:
+    def problem(self, suite: Suite, model: Model, where: Coordinates) -> Problem:
         """Return a model with free numbers, to be laid beside a suite."""
-        return Problem(suite, model, where, each or self.each, self.fitting.moved)
-
-    def side_by_side(self, make: Callable[[Case, Of], Made], of: Sequence[Of]) -> list[Made]:
-        """Return what is made of each of some things; of several at a time, each then simulating one run after another.
-
-        Between short simulations threads wait for each other; between whole fits they hardly do.
-        """
-        if len(of) < 2:
-            return [make(self, each) for each in of]
-        alone = replace(self, each=map)
-        return list(self.each(lambda each: make(alone, each), of))
+        return Problem(suite, model, where, self.each, self.fitting.moved)
 
     def coordinates(self, model: Model, free: Sequence[str], suite: Suite) -> Coordinates:
         """Return free numbers and those of each run as coordinates."""

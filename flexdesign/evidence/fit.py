@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +19,7 @@ from flexdesign.evidence.noise import Noise, White, Whitening
 from flexdesign.evidence.profile import Profile, profile, quadratic
 from flexdesign.evidence.residuals import Map, Residuals, records
 from flexdesign.evidence.search import Minimum, Starts, polish, search
+from flexdesign.evidence.sharing import sharing
 from flexdesign.evidence.verdict import Estimate, correlation, estimates
 from flexdesign.model import Model, Observation
 
@@ -290,15 +290,9 @@ def _whitening(noise: Noise) -> Whitening:
 
 @contextmanager
 def _mapping(threads: int | None) -> Iterator[Map]:
-    """Yield a map that runs in a pool of threads, in order; the plain one if a single thread is wanted."""
+    """Yield a map that is shared among threads; by default two, where there are as many."""
     count = min(2, os.cpu_count() or 1) if threads is None else threads
     if count < 1:
         raise InputError("fit", "threads", threads, "a fit needs at least one thread")
-    if count == 1:
-        yield map
-        return
-    pool = ThreadPoolExecutor(count)
-    try:
-        yield pool.map
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+    with sharing(count) as each:
+        yield each

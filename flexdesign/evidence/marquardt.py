@@ -62,6 +62,11 @@ class Solution:
         """Covariance of the coordinates, where the noise is as stated."""
         return _inverse(self.normal)
 
+    @property
+    def misfit(self) -> float:
+        """Sum of squares of the residuals alone, what was known of the numbers left out."""
+        return sum(float(part @ part) for part in self.residuals)
+
     def columns(self) -> dict[str, list[Array | None]]:
         """Return the slopes by the name of the number: a column for each record, or None where it does not act."""
         found: dict[str, list[Array | None]] = {}

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.marquardt import Solution, solve
+from flexdesign.evidence.residuals import Map
 from flexdesign.evidence.suite import Record, Suite
 from flexdesign.model import Model, Parameter
 
@@ -65,21 +66,26 @@ def begun_elsewhere(case: Case, suite: Suite, model: Model, runs: Sequence[str])
     usual = {name: _usual(numbers, name) for name in {_number(p) for own in numbers.values() for p in own}}
     places = [dict(zip(grids, values, strict=True)) for values in itertools.product(*grids.values())]
 
-    def found(record: Record) -> dict[str, float]:
-        own = [p for p in numbers[record.observation.name] if p.si != "rad"]
-        starts = [{p.name: place.get(_number(p), usual[_number(p)]) for p in own} for place in places]
-        starts.sort(key=lambda start: _misfit(suite, model.replace(start), record))
-        best, least = dict[str, float](), _misfit(suite, model, record)
-        for start in starts[:FOLLOWED]:
-            ended = _alone(case, suite, model.replace(start), record, SLOPES, SHARE)
-            if ended is not None and (misfit := sum(float(part @ part) for part in ended.residuals)) < BETTER * least:
-                best, least = ended.problem.where.values(ended.x), misfit
-        return best
-
     records = [
         record for record in suite.records if record.observation.name in runs and record.observation.name in numbers
     ]
-    changed = {name: value for values in case.each(found, records) for name, value in values.items()}
+    # One flat list at a time, so that simulations of one run, too, are made side by side.
+    tried = list[tuple[Record, dict[str, float]]]()
+    for record in records:
+        own = [p for p in numbers[record.observation.name] if p.si != "rad"]
+        tried += [(record, {p.name: place.get(_number(p), usual[_number(p)]) for p in own}) for place in places]
+    least = list(case.each(lambda record: _misfit(suite, model, record), records))
+    misfits = list(case.each(lambda begun: _misfit(suite, model.replace(begun[1]), begun[0]), tried))
+    followed = list[tuple[int, Record, dict[str, float]]]()
+    for k, record in enumerate(records):
+        of_run = sorted(range(k * len(places), (k + 1) * len(places)), key=misfits.__getitem__)
+        followed += [(k, record, tried[at][1]) for at in of_run[:FOLLOWED]]
+    best: list[dict[str, float]] = [{} for _ in records]
+    ended = case.each(lambda at: _alone(case, suite, model.replace(at[2]), at[1], SLOPES, SHARE), followed)
+    for (k, _, _), solution in zip(followed, ended, strict=True):
+        if solution is not None and solution.misfit < BETTER * least[k]:
+            best[k], least[k] = solution.problem.where.values(solution.x), solution.misfit
+    changed = {name: value for values in best for name, value in values.items()}
     return model.replace(changed) if changed else model
 
 
@@ -101,7 +107,7 @@ def _alone(case: Case, suite: Suite, model: Model, record: Record, slopes: int, 
     """Return a fit of one run by itself: its own numbers move, all others stand."""
     alone = suite.part([record.observation.name])
     where = case.coordinates(model, (), alone)
-    return solve(case.problem(alone, model, where, map), where.start, most=slopes, share=share, exact=False)
+    return solve(case.problem(alone, model, where), where.start, most=slopes, share=share, exact=False)
 
 
 def _by_run(model: Model) -> dict[str, list[Parameter]]:
@@ -121,22 +127,25 @@ def _usual(numbers: Mapping[str, Sequence[Parameter]], number: str) -> float:
     return median(p.start or 0.0 for own in numbers.values() for p in own if _number(p) == number)
 
 
-def begun_anew(suite: Suite, model: Model) -> Model:
+def begun_anew(suite: Suite, model: Model, each: Map = map) -> Model:
     """Return a model whose runs begin where it fits them best: where they are, or at one of the values to be tried.
 
-    A fit may be caught where a run seems to have come from elsewhere, which is a matter of that run alone.
+    A fit may be caught where a run seems to have come from elsewhere, which is a matter of that run alone. Simulations
+    are mapped by `each`.
     """
     own = [parameter for parameter in model.parameters() if parameter.run]
     names = sorted({_number(p) for p in own if p.screen})
     grids = {_number(p): p.screen for p in own if p.screen}
-    best = {record.observation.name: (_misfit(suite, model, record), dict[str, float]()) for record in suite.records}
-    for values in itertools.product(*(grids[name] for name in names)):
-        changes = dict(zip(names, values, strict=True))
-        tried = model.replace({p.name: changes.get(_number(p), 0.0) for p in own if p.si != "rad"})
+    changes = [dict(zip(names, values, strict=True)) for values in itertools.product(*(grids[name] for name in names))]
+    models = [model, *(model.replace({p.name: c.get(_number(p), 0.0) for p in own if p.si != "rad"}) for c in changes)]
+    pairs = [(tried, record) for tried in models for record in suite.records]
+    misfits = iter(each(lambda pair: _misfit(suite, *pair), pairs))
+    best = {record.observation.name: (next(misfits), dict[str, float]()) for record in suite.records}
+    for change in changes:
         for record in suite.records:
             run = record.observation.name
-            if (misfit := _misfit(suite, tried, record)) < best[run][0] * BETTER:
-                new = {p.name: changes.get(_number(p), 0.0) for p in own if p.run == run}
+            if (misfit := next(misfits)) < best[run][0] * BETTER:
+                new = {p.name: change.get(_number(p), 0.0) for p in own if p.run == run}
                 best[run] = misfit, {name: value for name, value in new.items() if not name.endswith("phase")}
     changed = {name: value for _, new in best.values() for name, value in new.items()}
     return model.replace(changed) if changed else model

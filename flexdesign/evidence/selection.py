@@ -84,12 +84,12 @@ def forward(
     screening = Screening(stand.solution, left, case.coarse, moves)
     needed, strained = SURE * screening.chance(case.drawn(stand)), _is_strained(case, stand)
 
-    def attempt(alone: Case, beginning: tuple[Direction, ...]) -> Attempt | None:
+    def attempt(beginning: tuple[Direction, ...]) -> Attempt | None:
         case.progress(f"trying {' and '.join((*stand.names, *_names(beginning)))}")
-        return _extended(alone, stand, beginning, is_strained=strained)
+        return _extended(case, stand, beginning, is_strained=strained)
 
     def tried(beginnings: Sequence[tuple[Direction, ...]], reached: float = 0.0) -> list[Trial]:
-        made = [each for each in case.side_by_side(attempt, beginnings) if each is not None]
+        made = [each for each in case.each(attempt, beginnings) if each is not None]
         return [weighed(case, stand, each, names, needed) for names, each in _refined(case, stand, made, reached)]
 
     enough = max(needed * stand.scale, case.least)
@@ -143,7 +143,7 @@ def _as_seen(case: Case, stand: Stand, trial: Trial) -> Stand | None:
     for effect in added:
         model = effect.add(model)
     # Where a run began may be one thing to its opening, and another to the whole of it.
-    begun = begun_anew(case.identify, case.fine(like(model, trial.stand)))
+    begun = begun_anew(case.identify, case.fine(like(model, trial.stand)), case.each)
     made = fitted_in_line(case, begun, (*stand.effects, *added))
     # What is rough about it would pass for a further effect where nothing else is left.
     return made if made is None or leaves_more_than_noise(made) else carried_on(case, made)
@@ -237,15 +237,15 @@ def _refined(
             best[names] = names, effects, solution
     most = max([reached, *(before.cost - solution.cost for *_, solution in best.values())])
 
-    def refined(alone: Case, attempt: Attempt) -> Stand | None:
+    def refined(attempt: Attempt) -> Stand | None:
         names, effects, solution = attempt
         further = None
         if before.cost - solution.cost >= WITHIN_REACH * most:
             case.progress(f"fitting with {' and '.join((*before.names, *names))}")
-            further = _further(alone, effects, solution)
-        return further or judged(alone, solution, effects, FIRST_SHARE)
+            further = _further(case, effects, solution)
+        return further or judged(case, solution, effects, FIRST_SHARE)
 
-    made = case.side_by_side(refined, list(best.values()))
+    made = case.each(refined, best.values())
     return [(names, stand) for names, stand in zip(best, made, strict=True) if stand is not None]
 
 
@@ -254,7 +254,7 @@ def _further(case: Case, effects: tuple[Candidate, ...], first: Solution) -> Sta
     best: Stand | None = None
     model, old = case.fine(first.problem.at(first.x)), first.columns()
     for _ in range(ANEW):
-        moved = begun_anew(case.identify, model)
+        moved = begun_anew(case.identify, model, case.each)
         if best is not None and moved is model:
             break
         made = fitted(case, moved, effects, {}, old=old, most=SECOND, share=SECOND_SHARE)
@@ -345,7 +345,7 @@ def _extended(case: Case, stand: Stand, beginning: Sequence[Direction], *, is_st
     tried = [solved(case, coarse, together, start, old=known, most=FIRST, share=FIRST_SHARE, exact=False)]
     if is_strained:
         # There its own numbers, too, made up for what it lacked: they begin where they were thought to be.
-        anew = begun_anew(case.identify, coarse.replace({**start, **case.designed}))
+        anew = begun_anew(case.identify, coarse.replace({**start, **case.designed}), case.each)
         tried.append(solved(case, anew, together, {}, most=FOLLOWED, share=FIRST_SHARE, exact=False))
     best = min((each for each in tried if each is not None), key=lambda each: each.cost, default=None)
     return None if best is None else (_names(beginning), together, best)

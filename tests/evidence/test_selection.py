@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from flexdesign.evidence.noise import White
 from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import backward, confirmed, forward
+from flexdesign.evidence.sharing import sharing
 from flexdesign.evidence.stand import Stand, calibrated, fitted
 from flexdesign.evidence.suite import Suite
 from flexdesign.evidence.trial import ALIKE, SMALL, Step
@@ -123,8 +123,8 @@ def test_only_what_promises_enough_is_tried_if_it_is_said_how_much() -> None:
 
 def test_trials_side_by_side_are_those_one_after_another() -> None:
     about = case({"a": 0.5, "c": 0.2})
-    with ThreadPoolExecutor(2) as pool:
-        together = forward(dataclasses.replace(about, each=pool.map), calibrated_stand(about), effects())
+    with sharing(2) as each:
+        together = forward(dataclasses.replace(about, each=each), calibrated_stand(about), effects())
     alone = forward(about, calibrated_stand(about), effects())
     assert len(alone.trials) > 2
     assert [(t.names, t.stand.cost, t.reason) for t in together.trials] == [
