@@ -197,7 +197,7 @@ class AxisDynamics:
             run, colon, number = name.rpartition(":")
             if colon:
                 own.setdefault(run, {})[number] = value
-        axis, delay = changed(self.axis, shared), values.get(DELAY, self.delay)
+        axis, delay = changed(self.axis, shared) if shared else self.axis, values.get(DELAY, self.delay)
         return replace(self, axis=axis, origin=self.first, delay=delay, own=own)
 
     def set_apart(self, runs: Iterable[str]) -> AxisDynamics:

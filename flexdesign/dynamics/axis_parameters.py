@@ -160,7 +160,7 @@ def changed(axis: AxisModel, values: Mapping[str, float]) -> AxisModel:
     tables: dict[str, dict[str, float]] = {}
     for name, value in values.items():
         table, _, key = name.rpartition(".")
-        if name not in axis.numbers and table not in axis.effects:
+        if table not in axis.effects and name not in axis.numbers:
             raise KeyError(name)
         if table:
             tables.setdefault(table, {})[key] = value

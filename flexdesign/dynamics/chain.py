@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import accumulate
 from typing import Any
@@ -100,7 +100,7 @@ def by_name(given: Iterable[tuple[Effect, Values]]) -> list[tuple[Effect, Values
 
 @dataclass(frozen=True)
 class Program:
-    """A chain laid out for the engine, and the arrays that its addresses point to."""
+    """A chain laid out for the engine."""
 
     timing: Timing
     layout: Layout
@@ -111,10 +111,10 @@ class Program:
     sensor_ticks: Ticks
     controllers: Ticks
     state: State
-    kept: list[NDArray[Any]] = field(repr=False)
 
 
 def program(
+    keep: Keeper,
     axes: Sequence[AxisChain],
     controllers: Mapping[str, Sequence[Controller]],
     period: float,
@@ -128,6 +128,8 @@ def program(
 
     Parameters
     ----------
+    keep
+        Where its numbers go; they are there when it is filled.
     axes
         Their chains.
     controllers
@@ -143,7 +145,6 @@ def program(
     every
         Controllers act at every so many samples.
     """
-    keep = Keeper()
     shares, steps, lengths, late = _division(period, substeps, delay)
     builder = _Moves(keep, lengths)
     command, voltage, drive = zip(*(builder.upstream(axis) for axis in axes), strict=True)
@@ -152,7 +153,7 @@ def program(
     reading = [builder.sensor(axis, place) for axis, place in zip(axes, motion, strict=True)]
     signals = keep.reals([0.0] * (3 * builder.slots))
     modes = [mode for axis in axes for mode in axis.modes]
-    laid_out = Program(
+    return Program(
         Timing(
             len(shares),
             keep.reals(lengths),
@@ -173,10 +174,7 @@ def program(
         _ticks(keep, [_block_ticks(axis, Socket.SENSOR, period) for axis in axes]),
         _ticks(keep, [_control_ticks(controllers.get(axis.name, ()), every * period) for axis in axes]),
         State(signals, *(keep.reals([0.0] * (2 * count)) for count in (len(modes), len(axes), len(axes)))),
-        keep.kept,
     )
-    keep.fill()
-    return laid_out
 
 
 def number_of_steps(period: float, substeps: int, delay: float) -> list[int]:
@@ -227,11 +225,11 @@ class Keeper:
         self.kept: list[NDArray[Any]] = []
         self._reals, self._ints = _Room(np.zeros(ROOM), self.kept), _Room(np.zeros(ROOM, dtype=np.int64), self.kept)
 
-    def reals(self, numbers: Sequence[float] | NDArray[np.float64]) -> int:
+    def reals(self, numbers: Sequence[float]) -> int:
         """Keep numbers, at least one; return their address."""
         return self._reals.keep(numbers)
 
-    def ints(self, numbers: Sequence[int] | NDArray[np.int64]) -> int:
+    def ints(self, numbers: Sequence[int]) -> int:
         """Keep whole numbers; return their address."""
         return self._ints.keep(numbers)
 
@@ -245,17 +243,17 @@ class _Room:
     """An array that is filled from its beginning; what does not fit gets an array of its own."""
 
     def __init__(self, array: NDArray[Any], kept: list[NDArray[Any]]) -> None:
-        self.array, self.kept, self.address = array, kept, int(array.ctypes.data)
+        self.array, self.kept, self.address, self.room = array, kept, array.ctypes.data, len(array)
         self.numbers: list[float] = []
         kept.append(array)
 
-    def keep(self, numbers: Sequence[float] | NDArray[Any]) -> int:
+    def keep(self, numbers: Sequence[float]) -> int:
         """Put numbers and a zero behind them into the array; return their address."""
         first = len(self.numbers)
-        if first + len(numbers) < len(self.array):
-            self.numbers += numbers.tolist() if isinstance(numbers, np.ndarray) else numbers
+        if first + len(numbers) < self.room:
+            self.numbers += numbers
             self.numbers.append(0)
-            return self.address + self.array.itemsize * first
+            return self.address + 8 * first
         own = np.zeros(len(numbers) + 1, dtype=self.array.dtype)
         own[:-1] = numbers
         self.kept.append(own)

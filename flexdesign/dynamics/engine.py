@@ -239,15 +239,12 @@ def _forced(axis: int, segment: int, drive: int, step: float, modes: Modes, forc
     d0, d1, d2 = d[drive], d[drive + 1], d[drive + 2]
     r1 = forces.rates  # addresses of the states' rates at the four stages
     r2, r3, r4 = r1 + 8 * forces.number, r1 + 16 * forces.number, r1 + 24 * forces.number
-    begin = d0 + _force(axis, d0, moved[2 * axis], moved[2 * axis + 1], 0.0, r1, r1, forces)
-    begin += _pulled(axis, moved[2 * axis], moved[2 * axis + 1], 0.0, forces.trial, forces, state)
+    begin = _driven(axis, d0, moved[2 * axis], moved[2 * axis + 1], 0.0, r1, r1, forces, state)
     # Two guesses of the middle, from the force at the start and from that at the first guess.
     x, v = _halfway(axis, segment, begin, modes, state)
-    guess_a = d1 + _force(axis, d1, x, v, 0.5 * step, r1, r2, forces)
-    guess_a += _pulled(axis, x, v, 0.5 * step, forces.trial, forces, state)
+    guess_a = _driven(axis, d1, x, v, 0.5 * step, r1, r2, forces, state)
     x, v = _halfway(axis, segment, guess_a, modes, state)
-    guess_b = d1 + _force(axis, d1, x, v, 0.5 * step, r2, r3, forces)
-    guess_b += _pulled(axis, x, v, 0.5 * step, forces.trial, forces, state)
+    guess_b = _driven(axis, d1, x, v, 0.5 * step, r2, r3, forces, state)
     # A guess of the end, by a second half from the first guess of the middle.
     x = v = 0.0
     for m in range(first[axis], first[axis + 1]):
@@ -256,8 +253,7 @@ def _forced(axis: int, segment: int, drive: int, step: float, modes: Modes, forc
         qa1 = p[i + 2] * q[2 * m] + p[i + 3] * q[2 * m + 1] + p[i + 5] * begin
         x += p[i] * qa0 + p[i + 1] * qa1 + p[i + 4] * (2.0 * guess_b - begin)
         v += p[i + 2] * qa0 + p[i + 3] * qa1 + p[i + 5] * (2.0 * guess_b - begin)
-    end = d2 + _force(axis, d2, x, v, step, r3, r4, forces)
-    end += _pulled(axis, x, v, step, forces.trial, forces, state)
+    end = _driven(axis, d2, x, v, step, r3, r4, forces, state)
     d[drive], d[drive + 1], d[drive + 2] = begin, 0.5 * (guess_a + guess_b), end
     _free(axis, segment, drive, modes, state)
     d[drive], d[drive + 1], d[drive + 2] = d0, d1, d2
@@ -280,22 +276,38 @@ def _halfway(axis: int, segment: int, force: float, modes: Modes, state: State) 
 
 
 @inside
-def _force(
-    axis: int, drive: float, x: float, v: float, after: float, earlier: Reals, rates: Reals, forces: Forces
+def _driven(
+    axis: int,
+    drive: float,
+    x: float,
+    v: float,
+    after: float,
+    earlier: Reals,
+    rates: Reals,
+    forces: Forces,
+    state: State,
 ) -> float:
-    """Return all forces that have rates over the stiffness, `after` the start of the step, and fill the rates in.
+    """Return the drive and all forces over the stiffness, `after` the start of the step; fill in the states' rates.
 
-    The states have gone there at the `earlier` rates.
+    The states have gone there at the `earlier` rates. Every addition that is left out makes the whole step shorter: a
+    stage waits for the one before.
     """
     first, place, hook, constants = ints(forces.first), ints(forces.place), ints(forces.hook), ints(forces.constants)
-    states, trial = reals(forces.states), reals(forces.trial)
+    states, trial, by_path = reals(forces.states), reals(forces.trial), ints(forces.by_path)[axis]
     for i in range(place[first[axis]], place[first[axis + 1]]):
         trial[i] = states[i] + after * reals(earlier)[i]
-    total = 0.0
-    for f in range(first[axis], ints(forces.by_path)[axis]):
+    driven = drive
+    if first[axis] < by_path:
+        f, total = first[axis], 0.0
         offset = 8 * place[f]
-        total += call_flow(hook[f], drive, x, v, forces.trial + offset, rates + offset, constants[f])
-    return total
+        total = call_flow(hook[f], drive, x, v, forces.trial + offset, rates + offset, constants[f])
+        for f in range(first[axis] + 1, by_path):
+            offset = 8 * place[f]
+            total += call_flow(hook[f], drive, x, v, forces.trial + offset, rates + offset, constants[f])
+        driven += total
+    if by_path < first[axis + 1]:
+        driven += _pulled(axis, x, v, after, forces.trial, forces, state)
+    return driven
 
 
 @inside

@@ -259,8 +259,10 @@ class _Inputs:
         self._disturb(disturbances)
         limits = [stage.limits.get(name, (-math.inf, math.inf)) for name in names]
         self.limits = np.array(limits, dtype=np.float64)
-        within = np.clip(self.given, self.limits[:, :1], self.limits[:, 1:])
-        self.slopes = np.array([slopes(row) for row in within]) if self.is_smooth else None
+        self.slopes = np.array([slopes(row) for row in self._within()]) if self.is_smooth else None
+
+    def _within(self) -> Array:
+        return np.clip(self.given, self.limits[:, :1], self.limits[:, 1:])
 
     @staticmethod
     def _reference(loop: Loop) -> Array:
@@ -301,6 +303,7 @@ class _Inputs:
 
         stage, axes, keep = self.stage, len(self.stage.axes), Keeper()
         laid_out = program(
+            keep,
             stage.axes,
             self.controllers,
             self.period,
@@ -320,9 +323,12 @@ class _Inputs:
             self.limits.ctypes.data,
             0 if self.slopes is None else self.slopes.ctypes.data,
         )
-        linear = np.eye(axes) if stage.coupling is None else stage.coupling
-        quadratic = np.zeros((axes, axes)) if stage.quadratic_coupling is None else stage.quadratic_coupling
-        coupling = Coupling(keep.reals(np.ravel(linear)), keep.reals(np.ravel(quadratic)))
+        linear, square = [float(i == j) for i in range(axes) for j in range(axes)], [0.0] * axes**2
+        if stage.coupling is not None:
+            linear = np.ravel(stage.coupling).tolist()
+        if stage.quadratic_coupling is not None:
+            square = np.ravel(stage.quadratic_coupling).tolist()
+        coupling = Coupling(keep.reals(linear), keep.reals(square))
         record = np.empty((6, axes, self.count))  # what the engine fills in is all that is read
         first, size = record.ctypes.data, record.strides[0]
         keep.fill()
@@ -373,8 +379,8 @@ class _Inputs:
 
     def _bound(self) -> float:
         """Return how large a motion may grow: far beyond what full drive gives."""
-        finite = self.limits[np.isfinite(self.limits)]
-        volts = max(float(np.abs(self.given).max()), float(np.abs(finite).max()) if finite.size else 0.0)
+        largest = [abs(limit) for limit in self.limits.flat if math.isfinite(limit)]
+        volts = max(float(np.abs(self.given).max()), *largest, 0.0)
         gain = max(abs(axis.gain) for axis in self.stage.axes)
         scale = gain * volts + float(np.abs(self.reference).max())
         return RUNAWAY * scale if scale > 0 else math.inf

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -33,9 +33,10 @@ def stage(model: StageModel) -> Stage:
 
 def chain(name: str, axis: AxisModel) -> AxisChain:
     """Return the chain of one axis, its numbers and modes as its effects leave them."""
-    numbers, given = adjusted(axis), acting(axis)
+    given = by_name(acting(axis))
+    numbers = _adjusted(axis, given)
     further = [Oscillator(mode.frequency, mode.damping_ratio, mode.share) for mode in axis.modes]
-    for effect, values in by_name(given):
+    for effect, values in given:
         further += [Oscillator(*face.mode(values)) for face in effect.faces if isinstance(face, Resonance)]
     share = 1.0 - sum(mode.share for mode in further)
     main = Oscillator(numbers["natural_frequency"], numbers["damping_ratio"], share)
@@ -44,8 +45,12 @@ def chain(name: str, axis: AxisModel) -> AxisChain:
 
 def adjusted(axis: AxisModel) -> dict[str, float]:
     """Return natural frequency, damping ratio and gain of the main mode as the effects of an axis leave them, SI."""
+    return _adjusted(axis, by_name(acting(axis)))
+
+
+def _adjusted(axis: AxisModel, given: Sequence[tuple[Effect, Mapping[str, float]]]) -> dict[str, float]:
     numbers = {"natural_frequency": axis.natural_frequency, "damping_ratio": axis.damping_ratio, "gain": axis.gain}
-    for effect, values in by_name(acting(axis)):
+    for effect, values in given:
         for face in effect.faces:
             if isinstance(face, Adjust) and face.of == "axis":
                 numbers = face.apply(numbers, values)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -270,8 +271,11 @@ class Effect:
 
     def is_null(self, values: Values) -> bool:
         """Tell whether the effect is switched off: all its strengths stand at their nulls."""
-        strengths = [p for p in self.parameters if p.null is not None]
-        return bool(strengths) and all(values[p.name] == p.null for p in strengths)
+        return bool(self._nulls) and all(values[name] == null for name, null in self._nulls)
+
+    @cached_property
+    def _nulls(self) -> tuple[tuple[str, float], ...]:
+        return tuple((p.name, p.null) for p in self.parameters if p.null is not None)
 
 
 def _is_static(face: object) -> bool:
