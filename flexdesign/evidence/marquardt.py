@@ -181,7 +181,7 @@ class _Search:
         weighted = weighted / max(float(weighted @ step), 1e-300)
         for part, before, after in zip(self.slopes, self.residuals, tried, strict=True):
             missed = after - before - part.matrix @ step[part.places]
-            part.matrix[:] += np.outer(missed, weighted[part.places])
+            part.matrix[:] += np.outer(weighted[part.places], missed).T  # its columns are what lies together
         self.problem.even(self.slopes)
         self.kept = (self.cost - reached) / promised
         self.x, self.residuals, self.cost = self.x + step, tried, reached

@@ -46,19 +46,21 @@ def test_so_many_threads_work_at_a_time() -> None:
 def test_who_has_ended_helps_who_has_not() -> None:
     ended, meeting = threading.Event(), threading.Barrier(2, timeout=FOR_EVER)
 
+    def has_met() -> bool:
+        inner = threading.Barrier(2, timeout=0.2)  # passes only where two wait at once
+        try:
+            each(lambda _: inner.wait(), range(2))
+        except threading.BrokenBarrierError:
+            return False
+        return True
+
     def work(item: int) -> None:
         if item == 0:
             ended.set()
             return
         assert ended.wait(FOR_EVER)
-        meeting_met = False
-        while not meeting_met:  # an inner map of two that meet asks for a second thread, which has ended its own work
-            inner = threading.Barrier(2)
-            try:
-                each(lambda _: inner.wait(0.2), range(2))
-                meeting_met = True
-            except threading.BrokenBarrierError:
-                continue
+        while not has_met():  # until the other thread has ended its own work
+            pass
 
     with sharing(2) as each:
         each(lambda _: meeting.wait(), range(2))
