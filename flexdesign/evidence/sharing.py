@@ -55,17 +55,25 @@ class Shared:
         try:
             work()
         finally:
-            self._await(helping)
-        for each in helping:
+            helped = self._ended(helping)
+        for each in helped:
             each.result()
         return [made[place] for place in range(len(given))]
 
-    def _await(self, helping: list[Future[None]]) -> None:
-        """Wait for others to end what they began; the place of this thread is meanwhile free."""
-        if any(not each.done() for each in helping):
+    def _ended(self, helping: list[Future[None]]) -> list[Future[None]]:
+        """Wait for others to end what they began, and return them; the place of this thread is meanwhile free.
+
+        For one that has not begun there is nothing left to do. To wait for it might be to wait for ever: for a thread
+        of the pool that itself waits for this one.
+        """
+        begun = [each for each in helping if not each.cancel()]
+        for _ in range(len(helping) - len(begun)):
             self.idle.release()
-            wait(helping)
+        if any(not each.done() for each in begun):
+            self.idle.release()
+            wait(begun)
             self.idle.acquire()
+        return begun
 
 
 @contextmanager

@@ -24,6 +24,22 @@ def test_within_itself_it_is_a_map_too(threads: int) -> None:
     assert found == [10 * x for x in range(20)]
 
 
+def test_nobody_waits_for_who_cannot_begin() -> None:
+    meetings = [threading.Barrier(2, timeout=FOR_EVER) for _ in range(2)]
+
+    def work(depth: int, asked: threading.Thread) -> None:
+        if depth == len(meetings):
+            return
+        meetings[depth].wait()
+        if threading.current_thread() is not asked:
+            threading.Event().wait(0.1)  # who asked has ended, and waits: its place is free, though no thread of the pool
+            each(lambda _, me=threading.current_thread(): work(depth + 1, me), range(2))
+
+    asking = threading.current_thread()
+    with sharing(2) as each:
+        each(lambda _: work(0, asking), range(2))  # would never return
+
+
 def test_so_many_threads_work_at_a_time() -> None:
     meeting = threading.Barrier(3, timeout=FOR_EVER)
     with sharing(3) as each:
