@@ -32,8 +32,9 @@ def test_nobody_waits_for_who_cannot_begin() -> None:
             return
         meetings[depth].wait()
         if threading.current_thread() is not asked:
-            threading.Event().wait(0.1)  # who asked has ended, and waits: its place is free, though no thread of the pool
-            each(lambda _, me=threading.current_thread(): work(depth + 1, me), range(2))
+            threading.Event().wait(0.1)  # who asked has ended, and waits; its place is free, but no thread of the pool
+            me = threading.current_thread()
+            each(lambda _: work(depth + 1, me), range(2))
 
     asking = threading.current_thread()
     with sharing(2) as each:
