@@ -298,7 +298,7 @@ def _driven(
         trial[i] = states[i] + after * reals(earlier)[i]
     driven = drive
     if first[axis] < by_path:
-        f, total = first[axis], 0.0
+        f = first[axis]
         offset = 8 * place[f]
         total = call_flow(hook[f], drive, x, v, forces.trial + offset, rates + offset, constants[f])
         for f in range(first[axis] + 1, by_path):
