@@ -70,7 +70,7 @@ class Steps:
     def __init__(self, at: AxisModel | None = None, delay: float = 0.0) -> None:
         self.at, self.delay = at, delay
         self._found: dict[Observation, int] = {}
-        self._locks = dict[Observation, Any]()
+        self._locks: dict[Observation, Lock] = {}
 
     def of(self, run: Observation, find: Callable[[], int]) -> int:
         """Return the number for a run; `find` is called the first time, and others that ask for it meanwhile wait."""
@@ -197,7 +197,7 @@ class AxisDynamics:
             run, colon, number = name.rpartition(":")
             if colon:
                 own.setdefault(run, {})[number] = value
-        axis, delay = changed(self.axis, shared) if shared else self.axis, values.get(DELAY, self.delay)
+        axis, delay = changed(self.axis, shared), values.get(DELAY, self.delay)
         return replace(self, axis=axis, origin=self.first, delay=delay, own=own)
 
     def set_apart(self, runs: Iterable[str]) -> AxisDynamics:
@@ -340,7 +340,7 @@ class AxisDynamics:
         # A record that began early begins some samples later in a simulation with a longer delay.
         command, delay = np.concatenate([lead, command, np.full(early, command[-1])]), delay + early * run.period
         more = {name: value for name, value in own.items() if name not in (TRIGGER, *CAME_FROM)}
-        axis = loaded(self.first, changed(self.axis, more) if more else self.axis, run.payload)
+        axis = loaded(self.first, changed(self.axis, more), run.payload)
         axis = behind_amplifier(axis) if at_stack else axis
         return simulate(
             Stage((self._chain if axis is self.axis else self._chain_of(axis),)),

@@ -156,6 +156,8 @@ def changed(axis: AxisModel, values: Mapping[str, float]) -> AxisModel:
     KeyError
         If the axis has no such number.
     """
+    if not values:
+        return axis
     own: dict[str, Any] = {}
     tables: dict[str, dict[str, float]] = {}
     for name, value in values.items():

@@ -243,14 +243,14 @@ class _Room:
     """An array that is filled from its beginning; what does not fit gets an array of its own."""
 
     def __init__(self, array: NDArray[Any], kept: list[NDArray[Any]]) -> None:
-        self.array, self.kept, self.address, self.room = array, kept, array.ctypes.data, len(array)
+        self.array, self.kept, self.address = array, kept, array.ctypes.data
         self.numbers: list[float] = []
         kept.append(array)
 
     def keep(self, numbers: Sequence[float]) -> int:
         """Put numbers and a zero behind them into the array; return their address."""
         first = len(self.numbers)
-        if first + len(numbers) < self.room:
+        if first + len(numbers) < ROOM:
             self.numbers += numbers
             self.numbers.append(0)
             return self.address + 8 * first

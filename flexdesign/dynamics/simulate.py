@@ -259,10 +259,10 @@ class _Inputs:
         self._disturb(disturbances)
         limits = [stage.limits.get(name, (-math.inf, math.inf)) for name in names]
         self.limits = np.array(limits, dtype=np.float64)
-        self.slopes = np.array([slopes(row) for row in self._within()]) if self.is_smooth else None
-
-    def _within(self) -> Array:
-        return np.clip(self.given, self.limits[:, :1], self.limits[:, 1:])
+        self.slopes = None
+        if self.is_smooth:
+            within = np.clip(self.given, self.limits[:, :1], self.limits[:, 1:])
+            self.slopes = np.array([slopes(row) for row in within])
 
     @staticmethod
     def _reference(loop: Loop) -> Array:

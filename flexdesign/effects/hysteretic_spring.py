@@ -20,7 +20,7 @@ def constants(values: Values, step: float) -> tuple[float, ...]:
 def flow(drive: float, position: float, velocity: float, state: Floats, rates: Floats, constants: Floats) -> float:
     """Return -z, and the rate of z."""
     z = state[0]
-    size = abs(z) ** (constants[3] - 1.0) if constants[3] != 1.0 else 1.0
+    size = abs(z) ** (constants[3] - 1.0)
     rates[0] = constants[0] * velocity - size * (constants[1] * abs(velocity) * z + constants[2] * velocity * abs(z))
     return -z
 

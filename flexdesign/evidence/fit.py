@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -195,7 +194,7 @@ def fit(
     if residuals.samples <= len(free) + residuals.offsets:
         asked = f"{len(free)} parameters and {residuals.offsets} offsets need more samples than that"
         raise InputError("fit", "observations", f"{residuals.samples} samples", asked)
-    with _mapping(threads) as each:
+    with sharing(_counted(threads)) as each:
         best, ended, minima = search(residuals, starts, seed, each, progress)
         best, found = _balanced(residuals, best, each, noise is not None)
         progress("checking the intervals")
@@ -288,11 +287,9 @@ def _whitening(noise: Noise) -> Whitening:
     return White(noise) if isinstance(noise, (int, float, Mapping)) else noise
 
 
-@contextmanager
-def _mapping(threads: int | None) -> Iterator[Map]:
-    """Yield a map that is shared among threads; by default two, where there are as many."""
+def _counted(threads: int | None) -> int:
+    """Return the number of threads; by default two, where there are as many processors."""
     count = min(2, os.cpu_count() or 1) if threads is None else threads
     if count < 1:
         raise InputError("fit", "threads", threads, "a fit needs at least one thread")
-    with sharing(count) as each:
-        yield each
+    return count

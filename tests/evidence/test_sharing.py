@@ -32,8 +32,10 @@ def test_nobody_waits_for_who_cannot_begin() -> None:
             return
         meetings[depth].wait()
         if threading.current_thread() is not asked:
-            threading.Event().wait(0.1)  # who asked has ended, and waits; its place is free, but no thread of the pool
-            me = threading.current_thread()
+            with (
+                each.idle
+            ):  # comes in once who asked has ended, and waits: its place is free, but no thread of the pool
+                me = threading.current_thread()
             each(lambda _: work(depth + 1, me), range(2))
 
     asking = threading.current_thread()
