@@ -56,9 +56,9 @@ from flexdesign.stage_model import AxisModel, StageModel
 Array = NDArray[np.float64]
 #: Error that a prediction may have, in shares of the noise; and in shares of the stroke, at least and at most.
 EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
-#: Most steps in a sample for fits, and steps for screening; no step of either is longer than this [s], which the
-#: fastest relaxations of the catalogue bear.
-STEPS, STEPS_SCREENING, LONGEST_STEP = 16, 4, 4e-4
+#: Most steps in a sample for fits, most of them for their slopes, and steps for screening; no step of any of them is
+#: longer than this [s], which the fastest relaxations of the catalogue bear.
+STEPS, STEPS_SLOPES, STEPS_SCREENING, LONGEST_STEP = 16, 6, 3, 4e-4
 #: The same for the values that are told in the end: many samples determine them far better than their noise.
 EXACT_AT_LAST, STEPS_AT_LAST = 0.002, 64
 #: A run is no later than so many standard deviations, in the model as it was designed and where one record is all there
@@ -221,7 +221,7 @@ def case_of(
     volts = setting.volts
     stroke = abs(setting.axis.gain * setting.axis.driver.gain) * volts
     least = math.ceil(max(setting.periods) / LONGEST_STEP)
-    screening, fine = max(STEPS_SCREENING, least), max(STEPS, 2 * least)
+    screening, sloping, fine = max(STEPS_SCREENING, least), max(STEPS_SLOPES, least), max(STEPS, 2 * least)
     exact = float(np.clip(EXACT * setting.floor / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
     at_last = EXACT_AT_LAST / EXACT * exact
     dynamics = AxisDynamics(
@@ -253,6 +253,7 @@ def case_of(
         coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=True),
         fine=lambda of: cast(AxisDynamics, of).with_steps(fine),
         finest=lambda of: cast(AxisDynamics, of).refined(at_last).with_steps(STEPS_AT_LAST),
+        sloping=lambda of: _no_finer(cast(AxisDynamics, of), sloping),
         each=each,
         progress=progress,
         designed={name: setting.axis.numbers[name] for name in LINEAR},
@@ -262,6 +263,11 @@ def case_of(
         scales=setting.scales,
         judging=tuple(setting.judging) if setting.responses else (),
     )
+
+
+def _no_finer(model: AxisDynamics, steps: int) -> AxisDynamics:
+    """Return a model with the steps that it has, but no more than so many in a sample."""
+    return model if model.finest <= steps else replace(model, finest=steps)
 
 
 def search(

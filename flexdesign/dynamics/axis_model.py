@@ -271,7 +271,7 @@ class AxisDynamics:
         return axis_response.predicted(chain, measured, self.delay, frequencies)
 
     def steps_for(self, run: Run) -> int:
-        """Return the number of steps in a sample: with a margin what the first values need."""
+        """Return the number of steps in a sample: with a margin what the first values need, but not too many."""
         if self.fixed:
             return self.finest
 
@@ -280,7 +280,7 @@ class AxisDynamics:
             found = first._simulated(run, None)
             return min(found.substeps * (self.margin if found.error > EXACT * self.tolerance else 1), self.finest)
 
-        return self.steps.of(run, find)
+        return min(self.steps.of(run, find), self.finest)
 
     def integration_error(self, run: Run) -> float:
         """Return by how much the prediction changes with twice as many steps, rms [response]."""

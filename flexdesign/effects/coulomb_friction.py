@@ -18,15 +18,15 @@ from flexdesign.model.effect import Floats, Values
 
 
 def constants(values: Values, step: float) -> tuple[float, float, float]:
-    """Return level, presliding, and friction at rest over the level."""
-    return values["level"], values["presliding"], values.get("rest", 0.0)
+    """Return level, one over presliding, and friction at rest over the level."""
+    return values["level"], 1.0 / values["presliding"], values.get("rest", 0.0)
 
 
 def pull(begin: float, end: float, state: Floats, constants: Floats) -> float:
     """Take z / presliding along the way, and return the force over the stiffness."""
-    if end != begin:
-        left = (1.0 if end > begin else -1.0) - constants[2] - state[0]
-        state[0] -= left * math.expm1(-abs(end - begin) / constants[1])
+    way = end - begin
+    left = math.copysign(1.0, way) - constants[2] - state[0]
+    state[0] += left * (1.0 - math.exp(-abs(way) * constants[1]))
     return -constants[0] * state[0]
 
 

@@ -61,6 +61,8 @@ class Case:
     coarse, fine, finest
         Make a model that predicts less exactly and faster, for screening; one that predicts exactly; and one whose
         errors are small beside those of values that many samples determine, which are far below the noise.
+    sloping
+        Makes a model whose slopes serve in the place of a model's own, and may be had sooner.
     each
         Maps simulations, over threads perhaps; and whole fits that map theirs by it, see `flexdesign.evidence.sharing`.
     progress
@@ -94,6 +96,7 @@ class Case:
     coarse: Callable[[Model], Model] = lambda model: model
     fine: Callable[[Model], Model] = lambda model: model
     finest: Callable[[Model], Model] = lambda model: model
+    sloping: Callable[[Model], Model] = lambda model: model
     each: Map = map
     progress: Callable[[str], None] = lambda _: None
     designed: Mapping[str, float] = field(default_factory=dict)
@@ -112,7 +115,7 @@ class Case:
 
     def problem(self, suite: Suite, model: Model, where: Coordinates) -> Problem:
         """Return a model with free numbers, to be laid beside a suite."""
-        return Problem(suite, model, where, self.each, self.fitting.moved)
+        return Problem(suite, model, where, self.each, self.fitting.moved, self.sloping)
 
     def coordinates(self, model: Model, free: Sequence[str], suite: Suite) -> Coordinates:
         """Return free numbers and those of each run as coordinates."""

@@ -178,10 +178,22 @@ class Problem:
         Maps simulations, over threads perhaps.
     moved
         How far a finite difference should move the data, relative.
+    sloping
+        Makes a model whose slopes serve in the place of a model's own: how far a number moves what is predicted need
+        not be known as exactly as where it is.
     """
 
-    def __init__(self, suite: Suite, model: Model, where: Coordinates, each: Map = map, moved: float = MOVED) -> None:
+    def __init__(
+        self,
+        suite: Suite,
+        model: Model,
+        where: Coordinates,
+        each: Map = map,
+        moved: float = MOVED,
+        sloping: Callable[[Model], Model] = lambda model: model,
+    ) -> None:
         self.suite, self.model, self.where, self.each, self.moved = suite, model, where, each, moved
+        self.sloping = sloping
         self.evaluations = 0
         runs = [parameter.run for parameter in where.parameters]
         names = [record.observation.name for record in suite.records]
@@ -212,7 +224,9 @@ class Problem:
 
     def residuals(self, x: Array) -> list[Array] | None:
         """Return the whitened residual of each record; None where the model fails."""
-        model = self.at(x)
+        return self._residuals(self.at(x))
+
+    def _residuals(self, model: Model) -> list[Array] | None:
         found = list(self.each(lambda record: self._residual(model, record), self.suite.records))
         return None if any(part is None for part in found) else found
 
@@ -261,7 +275,7 @@ class Problem:
         for together in groups.values():
             to = x.copy()
             to[together] += steps[together]
-            models |= dict.fromkeys(together, self.at(to))
+            models |= dict.fromkeys(together, self.sloping(self.at(to)))
         return models
 
     def slopes(
@@ -280,6 +294,9 @@ class Problem:
         fresh = [j for j, name in enumerate(self.where.names) if name not in old]
         forward = np.where(x + self.steps <= self.where.upper, 1.0, -1.0)
         pairs = [(r, int(j)) for r, places in enumerate(self.places) for j in places if int(j) in fresh]
+        exact = self.at(x)
+        if pairs and (sloping := self.sloping(exact)) is not exact:
+            residuals = self._residuals(sloping) or residuals
         parts = self._moved(x, pairs, forward)
         if failed := {j for (_, j), part in parts.items() if part is None}:
             # On the other side the model may not fail; where it does on both, nothing is known of this slope.
