@@ -253,7 +253,7 @@ def case_of(
         coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=True),
         fine=lambda of: cast(AxisDynamics, of).with_steps(fine),
         finest=lambda of: cast(AxisDynamics, of).refined(at_last).with_steps(STEPS_AT_LAST),
-        sloping=lambda of: _no_finer(cast(AxisDynamics, of), sloping),
+        sloping=lambda of: cast(AxisDynamics, of).no_finer(sloping),
         each=each,
         progress=progress,
         designed={name: setting.axis.numbers[name] for name in LINEAR},
@@ -263,11 +263,6 @@ def case_of(
         scales=setting.scales,
         judging=tuple(setting.judging) if setting.responses else (),
     )
-
-
-def _no_finer(model: AxisDynamics, steps: int) -> AxisDynamics:
-    """Return a model with the steps that it has, but no more than so many in a sample."""
-    return model if model.finest <= steps else replace(model, finest=steps)
 
 
 def search(

@@ -8,11 +8,10 @@ each run, from the error estimate, and kept by all models that come of the first
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -25,6 +24,7 @@ from flexdesign.dynamics.axis_parameters import DELAY, TRIGGER, changed, loaded
 from flexdesign.dynamics.axis_run import behind_amplifier, command_of, is_at_stack, smooth_way, span
 from flexdesign.dynamics.chain import AxisChain
 from flexdesign.dynamics.simulate import Loop, Response, Stage, simulate
+from flexdesign.dynamics.steps import Steps
 from flexdesign.errors import InputError, suggest
 from flexdesign.model import Block, Effect, Observation, Parameter
 from flexdesign.runs import FrequencyResponse, Run
@@ -56,28 +56,6 @@ PERIODS_OF_A_WAY = 6.0
 BEYOND = 1.2
 #: A record began no later than this [s].
 LONGEST_TRIGGER = 0.02
-
-
-class Steps:
-    """The number of steps in a sample for each run, found when it is first asked for; safe among threads.
-
-    Parameters
-    ----------
-    at, delay
-        The numbers with which it is found; by default those of the first model that has these steps.
-    """
-
-    def __init__(self, at: AxisModel | None = None, delay: float = 0.0) -> None:
-        self.at, self.delay = at, delay
-        self._found: dict[Observation, int] = {}
-        self._locks: dict[Observation, Lock] = {}
-
-    def of(self, run: Observation, find: Callable[[], int]) -> int:
-        """Return the number for a run; `find` is called the first time, and others that ask for it meanwhile wait."""
-        with self._locks.setdefault(run, Lock()):
-            if run not in self._found:
-                self._found[run] = find()
-            return self._found[run]
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,6 +189,10 @@ class AxisDynamics:
     def with_steps(self, finest: int, *, fixed: bool = False) -> AxisDynamics:
         """Return the model with steps found anew, no more than so many in a sample; or exactly so many."""
         return replace(self, finest=finest, fixed=fixed, steps=Steps())
+
+    def no_finer(self, finest: int) -> AxisDynamics:
+        """Return the model with the steps that it has, but no more than so many in a sample."""
+        return self if min(self.finest, self.steps.most) <= finest else replace(self, finest=finest)
 
     def with_effect(self, effect: Effect, name: str = "") -> AxisDynamics:
         """Return the model with an effect added, at its start values scaled to this stroke.

@@ -7,7 +7,7 @@ an offset, is eliminated exactly (Golub and Pereyra 1973); where something is kn
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 
@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 HIDDEN = 1e-10
 #: Columns that add to what was measured of an observation (samples by k), and how large each may be [response].
 Shapes = Callable[[Observation], tuple[Array, Array]]
+#: Makes another model of one, with the same numbers.
+Made = Callable[[Model], Model]
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +165,10 @@ class Slopes:
     matrix: Array
 
 
+def _itself(model: Model) -> Model:
+    return model
+
+
 class Problem:
     """A model with free numbers, to be laid beside a suite.
 
@@ -190,7 +196,7 @@ class Problem:
         where: Coordinates,
         each: Map = map,
         moved: float = MOVED,
-        sloping: Callable[[Model], Model] = lambda model: model,
+        sloping: Made = _itself,
     ) -> None:
         self.suite, self.model, self.where, self.each, self.moved = suite, model, where, each, moved
         self.sloping = sloping
@@ -258,16 +264,25 @@ class Problem:
         before = self.before(x)
         return float(sum(part @ part for part in residuals) + before @ before)
 
-    def _moved(self, x: Array, pairs: Sequence[tuple[int, int]], forward: Array) -> dict[tuple[int, int], Array | None]:
+    def _sloping_at(self, x: Array, residuals: Sequence[Array]) -> tuple[Made, Sequence[Array]]:
+        """Return what makes models to take slopes from, and their residuals: a model's own where another one fails."""
+        own = self.at(x)
+        if (other := self.sloping(own)) is own or (found := self._residuals(other)) is None:
+            return _itself, residuals
+        return self.sloping, found
+
+    def _moved(
+        self, x: Array, pairs: Sequence[tuple[int, int]], forward: Array, make: Made
+    ) -> dict[tuple[int, int], Array | None]:
         """Return the residual of each record with one coordinate moved by its step; None where the model fails."""
-        models = self._moved_models(x, sorted({j for _, j in pairs}), forward * self.steps)
+        models = {j: make(of) for j, of in self._moved_models(x, {j for _, j in pairs}, forward * self.steps).items()}
         found = self.each(lambda pair: self._residual(models[pair[1]], self.suite.records[pair[0]]), pairs)
         return dict(zip(pairs, found, strict=True))
 
-    def _moved_models(self, x: Array, places: Sequence[int], steps: Array) -> dict[int, Model]:
+    def _moved_models(self, x: Array, places: Iterable[int], steps: Array) -> dict[int, Model]:
         """Return for some coordinates the model with that one moved; those of different runs are moved together."""
         groups = dict[tuple[str, str | int], list[int]]()
-        for j in places:
+        for j in sorted(places):
             parameter = self.where.parameters[j]
             run, _, number = parameter.name.rpartition(":")
             groups.setdefault(("run", number) if run == parameter.run != "" else ("all", j), []).append(j)
@@ -275,7 +290,7 @@ class Problem:
         for together in groups.values():
             to = x.copy()
             to[together] += steps[together]
-            models |= dict.fromkeys(together, self.sloping(self.at(to)))
+            models |= dict.fromkeys(together, self.at(to))
         return models
 
     def slopes(
@@ -294,17 +309,15 @@ class Problem:
         fresh = [j for j, name in enumerate(self.where.names) if name not in old]
         forward = np.where(x + self.steps <= self.where.upper, 1.0, -1.0)
         pairs = [(r, int(j)) for r, places in enumerate(self.places) for j in places if int(j) in fresh]
-        exact = self.at(x)
-        if pairs and (sloping := self.sloping(exact)) is not exact:
-            residuals = self._residuals(sloping) or residuals
-        parts = self._moved(x, pairs, forward)
+        make, here = self._sloping_at(x, residuals) if pairs else (_itself, residuals)
+        parts = self._moved(x, pairs, forward, make)
         if failed := {j for (_, j), part in parts.items() if part is None}:
             # On the other side the model may not fail; where it does on both, nothing is known of this slope.
             forward[list(failed)] *= -1.0
-            parts |= self._moved(x, [pair for pair in pairs if pair[1] in failed], forward)
+            parts |= self._moved(x, [pair for pair in pairs if pair[1] in failed], forward, make)
         moved, columns = np.zeros(len(x)), dict[tuple[int, int], Array]()
         for (r, j), part in parts.items():
-            column = np.zeros_like(residuals[r]) if part is None else (part - residuals[r]) * forward[j]
+            column = np.zeros_like(here[r]) if part is None else (part - here[r]) * forward[j]
             moved[j] += column @ column
             columns[r, j] = column / self.steps[j]
         for j, name in enumerate(self.where.names):

@@ -94,6 +94,17 @@ def test_the_number_of_steps_is_that_of_the_first_model() -> None:
     assert unasked.replace({"natural_frequency": 290.0}).steps_for(seen) == unasked.steps_for(seen) == steps
 
 
+def test_a_model_that_may_take_no_more_steps_keeps_those_that_it_has() -> None:
+    seen = run(wave())
+    model = AxisDynamics("x", FULL)
+    steps = model.steps_for(seen)
+    assert model.no_finer(steps) is model
+    coarser = model.no_finer(steps // 2)
+    assert coarser.steps_for(seen) == steps // 2
+    assert np.array_equal(coarser.predict(seen), model.with_steps(steps // 2, fixed=True).predict(seen))
+    assert model.steps_for(seen) == steps
+
+
 def test_predictions_depend_smoothly_on_every_number() -> None:
     """Central differences of two sizes agree to their own error, the square of the size; resolution would break it."""
     seen, model = run(wave()), AxisDynamics("x", FULL)
