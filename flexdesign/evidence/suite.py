@@ -7,7 +7,7 @@ an offset, is eliminated exactly (Golub and Pereyra 1973); where something is kn
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 
@@ -275,14 +275,14 @@ class Problem:
         self, x: Array, pairs: Sequence[tuple[int, int]], forward: Array, make: Made
     ) -> dict[tuple[int, int], Array | None]:
         """Return the residual of each record with one coordinate moved by its step; None where the model fails."""
-        models = {j: make(of) for j, of in self._moved_models(x, {j for _, j in pairs}, forward * self.steps).items()}
+        models = self._moved_models(x, sorted({j for _, j in pairs}), forward * self.steps, make)
         found = self.each(lambda pair: self._residual(models[pair[1]], self.suite.records[pair[0]]), pairs)
         return dict(zip(pairs, found, strict=True))
 
-    def _moved_models(self, x: Array, places: Iterable[int], steps: Array) -> dict[int, Model]:
+    def _moved_models(self, x: Array, places: Sequence[int], steps: Array, make: Made) -> dict[int, Model]:
         """Return for some coordinates the model with that one moved; those of different runs are moved together."""
         groups = dict[tuple[str, str | int], list[int]]()
-        for j in sorted(places):
+        for j in places:
             parameter = self.where.parameters[j]
             run, _, number = parameter.name.rpartition(":")
             groups.setdefault(("run", number) if run == parameter.run != "" else ("all", j), []).append(j)
@@ -290,7 +290,7 @@ class Problem:
         for together in groups.values():
             to = x.copy()
             to[together] += steps[together]
-            models |= dict.fromkeys(together, self.at(to))
+            models |= dict.fromkeys(together, make(self.at(to)))
         return models
 
     def slopes(

@@ -32,9 +32,8 @@ def test_nobody_waits_for_who_cannot_begin() -> None:
             return
         meetings[depth].wait()
         if threading.current_thread() is not asked:
-            with (
-                each.idle
-            ):  # comes in once who asked has ended, and waits: its place is free, but no thread of the pool
+            # Comes in once who asked has ended, and waits: its place is free, but no thread of the pool.
+            with each.idle:
                 me = threading.current_thread()
             each(lambda _: work(depth + 1, me), range(2))
 
