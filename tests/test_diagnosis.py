@@ -35,7 +35,7 @@ from flexdesign.evidence.rival import Rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.stand import Stand
 from flexdesign.evidence.suite import Problem
-from flexdesign.evidence.trial import Step, Trial
+from flexdesign.evidence.model_comparison import Step, Trial
 from flexdesign.noise_floor import NoiseFloor
 from flexdesign.runs import Run
 from flexdesign.stage_model import AxisModel, StageModel

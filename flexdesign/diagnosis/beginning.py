@@ -10,33 +10,24 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign import effects
 from flexdesign.dynamics.axis_model import CAME_FROM, AxisDynamics
 from flexdesign.dynamics.axis_parameters import TRIGGER
-from flexdesign.effects import creep
 from flexdesign.evidence.case import Case
-from flexdesign.evidence.caught import fitted_in_line
 from flexdesign.evidence.noise import Whitening
-from flexdesign.evidence.screening import Candidate, Moves
-from flexdesign.evidence.selection import PLAIN_CHANCE, SURE, forward
-from flexdesign.evidence.stand import Stand
-from flexdesign.evidence.trial import Step
-from flexdesign.model import Observation, Parameter
+from flexdesign.model import Block, Observation, Parameter
 from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.stage_model import AxisModel
 
 Array = NDArray[np.float64]
-#: How little is known, one sigma: samples that a record was late, share of the largest command where the voltage had
-#: turned, share of the stroke that the mode swings by, and that slow states still move.
-LATE, TURNED, SWINGS, SLOW = 0.3, 0.4, 0.1, 0.01
-#: Slow states that may still relax as a record begins have these time constants [s].
-RELAXING = (0.1, 0.4, 1.6, 6.4, 25.6)
+#: Standard deviations: samples that a record was late, share of the largest command where the voltage had turned,
+#: share of the stroke that the mode swings by.
+LATE, TURNED, SWINGS = 0.3, 0.4, 0.1
 #: Before the first fit, delays are tried up to this one [s], at so many periods of the mode from each other.
 LATEST, IN_TIME = 0.012, 0.125
 #: And natural frequencies this far away, relative, at such steps: from farther than a resonance is wide, slopes lead
 #: nowhere. A payload or a loose part may have changed it by so much.
 OUT_OF_TUNE, IN_TUNE = 0.24, 0.03
-#: What moves slowly in all records promises at least this share of what amounts of their own made up for.
-PROMISED = 0.3
 
 
 def known_of_start(parameter: Parameter, runs: Sequence[Run], volts: float) -> tuple[float, float] | None:
@@ -50,70 +41,52 @@ def known_of_start(parameter: Parameter, runs: Sequence[Run], volts: float) -> t
 
 
 @dataclass(frozen=True)
-class Beginning:
-    """What adds to a record because of how it began: an offset, a mode that rings, and slow states if `is_slow`."""
+class InitialConditions:
+    """What unknown initial conditions add to a record, in unknown amounts: offset, ringing, creep under way.
+
+    Parameters
+    ----------
+    axis
+        Its main mode rings as a record begins, and slow states of its effects relax.
+    stroke
+        What the gain makes of the largest command [response].
+    """
 
     axis: AxisModel
     stroke: float
-    is_slow: bool = True
 
     def __call__(self, observation: Observation) -> tuple[Array, Array]:
-        """Return the columns, samples by k, and how large each may be [response]; a frequency response has none."""
+        """Return the columns, samples by k, and their standard deviations [response]; a frequency response has none."""
         if isinstance(observation, FrequencyResponse):
             return np.zeros((len(observation.measured()), 0)), np.zeros(0)
         run = cast(Run, observation)
         t = run.time - run.time[0]
         w = 2 * math.pi * self.axis.natural_frequency
         ringing = np.exp(-self.axis.damping_ratio * w * t)
-        slow = [(tau, SLOW * self.stroke) for tau in RELAXING if self.is_slow] + self.creeping
-        relaxing = [np.exp(-t / tau) for tau, _ in slow]
-        columns = np.column_stack([np.ones_like(t), ringing * np.cos(w * t), ringing * np.sin(w * t), *relaxing])
-        swings = SWINGS * self.stroke
-        return columns, np.array([math.inf, swings, swings, *(size for _, size in slow)])
-
-    @property
-    def creeping(self) -> list[tuple[float, float]]:
-        """Time constants [s] of creep that the axis is known to have, and how far each may still have to go."""
-        values = self.axis.effects.get("creep")
-        if values is None or creep.EFFECT.is_null(values):
-            return []
-        return [(tau, values["per_decade"] * self.stroke) for tau in creep.time_constants(values["t0"])]
+        # A state slower than the record would pass for a drift.
+        slow = [(tau, share) for tau, share in relaxing(self.axis) if tau <= t[-1]]
+        columns = [np.ones_like(t), ringing * np.cos(w * t), ringing * np.sin(w * t)]
+        columns += [np.exp(-t / tau) for tau, _ in slow]
+        sizes = [math.inf, *2 * [SWINGS * self.stroke], *(share * self.stroke for _, share in slow)]
+        return np.column_stack(columns), np.array(sizes)
 
 
-def begins_otherwise(before: AxisDynamics, after: AxisDynamics) -> bool:
-    """Tell whether records may begin in more ways with another model."""
-    return "creep" in after.axis.effects and "creep" not in before.axis.effects
+def relaxing(axis: AxisModel) -> list[tuple[float, float]]:
+    """Return time constants [s] and sizes [strokes] of the slow linear states that the effects of an axis have."""
+    found = list[tuple[float, float]]()
+    for name, values in axis.effects.items():
+        effect = effects.find(name)
+        if not effect.is_null(values):
+            blocks = (face for face in effect.faces if isinstance(face, Block))
+            found += [pair for block in blocks if block.relaxing for pair in block.relaxing(values)]
+    return found
 
 
-def begun_like(case: Case, model: AxisDynamics, noise: Whitening | None = None, *, is_slow: bool = True) -> Case:
-    """Return the case with records that begin as the numbers of a model allow, and perhaps with other noise."""
-    ways = Beginning(model.axis, model.stroke, is_slow)
-    identify, validate = (suite.with_shapes(ways, noise) for suite in (case.identify, case.validate))
-    return replace(case, identify=identify, validate=validate)
-
-
-def at_rest(
-    case: Case, stand: Stand, candidates: Sequence[Candidate], moves: Moves | None, noise: Whitening | None = None
-) -> tuple[Case, Stand, Step] | None:
-    """Return the case with records that begin at rest, the stand there, and what to add, if likelier; else None.
-
-    States that relax slowly, in each record by an amount of its own, make up for what moves slowly in all of them, such
-    as a drift. That is the likelier cause if it explains as much: amounts that happen to agree cost their freedom.
-    """
-    model = cast(AxisDynamics, stand.model)
-    if "creep" in stand.names:
-        return None
-    still = begun_like(case, model, noise, is_slow=False)
-    calm = fitted_in_line(still, model, stand.effects)  # lest what frees a run that is caught be taken for a cause
-    scale = max(stand.scale, 1.0)
-    if calm is None or calm.seen_cost - stand.seen_cost < SURE * PLAIN_CHANCE * scale:
-        return None  # nothing moves slowly
-    saved = sum(a.freedom - b.freedom for a, b in ((case.identify, still.identify), (case.validate, still.validate)))
-    step = forward(still, calm, candidates, moves, promising=PROMISED * (calm.cost - stand.cost - saved * scale))
-    if step.chosen is None:
-        return None
-    more = (step.chosen.stand.total - stand.total) / scale
-    return (still, calm, step) if more < saved else None
+def with_initial_conditions(task: Case, model: AxisDynamics, noise: Whitening | None = None) -> Case:
+    """Return the task with the initial conditions that a model has, and perhaps with other noise."""
+    shapes = InitialConditions(model.axis, model.stroke)
+    identify, validate = (suite.with_shapes(shapes, noise) for suite in (task.identify, task.validate))
+    return replace(task, identify=identify, validate=validate)
 
 
 def in_time(case: Case, dynamics: AxisDynamics) -> AxisDynamics:

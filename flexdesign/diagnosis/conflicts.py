@@ -64,21 +64,24 @@ def conflicts(setting: Setting, stand: Stand) -> tuple[Conflict, ...]:
     """Return the numbers that moved beyond what was known of them."""
     where, covariance = stand.solution.problem.where, stand.solution.covariance
     values, found = where.values(stand.solution.x), []
-    for name, (middle, sigma) in setting.known.items():
+    free = {name: about for name, about in setting.known.items() if name in where.names}
+    for name, (middle, sigma) in free.items():
         j = where.names.index(name)
         ratio, far = values[name] / middle, (values[name] - middle) / sigma
         if abs(far) <= CONFLICT:
             continue
         words = f"{name} {100 * (ratio - 1):+.1f} %, {abs(far):.1f} standard deviations of what was known"
-        spread = HALF_WIDTH * math.sqrt(max(float(covariance[j, j]), 0.0))
+        spread = HALF_WIDTH * math.sqrt(max(float(covariance[j, j]) * stand.discrepancy, 0.0))
         x = float(stand.solution.x[j])
         # What it was before is known no better than that, whatever the runs say of what it is now.
         fitted = [abs(value(where.parameters[j], end) / middle - ratio) for end in (x - spread, x + spread)]
         wide = math.hypot(max(fitted), HALF_WIDTH * sigma / abs(middle) * ratio)
         ends = [ratio - wide, ratio + wide]
-        if name == "natural_frequency" and far < 0:
+        if ends[0] <= 1 <= ends[1]:  # then the runs do not determine by how much it moved
+            found.append(Conflict(words, (), None, lambda model: model))
+        elif name == "natural_frequency" and far < 0:
             found.append(_softer(setting, words, ratio, sorted(ends), is_stiffness=_follows(setting, values, ratio)))
-        elif name == "gain" and _follows(setting, values, values["natural_frequency"] / setting.axis.natural_frequency):
+        elif name == "gain" and _follows(setting, values, _ratio(setting, values)):
             continue  # the softer support moved the gain as well
         elif name == "gain":
             found.append(_louder(setting, words, ratio, sorted(ends)))
@@ -86,6 +89,11 @@ def conflicts(setting: Setting, stand: Stand) -> tuple[Conflict, ...]:
             found.append(Conflict(words, (), None, lambda model: model))
     more = (_late(setting, stand), _stepped(setting))
     return (*found, *(conflict for conflict in more if conflict is not None))
+
+
+def _ratio(setting: Setting, values: Mapping[str, float]) -> float:
+    """Return the natural frequency over that of the design."""
+    return values.get("natural_frequency", setting.axis.natural_frequency) / setting.axis.natural_frequency
 
 
 def _follows(setting: Setting, values: Mapping[str, float], ratio: float) -> bool:
@@ -159,6 +167,8 @@ def _late(setting: Setting, stand: Stand) -> Conflict | None:
     parameter = next(p for p in stand.model.parameters() if p.name == DELAY)
     total = cast(AxisDynamics, stand.model).delay + mean
     interval = (total - half, total + half)
+    if mean <= half:
+        return None
     named = Named("transport_delay", (Value(parameter, total, interval),), 0.0)
     return Conflict(words, ("transport_delay",), named, lambda model: model.replace({DELAY: total}))
 

@@ -22,32 +22,41 @@ from threadpoolctl import threadpool_limits
 
 from flexdesign.diagnosis import periodic
 from flexdesign.diagnosis.beginning import (
-    Beginning,
-    at_rest,
-    begins_otherwise,
-    begun_like,
+    InitialConditions,
     in_time,
     in_tune,
     known_of_start,
+    relaxing,
+    with_initial_conditions,
 )
 from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.findings import Diagnosis
-from flexdesign.diagnosis.judgement import conclude
+from flexdesign.diagnosis.judgement import conclude, decide
 from flexdesign.diagnosis.opening import opening
 from flexdesign.diagnosis.setting import Setting, line_weights, settle
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
 from flexdesign.evidence.case import Case, Fitting
-from flexdesign.evidence.caught import ANEW_SHARE, FIRST_SHARE, carried_on, fitted_in_line, walked
+from flexdesign.evidence.caught import ANEW_SHARE, FIRST_SHARE, carried_on, walked
 from flexdesign.evidence.marquardt import SHARE
-from flexdesign.evidence.rival import Rival, rival
+from flexdesign.evidence.model_comparison import Step
+from flexdesign.evidence.noise import Whitening
+from flexdesign.evidence.rival import Rival, cost_of_terms, rival
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import MOST, backward, confirmed, forward, leaves_more_than_noise
+from flexdesign.evidence.selection import MOST, backward, confirmed, confusable, forward, leaves_more_than_noise
 from flexdesign.evidence.sharing import Shared, sharing
-from flexdesign.evidence.stand import CALIBRATION_SHARE, GROSS, Stand, calibrated, finished, fitted, like
+from flexdesign.evidence.stand import (
+    GROSS,
+    Stand,
+    calibrated,
+    evaluated,
+    finished,
+    fitted,
+    like,
+    moved,
+)
 from flexdesign.evidence.suite import Suite
-from flexdesign.evidence.trial import Step
 from flexdesign.identification import HYSTERESIS, LINEAR
 from flexdesign.model import Model
 from flexdesign.runs import FrequencyResponse, Run
@@ -66,14 +75,19 @@ EXACT_AT_LAST, STEPS_AT_LAST = 0.002, 64
 BELIEVED = 4.0
 #: A measured command is taken as smooth if that lowers the cost by so many times what a sample leaves on average.
 SMOOTHER = 20.0
+#: A plausible change of a number of which nothing is known, relative.
+CHANGE = 0.3
+#: Calibration is refused where it makes the validation error larger by this factor: more than chance of their noise.
+WORSE = 1.02
+#: Smooth functions are the better explanation where they leave no more than this share of what effects leave above the
+#: noise, in squares.
+BETTER = 0.5
 #: What is said of such a run.
 SMOOTH = "the command is taken as smooth between its samples, which fits better than straight lines"
 #: How fits are made where runs are long, in their openings and in the whole of them. A step that promises to lower the
 #: cost by less than about one moves no number by its standard deviation, and one that promises a few tells nothing of
 #: what is missing; and among many values corners lie so close that a difference taken from farther is none of a slope.
 AHEAD, LONG = Fitting(share=1e-4, last=1e-4), Fitting(share=1e-4, last=1e-5, moved=1e-6, sparing=True)
-#: Where the noise is unknown, an effect must explain this share of what was unexplained (in squares).
-LEAST = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +106,10 @@ class Course:
         The last stand, without effects that lost their place.
     agreed
         How many starts of the calibration ended at the best minimum.
+    undetermined
+        The model's own numbers that these runs cannot show: they keep their design values.
+    is_refused
+        Whether calibration made the validation runs worse, so that the design values were kept.
     """
 
     designed: Stand
@@ -100,6 +118,8 @@ class Course:
     steps: tuple[Step, ...]
     final: Stand
     agreed: int
+    undetermined: tuple[str, ...] = ()
+    is_refused: bool = False
 
 
 def diagnose(
@@ -169,8 +189,11 @@ def diagnose(
         course = ended(case, course)
         progress("looking at what is left")
         left = _rival(setting, case, course.final)
-        before = _rival(setting, case, course.calibrated) if course.final.effects else left
-    found = conclude(model, setting, course, before, left)
+        verdict, named = decide(setting, course, left, partial(_is_better_smooth, setting, case))
+        if named.effects and named is not course.final:
+            named = finished(case.at_last, named)
+        groups = confusable(case, named, dynamics, course.steps)
+    found = conclude(model, setting, course, left, verdict, named, groups)
     evaluations = sum(stand.solution.problem.evaluations for stand in (course.calibrated, *course.stands))
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
 
@@ -238,7 +261,7 @@ def case_of(
     )
     # Small sines do not show how a loop bends.
     free = LINEAR + (HYSTERESIS[:-1] if "bouc_wen" in setting.axis.effects and setting.runs else ())
-    noise, shapes = setting.whitening, Beginning(setting.axis, stroke)
+    noise, shapes = setting.whitening, InitialConditions(setting.axis, stroke)
 
     def known(of: Model) -> Mapping[str, tuple[float, float]]:
         own = {p.name: known_of_start(p, setting.runs, volts) for p in of.parameters() if p.run}
@@ -256,13 +279,44 @@ def case_of(
         sloping=lambda of: cast(AxisDynamics, of).no_finer(sloping),
         each=each,
         progress=progress,
+        floor=setting.known_floor,
         designed={name: setting.axis.numbers[name] for name in LINEAR},
-        believed=BELIEVED if setting.is_one_record else math.inf,
+        believed=BELIEVED if setting.is_one_record or not setting.noise.known else math.inf,
         drawn=setting.drawn,
         weights=line_weights(setting),
         scales=setting.scales,
         judging=tuple(setting.judging) if setting.responses else (),
     )
+
+
+def undetermined(case: Case, dynamics: AxisDynamics) -> tuple[str, ...]:
+    """Return the free numbers that the runs cannot show: a plausible change moves no prediction by the tolerance.
+
+    A change is plausible within one standard deviation of the prior, or `CHANGE` without one. Numbers of hysteresis are
+    not asked: they act together.
+    """
+    known, found = case.known(dynamics), list[str]()
+    for name in LINEAR:
+        value = dynamics.axis.numbers[name]
+        relative = min(known[name][1] / abs(value), CHANGE) if name in known else CHANGE
+        after = dynamics.replace({name: value * (1 + relative)})
+        if moved(case.identify, dynamics, after, case.weights) < case.tolerance:
+            found.append(name)
+    return tuple(found)
+
+
+def begun(case: Case, model: AxisDynamics, noise: Whitening | None = None) -> Case:
+    """Return the case with the initial conditions of a calibrated model, and of slow effects that are added to it."""
+    calibrated_axis = model.axis
+
+    def prepared(own: Case, other: Model) -> Case:
+        its = cast(AxisDynamics, other)
+        if not relaxing(its.axis):
+            return own
+        axis = replace(calibrated_axis, effects=its.axis.effects)
+        return with_initial_conditions(own, replace(its, axis=axis), noise)
+
+    return replace(with_initial_conditions(case, model, noise), prepared=prepared)
 
 
 def search(
@@ -282,7 +336,9 @@ def search(
     noise: for what is fainter, and for what moves slowly, all of the runs are asked.
     """
     case.progress("predicting with the model as it is")
-    designed = fitted(replace(case, free=(), believed=BELIEVED), dynamics, (), {}, share=CALIBRATION_SHARE, exact=False)
+    held = undetermined(case, dynamics) if ahead is None else ahead.undetermined
+    case = replace(case, free=tuple(name for name in case.free if name not in held))
+    designed = evaluated(replace(case, believed=BELIEVED), dynamics)
     case.progress("calibrating")
     stand, agreed = (
         calibrated(case, in_tune(case, in_time(case, dynamics)), seed=seed)
@@ -290,13 +346,14 @@ def search(
         else (fitted(case, like(dynamics, ahead.calibrated), (), {}, most=1, exact=False), ahead.agreed)
     )
     if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
-        case = begun_like(case, cast(AxisDynamics, stand.model), setting.rounded(stand))
+        case = begun(case, cast(AxisDynamics, stand.model), setting.rounded(stand))
         is_rough = ahead is not None and stand.scale > GROSS  # then an effect is missing beside which this is no matter
         stand = fitted(case, stand.model, (), {}, share=FIRST_SHARE if is_rough else SHARE)
     if designed is None or stand is None:
         raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
-    if not setting.noise.known:  # then nothing says at which size of what is left it would be noise
-        case = replace(case, least=LEAST * stand.seen_cost)
+    is_refused = bool(case.validate.records) and setting.error(stand) > WORSE * setting.error(designed)
+    if is_refused:  # the structure of the model is wrong for these runs: its design is the better beginning
+        stand = evaluated(begun(case, dynamics, setting.rounded(designed)), designed.model) or designed
     base, stands, steps, every = stand, list[Stand](), list[Step](), catalogue(stand)
     found = [] if ahead is None else _lasting(ahead)
     while len(stand.effects) < MOST and (leaves_more_than_noise(stand) or not is_part):
@@ -304,10 +361,6 @@ def search(
         if step is None:  # nothing was found ahead, or all of the runs refuse it
             found.clear()
             step = forward(case, stand, every)
-        asks = step.chosen is None and not is_part
-        if asks and (other := at_rest(case, stand, every, step.moves, setting.rounded(stand))) is not None:
-            case, stand, step = other
-            base, stands = (base, [*stands[:-1], stand]) if stands else (stand, stands)
         steps.append(step)
         if step.chosen is None:
             break
@@ -319,13 +372,9 @@ def search(
             if stand.cost > (1 - ANEW_SHARE) * before.cost:
                 break
             continue
-        present = cast(AxisDynamics, stand.model)
-        if begins_otherwise(cast(AxisDynamics, before.model), present):
-            case = begun_like(case, present)
-            stand = fitted_in_line(case, stand.model, stand.effects) or stand
         stands.append(stand)
     final = walked(case.at_last, carried_on(case, stand))
-    return case, Course(designed, base, tuple(stands), tuple(steps), final, agreed)
+    return case, Course(designed, base, tuple(stands), tuple(steps), final, agreed, held, is_refused)
 
 
 def ended(case: Case, course: Course) -> Course:
@@ -347,11 +396,26 @@ def _lasting(course: Course) -> list[Step]:
     return steps
 
 
+def _is_better_smooth(setting: Setting, case: Case, base: Stand, stand: Stand) -> bool:
+    """Tell whether the smooth functions of what a fit with effects leaves explain more in the place of the effects."""
+    terms = _rival(setting, case, stand).terms
+    if not terms:
+        return False
+    alone = cost_of_terms(case, base, _features(setting, base), terms)
+    samples = base.solution.problem.suite.samples
+    return alone - samples < BETTER * (stand.seen_cost - samples)
+
+
 def _rival(setting: Setting, case: Case, stand: Stand) -> Rival:
     seen = stand.solution.problem.suite  # records may begin in more ways in a later stand
+    case = replace(case.prepared(case, stand.model), identify=seen)
+    return rival(case, stand, _features(setting, stand))
+
+
+def _features(setting: Setting, stand: Stand) -> Features:
+    """Return the smooth functions that recordings of this kind may show."""
     band, taught = None, [each for each in setting.responses if each.role == "identify"] or setting.responses
     if taught:
         low, high = (float(f([e.frequencies[k] for e in taught])) for f, k in ((min, 0), (max, -1)))
         band = low, high, max(int(each.present.sum()) for each in taught)
-    functions = Features(cast(AxisDynamics, stand.model), band, bool(setting.runs))
-    return rival(replace(case, identify=seen), stand, functions)
+    return Features(cast(AxisDynamics, stand.model), band, bool(setting.runs))

@@ -101,7 +101,7 @@ class Diagnosis:
     confusable
         Groups of effects that these runs cannot tell apart, one of each is among `effects`.
     near
-        Effects that come near without explaining enough, where the verdict is ``unknown``.
+        Effects that are possible, but do not explain enough beside what remains.
     candidates
         Everything that was fitted.
     ladder
@@ -118,14 +118,20 @@ class Diagnosis:
         What smooth functions would explain of the rest.
     remainder
         What stays above the noise, in words; empty if nothing does.
-    predictions
-        Of each run, by name, as calibrated without effects and with what was found: `measured` less `remainder`.
+    remainders
+        The residual of each run by name, as calibrated without effects and with what was found [response].
     runs
         The runs with their roles.
     confidence
         What weakens the verdict, in words; empty if nothing does.
     evaluations, seconds
         How many predictions were made, and how long it took.
+    remainder_rms
+        Rms residual above the noise of the runs that judge; zero if the model is adequate [response].
+    stroke, tolerance
+        What the gain makes of the largest command, and what matters [response].
+    undetermined
+        The model's own numbers that these runs cannot show: they keep their design values.
     responses, lines
         The frequency responses with their roles, and the noise of each by its name.
     """
@@ -151,5 +157,9 @@ class Diagnosis:
     confidence: str
     evaluations: int
     seconds: float
+    remainder_rms: float = 0.0
+    stroke: float = 0.0
+    tolerance: float = 0.0
+    undetermined: tuple[str, ...] = ()
     responses: tuple[FrequencyResponse, ...] = ()
     lines: Mapping[str, LineNoise] = field(default_factory=dict)

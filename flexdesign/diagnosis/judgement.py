@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
@@ -13,9 +13,9 @@ from flexdesign.diagnosis.conflicts import HALF_WIDTH, Conflict, conflicts
 from flexdesign.diagnosis.findings import Diagnosis, Named, Rung, Tried, Value, Verdict
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.evidence.coordinates import value
+from flexdesign.evidence.model_comparison import LESS, Step, Trial
 from flexdesign.evidence.rival import Rival
 from flexdesign.evidence.stand import Stand
-from flexdesign.evidence.trial import LESS, Step, Trial
 from flexdesign.stage_model import StageModel
 
 if TYPE_CHECKING:
@@ -29,12 +29,11 @@ ERRORS = 3.5
 #: A sample so many standard deviations of its run from zero is a jump, and so many jumps are no chance: in Gaussian
 #: noise one sample in five hundred million lies as far.
 JUMP, JUMPS = 6.0, 3
-#: Effects explain enough where what is left is no more than this share of what was unexplained (in squares).
-EXPLAINED = 0.01
+#: Beside a remainder an effect is named that explains this many times as much as remains, in mean squares: two thirds
+#: of what both are together.
+LARGE = 2.0
 #: Standard deviation of Gaussian noise over the median of its size.
 GAUSSIAN = 1.4826
-#: Not more effects than these make a group that the runs cannot tell apart.
-LARGEST_GROUP = 3
 
 
 @dataclass(frozen=True)
@@ -117,47 +116,115 @@ def _jumps(setting: Setting, stand: Stand) -> int:
     return count
 
 
-def conclude(model: StageModel, setting: Setting, course: Course, before: Rival, left: Rival) -> Diagnosis:
+def levels(course: Course) -> list[Stand]:
+    """Return the fits from the calibrated model on, each with further effects.
+
+    Two effects that were added together enter one after the other where the better one was fitted alone.
+    """
+    found = [course.calibrated]
+    trials = [trial for step in course.steps for trial in step.trials]
+    for stand in course.stands:
+        before = {*found[-1].names}
+        new = {*stand.names} - before
+        halves = [
+            trial.stand
+            for trial in trials
+            if len(new) == 2 and len(trial.names) == 1 and {*trial.names} < new and {*trial.stand.names} - new == before
+        ]
+        best = min(halves, key=lambda half: half.total, default=None)
+        found += [stand] if best is None else [best, stand]
+    if course.stands and course.final.names == found[-1].names:
+        found[-1] = course.final
+    return found
+
+
+def decide(
+    setting: Setting, course: Course, left: Rival, is_better_smooth: Callable[[Stand, Stand], bool]
+) -> tuple[Verdict, Stand]:
+    """Return the verdict, and the fit whose effects are named.
+
+    Beside an adequate model all effects are. Else each must explain `LARGE` times what remains unexplained after the
+    last one that is named, in mean squares: of a large and certain share one may speak, whatever else the model lacks.
+    And the smooth functions that describe the remainder must not do better in the place of the effects, which would
+    then be an approximation of something else.
+
+    Parameters
+    ----------
+    setting, course, left
+        What was diagnosed, how it went, and what smooth functions explain of the residual of the last fit.
+    is_better_smooth
+        Tells for the calibrated model and one with effects whether smooth functions do better than these.
+    """
+    every = levels(course)
+    if is_adequate(setting, course.final, left) and not course.final.at_bound():
+        return ("effects-found", course.final) if course.final.effects else ("nothing-missing", course.calibrated)
+    errors = [setting.error(stand) ** 2 for stand in every]
+    for named in range(len(every) - 1, 0, -1):
+        rest = errors[named] - setting.known_floor**2
+        explained = [errors[i] - errors[i + 1] for i in range(named)]
+        if every[named].at_bound():
+            continue
+        if min(explained) >= LARGE * rest and not is_better_smooth(every[0], every[named]):
+            return "effects-found", every[named]
+    return "unknown", course.calibrated
+
+
+def conclude(
+    model: StageModel,
+    setting: Setting,
+    course: Course,
+    left: Rival,
+    verdict: Verdict,
+    final: Stand,
+    groups: tuple[tuple[str, ...], ...],
+) -> Diagnosis:
     """Return the diagnosis.
 
     Parameters
     ----------
     model, setting, course
         What was diagnosed, and how it went.
-    before, left
-        What smooth functions explain without effects, and of what these leave.
+    left
+        What smooth functions explain of the residual of the last fit.
+    verdict, final
+        The verdict, and the fit whose effects are named.
+    groups
+        Effects that the runs cannot tell apart, one of each among those that are named.
     """
-    final = course.final
-    verdict, doubt = _verdict(setting, course, before, left)
+    is_noise = is_adequate(setting, course.final, left)
+    doubt = "" if is_noise else _in_words(setting, remainder(setting, course.final), left)
     moved = conflicts(setting, final)
-    implied = [conflict for conflict in moved if conflict.named is not None and verdict != "unknown"]
-    effects = tuple(_named(setting, course, name) for name in final.names)
-    groups = _groups(course)
+    may_imply = is_noise or (verdict == "effects-found" and _calibration_explains(setting, course, final))
+    implied = [conflict for conflict in moved if conflict.named is not None and may_imply]
+    effects = tuple(_named(setting, course, final, name) for name in final.names)
     if implied:
         verdict = "effects-found"
         effects = (*effects, *(conflict.named for conflict in implied if conflict.named))
         groups = (*groups, *(conflict.group for conflict in implied if len(conflict.group) > 1))
-    known = verdict == "effects-found"
     return Diagnosis(
         verdict=verdict,
         axis=setting.name,
         before=model,
-        model=model_of(model, setting, final if known else course.calibrated, implied),
-        effects=effects if known else (),
-        confusable=groups if known else (),
-        near=final.names if verdict == "unknown" else (),
+        model=model_of(model, setting, final, implied),
+        effects=effects,
+        confusable=groups,
+        near=tuple(name for name in course.final.names if name not in final.names),
         candidates=_tried(course.steps),
-        ladder=_ladder(setting, course),
-        calibration=values_of(course.final, own_numbers(course.final)),
+        ladder=_ladder(setting, course, final),
+        calibration=values_of(final, own_numbers(final)),
         conflicts=tuple(conflict.words for conflict in moved),
         noise=setting.noise,
         noise_floor=setting.floor,
         validation_error=setting.error(final),
         rival=left,
         remainder=doubt,
+        remainder_rms=0.0 if is_noise else unexplained(setting, final),
+        stroke=setting.stroke,
+        tolerance=setting.tolerance,
+        undetermined=course.undetermined,
         remainders={"calibrated": course.calibrated.remainders, "found": final.remainders},
         runs=setting.runs,
-        confidence="" if setting.noise.known else "the noise is unknown; it was guessed from neighbouring samples",
+        confidence=_confidence(setting, course),
         evaluations=0,
         seconds=0.0,
         responses=setting.responses,
@@ -165,25 +232,46 @@ def conclude(model: StageModel, setting: Setting, course: Course, before: Rival,
     )
 
 
-def _verdict(setting: Setting, course: Course, before: Rival, left: Rival) -> tuple[Verdict, str]:
-    """Return the verdict, and what is left above the noise in words."""
-    final, at_first = remainder(setting, course.final), remainder(setting, course.calibrated)
+def unexplained(setting: Setting, stand: Stand) -> float:
+    """Return the rms residual above the noise of the runs that judge [response]; all of it where that is unknown."""
+    return math.sqrt(max(setting.error(stand) ** 2 - setting.known_floor**2, 0.0))
+
+
+def is_adequate(setting: Setting, stand: Stand, left: Rival) -> bool:
+    """Tell whether no more than noise remains, or no more than what matters to the user."""
+    if setting.is_asked or not setting.noise.known:
+        return unexplained(setting, stand) <= setting.tolerance
     # Smooth functions that explain something show that there is something, however small it is beside the noise.
     explainable = left.held_gain > 0 and left.moved > setting.tolerance and left.gain > 0
-    if final.is_noise and not explainable:
-        return ("effects-found" if course.final.effects else "nothing-missing"), ""
-    words = _in_words(final, left)
-    if not course.final.effects:
-        return "unknown", words
-    stays = max(final.excess, 0.0) / max(at_first.excess, 1e-300)
-    fallen = course.calibrated.held_cost - course.final.held_cost
-    if stays <= EXPLAINED and fallen >= before.held_gain:
-        return "effects-found", words
-    return "unknown", words
+    return remainder(setting, stand).is_noise and not explainable
 
 
-def _in_words(final: Remainder, left: Rival) -> str:
-    share = f"{math.sqrt(1 + max(final.excess, 0.0)):.3g} times the noise stays"
+def _calibration_explains(setting: Setting, course: Course, final: Stand) -> bool:
+    """Tell whether what calibration explains is large beside what remains."""
+    explained = setting.error(course.designed) ** 2 - setting.error(course.calibrated) ** 2
+    return explained >= LARGE * unexplained(setting, final) ** 2
+
+
+def _confidence(setting: Setting, course: Course) -> str:
+    """Return what weakens the verdict, in words."""
+    said = []
+    if not setting.noise.known:
+        said.append(
+            "the noise of these runs is unknown: evidence is weighed by the share that is explained, and nothing says "
+            "how much of the residual is noise"
+        )
+    if course.is_refused:
+        said.append(
+            "calibration makes the validation runs worse, so that the structure of the model is wrong for these runs; "
+            "the design values were kept"
+        )
+    return "; ".join(said)
+
+
+def _in_words(setting: Setting, final: Remainder, left: Rival) -> str:
+    share = f"{math.sqrt(1 + max(final.excess, 0.0)):.3g} times the noise remains"
+    if not setting.noise.known:
+        share = "the residual remains"
     if final.jumps >= JUMPS:
         share += f", with {final.jumps} sudden jumps"
     if not left.terms:
@@ -192,30 +280,37 @@ def _in_words(final: Remainder, left: Rival) -> str:
     return f"{share}; of smooth functions these explain most: {', '.join(best)}"
 
 
-def _named(setting: Setting, course: Course, name: str) -> Named:
-    final = course.final
+def _named_levels(course: Course, final: Stand) -> list[Stand]:
+    """Return the fits from the first effect to the last one that is named."""
+    if not final.effects:
+        return []
+    every = levels(course)
+    place = next(i for i, stand in enumerate(every) if stand.names == final.names)
+    return [*every[1:place], final]
+
+
+def _named(setting: Setting, course: Course, final: Stand, name: str) -> Named:
     effect = next(effect for effect in final.effects if effect.name == name)
-    shares = [_share(setting, course, name, setting.judging, setting.floor)]
+    shares = [_share(setting, course, final, name, setting.judging, setting.known_floor)]
     if setting.runs and (judging := [each.name for each in setting.responses if each.role == "validate"]):
         floor = math.sqrt(float(np.mean([setting.noise.rms[each] ** 2 for each in judging])))
-        shares.append(_share(setting, course, name, judging, floor))  # what runs do not show, a frequency response may
+        shares.append(_share(setting, course, final, name, judging, floor))  # what runs do not show a response may
     return Named(name, values_of(final, effect.free), max(shares))
 
 
-def _share(setting: Setting, course: Course, name: str, judging: Sequence[str], floor: float) -> float:
-    """Return how much of what recalibration leaves of some observations an effect explains, in squares."""
-    errors = [stand.rms(judging, setting.scales) for stand in (course.calibrated, *course.stands)]
-    place = next((i for i, stand in enumerate(course.stands) if name in stand.names), len(course.stands) - 1)
+def _share(setting: Setting, course: Course, final: Stand, name: str, judging: Sequence[str], floor: float) -> float:
+    """Return the share of the mean square that calibration leaves unexplained which an effect explains."""
+    stands = _named_levels(course, final)
+    errors = [stand.rms(judging, setting.scales) for stand in (course.calibrated, *stands)]
+    place = next((i for i, stand in enumerate(stands) if name in stand.names), len(stands) - 1)
     before, after = errors[place] ** 2, errors[place + 1] ** 2
-    unexplained = max(errors[0] ** 2 - floor**2, 1e-300)
-    return float(np.clip((before - after) / unexplained, 0.0, 1.0))
+    return float(np.clip((before - after) / max(errors[0] ** 2 - floor**2, 1e-300), 0.0, 1.0))
 
 
 def values_of(stand: Stand, names: Sequence[str]) -> tuple[Value, ...]:
     """Return fitted numbers with their intervals."""
     where, x = stand.solution.problem.where, stand.solution.x
-    scale = max(stand.cost / stand.solution.problem.suite.samples, 1.0)
-    sigma = np.sqrt(np.maximum(np.diag(stand.solution.covariance), 0.0) * scale)
+    sigma = np.sqrt(np.maximum(np.diag(stand.solution.covariance), 0.0) * stand.discrepancy)
     found = []
     for j, parameter in enumerate(where.parameters):
         if parameter.name in names:
@@ -229,20 +324,6 @@ def own_numbers(stand: Stand) -> list[str]:
     """Return the free numbers that belong to the model itself."""
     of_effects = {name for effect in stand.effects for name in effect.free}
     return [p.name for p in stand.solution.problem.where.parameters if not p.run and p.name not in of_effects]
-
-
-def _groups(course: Course) -> tuple[tuple[str, ...], ...]:
-    """Return the groups that the runs cannot tell apart, the chosen effect first."""
-    groups = []
-    for step in course.steps:
-        chosen = step.chosen.names if step.chosen else ()
-        for name in chosen:
-            beside = {*chosen} - {name}
-            alike = [trial.names for trial in step.alike if len(trial.names) == len(chosen)]
-            others = [other for names in alike if beside <= {*names} for other in names if other not in beside]
-            if others and name in course.final.names:
-                groups.append((name, *others[: LARGEST_GROUP - 1]))
-    return tuple(groups)
 
 
 def _tried(steps: Sequence[Step]) -> tuple[Tried, ...]:
@@ -265,13 +346,13 @@ def _not_chosen(step: Step, trial: Trial) -> str:
     return "these runs cannot tell it from what was added" if is_alike else LESS
 
 
-def _ladder(setting: Setting, course: Course) -> tuple[Rung, ...]:
+def _ladder(setting: Setting, course: Course, final: Stand) -> tuple[Rung, ...]:
     rungs = [
         Rung("as designed", setting.error(course.designed)),
         Rung("recalibrated", setting.error(course.calibrated)),
     ]
     before: tuple[str, ...] = ()
-    for stand in course.stands:
+    for stand in _named_levels(course, final):
         new = [name for name in stand.names if name not in before]
         rungs.append(Rung(f"+ {' + '.join(new)}", setting.error(stand)))
         before = stand.names

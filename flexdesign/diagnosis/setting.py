@@ -28,6 +28,9 @@ from flexdesign.stage_model import AxisModel, StageModel
 Array = NDArray[np.float64]
 #: An effect must move a held-out prediction by this share of the noise, or of the stroke if that is less.
 OF_NOISE, OF_STROKE = 0.3, 5e-4
+#: Where the noise is unknown, what a user hardly cares about: an effect must move a prediction by more, and a residual
+#: below it counts as none, in shares of the stroke.
+TOLERANCE = 1e-3
 #: How often rounding is drawn, to learn what chance makes of it.
 ROUNDED = 400
 #: Decades of decay after which a mode has rung down.
@@ -58,6 +61,8 @@ class Setting:
         The noise of each of these, by name.
     usual
         What `tolerance` is where nobody said [response].
+    is_asked
+        Whether somebody said what matters: then a residual below the tolerance counts as none.
     """
 
     name: str
@@ -69,6 +74,7 @@ class Setting:
     responses: tuple[FrequencyResponse, ...] = ()
     lines: Mapping[str, LineNoise] = field(default_factory=dict)
     usual: float = 0.0
+    is_asked: bool = False
 
     @property
     def recorded(self) -> tuple[Run | FrequencyResponse, ...]:
@@ -159,6 +165,16 @@ class Setting:
         return [run.period for run in self.runs] or [0.5 / highest]
 
     @property
+    def known_floor(self) -> float:
+        """Noise floor of the runs that judge; zero where the noise is a guess [response]."""
+        return self.floor if self.noise.known else 0.0
+
+    @property
+    def stroke(self) -> float:
+        """What the gain makes of the largest command [response]."""
+        return abs(self.axis.gain * self.axis.driver.gain) * self.volts
+
+    @property
     def floor(self) -> float:
         """Noise floor of the runs that judge [response]."""
         sizes = {each.name: np.isfinite(each.measured()).sum() for each in self.recorded}
@@ -191,9 +207,9 @@ def settle(
     if (step := first.coarse_step) is not None:  # a quiet record may show nothing of it
         at_least = {run: max(rms, step / math.sqrt(12)) for run, rms in noise.rms.items()}
         first = replace(first, noise=replace(noise, rms=at_least))
-    volts = max(float(np.abs(run.command()).max()) for run in seen) or 1.0
-    least = min(OF_NOISE * first.floor, OF_STROKE * abs(its.gain * its.driver.gain) * volts)
-    setting = replace(first, tolerance=least if tolerance is None else tolerance, usual=least)
+    least = min(OF_NOISE * first.floor, OF_STROKE * first.stroke) if noise.known else TOLERANCE * first.stroke
+    asked = tolerance is not None
+    setting = replace(first, tolerance=least if tolerance is None else tolerance, usual=least, is_asked=asked)
     return replace(setting, noise=with_lines(setting.noise, responses, lines), responses=responses, lines=lines)
 
 
@@ -206,7 +222,8 @@ def _of_responses(
     """Return the setting of frequency responses alone, whose unit is the response to one volt."""
     setting = replace(setting, responses=responses, lines=lines)
     least = min(OF_NOISE * setting.floor, OF_STROKE * abs(setting.axis.gain * setting.axis.driver.gain))
-    return replace(setting, tolerance=least if tolerance is None else tolerance, usual=least)
+    asked = tolerance is not None
+    return replace(setting, tolerance=least if tolerance is None else tolerance, usual=least, is_asked=asked)
 
 
 def line_weights(setting: Setting) -> dict[str, Array]:

@@ -51,6 +51,11 @@ def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -
     return np.asarray(sum(values["per_decade"] / (1.0 + w * tau) for tau in time_constants(values["t0"])))
 
 
+def relaxing(values: Values) -> list[tuple[float, float]]:
+    """Return the time constants of its states, and by what share of the stroke each may be from rest."""
+    return [(tau, values["per_decade"]) for tau in time_constants(values["t0"])]
+
+
 EFFECT = Effect(
     name="creep",
     physics=(
@@ -82,6 +87,7 @@ EFFECT = Effect(
             constants=constants,
             move=move,
             transfer=transfer,
+            relaxing=relaxing,
         ),
     ),
     confused_with=("bouc_wen", "sensor_drift", "thermal_expansion", "structural_damping"),

@@ -51,6 +51,12 @@ def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -
     return np.asarray(-dashpot * w - g * sum(w / (w + rate) for rate in rates))
 
 
+def relaxing(values: Values) -> list[tuple[float, float]]:
+    """Return the time constants of the relaxations, and by what share of the stroke each may be from rest."""
+    g, _, *rates = constants(values, 0.0)
+    return [(1.0 / rate, g) for rate in rates]
+
+
 EFFECT = Effect(
     name="structural_damping",
     physics=(
@@ -65,7 +71,12 @@ EFFECT = Effect(
     parameters=(Parameter("loss_factor", "1", "", "energy lost per radian, over that stored", 0.0, 0.01, (0.0, 0.3)),),
     faces=(
         Block(
-            Socket.FORCE, states=tuple(f"y{i}" for i in range(TERMS)), constants=constants, flow=flow, transfer=transfer
+            Socket.FORCE,
+            states=tuple(f"y{i}" for i in range(TERMS)),
+            constants=constants,
+            flow=flow,
+            transfer=transfer,
+            relaxing=relaxing,
         ),
     ),
     confused_with=("creep", "hysteretic_spring", "coulomb_friction"),

@@ -69,8 +69,10 @@ class Case:
         Told what is being done.
     designed
         Values of the free numbers before anything was fitted, SI.
-    least
-        By how much an effect must lower the cost of what the fit sees, whatever chance gives.
+    floor
+        Rms noise of what judges [response]; zero where it is unknown.
+    prepared
+        Returns the case with the initial conditions that the effects of a model have.
     believed
         How many standard deviations from what is known of it a number of one run may be.
     drawn
@@ -100,7 +102,8 @@ class Case:
     each: Map = map
     progress: Callable[[str], None] = lambda _: None
     designed: Mapping[str, float] = field(default_factory=dict)
-    least: float = 0.0
+    floor: float = 0.0
+    prepared: Callable[[Case, Model], Case] = lambda case, _: case
     believed: float = math.inf
     drawn: Callable[[Stand], Iterable[Mapping[str, Array]]] = lambda _: ()
     weights: Mapping[str, Array] = field(default_factory=dict)

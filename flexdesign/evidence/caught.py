@@ -81,7 +81,7 @@ def in_line(case: Case, stand: Stand) -> Stand:
 
 def from_elsewhere(case: Case, stand: Stand, runs: Sequence[str]) -> Stand:
     """Return a fit begun again with some runs as if they had come from elsewhere; the stand itself if that is worse."""
-    moved = begun_elsewhere(case, case.identify, stand.model, runs) if runs else stand.model
+    moved = begun_elsewhere(case, stand.solution.problem.suite, stand.model, runs) if runs else stand.model
     made = None if moved is stand.model else fitted(case, moved, stand.effects, {}, old=stand.solution.columns())
     return stand if made is None or made.cost >= stand.cost else made
 

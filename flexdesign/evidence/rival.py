@@ -7,7 +7,7 @@ out of them first. The sum is judged on runs that the fit did not see.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,6 +71,31 @@ def rival(case: Case, stand: Stand, features: Features) -> Rival:
     held, moved = _held(case, stand, features, chosen, amounts, inverse @ imitated[:, chosen] @ amounts)
     terms = {names[j]: float(amount) for j, amount in zip(chosen, amounts, strict=True)}
     return Rival(terms, gain, held, moved, {names[j]: g / sum(gains) for j, g in zip(chosen, gains, strict=True)})
+
+
+def cost_of_terms(case: Case, stand: Stand, features: Features, terms: Collection[str]) -> float:
+    """Return chi^2 of the fitted runs if smooth functions take the place of effects.
+
+    Parameters
+    ----------
+    case, stand
+        What is fitted, and the model without effects; its own numbers move along their Jacobian.
+    features, terms
+        Smooth functions, and the names of those that may be used.
+    """
+    suite = stand.solution.problem.suite
+    names, seen = _columns(suite, stand, features)
+    parts = list[Array]()
+    for part in stand.solution.slopes:
+        whole = np.zeros((len(part.matrix), len(stand.solution.x)))
+        whole[:, part.places] = part.matrix
+        parts.append(whole)
+    residual = np.concatenate(stand.solution.residuals)
+    columns = np.hstack([np.vstack(parts), seen[:, [name in terms for name in names]]])
+    lengths = np.linalg.norm(columns, axis=0)
+    amounts = np.linalg.lstsq(columns / np.where(lengths > 0, lengths, 1.0), residual, rcond=1e-10)[0]
+    rest = residual - columns / np.where(lengths > 0, lengths, 1.0) @ amounts
+    return float(rest @ rest)
 
 
 def _columns(suite: Suite, stand: Stand, features: Features) -> tuple[list[str], Array]:

@@ -21,7 +21,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
+from scipy.special import chdtrc, chdtri
 
 from flexdesign.errors import InputError
 from flexdesign.evidence.marquardt import Solution
@@ -301,11 +301,15 @@ class Screening:
         length = np.sqrt(np.array([direction.own for direction in directions]))
         return np.asarray(inner / np.outer(length, length))
 
-    def chance(self, errors: Iterable[Mapping[str, Array]] = (), seed: int = 0) -> float:
-        """Return the promise that the best candidate makes by chance in one of a hundred cases with nothing missing.
+    def critical_value(self, level: float, errors: Iterable[Mapping[str, Array]] = (), seed: int = 0) -> float:
+        """Return what the largest score exceeds with a probability if nothing is missing.
+
+        The quantile of a few thousand draws is continued to rarer ones as chi^2 of one degree of freedom falls off.
 
         Parameters
         ----------
+        level
+            Family-wise probability.
         errors
             Draws of what readings may be off by, by the name of the observation [response], if that is not Gaussian.
         seed
@@ -313,7 +317,7 @@ class Screening:
         """
         plain = [direction for direction in self.directions if direction.columns == 1]
         if not plain:
-            return float(chdtri(1, LEVEL))
+            return float(chdtri(1, level))
         drawn = np.array([self._scaled(plain, error) for error in errors])
         if not len(drawn):
             values, vectors = np.linalg.eigh(self.cosines(plain))
@@ -321,7 +325,9 @@ class Screening:
             drawn = np.random.default_rng(seed).standard_normal((DRAWS, len(values))) @ root.T
         signed = np.array([direction.candidate.signed for direction in plain])
         largest = np.where(signed, np.abs(drawn), np.maximum(drawn, 0.0)).max(axis=1)
-        return float(np.quantile(largest**2, 1 - LEVEL))
+        single = float(np.quantile(largest**2, 1 - LEVEL))
+        comparisons = LEVEL / float(chdtrc(1, single))  # so many independent ones would be exceeded as often
+        return float(chdtri(1, level / max(comparisons, 1.0)))
 
     def _scaled(self, directions: Sequence[Direction], error: Mapping[str, Array]) -> Array:
         """Return d'e over the length of d' for readings that are off by an error."""

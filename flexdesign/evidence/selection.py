@@ -12,6 +12,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.caught import (
@@ -26,10 +27,23 @@ from flexdesign.evidence.caught import (
     shaken,
 )
 from flexdesign.evidence.marquardt import Solution
+from flexdesign.evidence.model_comparison import (
+    INDISTINGUISHABLE,
+    LESS,
+    LEVEL,
+    SHARE,
+    Step,
+    Trial,
+    behind,
+    best_of,
+    critical_value,
+    evaluate,
+    is_alike,
+    overruled,
+)
 from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate, Direction, Moves, Screening
 from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, fitted, judged, like, refitted, solved
-from flexdesign.evidence.trial import ALIKE, LESS, Step, Trial, behind, best_of, is_alike, overruled, weighed
 from flexdesign.model import Model
 
 #: A first fit with some effects, not judged on the runs kept apart: names of those that are new, all, and the fit.
@@ -46,10 +60,8 @@ FIRST = 3
 SECOND_SHARE = 1e-5
 #: A first fit is fitted further where it lowers the cost by this share of what the best one does.
 WITHIN_REACH = 0.7
-#: An effect must lower the cost by this many times what chance makes of the whole catalogue.
-SURE = 2.0
-#: What chance makes of a catalogue of about this size; an effect stays in the model where it is worth that.
-PLAIN_CHANCE = 15.0
+#: A fit is worth its time where the score promises this share of what would be accepted.
+WORTH_A_FIT = 0.5
 #: Beside an effect whose strength, squared, is worth so many times that, no fit without it is tried.
 FIRM = 20.0
 #: Rivals whose cost is higher by no more than this share of what the best one gains are carried to the end with it, and
@@ -58,31 +70,25 @@ NEAR, RIVALS = 0.02, 3
 #: Its own numbers make up for what it lacks where one of which nothing was known differs by this share from what it was
 #: designed to be. So many effects are refitted there.
 CHANGED, LONG_LIST = 0.3, 12
+#: Standard deviations from its prior at which a number makes up for something else.
+STRAINED = 5.0
 #: An effect is in doubt that is worth no more than this many times what it needs; the fit without it is then shaken.
 DOUBTFUL = 12.0
 #: Where nothing earns its place but the cost is so many standard deviations of chance above what noise leaves, what was
 #: found may stand in for something else beside it.
 TOO_MUCH = 3.0
+#: No more effects than these make a group that the runs cannot tell apart.
+LARGEST_GROUP = 3
 #: No more effects than these are added.
 MOST = 3
 
 
-def forward(
-    case: Case,
-    stand: Stand,
-    candidates: Sequence[Candidate],
-    moves: Moves | None = None,
-    *,
-    promising: float = -math.inf,
-) -> Step:
-    """Return the addition that pays best, or none; what effects do at a stand nearby may be known from its step.
-
-    If it is said by how much an effect must promise to lower the cost, those that do are tried, and no two at once.
-    """
+def forward(case: Case, stand: Stand, candidates: Sequence[Candidate], moves: Moves | None = None) -> Step:
+    """Return the addition that pays best, or none; what effects do at a fit nearby may be known from its step."""
     left = [candidate for candidate in candidates if candidate.name not in stand.names]
     case.progress("screening the catalogue" if not stand.effects else f"screening beside {', '.join(stand.names)}")
     screening = Screening(stand.solution, left, case.coarse, moves)
-    needed, strained = SURE * screening.chance(case.drawn(stand)), _is_strained(case, stand)
+    score, strained = screening.critical_value(LEVEL, case.drawn(stand)), _is_strained(case, stand)
 
     def attempt(beginning: tuple[Direction, ...]) -> Attempt | None:
         case.progress(f"trying {' and '.join((*stand.names, *_names(beginning)))}")
@@ -90,29 +96,30 @@ def forward(
 
     def tried(beginnings: Sequence[tuple[Direction, ...]], reached: float = 0.0) -> list[Trial]:
         made = [each for each in case.each(attempt, beginnings) if each is not None]
-        return [weighed(case, stand, each, names, needed) for names, each in _refined(case, stand, made, reached)]
+        return [evaluate(case, stand, each, names, score) for names, each in _refined(case, stand, made, reached)]
 
-    enough = max(needed * stand.scale, case.least)
-    # Of long runs, an effect that is there promises much.
-    wide, least = math.isinf(promising), max(promising, enough) if case.fitting.sparing else promising
-    trials = tried([each for each in _shortlist(screening, enough, is_strained=strained) if each[0].drop >= least])
-    best, free, values = best_of(trials), None, None
+    enough = score if strained else max(score, WORTH_A_FIT * SHARE * excess(stand))
+    trials = tried(_shortlist(screening, enough, is_gross=stand.scale > GROSS, is_strained=strained))
+    best, free, values = best_of(case, trials), None, None
     if best is not None and leaves_more_than_noise(best.stand) and has_found(stand, best.stand):
-        free, values = _polished(case, stand, best)  # lest a second effect be taken for what frees a fit that is caught
+        free, values = _polished(case, stand, best, score)  # lest a second effect be taken for what frees a fit
         trials, best = [free if trial is best else trial for trial in trials], free
     # Where one explains all but noise, or there was no more from the start, two have nothing to tell apart.
-    if wide and (case.least > 0.0 or leaves_more_than_noise(stand if best is None else best.stand)):
+    if leaves_more_than_noise(stand if best is None else best.stand):
         trials += tried(_pairs(screening, enough), 0.0 if best is None else best.gain)
     done = {trial.names for trial in trials}
-    if (best := best_of(trials)) is not None:
+    if (best := best_of(case, trials)) is not None:
         trials += tried(_look_alikes(screening, best, done))
-    elif wide and leaves_more_than_noise(stand):
-        trials += tried(_hidden_behind(screening, stand, done))
     trials = overruled(sorted(trials, key=lambda trial: trial.stand.total))
-    best = best_of(trials)
+    best = best_of(case, trials)
     if best is None:
         return Step(None, tuple(trials), moves=screening.moves if case.fitting.sparing else None)
-    return _chosen(case, stand, trials, best, values, carry_on=best is not free)
+    return _chosen(case, stand, trials, best, score, values, carry_on=best is not free)
+
+
+def excess(stand: Stand) -> float:
+    """Return by how much chi^2 of the fitted runs exceeds what noise leaves."""
+    return max(stand.seen_cost - stand.solution.problem.suite.samples, 0.0)
 
 
 def confirmed(case: Case, stand: Stand, seen: Step) -> Step | None:
@@ -122,18 +129,18 @@ def confirmed(case: Case, stand: Stand, seen: Step) -> Step | None:
     """
     if seen.chosen is None:
         return None
-    needed = seen.chosen.needed / max(seen.chosen.stand.scale, 1.0)
+    score = seen.chosen.score
     trials = list[Trial]()
     for trial in (seen.chosen, *seen.alike):
         case.progress(f"fitting with {' and '.join((*stand.names, *trial.names))}, the whole runs")
         if (made := _as_seen(case, stand, trial)) is not None:
-            trials.append(weighed(case, stand, made, trial.names, needed))
+            trials.append(evaluate(case, stand, made, trial.names, score))
     trials.sort(key=lambda trial: trial.stand.total)
-    best, done = best_of(trials), {trial.names for trial in trials}
+    best, done = best_of(case, trials), {trial.names for trial in trials}
     if best is None:
         return None
     others = [trial for trial in seen.trials if trial.names not in done]
-    step = _chosen(case, stand, trials, best)
+    step = _chosen(case, stand, trials, best, score)
     return replace(step, trials=(*step.trials, *(replace(each, reason=each.reason or LESS) for each in others)))
 
 
@@ -143,7 +150,8 @@ def _as_seen(case: Case, stand: Stand, trial: Trial) -> Stand | None:
     for effect in added:
         model = effect.add(model)
     # Where a run began may be one thing to its opening, and another to the whole of it.
-    begun = begun_anew(case.identify, case.fine(like(model, trial.stand)), case.each)
+    start = case.fine(like(model, trial.stand))
+    begun = begun_anew(case.prepared(case, start).identify, start, case.each)
     made = fitted_in_line(case, begun, (*stand.effects, *added))
     # What is rough about it would pass for a further effect where nothing else is left.
     return made if made is None or leaves_more_than_noise(made) else carried_on(case, made)
@@ -154,17 +162,18 @@ def _chosen(
     stand: Stand,
     trials: Sequence[Trial],
     best: Trial,
+    score: float,
     values: Mapping[str, float] | None = None,
     *,
     carry_on: bool = False,
 ) -> Step:
     """Return the step with the best trial, carried to its end if it is to be, and those near it, carried to theirs."""
     accepted = [trial for trial in trials if not trial.reason]
-    reach = max(NEAR * best.gain, ALIKE)
+    reach = max(NEAR * best.gain, INDISTINGUISHABLE * best.stand.discrepancy)
     near = [t for t in accepted if t is not best and len(t.names) == len(best.names) and behind(t, best) < reach]
     if carry_on:
-        best, values = _polished(case, stand, best)
-    rivals = [_ended(case, stand, trial, values) for trial in near[:RIVALS]]
+        best, values = _polished(case, stand, best, score)
+    rivals = [_ended(case, stand, trial, score, values) for trial in near[:RIVALS]]
     return Step(best, tuple(trials), tuple(trial for trial in rivals if is_alike(best.stand, trial.stand)))
 
 
@@ -191,31 +200,20 @@ def leaves_more_than_noise(stand: Stand) -> bool:
     return stand.seen_cost > samples + TOO_MUCH * math.sqrt(2.0 * samples)
 
 
-def _hidden_behind(
-    screening: Screening, stand: Stand, done: Collection[tuple[str, ...]]
-) -> list[tuple[Direction, ...]]:
-    """Return beginnings with effects for which those that were found stand in, and which thus promise nothing."""
-    alike = {name for effect in stand.effects for name in effect.like}
-    first: dict[str, Direction] = {}
-    for each in sorted(screening.directions, key=lambda direction: -direction.drop):
-        first.setdefault(each.candidate.name, each)
-    return [(each,) for name, each in first.items() if name in alike and (name,) not in done]
-
-
-def _polished(case: Case, before: Stand, best: Trial) -> tuple[Trial, Mapping[str, float] | None]:
+def _polished(case: Case, before: Stand, best: Trial, score: float) -> tuple[Trial, Mapping[str, float] | None]:
     """Return the best trial with its fit carried to the end; and, if it was caught, where its rivals begin: as it ends.
 
     Otherwise they begin where they are: None.
     """
-    ended = _ended(case, before, best)
+    ended = _ended(case, before, best, score)
     free = freed(case, before, ended.stand)
     if free is ended.stand:
         return ended, None
-    best = weighed(case, before, free, ended.names, ended.needed / max(ended.stand.scale, 1.0))
+    best = evaluate(case, before, free, ended.names, score)
     return best, free.solution.problem.where.values(free.solution.x)
 
 
-def _ended(case: Case, before: Stand, trial: Trial, values: Mapping[str, float] | None = None) -> Trial:
+def _ended(case: Case, before: Stand, trial: Trial, score: float, values: Mapping[str, float] | None = None) -> Trial:
     """Return a trial with its fit carried to the end, from other values perhaps, unless it misses the runs by far."""
     stand = trial.stand
     if stand.scale > GROSS:
@@ -224,7 +222,7 @@ def _ended(case: Case, before: Stand, trial: Trial, values: Mapping[str, float] 
     begun = {name: value for name, value in (values or {}).items() if name in names}
     old = None if begun else stand.solution.columns()
     ended = fitted_in_line(case, stand.model, stand.effects, begun, old)
-    return trial if ended is None else weighed(case, before, ended, trial.names, trial.needed / max(stand.scale, 1.0))
+    return trial if ended is None else evaluate(case, before, ended, trial.names, score)
 
 
 def _refined(
@@ -254,7 +252,7 @@ def _further(case: Case, effects: tuple[Candidate, ...], first: Solution) -> Sta
     best: Stand | None = None
     model, old = case.fine(first.problem.at(first.x)), first.columns()
     for _ in range(ANEW):
-        moved = begun_anew(case.identify, model, case.each)
+        moved = begun_anew(case.prepared(case, model).identify, model, case.each)
         if best is not None and moved is model:
             break
         made = fitted(case, moved, effects, {}, old=old, most=SECOND, share=SECOND_SHARE)
@@ -264,13 +262,51 @@ def _further(case: Case, effects: tuple[Candidate, ...], first: Solution) -> Sta
     return best
 
 
+def confusable(case: Case, stand: Stand, base: Model, steps: Sequence[Step]) -> tuple[tuple[str, ...], ...]:
+    """Return the groups of effects that these runs cannot tell apart, the one in the model first.
+
+    Effects that did as well when one was added are fitted in its place beside all that were added later.
+    """
+    groups = []
+    for step in steps:
+        for name in step.chosen.names if step.chosen else ():
+            if name not in stand.names:
+                continue
+            beside = {*step.chosen.names} - {name} if step.chosen else set[str]()
+            rivals = [trial for trial in step.alike if beside <= {*trial.names} and name not in trial.names]
+            others = [
+                other
+                for trial in rivals
+                for other in trial.names
+                if other not in {*beside, *stand.names} and _does_as_well(case, stand, base, name, trial.stand, other)
+            ]
+            if others:
+                groups.append((name, *others[: LARGEST_GROUP - 1]))
+    return tuple(groups)
+
+
+def _does_as_well(case: Case, stand: Stand, base: Model, name: str, seen: Stand, other: str) -> bool:
+    """Tell whether an effect in the place of another, as it was fitted before, explains as much."""
+    instead = next(effect for effect in seen.effects if effect.name == other)
+    effects = tuple(instead if effect.name == name else effect for effect in stand.effects)
+    if {*seen.names} == {effect.name for effect in effects}:
+        return is_alike(stand, seen)
+    case.progress(f"fitting with {other} in the place of {name}")
+    model = base
+    for effect in effects:
+        model = effect.add(model)
+    model = like(like(model, seen), stand)
+    made = fitted_in_line(case, model, effects)
+    return made is not None and is_alike(stand, made)
+
+
 def backward(case: Case, stand: Stand, base: Model, candidates: Sequence[Candidate]) -> Stand:
-    """Return the stand without effects that no longer earn their place beside the others."""
+    """Return the fit without effects that no longer earn their place beside the others."""
     for effect in stand.effects:
         if _is_firm(stand, effect):
             continue
         rest = tuple(other for other in stand.effects if other.name != effect.name)
-        needed = SURE * PLAIN_CHANCE * max(stand.scale, 1.0)
+        needed = critical_value(float(chdtri(1, LEVEL)), (effect,)) * stand.discrepancy
         without = refitted(case, stand, base, rest)
         if without is not None and without.cost - stand.cost < DOUBTFUL * needed:
             without = shaken(case, without, stand.cost + needed)
@@ -284,30 +320,36 @@ def _is_firm(stand: Stand, effect: Candidate) -> bool:
     where, x = stand.solution.problem.where, stand.solution.x
     j = where.names.index(effect.strength)
     variance = where.slopes(x)[j] ** 2 * stand.solution.covariance[j, j]
-    worth = FIRM * SURE * PLAIN_CHANCE * max(stand.scale, 1.0)
+    worth = FIRM * float(chdtri(1, LEVEL)) * stand.discrepancy
     return not effect.is_limit and where.values(x)[effect.strength] ** 2 > worth * variance
 
 
 def _is_strained(case: Case, stand: Stand) -> bool:
-    """Tell whether the model misses the runs by far, with numbers that nothing held where they were thought to be."""
+    """Tell whether numbers of the model itself moved far to make up for what it lacks, beside a gross misfit."""
     if stand.scale <= GROSS:
         return False
     where = stand.solution.problem.where
     values = where.values(stand.solution.x)
-    return any(
-        abs(values[name] - designed) > CHANGED * abs(designed)
-        for name, designed in case.designed.items()
-        if name not in where.known
+    free = [name for name in case.designed if name in values and name not in where.known]
+    return any(abs(values[name] - case.designed[name]) > CHANGED * abs(case.designed[name]) for name in free) or any(
+        abs(values[name] - middle) > STRAINED * sigma
+        for name, (middle, sigma) in where.known.items()
+        if name in case.designed
     )
 
 
-def _shortlist(screening: Screening, needed: float, *, is_strained: bool) -> list[tuple[Direction, ...]]:
-    """Return from where fits begin: the best trials of each candidate."""
+def _shortlist(
+    screening: Screening, needed: float, *, is_gross: bool, is_strained: bool
+) -> list[tuple[Direction, ...]]:
+    """Return from where fits begin: the best trials of each candidate.
+
+    Beside a gross misfit the score says little of the order: all that promise a finding are fitted. Where the model's
+    own numbers made up for what it lacks it says nothing at all.
+    """
     found: list[tuple[Direction, ...]] = []
     best = screening.best()
-    # Where the model's own numbers made up for what it lacks, promises say little.
-    for directions in best[: LONG_LIST if is_strained else SHORTLIST]:
-        if directions[0].drop < FAINT * best[0][0].drop and not is_strained:
+    for directions in best[: LONG_LIST if is_strained else len(best) if is_gross else SHORTLIST]:
+        if directions[0].drop < (needed if is_gross else FAINT * best[0][0].drop) and not is_strained:
             break
         enough = max(0.5 * needed, SECOND_BEST * directions[0].drop)
         found += [(direction,) for direction in directions[:BEGINNINGS] if direction.drop > enough]
@@ -345,7 +387,7 @@ def _extended(case: Case, stand: Stand, beginning: Sequence[Direction], *, is_st
     tried = [solved(case, coarse, together, start, old=known, most=FIRST, share=FIRST_SHARE, exact=False)]
     if is_strained:
         # There its own numbers, too, made up for what it lacked: they begin where they were thought to be.
-        anew = begun_anew(case.identify, coarse.replace({**start, **case.designed}), case.each)
+        anew = begun_anew(case.prepared(case, coarse).identify, coarse.replace({**start, **case.designed}), case.each)
         tried.append(solved(case, anew, together, {}, most=FOLLOWED, share=FIRST_SHARE, exact=False))
     best = min((each for each in tried if each is not None), key=lambda each: each.cost, default=None)
     return None if best is None else (_names(beginning), together, best)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.marquardt import SHARE, Columns, Solution, solve
+from flexdesign.evidence.noise import colour
 from flexdesign.evidence.origins import begun_alone, begun_elsewhere, out_of_line
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.suite import Record, Suite
@@ -72,6 +74,23 @@ class Stand:
         """Mean square of what the fit leaves, whitened: one where only noise is left."""
         return self.cost / self.solution.problem.suite.samples
 
+    @cached_property
+    def discrepancy(self) -> float:
+        """Factor by which evidence is discounted: reduced chi^2 times the number of samples that count as one.
+
+        One where only white noise is left. What no model explains is taken as coloured noise.
+        """
+        pairs = zip(self.solution.problem.suite.records, self.solution.residuals, strict=True)
+        parts = [part[: len(record.measured)] for record, part in pairs]
+        weighted = sum(float(part @ part) * colour(part).inflation for part in parts)
+        return max(weighted / self.solution.problem.suite.samples, 1.0)
+
+    @property
+    def nuisance_dof(self) -> float:
+        """Effective degrees of freedom of the initial conditions that enter linearly."""
+        records = self.solution.problem.suite.records
+        return float(sum(np.sum(record.basis[: len(record.measured)] ** 2) for record in records))
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the effects."""
@@ -97,7 +116,8 @@ class Stand:
     def total(self) -> float:
         """What candidates are ranked by: cost of all runs, and the price of the numbers (Schwarz 1978)."""
         numbers = sum(len(effect.free) for effect in self.effects)
-        return self.cost + self.held_cost + numbers * math.log(self.solution.problem.suite.samples)
+        price = numbers * math.log(self.solution.problem.suite.samples)
+        return self.cost + self.held_cost + price * self.discrepancy
 
     def at_bound(self) -> list[str]:
         """Return the numbers of effects that the fit pushes to the end of what is plausible."""
@@ -198,17 +218,40 @@ def solved(
         See `flexdesign.evidence.marquardt.solve`; the share is at least that of the case.
     """
     begun = model.replace(start)
+    case = case.prepared(case, begun)
     free = [*case.free, *(name for effect in effects for name in effect.free)]
     if case.fitting.sparing and free and not old:
         begun = begun_alone(case, begun)
     where = case.coordinates(begun, free, case.identify)
     problem = case.problem(case.identify, begun, where)
+    old = old if old and _suits(old, case.identify) else None
     return solve(problem, where.start, most=most, share=max(share, case.fitting.share), old=old, exact=exact)
+
+
+def _suits(old: Columns, suite: Suite) -> bool:
+    """Tell whether a Jacobian found before has the rows of a suite, whose initial conditions may have become others."""
+    rows = [record.rows for record in suite.records]
+    return all(c is None or len(c) == n for parts in old.values() for c, n in zip(parts, rows, strict=True))
+
+
+def evaluated(case: Case, model: Model) -> Stand | None:
+    """Return the fit of a model whose own numbers stay; only its initial conditions are fitted.
+
+    Its Jacobian holds the free numbers all the same, so that a screening there knows what they can imitate.
+    """
+    beginning = solved(replace(case, free=()), model, (), {}, share=CALIBRATION_SHARE, exact=False)
+    if beginning is None:
+        return None
+    here = beginning.problem.at(beginning.x)
+    where = case.coordinates(here, case.free, beginning.problem.suite)
+    solution = solve(case.problem(beginning.problem.suite, here, where), where.start, most=0)
+    return None if solution is None else judged(case, solution, (), CALIBRATION_SHARE)
 
 
 def judged(case: Case, solution: Solution, effects: tuple[Candidate, ...], share: float = SHARE) -> Stand | None:
     """Judge a fit on the runs kept apart: where each began is found, and what is left of all."""
     model, held, share = solution.problem.at(solution.x), 0.0, max(share, case.fitting.share)
+    case = replace(case.prepared(case, model), identify=solution.problem.suite)
     if case.validate.records:
         where = case.coordinates(model, (), case.validate)
         # What is known of these numbers comes from nowhere else, so that their slopes are not asked for again.

@@ -122,6 +122,10 @@ class Block:
         position. `bias` is the input at the working point, `amplitude` that of the sine there, zero where it is not
         known; what depends on it answers with its describing function. A block without it lets small sines through
         as they are, and no frequency response shows it. It need not compile.
+    relaxing
+        ``relaxing(values)``, pairs for its slow linear states: the time constant [s], and by what share of the stroke
+        the response still moves if the state began as far from rest as it may. What a state did before a record is
+        unknown. It need not compile.
     settled
         ``settled(values, bias)``, what the block adds to its output at rest at a working point, where that is none of
         `transfer` times the bias: for forces the force. It need not compile.
@@ -137,6 +141,7 @@ class Block:
     pull: Callable[[float, float, Floats, Floats], float] | None = None
     tick: Callable[[float, Floats, Floats], float] | None = None
     transfer: Callable[[Values, Floats, float, float], complex | NDArray[np.complex128]] | None = None
+    relaxing: Callable[[Values], Sequence[tuple[float, float]]] | None = None
     settled: Callable[[Values, float], float] | None = None
 
 

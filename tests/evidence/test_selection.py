@@ -19,7 +19,7 @@ from flexdesign.evidence.selection import backward, confirmed, forward
 from flexdesign.evidence.sharing import sharing
 from flexdesign.evidence.stand import Stand, calibrated, fitted
 from flexdesign.evidence.suite import Suite
-from flexdesign.evidence.trial import ALIKE, SMALL, Step
+from flexdesign.evidence.model_comparison import ALIKE, SMALL, Step
 from tests.evidence.test_screening import NAMES, N, Sum, _sum, base, candidate, column, columns, least, offset, strength
 from tests.evidence.toys import Array, Run, parameter
 
