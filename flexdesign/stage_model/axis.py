@@ -96,12 +96,13 @@ class Sensor:
 
 @dataclass(frozen=True)
 class ActuatorData:
-    """The piezo stacks of an axis, each as its data sheet has it.
+    """What drives an axis: piezo stacks, each as its data sheet has it, or another actuator as far as that applies.
 
     Parameters
     ----------
     free_stroke, voltage_range
-        Extension when nothing holds it [m], and the voltages between which it is reached [V].
+        Extension when nothing holds it [`stroke_si`], None if unknown, and the voltages between which it is reached
+        [V].
     stiffness, contact_stiffness
         Of the stack alone, and of both its seats together, in series with it [N/m].
     capacitance
@@ -110,15 +111,18 @@ class ActuatorData:
         Compressive force at rest [N].
     count
         How many stacks work in parallel on this axis.
+    stroke_si
+        SI unit of the free stroke: a length, or the unit of the axis' response.
     """
 
-    free_stroke: float
+    free_stroke: float | None = None
     voltage_range: tuple[float, float] | None = None
     stiffness: float | None = None
     capacitance: float | None = None
     preload: float | None = None
     contact_stiffness: float | None = None
     count: int = 1
+    stroke_si: str = "m"
 
 
 @dataclass(frozen=True)

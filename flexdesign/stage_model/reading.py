@@ -198,7 +198,7 @@ def _axis(given: object, place: _Place) -> AxisModel:
             effects=_effects(table, response, place),
             driver=Driver(**place.at("driver").read(table.get("driver", {}), fields.DRIVER)),
             sensor=Sensor(**place.at("sensor").read(table.get("sensor", {}), fields.sensor(response))),
-            actuator=_actuator(table["actuator"], place.at("actuator")) if "actuator" in table else None,
+            actuator=_actuator(table.get("actuator", {}), response, place.at("actuator")),
         )
     except Contradiction as error:
         raise place.at(error.field).refused(table.get(error.field), error.remedy) from None
@@ -217,8 +217,10 @@ def _modes(given: object, place: _Place) -> tuple[Mode, ...]:
     return tuple(Mode(**mode) for mode in found)
 
 
-def _actuator(given: object, place: _Place) -> ActuatorData:
-    return ActuatorData(**place.read(given, fields.ACTUATOR, ["free_stroke"]))
+def _actuator(given: object, response: str, place: _Place) -> ActuatorData | None:
+    table = place.table(given)
+    stroke = fields.stroke_of(table["free_stroke"], response) if "free_stroke" in table else "m"
+    return ActuatorData(**place.read(table, fields.actuator(stroke)), stroke_si=stroke) if table else None
 
 
 def _provenance(axis: AxisModel, given: Mapping[str, Any], place: _Place) -> AxisModel:

@@ -90,9 +90,10 @@ def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]
         yield f"fitted = [{', '.join(map(_TEXT.write, axis.fitted))}]"
     for mode in axis.modes:
         yield from _table(place + ".modes", mode, fields.MODE, "[[{}]]")
-    for key in ("actuator", "driver", "sensor"):
-        known = {"actuator": fields.ACTUATOR, "driver": fields.DRIVER, "sensor": fields.sensor(axis.response)}[key]
-        yield from _table(f"{place}.{key}", getattr(axis, key), known)
+    actuator = fields.actuator(axis.actuator.stroke_si if axis.actuator else "m")
+    known = {"actuator": actuator, "driver": fields.DRIVER, "sensor": fields.sensor(axis.response)}
+    for key in known:
+        yield from _table(f"{place}.{key}", getattr(axis, key), known[key])
     for name, effect in axis.effects.items():
         if name != "bouc_wen":
             yield from ("", f"[{place}.effects.{_key(_named(name, ways))}]")
