@@ -138,8 +138,8 @@ class Identification:
 
     @property
     def response(self) -> str:
-        """SI unit of the response."""
-        return self.before.axes[self.axis].response
+        """SI unit of the response, which knows in which units it is written."""
+        return self.before.axes[self.axis].shown
 
 
 def identify(

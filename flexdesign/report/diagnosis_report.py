@@ -80,7 +80,7 @@ def document(found: Diagnosis, tellings: Sequence[Telling]) -> Document:
     sections = [
         Section("The error ladder", _ladder_text(found), [ladder_of(found)], [bars]),
         *in_time(stands, _runs_text(found), kinds),
-        *response_pages.section([(n, s.responses) for n, s in stands], axis.response, axis.natural_frequency),
+        *response_pages.section([(n, s.responses) for n, s in stands], axis.shown, axis.natural_frequency),
         *(_effect(named) for named in found.effects),
         Section("What was tried", _tried_text(found), [candidates(found)] if found.candidates else []),
         *_apart(found, tellings),

@@ -133,8 +133,8 @@ def judged_on(runs: Sequence[Run | FrequencyResponse]) -> str:
 
 def response(found: Judged) -> str:
     """Return the SI unit of errors: that of the response, per volt where there are frequency responses alone."""
-    unit = found.before.axes[found.axis].response
-    return unit if found.runs else f"{unit}/V"
+    shown = found.before.axes[found.axis].shown
+    return shown if found.runs else shown.per_volt
 
 
 def recorded(found: Judged) -> Sequence[Run | FrequencyResponse]:

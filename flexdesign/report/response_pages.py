@@ -14,7 +14,7 @@ from flexdesign.diagnosis.standing import Judged, compared
 from flexdesign.report import comparison_words as words
 from flexdesign.report.document import Figure, Section, Table
 from flexdesign.report.frequency_charts import Line, measured_bode
-from flexdesign.report.identification_report import SHOWN
+from flexdesign.report.identification_report import shown_in
 
 Array = NDArray[np.float64]
 #: A model by what it is called, and what it leaves of every frequency response.
@@ -85,7 +85,7 @@ def section(stands: Sequence[Stand], response: str, natural_frequency: float) ->
 
 def figures(stands: Sequence[Stand], response: str) -> list[Figure]:
     """Draw every frequency response beside what each model predicts."""
-    large = SHOWN[response][0]
+    large = shown_in(response)[0]
     scale, made = units.factor(large, response), []
     for number, each in enumerate(stands[0][1]):
         there = np.isfinite(each.measured)

@@ -6,6 +6,8 @@ import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 
+from flexdesign.stage_model.shown import Shown
+
 #: How far a stated natural frequency may be from that of mass and stiffness, relative: each may be off by half a unit
 #: in the third digit, 0.5 %, and half of mass's and stiffness's errors add to the frequency's own.
 AGREEMENT = 0.01
@@ -138,6 +140,8 @@ class AxisModel:
         such a model can be written, for people to complete, but not read.
     response
         SI unit of what is measured: ``"m"``, ``"rad"``, or ``"V"`` for an electronic analogue.
+    unit
+        That in which people want to read it, such as ``"mrad"``; empty for the usual ones.
     mass, stiffness
         Lumped at the output [kg], [N/m]; together they give `natural_frequency`. Both or none.
     modes
@@ -168,6 +172,7 @@ class AxisModel:
     damping_ratio: float
     gain: float
     response: str = "m"
+    unit: str = ""
     mass: float | None = None
     stiffness: float | None = None
     modes: tuple[Mode, ...] = ()
@@ -195,6 +200,11 @@ class AxisModel:
         if self.main_share <= 0:
             given = f"{100 * (1 - self.main_share):.4g} %"
             raise Contradiction("modes", f"carry {given} of the response; something must be left to the main mode")
+
+    @property
+    def shown(self) -> Shown:
+        """The SI unit of the response, which knows in which units sizes of it are written."""
+        return Shown(self.response, self.unit)
 
     @property
     def main_share(self) -> float:

@@ -144,14 +144,14 @@ CONTROLLER: Fields = {"rate": _frequency(1e7), "delay": Number("s", 0.0, 10.0, u
 RELATIVE = Number("1", 0.0, 1e4, unit="%")
 
 
-def axis(response: str) -> Fields:
-    """Return the single numbers of an axis that responds in the SI unit `response`."""
+def axis(response: str, unit: str = "") -> Fields:
+    """Return the single numbers of an axis that responds in the SI unit `response`, and is written in `unit`."""
     return {
         "natural_frequency": _frequency(1e7),
         "mass": Number("kg", 0.0, 1e6, exclusive=True, unit="g"),
         "stiffness": Number("N/m", 0.0, 1e15, exclusive=True, unit="N/mm"),
         "damping_ratio": _DAMPING,
-        "gain": Number(f"{response}/V", -1e6, 1e6, unit=f"{RESPONSES[response][1]}/V", nonzero=True),
+        "gain": Number(f"{response}/V", -1e6, 1e6, unit=f"{unit or RESPONSES[response][1]}/V", nonzero=True),
         "input_stiffness": _STIFFNESS,
         "amplification": Number("1", -1e6, 1e6, nonzero=True),
     }

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from flexdesign import effects, files, shipped
+from flexdesign import effects, files, shipped, units
 from flexdesign.errors import InputError, suggest
 from flexdesign.part import is_file
-from flexdesign.stage_model import fields
+from flexdesign.stage_model import fields, shown
 from flexdesign.stage_model.axis import ActuatorData, AxisModel, Contradiction, Driver, Mode, Sensor, lumped_frequency
 from flexdesign.stage_model.fields import Field, Fields
 from flexdesign.stage_model.model import ControllerTiming, Coupling, StageModel
@@ -20,7 +20,7 @@ from flexdesign.stage_model.writing import to_toml
 
 #: Tables and lists of an axis, beside its single numbers.
 _TABLES = ("hysteresis", "effects", "modes", "driver", "sensor", "actuator", "uncertainty", "sources")
-_PIECES = (*_TABLES, "assumed", "fitted")
+_PIECES = (*_TABLES, "unit", "assumed", "fitted")
 
 
 class _StageFile(files.Table):
@@ -194,6 +194,7 @@ def _axis(given: object, place: _Place) -> AxisModel:
         axis = AxisModel(
             **numbers,
             response=response,
+            unit=_unit(table.get("unit", ""), response, place.at("unit")),
             modes=_modes(table.get("modes", []), place.at("modes")),
             effects=_effects(table, response, place),
             driver=Driver(**place.at("driver").read(table.get("driver", {}), fields.DRIVER)),
@@ -208,6 +209,17 @@ def _axis(given: object, place: _Place) -> AxisModel:
 def _lumped(numbers: Mapping[str, float]) -> float:
     both = "mass" in numbers and "stiffness" in numbers
     return lumped_frequency(numbers["mass"], numbers["stiffness"]) if both else float("nan")  # refused with the axis
+
+
+def _unit(given: object, response: str, place: _Place) -> str:
+    """Return the unit in which an axis is to be reported."""
+    unit = place.number(given, fields.Text())
+    try:
+        units.factor(unit or response, response)
+    except ValueError as error:
+        usual = " or ".join(dict.fromkeys((*fields.RESPONSES[response], *shown.USUAL[response])))
+        raise place.refused(given, f"{error}; the gain is per volt of it: write for example {usual}") from None
+    return str(unit)
 
 
 def _modes(given: object, place: _Place) -> tuple[Mode, ...]:

@@ -66,8 +66,10 @@ def _named(name: str, ways: Mapping[str, str]) -> str:
 
 
 def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]:
-    gain = fields.axis(axis.response)["gain"]
+    gain = fields.axis(axis.response, axis.unit)["gain"]
     yield from ("", f"[{place}]")
+    if axis.unit:
+        yield f"unit = {_TEXT.write(axis.unit)}"
     for name, text in _numbers(axis):
         comment = "assumed: neither computed nor measured" if name in axis.assumed else _comment(name, axis)
         yield f"{f'{name} = {text}':<{_COLUMN}}# {comment}" if comment else f"{name} = {text}"
@@ -105,7 +107,7 @@ def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]
 
 def _numbers(axis: AxisModel) -> Iterator[tuple[str, str]]:
     """Yield the single numbers that say something, as TOML; the frequency only where mass and stiffness do not."""
-    for name, field in fields.axis(axis.response).items():
+    for name, field in fields.axis(axis.response, axis.unit).items():
         value = getattr(axis, name)
         if value is None or math.isnan(value):
             continue
