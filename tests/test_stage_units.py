@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from flexdesign import stage_model
+from flexdesign import simulation, stage_model
 from flexdesign.errors import InputError
+from flexdesign.report import simulation_figures
 from flexdesign.report.comparison_words import error, limit
 from flexdesign.report.identification_report import shown_in
 from flexdesign.stage_model import ActuatorData, AxisModel, Shown, StageModel
+from flexdesign.standard_experiments import plan
 
 AXIS = """format = 1
 [axis.x]
@@ -116,3 +119,15 @@ def test_a_comparison_is_printed_in_the_unit_that_the_model_says(
     (tmp_path / "stage.toml").write_text(AXIS.format(gain="3 urad/V", actuator=""))
     said = command_line("compare", "stage.toml", "slow.csv")
     assert "stroke 62.0 µrad" in said.stdout and "mrad" not in said.stdout
+
+
+def test_a_simulation_is_measured_in_the_unit_that_the_model_says(tmp_path: Path) -> None:
+    model = with_unit(tmp_path, "1 mm/V", "mm")
+    axis = replace(model.axes["x"], actuator=ActuatorData(None, (0.0, 10.0)))
+    stage = replace(model, axes={"x": axis})
+    of_voltage = replace(plan(stage), experiments=plan(stage).experiments[:1])
+    found = simulation.run(stage, {}, of_voltage, lambda _: None)
+    seen = {q.name: q for case in found.cases for q in case.measures["x"]}
+    assert seen["amplitude"].unit == "mm" and all("um" not in q.unit for q in seen.values())
+    drawn = simulation_figures.draw(found.cases[0].experiment, found.cases[:1], "mm")
+    assert b"x [mm]" in drawn[0].data and "µm".encode() not in drawn[0].data
