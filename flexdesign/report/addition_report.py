@@ -31,7 +31,8 @@ ROUNDING = 1e-12
 
 def ladder_of(found: Added) -> Table:
     """Return the error ladder."""
-    return reports.ladder(found.ladder, found.noise, found.noise_floor, said.response(found))
+    size = response_pages.line_size(found)
+    return reports.ladder(found.ladder, found.noise, found.noise_floor, said.response(found), size)
 
 
 def summary(found: Added) -> list[str]:

@@ -14,7 +14,7 @@ from flexdesign.comparison import Comparison, RunComparison
 from flexdesign.diagnosis import Rung
 from flexdesign.diagnosis.standing import Judged
 from flexdesign.model import Block, Socket
-from flexdesign.report import comparison_report
+from flexdesign.report import comparison_report, response_pages
 from flexdesign.report import comparison_words as words
 from flexdesign.report import diagnosis_charts as drawings
 from flexdesign.report import diagnosis_words as said
@@ -64,12 +64,17 @@ def pictures(names: Sequence[str]) -> list[str]:
 
 def ladder_figure(found: Judged, rungs: Sequence[Rung], floor: float) -> Figure:
     """Draw the error ladder."""
+    caption = f"Error of {said.judged_on(said.recorded(found))}, step by step"
+    if math.isfinite(line := response_pages.line_size(found)):
+        steps = [drawings.Step(said.label(r), 100 * r.error / line, words.percent(r.error / line)) for r in rungs]
+        drawn = drawings.ladder(steps, 100 * floor / line, words.percent(floor / line), "% of the line")
+        return Figure("ladder.svg", drawn, caption)
     si = said.response(found)
     small = shown_in(si)[1]
     factor = units.factor(small, si)
     steps = [drawings.Step(said.label(r), r.error / factor, words.error(si, r.error)) for r in rungs]
     drawn = drawings.ladder(steps, floor / factor, words.error(si, floor, 2), words.sign(small))
-    return Figure("ladder.svg", drawn, f"Error of {said.judged_on(said.recorded(found))}, step by step")
+    return Figure("ladder.svg", drawn, caption)
 
 
 def where_text(stands: Sequence[tuple[str, Comparison]]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -122,6 +123,19 @@ def result(responses: Sequence[ResponseComparison], response: str) -> list[dict[
         }
         for each in responses
     ]
+
+
+def line_size(found: Judged) -> float:
+    """Return the size of the lines that judge, each weighted by its noise as in the error ladder [response/V].
+
+    Errors of the ladder over this are shares of the line, and below one where the model explains anything. NaN where
+    runs in time judge.
+    """
+    if found.runs:
+        return math.nan
+    judging = [each for each in found.responses if each.role == "validate"] or found.responses
+    sizes = [each.measured() * found.noise.rms[each.name] / found.lines[each.name].of_values for each in judging]
+    return float(np.sqrt(np.nanmean(np.concatenate(sizes) ** 2)))
 
 
 def before_and_after(found: Judged) -> dict[str, Any]:
