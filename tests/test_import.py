@@ -315,7 +315,7 @@ GOOD = two_columns(
         ('name = "sine"', 'name = "a/b"', "run 1.name = a/b: is no name for a file"),
         ("[[run]]", "[run]", "run: is missing; write a table for each run: [[run]]"),
         ("rate", "rat", "rat = 1 kHz: is not a known key; did you mean rate?"),
-        ('name = "sine"', 'name = "sine"\nrole = "train"', "run 1.role = train: expected identify or validate"),
+        ('name = "sine"', 'name = "sine"\nrole = "train"', "run 1.role = train: expected identify or validate or test"),
         ("rate", "text = { decimal = 3 }\nrate", "text.decimal = 3: expected"),
     ],
 )  # fmt: skip

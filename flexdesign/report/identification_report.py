@@ -100,7 +100,7 @@ def document(found: Identification) -> Document:
 def summary(found: Identification) -> list[str]:
     """Return the answer in a few sentences."""
     seen = [run for run in found.runs if run.role == "identify"]
-    kept = [run for run in found.runs if run.role == "validate"]
+    kept = [run for run in found.runs if run.role != "identify"]
     text = f"{_listed([e.name for e in found.estimates])} fitted to {_listed([run.name for run in seen])}: "
     text += f"what is left is {_range(found, seen)}"
     text += f"; of runs that the fit did not see, {_range(found, kept)}." if kept else "."
