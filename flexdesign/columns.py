@@ -154,7 +154,14 @@ def read(path: Path, allowed: Mapping[str, Sequence[str]], *, gaps: bool = False
     return sheet
 
 
-def write(path: Path, columns: Mapping[str, Array], comment: str = "", *, gaps: bool = False) -> None:
+def write(
+    path: Path,
+    columns: Mapping[str, Array],
+    comment: str = "",
+    *,
+    gaps: bool = False,
+    allowed: Mapping[str, Sequence[str]] | None = None,
+) -> None:
     """Write a CSV file, or a Parquet file where its name ends so, whole or not at all.
 
     Parameters
@@ -167,6 +174,8 @@ def write(path: Path, columns: Mapping[str, Array], comment: str = "", *, gaps: 
         Lines that go above the header, or into the metadata.
     gaps
         Whether values may be NaN, in all columns but the first.
+    allowed
+        Which SI units a column may have, by name; others may have any of `ANY`.
 
     Raises
     ------
@@ -177,8 +186,9 @@ def write(path: Path, columns: Mapping[str, Array], comment: str = "", *, gaps: 
     """
     written = []
     for cell, values in columns.items():
-        _, unit = split(cell)
-        written.append(_from_si(np.asarray(values, dtype=np.float64), unit, si_of(unit, ANY)))
+        name, unit = split(cell)
+        si = si_of(unit, (allowed or {}).get(name, ANY))
+        written.append(_from_si(np.asarray(values, dtype=np.float64), unit, si))
     if not written or {column.shape for column in written} != {(written[0].size,)}:
         raise ValueError(f"columns of one length are needed, found {[column.shape for column in written]}")
     table = np.column_stack(written)

@@ -138,8 +138,8 @@ class Identification:
 
     @property
     def response(self) -> str:
-        """SI unit of the response."""
-        return self.before.axes[self.axis].response
+        """SI unit of the response, which knows in which units it is written."""
+        return self.before.axes[self.axis].shown
 
 
 def identify(
@@ -158,7 +158,7 @@ def identify(
     model
         Its values are where the fit begins.
     runs
-        Those of role ``identify`` are fitted; those of role ``validate`` are only predicted.
+        Those of role ``identify`` are fitted; those of role ``validate`` or ``test`` are only predicted.
     axis
         Which one; may be left out where model and runs leave no choice.
     free
@@ -179,7 +179,8 @@ def identify(
     name = choose_axis(model, runs, axis)
     seen = tuple(of_axis(run, name, model.axes[name]) for run in runs)
     if not any(run.role == "identify" for run in seen):
-        raise InputError("command line", "RUNS", None, "all are kept for validation; name a run with role identify")
+        remedy = "all are kept for validation or testing; name a run with role identify"
+        raise InputError("command line", "RUNS", None, remedy)
     volts = max(float(np.abs(run.command()).max()) for run in seen) or 1.0
     start = AxisDynamics(name, model.axes[name], volts, delay=model.controller.delay)
     usual = LINEAR + (HYSTERESIS if "bouc_wen" in start.axis.effects else ())

@@ -226,8 +226,16 @@ def _case(
     measured, unmeasured = measuring.measure(
         experiment, reference, response, list(truth.axes), period / finer, bool(found)
     )
+    written = truth.axes[experiment.axes[0]].shown.large
+    measured = {name: tuple(_in_unit(q, written) for q in quantities) for name, quantities in measured.items()}
     said, axes = tuple(dict.fromkeys([*cautions, *unmeasured])), tuple(truth.axes)
     return Case(experiment, variant, controller, axes, reference, response, measured, found, seen, said)
+
+
+def _in_unit(quantity: Quantity, unit: str) -> Quantity:
+    """Return a measure of a motion written in the unit of the axis: ``um/V`` becomes ``mm/V``."""
+    motions = {"m": unit, "m/V": f"{unit}/V", "m*V": f"{unit}*V"}
+    return replace(quantity, unit=motions.get(quantity.si, quantity.unit))
 
 
 def _sampled(plan: Plan, experiment: Experiment, period: float) -> Array:

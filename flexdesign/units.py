@@ -61,6 +61,19 @@ def _registry() -> Any:
         return pint.UnitRegistry(autoconvert_offset_to_baseunit=False)
 
 
+def _parsed(unit: str) -> Any:
+    import pint
+
+    try:
+        if "#" in unit:  # the parser takes it for the start of a comment
+            raise ValueError("no unit has a '#'")
+        return _registry().parse_units(unit)
+    except pint.UndefinedUnitError as error:
+        raise ValueError(f"unknown unit {unit!r}") from error
+    except Exception as error:  # pint passes on whatever its tokenizer meets
+        raise ValueError(f"cannot read the unit {unit!r}") from error
+
+
 @cache
 def factor(unit: str, si: str) -> float:
     """Return the factor that turns a number in `unit` into one in the SI unit `si`.
@@ -72,14 +85,7 @@ def factor(unit: str, si: str) -> float:
     """
     import pint
 
-    try:
-        if "#" in unit:  # the parser takes it for the start of a comment
-            raise ValueError("no unit has a '#'")
-        parsed = _registry().parse_units(unit)
-    except pint.UndefinedUnitError as error:
-        raise ValueError(f"unknown unit {unit!r}") from error
-    except Exception as error:  # pint passes on whatever its tokenizer meets
-        raise ValueError(f"cannot read the unit {unit!r}") from error
+    parsed = _parsed(unit)
     try:
         zero, one = (float(_registry().Quantity(number, parsed).to(si).magnitude) for number in (0.0, 1.0))
     except pint.DimensionalityError as error:
@@ -113,6 +119,39 @@ def from_text(text: object, si: str) -> float:
     except ValueError as error:
         raise ValueError(f"{error}{hint}") from error
     return value
+
+
+def quantity(values: Any, unit: str) -> Any:
+    """Return numbers with their unit, for arithmetic that checks units: a quantity of pint.
+
+    Raises
+    ------
+    ValueError
+        If the unit is unknown, or counts from an offset as degC does.
+
+    >>> (3 * quantity(2.0, "V") / quantity(0.5, "V/mm")).to("mm").magnitude
+    12.0
+    """
+    parsed = _parsed(unit or "1")
+    if _registry().Quantity(0.0, parsed).to_base_units().magnitude != 0:
+        raise ValueError(f"{unit!r} does not count from zero; use {_si_of(unit)!r}")
+    return _registry().Quantity(values, parsed)
+
+
+def quantity_from_text(text: object) -> Any:
+    """Read ``"0.5 mm"`` as a quantity of pint in whatever unit it has; a bare number is a pure number.
+
+    Raises
+    ------
+    ValueError
+        If the text is no finite number, or the unit is unknown.
+    """
+    if isinstance(text, bool) or not isinstance(text, (str, int, float)):
+        raise ValueError('is not a number with a unit; write for example "1.5 V/mm"')
+    number, unit = _split(str(text))
+    if not math.isfinite(number):
+        raise ValueError("is not a finite number")
+    return quantity(number, unit)
 
 
 def to_text(value: float, unit: str, digits: int = 4, si: str | None = None) -> str:

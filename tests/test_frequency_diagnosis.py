@@ -21,7 +21,7 @@ from flexdesign.comparison import compare
 from flexdesign.diagnosis import Diagnosis, adding, diagnose
 from flexdesign.diagnosis.telling import tellings
 from flexdesign.errors import InputError
-from flexdesign.report import addition_report, comparison_report, diagnosis_report
+from flexdesign.report import addition_report, comparison_report, diagnosis_report, diagnosis_words, response_pages
 from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.stage_model import AxisModel, StageModel, to_toml
 
@@ -216,6 +216,19 @@ def test_a_bias_shows_what_bends() -> None:
         assert values["quadratic"][0] == pytest.approx(3e-9, rel=0.02)
 
 
+def test_errors_are_shares_of_the_line() -> None:
+    """A response 5 % above the model is off by 1/21 of each line, whatever each line weighs."""
+    ratio = FAST / AXIS.natural_frequency
+    response = 1.05 * AXIS.gain / (1 - ratio**2 + 2j * AXIS.damping_ratio * ratio)
+    found = found_in(measured(FAST, response, coherence=0.99999))  # noise is 0.04 % of a line, of the mean 0.006 %
+    share = found.ladder[0].error / response_pages.line_size(found)
+    assert share == pytest.approx(0.05 / 1.05, abs=2e-4)
+    ladder = diagnosis_report.ladder_of(found)
+    assert ladder.columns[1] == "of the line" and ladder.rows[0][1] == "4.8 %"
+    assert found.validation_error < response_pages.line_size(found)
+    assert "of the line" in diagnosis_words.verdict(found)
+
+
 def test_the_commands_take_a_file(tmp_path: Path) -> None:
     from typer.testing import CliRunner
 
@@ -233,6 +246,7 @@ def test_the_commands_take_a_file(tmp_path: Path) -> None:
         assert done.exit_code == 0, done.output
         assert json.loads((out / "result.json").read_text())["kind"] == kind
         assert "driver bandwidth" in done.output or verb == "compare"
+        assert ("of the line" if verb == "diagnose" else "rms of the measured line") in done.output
         assert (out / "bode_sweep.svg").is_file()
     refused = CliRunner().invoke(app, ["identify", str(model), str(sweep), "--out", str(tmp_path / "fit")])
     assert "flexdesign diagnose fits gain, damping and natural frequency to it" in str(refused.exception)

@@ -135,6 +135,8 @@ def test_one_response_is_judged_by_every_fourth_line_and_a_second_one_by_itself(
     assert [each.role for each in split_lines(again)] == ["identify", "validate", "identify"]
     stated = [replace(found, role_is_stated=True), replace(found, name="other")]
     assert split_lines(stated) == tuple(stated)
+    tested = [replace(found, role="test"), replace(found, name="other")]
+    assert split_lines(tested) == tuple(tested)
 
 
 @pytest.mark.parametrize("averages", [6, 16, 100])

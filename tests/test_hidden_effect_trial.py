@@ -295,6 +295,33 @@ def test_a_case_is_always_the_same_and_another_is_another() -> None:
     assert once.believed == again.believed and once.believed != other.believed
 
 
+def test_another_seed_draws_other_cases() -> None:
+    here, there = cases.make(10003), cases.make(10003, seed=7)
+    assert here.seed == cases.SEED and there.seed == 7
+    assert here.stage != there.stage and here.stage == cases.make(10003, cases.SEED).stage
+
+
+def test_the_run_for_testing_leaves_the_others_as_they_are() -> None:
+    case = cases.make(21001)
+    more, again = cases.tested(case), cases.tested(case)
+    assert [run.role for run in more.runs].count("test") == 1 and more.runs[-1].role == "test"
+    assert more.runs[:-1] == case.runs and more.readings[:-1] == case.readings
+    assert np.array_equal(more.readings[-1], again.readings[-1])
+    assert more.validation_floor == case.floor
+    (clean,) = bench.readings(case.stage, case.effects, more.runs[-1:])
+    assert more.floor == pytest.approx(float(np.sqrt(np.mean((more.readings[-1] - clean) ** 2))))
+    # Noise with a memory: of 2500 samples fewer count, so that its size is known to a fifth.
+    assert more.floor == pytest.approx(case.noise, rel=0.2)
+
+
+def test_a_sample_has_its_share_of_every_stratum() -> None:
+    told = trial.settings()
+    part = told.sample(3)
+    assert part.counts == {"none": 90, "single": 3, "pair": 18, "outside": 2, "faint": 1}
+    assert set(part.numbers()) <= set(told.numbers()) and told.sample(told.counts["single"]) == told
+    assert [cases.hidden_in(n) for n in part.numbers("single")].count("creep") == 3
+
+
 def test_models_are_off_by_no_more_than_they_say() -> None:
     for n in range(20):
         rng = np.random.default_rng(n)
@@ -346,19 +373,21 @@ def test_no_diagnosis_imports_what_leaves_outcomes_as_they_are() -> None:
 
 @pytest.mark.parametrize("lumped", [True, False])
 def test_the_package_reads_what_is_written(tmp_path: Path, lumped: bool) -> None:
-    case = replace(cases.make(10001), lumped=lumped)
+    case = replace(cases.tested(cases.make(10001)), lumped=lumped)
     folder.write(case, tmp_path / "case", tmp_path / "answer.toml")
     axis = reading.read(tmp_path / "case" / "model.toml").axes["x"]
     assert axis.natural_frequency == pytest.approx(case.believed.omega / 2 / math.pi, rel=1e-5)
     assert axis.gain == pytest.approx(case.believed.gain, rel=1e-5)
     assert axis.effects["bouc_wen"]["a"] == pytest.approx(case.believed.a, rel=1e-5)
     found = recorded.read_runs([tmp_path / "case" / "runs"])
+    assert {run.role for run in found} == {"identify", "validate", "test"}
     assert [run.role for run in found] == [run.role for run in case.runs]
     for run, wanted, was in zip(found, case.readings, case.runs, strict=True):
         assert np.abs(run.measured() - wanted).max() <= 0.51e-11  # written in steps of ten picometres
         assert (run.between_samples == "hold") == was.held
     answer = folder.read_answer(tmp_path / "answer.toml")
     assert answer.kind == "none" and not answer.effects and answer.floor == pytest.approx(case.floor, rel=1e-5)
+    assert answer.seed == cases.SEED and answer.validation_floor == pytest.approx(case.validation_floor, rel=1e-5)
 
 
 def test_the_demo_is_made_again_bit_for_bit(tmp_path: Path) -> None:
@@ -395,6 +424,27 @@ def test_nothing_missing_means_nothing_named() -> None:
 def test_what_no_catalogue_holds_is_unknown() -> None:
     for verdict in ("nothing-missing", "effects-found", "unknown"):
         assert scoring.is_right(answer_of("outside", "backlash"), said(verdict)) == (verdict == "unknown")
+    assert set(scoring.NAMES) == {effect.name for effect in OUTSIDE}
+    assert {name for names in scoring.NAMES.values() for name in names} <= {effect.name for effect in CATALOGUE}
+
+
+def test_what_no_catalogue_holds_may_have_a_right_name_beside_a_remainder() -> None:
+    answer = answer_of("outside", "two_slope_gain")
+    group = ("electrostriction", "stroke_dependent_amplification")
+    named = replace(said("effects-found", "stroke_dependent_amplification"), remainder=1e-8)
+    assert scoring.is_right(answer, named)
+    assert scoring.is_right(answer, replace(named, named=group[:1], groups=(group,)))
+    assert not scoring.is_right(answer, replace(named, remainder=0.0))
+    assert not scoring.is_right(answer, replace(named, named=("creep",)))
+    assert not scoring.is_right(answer, replace(named, named=(group[1], "creep")))
+    assert not scoring.is_right(answer_of("outside", "quadratic_sensor"), named)
+
+
+def test_errors_are_those_of_the_run_for_testing_where_it_is_predicted() -> None:
+    answer = replace(answer_of("none"), validation_floor=2e-8)
+    found = said("nothing-missing")
+    assert scoring.over_floor(answer, found) == pytest.approx(0.5)
+    assert scoring.over_floor(answer, replace(found, is_tested=True)) == pytest.approx(1.0)
 
 
 def test_an_effect_is_named_alone_or_in_a_true_group() -> None:
@@ -465,6 +515,7 @@ def test_a_trial_goes_on_where_it_stopped(tmp_path: Path) -> None:
         file.write('{"number": 10')  # the process was killed
     trial.keep(outcomes()[0], tmp_path)
     assert list(trial.kept(tmp_path).values()) == outcomes()
+    assert not trial.kept(tmp_path, seed=7) and trial.folder_of(tmp_path, 7) != trial.folder_of(tmp_path, 8)
 
 
 def test_the_report_counts_what_was_said(tmp_path: Path) -> None:
@@ -472,6 +523,9 @@ def test_the_report_counts_what_was_said(tmp_path: Path) -> None:
     assert any(line.startswith("two effects: right verdict: 0 of 1") for line in lines)
     markdown = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert "| creep |" in markdown and "30000" in markdown and "single" in markdown
+    assert "20191 is the training seed" in markdown
+    report.write(outcomes(), tmp_path / "fresh", seed=7)
+    assert "Seed 7." in (tmp_path / "fresh" / "report.md").read_text(encoding="utf-8")
     assert (tmp_path / "confusion.svg").read_bytes().startswith(b"<?xml")
     counts = scoring.matrix([(o.answer, o.found) for o in outcomes() if o.found])
     assert counts == {

@@ -168,18 +168,31 @@ def test_universal_file(tmp_path: Path) -> None:
             "ord_data_type": 4,
             "ordinate_axis_units_lab": "V",
         },
-        {**common, "func_type": 4, "id1": "FRF", "x": T, "data": U + 1j, "ord_data_type": 6},
+        {
+            **common,
+            "func_type": 4,
+            "id1": "FRF",
+            "x": T,
+            "data": U + 1j,
+            "ord_data_type": 6,
+            "ordinate_axis_units_lab": "um",
+            "orddenom_axis_units_lab": "V",
+        },
+        {**common, "func_type": 2, "id1": "spectrum", "x": T, "data": U, "ord_data_type": 4},
         {**common, "func_type": 1, "id1": "table", "x": T, "data": X[:, 0], "ord_data_type": 4},
     ]
     file = pyuff.UFF(str(path))
     for each in sets:
         file.write_sets(each, mode="add")
     seen = importing.look([path])
-    assert list(seen.variables) == ["set1", "set3"]
-    assert (seen.variables["set1"].unit, seen.variables["set1"].step) == ("V", pytest.approx(1 / RATE))
-    assert seen.variables["set3"].note.startswith("table; node 4, direction 3")
+    assert list(seen.variables) == ["set1", "set2", "set2.frequency", "set4"]
+    assert seen.variables["set2"].is_complex and seen.variables["set2"].unit == "um/(V)"
+    assert seen.variables["set2"].values() == pytest.approx(U + 1j, abs=1e-4)
+    assert seen.variables["set2.frequency"].values() == pytest.approx(T, rel=1e-6)
+    assert seen.variables["set1"].unit == "V" and seen.variables["set1"].step == pytest.approx(1 / RATE)
+    assert seen.variables["set4"].note.startswith("table; node 4, direction 3")
     # Written with six digits of the largest value of a set.
-    text = two_columns('variable = "set1"', 'variable = "set3"\nunit = "um"', "")
+    text = two_columns('variable = "set1"', 'variable = "set4"\nunit = "um"', "")
     (run,) = mapped(tmp_path, text, path).runs
     assert run.command() == pytest.approx(U, abs=1e-5 * 10) and run.measured() == pytest.approx(
         1e-6 * X[:, 0], abs=3e-10
@@ -302,7 +315,7 @@ GOOD = two_columns(
         ('rate = "1 kHz"', "rate = 1000", "rate = 1000: the unit is missing"),
         ('axes = ["sample", "channel"]', "", 'axes: the variable is 400 x 2; say what its axes are: axes = ["sample"'),
         ('["sample", "channel"]', '["channel"]', "axes = ['channel']: names each axis once, and sample among them"),
-        ('["sample", "channel"]', '["samples"]', "axes = ['samples']: expected a list of sample, channel, realisation"),
+        ('["sample", "channel"]', '["samples"]', "axes = ['samples']: expected a list of sample, frequency, channel"),
         ('["sample", "channel"]', '["channel", "sample"]', "run 1.columns: differ in realisations x samples (u 1 x"),
         ("channel = 1", "channel = 3", "run 1.columns.x.channel = 3: the variable has 2 channels, counted from 1"),
         ("channel = 1", "channel = 0", "run 1.columns.x.channel = 0: allowed: 1 to 100000, a whole number"),
@@ -315,7 +328,7 @@ GOOD = two_columns(
         ('name = "sine"', 'name = "a/b"', "run 1.name = a/b: is no name for a file"),
         ("[[run]]", "[run]", "run: is missing; write a table for each run: [[run]]"),
         ("rate", "rat", "rat = 1 kHz: is not a known key; did you mean rate?"),
-        ('name = "sine"', 'name = "sine"\nrole = "train"', "run 1.role = train: expected identify or validate"),
+        ('name = "sine"', 'name = "sine"\nrole = "train"', "run 1.role = train: expected identify or validate or test"),
         ("rate", "text = { decimal = 3 }\nrate", "text.decimal = 3: expected"),
     ],
 )  # fmt: skip
@@ -345,7 +358,7 @@ def test_files_that_are_something_else(ending: str, data: bytes, tmp_path: Path)
     path = tmp_path / f"log{ending}"
     path.write_bytes(data)
     said = refusal(lambda: importing.look([path]))
-    assert said.startswith(f"{path}: ") and ("cannot be read as a" in said or "holds no array of real numbers" in said)
+    assert said.startswith(f"{path}: ") and ("cannot be read as a" in said or "holds no array of numbers" in said)
 
 
 def test_files_that_are_cut_short(tmp_path: Path) -> None:

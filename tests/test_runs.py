@@ -171,7 +171,7 @@ def test_runs_of_one_stem_are_told_apart_by_their_folders(tmp_path: Path) -> Non
         ('[[run]]\nfile = "sinus.csv"\n', "run.file = sinus.csv: is not in the folder; did you mean sine.csv?"),
         (
             '[[run]]\nfile = "sine.csv"\nrole = "train"\n',
-            "run 1.role = train: expected identify or validate",
+            "run 1.role = train: expected identify or validate or test",
         ),
         ('[[run]]\nrole = "identify"\n', "run 1.file: is missing"),
         ('[[run]]\nfile = "sine.csv"\n[[run]]\nfile = "sine.csv"\n', "run 2.file = sine.csv: is described twice"),

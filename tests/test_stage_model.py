@@ -390,7 +390,7 @@ DRIVERS = st.builds(
 )
 ACTUATORS = st.none() | st.builds(
     ActuatorData,
-    sizes(1e-7, 1e-3),
+    sizes(1e-7, 1e-3) | sizes(1e-2, 10),
     spans(1, 200),
     st.none() | sizes(1e5, 1e9),
     st.none() | sizes(1e-9, 1e-3),
@@ -699,7 +699,9 @@ REFUSED: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
     "shares of several": (
         SECOND, SECOND + SECOND.replace("12.5", "87.5"), "axis.x.modes", None, ("carry 100 %", "left to the main mode"),
     ),
-    "no free stroke": ('free_stroke = "40 um"\n', "", "axis.x.actuator.free_stroke", None, ("is missing", "um")),
+    "a free stroke of zero": ('"40 um"', '"0 um"', "axis.x.actuator.free_stroke", "0 um", ("more than 0",)),
+    "an endless free stroke": ('"40 um"', '"2 km"', "axis.x.actuator.free_stroke", "2 km", ("at most 1e+06 mm",)),
+    "a free stroke in volts": ('"40 um"', '"1 V"', "axis.x.actuator.free_stroke", "1 V", ("not a unit of length",)),
     "no actuators": ("count = 2", "count = 0", "axis.x.actuator.count", 0, ("a whole number",)),
     "half an actuator": ("count = 2", "count = 1.5", "axis.x.actuator.count", 1.5, ("a whole number",)),
     "voltage range reversed": (

@@ -523,6 +523,26 @@ def test_roles_that_were_chosen_stay() -> None:
     assert roles([made(sine(), sine(), role="validate"), made(sine(), sine())]) == "vi"
 
 
+@pytest.mark.parametrize(
+    ("kinds", "expected"),
+    [
+        (("quiet", "", "", "", "", ""), "iiiiiv"),  # five that move are too few
+        (("", "", "", "", "", ""), "iivtiv"),
+        (("", "", "", "", "", "", "", ""), "iiivtiiv"),
+        (("sine", "sine", "sine", "sine", "step", "hold"), "ivtvii"),
+        (("sine", "sine", "step", "step", "hold", "hold"), "ivivit"),
+        (("sine", "sine", "step", "hold", "triangle", "staircase"), "iviiii"),  # the others are alone of their kinds
+    ],
+)
+def test_one_of_many_runs_is_for_testing(kinds: tuple[str, ...], expected: str) -> None:
+    assert "".join(run.role[0] for run in split(suite(*kinds), test=True)) == expected
+    assert roles(suite(*kinds)) == expected.replace("t", "i")
+
+
+def test_a_run_for_testing_is_a_choice_of_roles() -> None:
+    assert roles([made(sine(), sine(), role="test"), *suite("sine", "sine", "sine")]) == "tiii"
+
+
 def test_where_no_kind_was_repeated_the_longest_run_is_split() -> None:
     short = Run("step", T[:1000], {"u": T[:1000], "x": T[:1000]}, {"u": "V", "x": "m"}, kind="step")
     found = split([short, *suite("quiet", "sine")])

@@ -13,7 +13,7 @@ HELP = """Fit the free numbers of a stage model to recorded runs, and say what t
 
 MODEL is a stage model: a file that `validate` wrote, or the bare name of one in studies/. RUNS are CSV files with the
 columns `t [s]`, `u [V]` and `x [um]`, or folders of them; a `measurements.toml` beside them may say which runs are for
-validation (`role = "validate"`): those are predicted, never fitted.
+validation (`role = "validate"`) or for testing (`role = "test"`): those are predicted, never fitted.
 
 **Examples**
 

@@ -12,8 +12,9 @@ from flexdesign.cli.shared import app
 HELP = """Bring recordings of other programs into a folder of runs.
 
 FILES are .mat (any version), HDF5, .tdms, universal files (.uff, .unv: data set 58), .npy, .npz, or tables in text with
-any separator, decimal commas and lines above the header. Without --map it prints what they hold as a map to complete;
-with one it writes a CSV file for each run, and `measurements.toml`, reads them back, and says what is wrong with them.
+any separator, decimal commas and lines above the header; arrays may be complex. Without --map it prints what they hold
+as a map to complete; with one it writes a CSV file for each run or frequency response, and `measurements.toml`, reads
+them back, and says what is wrong with them.
 
 **Examples**
 
@@ -23,9 +24,16 @@ with one it writes a CSV file for each run, and `measurements.toml`, reads them 
 
     flexdesign import u.npy y.npy --map map.toml -o recordings/mirror
 
-**What a map says:** which variable is which column (`variable`, `unit`, `scale`, `offset`, `channel`), the sample
-`rate` where there is no column t, and the `axes` of arrays: sample, channel, realisation (a run each), period (in a
-row). What `measurements.toml` may say is passed on.
+**What a map says:** which variable is which column (`variable`, `unit`, `scale`, `offset`, `channel`, `input`), the
+sample `rate` where there is no column t, and the `axes` of arrays: sample or frequency, channel, input, realisation (a
+run each), period (in a row). What `measurements.toml` may say is passed on.
+
+**Frequency responses** have a column `f` and a complex one, `response`; or `magnitude` and `phase`; or `re` and `im`;
+and `coherence` where it was recorded.
+
+**Arithmetic:** a column may be computed, `formula = "qg + pulse / (kv * kp)"`, of variables of the files, of those in
+`[variables.NAME]`, and of `[constants]` such as `kv = "243 V s/m"`. It has + - * / **, parentheses, pi, abs, sqrt, exp,
+sin, cos, real, imag, conj, angle. Units are checked, and converted to the `unit` of the column.
 
 **What it needs:** `pip install 'flexdesign[import]'` for HDF5, .mat of version 7.3, .tdms and universal files.
 
@@ -55,5 +63,12 @@ def import_(
         rate = f"{1 / run.period:.6g} Hz"
         typer.echo(f"{found.folder / run.name}.csv: {len(run.time)} samples at {rate}: {names}")
         for remark in run.remarks:
+            typer.echo(f"  {remark}")
+    for response in found.responses:
+        lines = f"{response.frequencies[0]:.6g} to {response.frequencies[-1]:.6g} Hz"
+        typer.echo(
+            f"{found.folder / response.name}.csv: frequency response, {len(response.frequencies)} lines, {lines}"
+        )
+        for remark in response.remarks:
             typer.echo(f"  {remark}")
     typer.echo(f"{found.folder / 'measurements.toml'}")

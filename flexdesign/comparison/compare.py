@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
@@ -121,10 +121,14 @@ class Comparison:
     seconds: float
     responses: tuple[ResponseComparison, ...] = ()
 
+    def __post_init__(self) -> None:
+        where = (replace(b, si=self.response) if b.by == "position" else b for b in self.where)
+        object.__setattr__(self, "where", tuple(where))  # positions are written as the model says
+
     @property
     def response(self) -> str:
-        """SI unit of the response."""
-        return self.model.axes[self.axis].response
+        """SI unit of the response, which knows in which units it is written."""
+        return self.model.axes[self.axis].shown
 
     @property
     def rms(self) -> float:

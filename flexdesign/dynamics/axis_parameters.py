@@ -79,7 +79,7 @@ def stroke_of(first: AxisModel, volts: float) -> float:
 
 
 def _mechanics(first: AxisModel) -> list[Parameter]:
-    si, unit = f"{first.response}/V", f"{units_of.RESPONSES[first.response][1]}/V"
+    si, unit = f"{first.response}/V", f"{first.unit or units_of.RESPONSES[first.response][1]}/V"
     low, high = sorted((0.1 * first.gain, 10 * first.gain))
     made = [
         _frequency("natural_frequency", "natural frequency of the main mode", first.natural_frequency),

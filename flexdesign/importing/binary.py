@@ -13,8 +13,10 @@ from flexdesign.importing.contents import Variable, is_numeric, library, stored
 
 #: Attributes under which programs keep a unit, in small letters.
 UNITS = ("unit", "units", "unit_string", "ni_unitdescription")
-#: The function of a data set 58 that is a response in time.
-TIME_RESPONSE = 1
+#: Functions of a data set 58: a response in time, and a frequency response.
+TIME_RESPONSE, FREQUENCY_RESPONSE = 1, 4
+#: How MATLAB names both parts of a complex number in an HDF5 file.
+PARTS = ("real", "imag")
 
 
 def matlab(path: Path) -> dict[str, Variable]:
@@ -46,7 +48,7 @@ def _fields(name: str, value: Any) -> Iterator[tuple[str, Variable]]:
 
 
 def hdf5(path: Path, of_matlab: bool = False) -> dict[str, Variable]:
-    """Read an HDF5 file: data sets as ``group/name``, columns of tables as ``table/column``.
+    """Read an HDF5 file: data sets as ``group/name``, columns of tables as ``table/column``; numbers may be complex.
 
     MATLAB stores arrays by columns, HDF5 by rows: of a .mat file axes come back in MATLAB's order, names with points.
     """
@@ -56,6 +58,8 @@ def hdf5(path: Path, of_matlab: bool = False) -> dict[str, Variable]:
     def read(name: str, column: str | None) -> Any:
         with h5py.File(path, "r") as file:
             values = file[name][()] if column is None else file[name][column]
+            if column is None and values.dtype.names == PARTS:
+                values = values["real"] + 1j * values["imag"]
             return values.T if of_matlab else values
 
     def visit(name: str, item: Any) -> None:
@@ -64,12 +68,15 @@ def hdf5(path: Path, of_matlab: bool = False) -> dict[str, Variable]:
         unit = _unit({key: item.attrs[key] for key in item.attrs})
         shown = name.replace("/", ".") if of_matlab else name
         shape = item.shape[::-1] if of_matlab else item.shape
-        for column in item.dtype.names or ():
+        in_parts = item.dtype.names == PARTS and all(is_numeric(item.dtype[part]) for part in PARTS)
+        for column in () if in_parts else item.dtype.names or ():
             if is_numeric(item.dtype[column]):
-                found[f"{shown}/{column}"] = Variable(shape, partial(read, name, column), unit)
+                is_complex = item.dtype[column].kind == "c"
+                found[f"{shown}/{column}"] = Variable(shape, partial(read, name, column), unit, is_complex=is_complex)
         is_text = item.attrs.get("MATLAB_class") == b"char" or "MATLAB_empty" in item.attrs
-        if not item.dtype.names and is_numeric(item.dtype) and not is_text:
-            found[shown] = Variable(shape, partial(read, name, None), unit)
+        if in_parts or (not item.dtype.names and is_numeric(item.dtype) and not is_text):
+            is_complex = in_parts or item.dtype.kind == "c"
+            found[shown] = Variable(shape, partial(read, name, None), unit, is_complex=is_complex)
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
@@ -92,7 +99,11 @@ def tdms(path: Path) -> dict[str, Variable]:
 
 
 def universal(path: Path) -> dict[str, Variable]:
-    """Read a universal file: responses in time of data sets 58 as ``set1``, ``set2``, ...; others are passed over."""
+    """Read a universal file: data sets 58 as ``set1``, ``set2``, ...
+
+    Responses in time and frequency responses are read, others are passed over. The abscissa of a set is
+    ``set1.frequency`` or, where times are not even, ``set1.time``.
+    """
     file = library("pyuff", path).UFF(str(path))
     found = {}
     for number, kind in enumerate(file.get_set_types()):
@@ -100,18 +111,29 @@ def universal(path: Path) -> dict[str, Variable]:
             continue
         data = file.read_sets(number)
         values = np.asarray(data["data"])
-        if data["func_type"] != TIME_RESPONSE or not is_numeric(values.dtype) or not values.size:
+        function = data["func_type"]
+        known = function in (TIME_RESPONSE, FREQUENCY_RESPONSE)
+        if not known or not is_numeric(values.dtype) or not values.size:
             continue
-        unit = str(data.get("ordinate_axis_units_lab", "")).strip()
         place = f"node {data['rsp_node']}, direction {data['rsp_dir']}"
         note = "; ".join(text for text in (str(data.get("id1", "")).strip(), place) if text and text != "NONE")
+        unit, name = _label(data, "ordinate_axis_units_lab"), f"set{number + 1}"
+        if function == FREQUENCY_RESPONSE:
+            per = _label(data, "orddenom_axis_units_lab")
+            found[name] = stored(values, f"{unit}/({per})" if unit and per else "", note=note)
+            found[f"{name}.frequency"] = stored(np.asarray(data["x"]), "Hz", note="abscissa of the set")
+            continue
         is_even = data.get("abscissa_spacing") == 1
         step = float(data["abscissa_inc"]) if is_even else None
-        name = f"set{number + 1}"
-        found[name] = stored(values, "" if unit == "NONE" else unit, step, note)
+        found[name] = stored(values, unit, step, note)
         if not is_even:
             found[f"{name}.time"] = stored(np.asarray(data["x"]), "s", note="abscissa of the set")
     return found
+
+
+def _label(data: Mapping[str, Any], key: str) -> str:
+    text = str(data.get(key, "")).strip()
+    return "" if text == "NONE" else text
 
 
 def numpy_array(path: Path) -> dict[str, Variable]:

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from flexdesign.errors import InputError, suggest
 
 Array = NDArray[np.float64]
+#: Complex numbers, or real ones where nothing is imaginary.
+Numbers = NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +34,8 @@ class Variable:
         Time between samples [s], where the file says it.
     note
         What else helps to recognise it.
+    is_complex
+        Whether its numbers are complex.
     """
 
     shape: tuple[int, ...]
@@ -39,10 +43,16 @@ class Variable:
     unit: str = ""
     step: float | None = None
     note: str = ""
+    is_complex: bool = False
 
-    def values(self) -> Array:
+    @property
+    def size(self) -> int:
+        """How many numbers it holds."""
+        return int(np.prod(self.shape))
+
+    def values(self) -> Numbers:
         """Return the numbers."""
-        return np.asarray(self.read(), dtype=np.float64)
+        return np.asarray(self.read(), dtype=np.complex128 if self.is_complex else np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,12 +89,12 @@ class Contents:
 
 def stored(values: Any, unit: str = "", step: float | None = None, note: str = "") -> Variable:
     """Return a variable whose numbers are in memory."""
-    return Variable(np.shape(values), lambda: values, unit, step, note)
+    return Variable(np.shape(values), lambda: values, unit, step, note, bool(np.iscomplexobj(values)))
 
 
 def is_numeric(dtype: Any) -> bool:
-    """Tell whether a dtype is of real numbers, or true and false."""
-    return np.dtype(dtype).kind in "biuf"
+    """Tell whether a dtype is of real or complex numbers, or true and false."""
+    return np.dtype(dtype).kind in "biufc"
 
 
 def library(name: str, path: Path) -> Any:

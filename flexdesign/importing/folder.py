@@ -1,18 +1,18 @@
-"""A folder of runs with its ``measurements.toml``, written whole or not at all, and read back."""
+"""A folder of runs and frequency responses with ``measurements.toml``, written whole or not at all, and read back."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from flexdesign import files
+from flexdesign import columns, files
 from flexdesign.errors import InputError
 from flexdesign.importing.assembling import Recording, assemble
 from flexdesign.importing.mapping import Map, read_map
 from flexdesign.importing.readers import look
-from flexdesign.runs import DESCRIPTION, Run, read_runs, write_run
+from flexdesign.runs import DESCRIPTION, FrequencyResponse, Run, frequency_response, read_recordings, write_run
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,13 @@ class Imported:
         Where.
     runs
         The runs as they are read back, with remarks on what is wrong with them.
+    responses
+        The frequency responses, likewise.
     """
 
     folder: Path
     runs: tuple[Run, ...]
+    responses: tuple[FrequencyResponse, ...] = ()
 
 
 def bring_in(paths: Sequence[Path], map_file: Path, folder: Path) -> Imported:
@@ -54,12 +57,15 @@ def bring_in(paths: Sequence[Path], map_file: Path, folder: Path) -> Imported:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix=".writing-") as scratch:
             written = _written(recordings, plan, paths, Path(scratch))
-            runs = _read_back(Path(scratch), folder, written)
+            found = _read_back(Path(scratch), folder, written)
             for file in written:
                 file.replace(folder / file.name)
     except OSError as error:
         raise InputError(folder, "", None, f"cannot be written: {error.strerror}; choose another folder") from error
-    return Imported(folder, runs)
+    said = {recording.name: recording.remarks for recording in recordings}
+    found = tuple(replace(each, remarks=(*said[each.name], *each.remarks)) for each in found)
+    responses = tuple(each for each in found if isinstance(each, FrequencyResponse))
+    return Imported(folder, tuple(each for each in found if isinstance(each, Run)), responses)
 
 
 def _written(recordings: Sequence[Recording], plan: Map, paths: Sequence[Path], folder: Path) -> list[Path]:
@@ -68,7 +74,10 @@ def _written(recordings: Sequence[Recording], plan: Map, paths: Sequence[Path], 
     for recording in recordings:
         file = folder / f"{recording.name}.csv"
         try:
-            write_run(file, recording.time, recording.recorded, origin, gaps=True)
+            if recording.time is None:
+                columns.write(file, recording.recorded, origin, gaps=True, allowed=frequency_response.ALLOWED)
+            else:
+                write_run(file, recording.time, recording.recorded, origin, gaps=True)
         except ValueError as error:  # a time or an infinite value, which no unit mends
             raise InputError(
                 plan.path, f"run {recording.number + 1}", None, f"has a bad time or value: {error}"
@@ -81,9 +90,9 @@ def _written(recordings: Sequence[Recording], plan: Map, paths: Sequence[Path], 
     return [*written, description]
 
 
-def _read_back(scratch: Path, folder: Path, written: Sequence[Path]) -> tuple[Run, ...]:
+def _read_back(scratch: Path, folder: Path, written: Sequence[Path]) -> tuple[Run | FrequencyResponse, ...]:
     try:
-        return read_runs(file for file in written if file.name != DESCRIPTION)
+        return read_recordings(file for file in written if file.name != DESCRIPTION)
     except InputError as error:
         file = folder / Path(error.file).name if Path(error.file).parent == scratch else error.file
         raise InputError(file, error.field, error.value, error.remedy) from error

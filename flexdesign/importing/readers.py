@@ -47,7 +47,7 @@ def look(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Contents:  # no
     for path in paths:
         variables, said = _opened(path, dialect)
         if not variables:
-            raise InputError(path, "", None, "holds no array of real numbers")
+            raise InputError(path, "", None, "holds no array of numbers")
         notes += said
         found += [(path, name, variable) for name, variable in variables.items()]
     times = Counter(name for _, name, _ in found)

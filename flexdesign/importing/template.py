@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from flexdesign import columns
 from flexdesign.importing.contents import Contents, Variable
+from flexdesign.importing.mapping import OF_RESPONSES, RESPONSE
 from flexdesign.runs import ALLOWED
 
 #: Words by which programs call the columns of a run, in small letters; a name that begins with one will do.
@@ -16,10 +18,12 @@ WORDS = {
     "u": ("u", "command", "cmd", "input", "dac", "drive", "voltage", "v"),
     "x": ("x", "y", "position", "pos", "displacement", "disp", "output", "sensor"),
 }
+#: The same of a frequency response, whose other column is the first array of complex numbers.
+OF_LINES = {"f": ("f", "freq", "frequency", "frequencies", "hz"), "coherence": ("coherence", "coh")}
 #: Names of scalars that are a sampling rate in Hz.
 RATES = ("fs", "fsamp", "rate", "sample_rate", "samplerate", "samplingrate", "sampling_rate")
 #: The unit that is written where nothing is known.
-USUAL = {"t": "s", "u": "V", "x": "um"}
+USUAL = {"t": "s", "u": "V", "x": "um", "f": "Hz", RESPONSE: "um/V", "coherence": "1"}
 
 
 def template(contents: Contents) -> str:
@@ -34,38 +38,50 @@ def template(contents: Contents) -> str:
         cells = [cell.ljust(width) for cell, width in zip(row, [*widths, 0], strict=True)]
         lines.append(f"#   {'  '.join(cells)}".rstrip())
     lines += ["#", *(f"# {' '.join(note.split())[:110]}" for note in contents.notes)]
-    guesses = _guesses(contents)
+    is_response = any(v.is_complex and v.size > 1 for v in contents.variables.values())
+    guesses = _of_response(contents) if is_response else _guesses(contents, WORDS)
     several = any(np.squeeze(np.empty(v.shape, dtype=bool)).ndim > 1 for v in contents.variables.values())
     lines += [
         "# A map: complete it, then flexdesign import FILES --map map.toml -o FOLDER",
         "",
         f"title = {json.dumps(contents.paths[0].stem)}",
     ]
-    has_time = "t" in guesses or any(v.step for v in contents.variables.values())
+    has_time = is_response or "t" in guesses or any(v.step for v in contents.variables.values())
     if not has_time:
         lines.append(f'rate = "{_rate(contents) or "?"}"  # or map a column t')
     if several:
-        lines.append('axes = ["?", "?"]  # of sample, channel, realisation, period')
+        of = "frequency, channel, input, realisation" if is_response else "sample, channel, realisation, period"
+        lines.append(f'axes = ["?", "?"]  # of {of}')
     lines += ["", "[[run]]", f"name = {json.dumps(contents.paths[0].stem)}", '# kind = "multisine"']
-    for column in ("t", "u", "x") if "t" in guesses else ("u", "x"):
+    optional = {"t", "coherence"} - guesses.keys()
+    for column in ("f", RESPONSE, "coherence") if is_response else ("t", "u", "x"):
+        if column in optional:
+            continue
         lines += ["", f"[run.columns.{column}]", *_column(column, guesses.get(column), contents)]
     return "\n".join(lines) + "\n"
 
 
 def _row(name: str, variable: Variable) -> list[str]:
-    size = "scalar" if int(np.prod(variable.shape)) == 1 else " x ".join(map(str, variable.shape))
+    size = "scalar" if variable.size == 1 else " x ".join(map(str, variable.shape))
+    if variable.is_complex:
+        size = f"{size}, complex"
     unit = f"[{variable.unit}]" if variable.unit else "no unit"
     said = [f"{1 / variable.step:.6g} Hz"] if variable.step else []
-    if int(np.prod(variable.shape)) == 1:
+    if variable.size == 1:
         said.append(f"= {variable.values().item():.6g}")
     return [json.dumps(name, ensure_ascii=False), size, unit, "; ".join([*said, variable.note]).strip("; ")]
 
 
-def _guesses(contents: Contents) -> dict[str, str]:
+def _of_response(contents: Contents) -> dict[str, str]:
+    first = next(name for name, variable in contents.variables.items() if variable.is_complex and variable.size > 1)
+    return {RESPONSE: first, **_guesses(contents, OF_LINES)}
+
+
+def _guesses(contents: Contents, wanted: Mapping[str, Sequence[str]]) -> dict[str, str]:
     """Return the variables that are called as columns are; each for one column."""
     found: dict[str, str] = {}
-    arrays = [name for name, variable in contents.variables.items() if int(np.prod(variable.shape)) > 1]
-    for column, words in WORDS.items():
+    arrays = [name for name, variable in contents.variables.items() if variable.size > 1 and not variable.is_complex]
+    for column, words in wanted.items():
         for name in arrays:
             last = name.replace(":", "/").replace(".", "/").rpartition("/")[2].lower()
             begins = [word for word in words if last == word or (len(word) > 1 and last.startswith(word))]
@@ -79,7 +95,9 @@ def _column(column: str, name: str | None, contents: Contents) -> list[str]:
     variable = contents.variables[name] if name else None
     lines = [f"variable = {json.dumps(name or '?', ensure_ascii=False)}" + ("  # a guess" if name else "")]
     try:
-        columns.si_of(variable.unit if variable else "", ALLOWED[column])
+        if not variable or not variable.unit:
+            raise ValueError("no unit is known")
+        columns.si_of(variable.unit, (OF_RESPONSES if column in OF_RESPONSES else ALLOWED)[column])
     except ValueError:
         stands = f"  # the file says {variable.unit!r}" if variable and variable.unit else ""
         lines.append(f'unit = "?"{stands}' if stands or not variable else f'unit = "?"  # {USUAL[column]}?')
@@ -90,6 +108,10 @@ def _column(column: str, name: str | None, contents: Contents) -> list[str]:
 
 def _rate(contents: Contents) -> str:
     for name, variable in contents.variables.items():
-        if name.replace(":", ".").rpartition(".")[2].lower() in RATES and int(np.prod(variable.shape)) == 1:
+        if (
+            name.replace(":", ".").rpartition(".")[2].lower() in RATES
+            and variable.size == 1
+            and not variable.is_complex
+        ):
             return f"{variable.values().item():.12g} Hz"
     return ""

@@ -17,7 +17,7 @@ class Observation(Protocol):
         """Name of the observation, e.g. its file's stem."""
 
     @property
-    def role(self) -> Literal["identify", "validate"]:
+    def role(self) -> Literal["identify", "validate", "test"]:
         """Whether a fit may see it."""
 
     def measured(self) -> Any:

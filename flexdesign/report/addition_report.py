@@ -20,7 +20,7 @@ from flexdesign.report import diagnosis_report as reports
 from flexdesign.report import diagnosis_words as said
 from flexdesign.report import published_rows, response_pages, simulation_report
 from flexdesign.report.document import Document, Figure, Section, Table
-from flexdesign.report.identification_report import SHOWN
+from flexdesign.report.identification_report import shown_in
 from flexdesign.report.simulation_charts import Curve, panels
 from flexdesign.simulation import Case, Simulation
 from flexdesign.trajectory import Step
@@ -31,7 +31,8 @@ ROUNDING = 1e-12
 
 def ladder_of(found: Added) -> Table:
     """Return the error ladder."""
-    return reports.ladder(found.ladder, found.noise, found.noise_floor, said.response(found))
+    size = response_pages.line_size(found)
+    return reports.ladder(found.ladder, found.noise, found.noise_floor, said.response(found), size)
 
 
 def summary(found: Added) -> list[str]:
@@ -67,7 +68,7 @@ def document(found: Added, loop: InTheLoop) -> Document:
         Section("Its numbers", _caveats(found), [reports.values_table(found.values)]),
         Section("In the loop", *_loop(found, loop)),
         *_in_time(stands, kinds),
-        *response_pages.section([(n, s.responses) for n, s in stands], axis.response, axis.natural_frequency),
+        *response_pages.section([(n, s.responses) for n, s in stands], axis.shown, axis.natural_frequency),
         Section("The model's own numbers", [], [reports.numbers_table(axis, found.calibration)]),
         Section("Noise", reports.noise_text(found.noise, found.noise_floor, said.response(found))),
     ]
@@ -167,8 +168,8 @@ def _telling(simulation: Simulation, axis: str) -> list[tuple[Case, Case]]:
 
 def _side_by_side(found: Added, pair: tuple[Case, Case]) -> Figure:
     """Draw the motion without and with the effect, and how far each is from what was asked for."""
-    si = found.before.axes[found.axis].response
-    large = SHOWN[si][0]
+    si = found.before.axes[found.axis].shown
+    large = shown_in(si)[0]
     scale, unit, first = units.factor(large, si), words.sign(large), pair[0]
     names = ("without", variant(found.name))
     motions, errors = [], []

@@ -16,7 +16,7 @@ from flexdesign.report import comparison_words as words
 from flexdesign.report import residual_charts as charts
 from flexdesign.report import response_pages
 from flexdesign.report.document import Document, Figure, Section, Table
-from flexdesign.report.identification_report import SHOWN, SLOW
+from flexdesign.report.identification_report import SLOW, shown_in
 from flexdesign.report.residual_charts import Bars, Trace
 from flexdesign.report.simulation_charts import Curve, panels
 
@@ -46,7 +46,7 @@ def errors(found: Comparison) -> Table:
         for run in found.runs
     ]
     heads = ["run", "role", "rms error", "largest", "of stroke", "R²", "noise floor", "rms / floor"]
-    large = SHOWN[found.response][0]
+    large = shown_in(found.response)[0]
     stroke = units.to_text(found.runs[0].stroke, large, 3, si=found.response).replace(large, words.sign(large))
     floor = "noise floor" if found.noise.known else "floor (guess)"
     heads[6] = floor
@@ -159,7 +159,7 @@ def _shares(found: Comparison) -> Figure:
 
 
 def _pictures(found: Comparison, traces: Sequence[Trace]) -> list[Figure]:
-    large, small = SHOWN[found.response]
+    large, small = shown_in(found.response)
     factor = units.factor(large, found.response) / units.factor(small, found.response)
     frequencies = charts.octaves(traces)
     scale = units.factor(large, found.response)
@@ -193,7 +193,7 @@ def _pictures(found: Comparison, traces: Sequence[Trace]) -> list[Figure]:
 
 
 def _figures(found: Comparison, run: RunComparison) -> list[Figure]:
-    large, small = SHOWN[found.response]
+    large, small = shown_in(found.response)
     scale, fine = units.factor(large, found.response), units.factor(small, found.response)
     compared = np.isfinite(run.measured)
     t, measured, predicted = run.time[compared], run.measured[compared] / scale, run.predicted[compared] / scale
@@ -225,7 +225,7 @@ def shows_a_loop(run: RunComparison, frequency: float) -> bool:
 
 
 def _trace(found: Comparison, run: RunComparison) -> Trace:
-    scale = units.factor(SHOWN[found.response][0], found.response)
+    scale = units.factor(shown_in(found.response)[0], found.response)
     period = float(run.time[-1] - run.time[0]) / (len(run.time) - 1)
     return Trace(run.name, period, run.command, run.measured / scale, run.predicted / scale, run.floor / scale)
 

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 from flexdesign import units
 from flexdesign.comparison import Breakdown, Comparison, Part
-from flexdesign.report.identification_report import SHOWN
+from flexdesign.report.identification_report import shown_in
+from flexdesign.stage_model import Shown
 
 #: A breakdown with less contrast than this says that all parts are alike.
 ALIKE = 0.1
@@ -102,7 +103,8 @@ def limit(value: float, si: str, size: float | None = None) -> str:
     if si == "s":
         unit = "s" if size >= 1 else "ms" if size >= 1e-3 else "us"
     else:
-        unit = "mV" if si == "V" and 0 < size < 1 else {"m": "um", "rad": "urad"}.get(si, si)
+        usual = "mV" if si == "V" and 0 < size < 1 else {"m": "um", "rad": "urad"}.get(si, si)
+        unit = (si.unit if isinstance(si, Shown) else "") or usual
     number = f"{value / units.factor(unit, si):.{2 if si == 'Hz' else 3}g}"
     return f"{float(number):g} {sign(unit)}"
 
@@ -120,12 +122,13 @@ def between(low: float, high: float, si: str) -> str:
 def error(response: str, value: float, digits: int = 3) -> str:
     """Write an error in the unit that suits it.
 
-    >>> error("m", 1.754e-6), error("m", 46.4e-9, 2)
-    ('1.75 µm', '46 nm')
+    >>> error("m", 1.754e-6), error("m", 46.4e-9, 2), error(Shown("m", "mm"), 46.4e-6, 2)
+    ('1.75 µm', '46 nm', '0.046 mm')
     """
-    small = SHOWN[response][1]
-    finer = FINER[small.removesuffix("/V")] + ("/V" if small.endswith("/V") else "")
-    unit = finer if 0 < abs(value) < 0.1 * units.factor(small, response) else small
+    small = shown_in(response)[1]
+    unit = small
+    if not (isinstance(response, Shown) and response.unit) and 0 < abs(value) < 0.1 * units.factor(small, response):
+        unit = FINER[small.removesuffix("/V")] + ("/V" if small.endswith("/V") else "")
     return units.to_text(value, unit, digits, si=response).replace(unit, sign(unit))
 
 

@@ -14,13 +14,13 @@ from flexdesign.comparison import Comparison, RunComparison
 from flexdesign.diagnosis import Rung
 from flexdesign.diagnosis.standing import Judged
 from flexdesign.model import Block, Socket
-from flexdesign.report import comparison_report
+from flexdesign.report import comparison_report, response_pages
 from flexdesign.report import comparison_words as words
 from flexdesign.report import diagnosis_charts as drawings
 from flexdesign.report import diagnosis_words as said
 from flexdesign.report import residual_charts as charts
 from flexdesign.report.document import Figure, Section
-from flexdesign.report.identification_report import SHOWN
+from flexdesign.report.identification_report import shown_in
 from flexdesign.report.residual_charts import Bars, Trace
 
 Array = NDArray[np.float64]
@@ -64,12 +64,17 @@ def pictures(names: Sequence[str]) -> list[str]:
 
 def ladder_figure(found: Judged, rungs: Sequence[Rung], floor: float) -> Figure:
     """Draw the error ladder."""
+    caption = f"Error of {said.judged_on(said.recorded(found))}, step by step"
+    if math.isfinite(line := response_pages.line_size(found)):
+        steps = [drawings.Step(said.label(r), 100 * r.error / line, words.percent(r.error / line)) for r in rungs]
+        drawn = drawings.ladder(steps, 100 * floor / line, words.percent(floor / line), "% of the line")
+        return Figure("ladder.svg", drawn, caption)
     si = said.response(found)
-    small = SHOWN[si][1]
+    small = shown_in(si)[1]
     factor = units.factor(small, si)
     steps = [drawings.Step(said.label(r), r.error / factor, words.error(si, r.error)) for r in rungs]
     drawn = drawings.ladder(steps, floor / factor, words.error(si, floor, 2), words.sign(small))
-    return Figure("ladder.svg", drawn, f"Error of {said.judged_on(said.recorded(found))}, step by step")
+    return Figure("ladder.svg", drawn, caption)
 
 
 def where_text(stands: Sequence[tuple[str, Comparison]]) -> list[str]:
@@ -105,7 +110,7 @@ def run_figures(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
     """Draw runs that no fit has seen, or the others if there are none, beside what each model predicts."""
     first = stands[0][1]
     kept = [run.name for run in first.runs if run.role == "validate"] or [run.name for run in first.runs]
-    large, small = SHOWN[first.response]
+    large, small = shown_in(first.response)
     scale, factor = units.factor(large, first.response), finer(first.response)
     labels = (f"{first.axis} [{words.sign(large)}]", f"left [{words.sign(small)}]")
     made = []
@@ -148,7 +153,7 @@ def _run_caption(stands: Sequence[tuple[str, Comparison]], runs: Sequence[RunCom
 
 def _picture(kind: str, stand: Comparison, name: str, suffix: str) -> Figure | None:
     """Draw one kind of picture of what a model leaves; None where the runs have nothing for it."""
-    large, small = (words.sign(unit) for unit in SHOWN[stand.response])
+    large, small = (words.sign(unit) for unit in shown_in(stand.response))
     traces, factor = [_trace(stand, run) for run in stand.runs], finer(stand.response)
     drawn: bytes | None
     if kind == "steps":
@@ -156,7 +161,7 @@ def _picture(kind: str, stand: Comparison, name: str, suffix: str) -> Figure | N
     elif kind == "position":
         drawn = charts.over_position(traces, large, small, factor)
     else:
-        scale = units.factor(SHOWN[stand.response][0], stand.response)
+        scale = units.factor(shown_in(stand.response)[0], stand.response)
         frequencies = charts.octaves(traces)
         noise = [
             np.where(frequencies <= 0.5 / run.period, stand.noise.density(run, frequencies) / scale**2, np.nan)
@@ -176,7 +181,7 @@ def _loops(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
         return []
     runs = [next(run for run in stand.runs if run.name == slow) for _, stand in stands]
     there = np.logical_and.reduce([np.isfinite(run.measured) for run in runs]) & _last_turns(runs[0].command)
-    small = SHOWN[first.response][1]
+    small = shown_in(first.response)[1]
     scale = units.factor(small, first.response)
     left = [(name, run.residual[there] / scale) for (name, _), run in zip(stands, runs, strict=True)]
     drawn = drawings.loop(runs[0].command[there], left, f"left [{words.sign(small)}]")
@@ -203,14 +208,14 @@ def _bars(stand: Comparison) -> list[Bars]:
 
 
 def _trace(stand: Comparison, run: RunComparison) -> Trace:
-    scale = units.factor(SHOWN[stand.response][0], stand.response)
+    scale = units.factor(shown_in(stand.response)[0], stand.response)
     period = float(run.time[-1] - run.time[0]) / (len(run.time) - 1)
     return Trace(run.name, period, run.command, run.measured / scale, run.predicted / scale, run.floor / scale)
 
 
 def finer(si: str) -> float:
     """Return how many of the units for small things one for large things is."""
-    large, small = SHOWN[si]
+    large, small = shown_in(si)
     return units.factor(large, si) / units.factor(small, si)
 
 

@@ -34,31 +34,38 @@ OVER_FREQUENCY = ("magnitude near", "phase near")
 
 def ladder_of(found: Diagnosis) -> Table:
     """Return the error ladder of a diagnosis."""
-    return ladder(found.ladder, found.noise, found.noise_floor, said.response(found))
+    size = response_pages.line_size(found)
+    return ladder(found.ladder, found.noise, found.noise_floor, said.response(found), size)
 
 
-def ladder(rungs: Sequence[Rung], noise: NoiseFloor, floor: float, si: str) -> Table:
-    """Return the error ladder, the noise floor as its last line."""
+def ladder(rungs: Sequence[Rung], noise: NoiseFloor, floor: float, si: str, line: float = math.nan) -> Table:
+    """Return the error ladder, the noise floor as its last line, with shares of lines if their size `line` is given."""
     rows = [[said.label(rung), words.error(si, rung.error), units.significant(rung.error / floor, 3)] for rung in rungs]
     rows.append([f"noise floor: {noise.source if noise.known else 'a guess'}", words.error(si, floor, 2), "1"])
-    return Table(["model", "rms error", "over the noise"], rows)
+    if not math.isfinite(line):
+        return Table(["model", "rms error", "over the noise"], rows)
+    shares = [words.percent(error / line) for error in (*(rung.error for rung in rungs), floor)]
+    rows = [[name, share, *rest] for (name, *rest), share in zip(rows, shares, strict=True)]
+    caption = "Over the lines that judge, each weighted by its noise"
+    return Table(["model", "of the line", "rms error", "over the noise"], rows, caption)
 
 
 def candidates(found: Diagnosis) -> Table:
     """Return every effect that was tried, with what it leaves and why it was taken or not."""
-    si = said.response(found)
+    si, line = said.response(found), response_pages.line_size(found)
     rows = [
         [
             " + ".join(said.called(name) for name in tried.names),
             " + ".join(said.called(name) for name in tried.beside) or "–",
-            words.error(si, tried.error),
+            words.percent(tried.error / line) if math.isfinite(line) else words.error(si, tried.error),
             units.significant(tried.evidence, 3) if tried.evidence > 0 else "none",
             tried.outcome.replace("_", " "),
         ]
         for tried in found.candidates
     ]
     caption = "Error of the runs kept apart; evidence in multiples of what chance gives the best of the catalogue"
-    return Table(["effect", "beside", "rms error", "evidence", "outcome"], rows, caption)
+    error = "error, of the line" if math.isfinite(line) else "rms error"
+    return Table(["effect", "beside", error, "evidence", "outcome"], rows, caption)
 
 
 def document(found: Diagnosis, tellings: Sequence[Telling]) -> Document:
@@ -80,7 +87,7 @@ def document(found: Diagnosis, tellings: Sequence[Telling]) -> Document:
     sections = [
         Section("The error ladder", _ladder_text(found), [ladder_of(found)], [bars]),
         *in_time(stands, _runs_text(found), kinds),
-        *response_pages.section([(n, s.responses) for n, s in stands], axis.response, axis.natural_frequency),
+        *response_pages.section([(n, s.responses) for n, s in stands], axis.shown, axis.natural_frequency),
         *(_effect(named) for named in found.effects),
         Section("What was tried", _tried_text(found), [candidates(found)] if found.candidates else []),
         *_apart(found, tellings),
@@ -109,6 +116,7 @@ def result(found: Diagnosis, tellings: Sequence[Telling]) -> dict[str, Any]:
         "ladder": ladder_json(found.ladder, si),
         "noise_floor": noise_json(found.noise, found.noise_floor, si),
         "validation_error": _number(found.validation_error, si),
+        **({"line_size": _number(response_pages.line_size(found), si)} if not found.runs else {}),
         "remainder": found.remainder,
         "rival": {
             "gain": found.rival.gain,

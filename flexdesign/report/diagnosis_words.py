@@ -40,6 +40,7 @@ def called(name: str) -> str:
 def verdict(found: Diagnosis) -> str:
     """Return the verdict in a sentence or two."""
     error, floor = words.error(response(found), found.validation_error), _floor(found)
+    error += of_line(found, found.validation_error)
     runs = judged_on(recorded(found))
     if found.verdict == "nothing-missing":
         return f"Nothing is missing. Recalibrated, the model misses {runs} by {error} rms; the noise is {floor}."
@@ -133,8 +134,14 @@ def judged_on(runs: Sequence[Run | FrequencyResponse]) -> str:
 
 def response(found: Judged) -> str:
     """Return the SI unit of errors: that of the response, per volt where there are frequency responses alone."""
-    unit = found.before.axes[found.axis].response
-    return unit if found.runs else f"{unit}/V"
+    shown = found.before.axes[found.axis].shown
+    return shown if found.runs else shown.per_volt
+
+
+def of_line(found: Judged, error: float) -> str:
+    """Return an error of frequency responses as a share of the line, in brackets; nothing where runs judge."""
+    size = response_pages.line_size(found)
+    return f" ({words.percent(error / size)} of the line)" if math.isfinite(size) else ""
 
 
 def recorded(found: Judged) -> Sequence[Run | FrequencyResponse]:
@@ -181,7 +188,7 @@ def _alternatives(found: Diagnosis, name: str) -> str:
 
 
 def _floor(found: Diagnosis) -> str:
-    floor = words.error(response(found), found.noise_floor, 2)
+    floor = words.error(response(found), found.noise_floor, 2) + of_line(found, found.noise_floor)
     return floor if found.noise.known else f"unknown ({floor} guessed)"
 
 

@@ -16,14 +16,20 @@ from flexdesign.files import FORMAT
 from flexdesign.identification import Identification, RunMatch
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.simulation_charts import Curve, panels
-from flexdesign.stage_model import StageModel, to_toml
+from flexdesign.stage_model import Shown, StageModel, to_toml
 
-#: In which unit a response is shown, and in which what is left of it.
-SHOWN = {"m": ("um", "um"), "V": ("V", "mV"), "rad": ("urad", "urad")}
-#: The same per volt, for frequency responses alone.
-SHOWN |= {f"{si}/V": (f"{large}/V", f"{small}/V") for si, (large, small) in SHOWN.items()}
 #: A command that moves less than this share of its span in a period of the mode is slow: then a loop is drawn.
 SLOW = 0.1
+
+
+def shown_in(response: str) -> tuple[str, str]:
+    """Return in which unit a response is shown, and in which its errors are.
+
+    >>> shown_in("V"), shown_in(Shown("rad", "mrad"))
+    (('V', 'mV'), ('mrad', 'mrad'))
+    """
+    shown = response if isinstance(response, Shown) else Shown(response)
+    return shown.large, shown.small
 
 
 def estimates(found: Identification) -> Table:
@@ -44,12 +50,12 @@ def estimates(found: Identification) -> Table:
 
 def matches(found: Identification) -> Table:
     """Return what the model leaves of every run, before and after."""
-    unit = SHOWN[found.response][1]
+    unit = shown_in(found.response)[1]
     rows = [
         [
             run.name,
             run.role,
-            units.to_text(run.span, SHOWN[found.response][0], si=found.response),
+            units.to_text(run.span, shown_in(found.response)[0], si=found.response),
             units.to_text(found.before_errors[run.name], unit, 3, si=found.response),
             units.to_text(run.rms, unit, 3, si=found.response),
             f"{100 * run.error:.3g} %" if math.isfinite(run.error) else "–",
@@ -100,7 +106,7 @@ def document(found: Identification) -> Document:
 def summary(found: Identification) -> list[str]:
     """Return the answer in a few sentences."""
     seen = [run for run in found.runs if run.role == "identify"]
-    kept = [run for run in found.runs if run.role == "validate"]
+    kept = [run for run in found.runs if run.role != "identify"]
     text = f"{_listed([e.name for e in found.estimates])} fitted to {_listed([run.name for run in seen])}: "
     text += f"what is left is {_range(found, seen)}"
     text += f"; of runs that the fit did not see, {_range(found, kept)}." if kept else "."
@@ -176,7 +182,7 @@ def _remarks(found: Identification) -> list[str]:
 
 
 def _figures(found: Identification, run: RunMatch) -> list[Figure]:
-    large, small = SHOWN[found.response]
+    large, small = shown_in(found.response)
     scale, fine = units.factor(large, found.response), units.factor(small, found.response)
     compared = np.isfinite(run.measured)
     t, measured = run.time[compared], run.measured[compared] / scale
@@ -245,7 +251,7 @@ def _json(found: Identification, estimate: Estimate) -> dict[str, Any]:
 
 
 def _range(found: Identification, runs: list[RunMatch]) -> str:
-    errors, unit = sorted(run.rms for run in runs), SHOWN[found.response][1]
+    errors, unit = sorted(run.rms for run in runs), shown_in(found.response)[1]
     low, high = (units.to_text(error, unit, 3, si=found.response) for error in (errors[0], errors[-1]))
     shares = sorted(100 * run.error for run in runs if math.isfinite(run.error))
     if not shares:

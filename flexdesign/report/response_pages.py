@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,7 +15,7 @@ from flexdesign.diagnosis.standing import Judged, compared
 from flexdesign.report import comparison_words as words
 from flexdesign.report.document import Figure, Section, Table
 from flexdesign.report.frequency_charts import Line, measured_bode
-from flexdesign.report.identification_report import SHOWN
+from flexdesign.report.identification_report import shown_in
 
 Array = NDArray[np.float64]
 #: A model by what it is called, and what it leaves of every frequency response.
@@ -85,7 +86,7 @@ def section(stands: Sequence[Stand], response: str, natural_frequency: float) ->
 
 def figures(stands: Sequence[Stand], response: str) -> list[Figure]:
     """Draw every frequency response beside what each model predicts."""
-    large = SHOWN[response][0]
+    large = shown_in(response)[0]
     scale, made = units.factor(large, response), []
     for number, each in enumerate(stands[0][1]):
         there = np.isfinite(each.measured)
@@ -122,6 +123,19 @@ def result(responses: Sequence[ResponseComparison], response: str) -> list[dict[
         }
         for each in responses
     ]
+
+
+def line_size(found: Judged) -> float:
+    """Return the size of the lines that judge, each weighted by its noise as in the error ladder [response/V].
+
+    Errors of the ladder over this are shares of the line, and below one where the model explains anything. NaN where
+    runs in time judge.
+    """
+    if found.runs:
+        return math.nan
+    judging = [each for each in found.responses if each.role == "validate"] or found.responses
+    sizes = [each.measured() * found.noise.rms[each.name] / found.lines[each.name].of_values for each in judging]
+    return float(np.sqrt(np.nanmean(np.concatenate(sizes) ** 2)))
 
 
 def before_and_after(found: Judged) -> dict[str, Any]:

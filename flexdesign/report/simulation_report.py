@@ -157,7 +157,8 @@ def _experiment(simulation: Simulation, experiment: Experiment) -> Section:
     paragraphs = [text for text in (experiment.note, *_gathered(cautions), *skipped) if text]
     tables = [_measured(cases), _others(cases), _loops(cases)]
     title = f"{experiment.name}: {experiment.title}" if experiment.title else experiment.name
-    return Section(title, paragraphs, [t for t in tables if t.rows], simulation_figures.draw(experiment, cases))
+    unit = simulation.model.axes[experiment.axes[0]].shown.large
+    return Section(title, paragraphs, [t for t in tables if t.rows], simulation_figures.draw(experiment, cases, unit))
 
 
 def _gathered(cautions: Sequence[str]) -> list[str]:

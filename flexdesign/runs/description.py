@@ -17,7 +17,7 @@
     [[run]]
     file = "multisine.csv"
     kind = "multisine"
-    role = "identify"
+    role = "identify"                     # fitted; or "validate" (chooses the model), "test" (neither, only its error)
     closed_loop = false
     conditions = { payload = "50 g", temperature = "23 degC" }
     [[run]]

@@ -267,7 +267,7 @@ def split_lines(responses: Sequence[FrequencyResponse]) -> tuple[FrequencyRespon
     every fourth line of each is: both halves are the whole response with NaN where the other half counts, and are
     called ``NAME:identify`` and ``NAME:validate``.
     """
-    if any(each.role_is_stated or each.role == "validate" for each in responses):
+    if any(each.role_is_stated or each.role != "identify" for each in responses):
         return tuple(responses)
     alike: dict[tuple[object, ...], list[str]] = {}
     for each in responses:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Role = Literal["identify", "validate"]
+Role = Literal["identify", "validate", "test"]
 Between = Literal["linear", "hold", "smooth"]
 CommandIs = Literal["dac", "stack", "monitor"]
 
@@ -60,7 +60,8 @@ class Run:
         What the command does between its samples: goes straight to the next (``linear``), waits (``hold``), or goes as
         a signal without content near the Nyquist frequency must (``smooth``).
     role
-        Whether a fit may see it.
+        What it is for: ``identify`` is fitted; ``validate`` is not fitted, but used to choose between models; ``test``
+        is used for neither, so that its error is an unbiased estimate of the error on new runs.
     kind
         What the experiment is, in words: ``multisine``, ``quiet``; empty if nobody said.
     command_is

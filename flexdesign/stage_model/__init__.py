@@ -11,6 +11,7 @@ gain are those with the actuators installed: stack and seats in series, in place
 from flexdesign.stage_model.axis import ActuatorData, AxisModel, Contradiction, Driver, Mode, Sensor
 from flexdesign.stage_model.model import ControllerTiming, Coupling, StageModel
 from flexdesign.stage_model.reading import changed, find, read
+from flexdesign.stage_model.shown import Shown
 from flexdesign.stage_model.writing import to_toml
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "Driver",
     "Mode",
     "Sensor",
+    "Shown",
     "StageModel",
     "changed",
     "find",

@@ -6,6 +6,8 @@ import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 
+from flexdesign.stage_model.shown import Shown
+
 #: How far a stated natural frequency may be from that of mass and stiffness, relative: each may be off by half a unit
 #: in the third digit, 0.5 %, and half of mass's and stiffness's errors add to the frequency's own.
 AGREEMENT = 0.01
@@ -96,12 +98,13 @@ class Sensor:
 
 @dataclass(frozen=True)
 class ActuatorData:
-    """The piezo stacks of an axis, each as its data sheet has it.
+    """What drives an axis: piezo stacks, each as its data sheet has it, or another actuator as far as that applies.
 
     Parameters
     ----------
     free_stroke, voltage_range
-        Extension when nothing holds it [m], and the voltages between which it is reached [V].
+        Extension when nothing holds it [`stroke_si`], None if unknown, and the voltages between which it is reached
+        [V].
     stiffness, contact_stiffness
         Of the stack alone, and of both its seats together, in series with it [N/m].
     capacitance
@@ -110,15 +113,18 @@ class ActuatorData:
         Compressive force at rest [N].
     count
         How many stacks work in parallel on this axis.
+    stroke_si
+        SI unit of the free stroke: a length, or the unit of the axis' response.
     """
 
-    free_stroke: float
+    free_stroke: float | None = None
     voltage_range: tuple[float, float] | None = None
     stiffness: float | None = None
     capacitance: float | None = None
     preload: float | None = None
     contact_stiffness: float | None = None
     count: int = 1
+    stroke_si: str = "m"
 
 
 @dataclass(frozen=True)
@@ -134,6 +140,8 @@ class AxisModel:
         such a model can be written, for people to complete, but not read.
     response
         SI unit of what is measured: ``"m"``, ``"rad"``, or ``"V"`` for an electronic analogue.
+    unit
+        That in which people want to read it, such as ``"mrad"``; empty for the usual ones.
     mass, stiffness
         Lumped at the output [kg], [N/m]; together they give `natural_frequency`. Both or none.
     modes
@@ -164,6 +172,7 @@ class AxisModel:
     damping_ratio: float
     gain: float
     response: str = "m"
+    unit: str = ""
     mass: float | None = None
     stiffness: float | None = None
     modes: tuple[Mode, ...] = ()
@@ -191,6 +200,11 @@ class AxisModel:
         if self.main_share <= 0:
             given = f"{100 * (1 - self.main_share):.4g} %"
             raise Contradiction("modes", f"carry {given} of the response; something must be left to the main mode")
+
+    @property
+    def shown(self) -> Shown:
+        """The SI unit of the response, which knows in which units sizes of it are written."""
+        return Shown(self.response, self.unit)
 
     @property
     def main_share(self) -> float:

@@ -14,6 +14,8 @@ from flexdesign.files import Bounds
 RESPONSES = {"m": ("nm", "um"), "rad": ("nrad", "urad"), "V": ("mV", "V")}
 #: More digits than these say nothing of a stage; see `StageModel.to_toml`.
 DIGITS = 7
+#: Free strokes are smaller than that [m], [rad] or [V].
+LONGEST_STROKE = 1e3
 #: Hysteresis laws with |z|^n, z in the unit of the response: their exponent, and the rates whose unit depends on it.
 POWER_LAWS = {"bouc_wen": ("n", ("b", "c")), "hysteretic_spring": ("nu", ("gamma", "delta"))}
 
@@ -138,30 +140,49 @@ DRIVER: Fields = {
     "slew": Number("V/s", 0.0, 1e12, exclusive=True, unit="V/s", infinite=True),
     "limits": _VOLTS,
 }
-ACTUATOR: Fields = {
-    "free_stroke": Number("m", 0.0, 0.1, exclusive=True, unit="um"),
-    "voltage_range": _VOLTS,
-    "stiffness": _STIFFNESS,
-    "contact_stiffness": _STIFFNESS,
-    "capacitance": Number("F", 0.0, 1.0, exclusive=True, unit="uF"),
-    "preload": Number("N", 0.0, 1e6, unit="N"),
-    "count": Count("1", 1, 100),
-}
 CONTROLLER: Fields = {"rate": _frequency(1e7), "delay": Number("s", 0.0, 10.0, unit="ms")}
 RELATIVE = Number("1", 0.0, 1e4, unit="%")
 
 
-def axis(response: str) -> Fields:
-    """Return the single numbers of an axis that responds in the SI unit `response`."""
+def axis(response: str, unit: str = "") -> Fields:
+    """Return the single numbers of an axis that responds in the SI unit `response`, and is written in `unit`."""
     return {
         "natural_frequency": _frequency(1e7),
         "mass": Number("kg", 0.0, 1e6, exclusive=True, unit="g"),
         "stiffness": Number("N/m", 0.0, 1e15, exclusive=True, unit="N/mm"),
         "damping_ratio": _DAMPING,
-        "gain": Number(f"{response}/V", -1e6, 1e6, unit=f"{RESPONSES[response][1]}/V", nonzero=True),
+        "gain": Number(f"{response}/V", -1e6, 1e6, unit=f"{unit or RESPONSES[response][1]}/V", nonzero=True),
         "input_stiffness": _STIFFNESS,
         "amplification": Number("1", -1e6, 1e6, nonzero=True),
     }
+
+
+def actuator(stroke: str = "m") -> Fields:
+    """Return the fields of an actuator whose free stroke is in the SI unit `stroke`."""
+    return {
+        "free_stroke": Number(stroke, 0.0, LONGEST_STROKE, exclusive=True, unit=RESPONSES[stroke][1]),
+        "voltage_range": _VOLTS,
+        "stiffness": _STIFFNESS,
+        "contact_stiffness": _STIFFNESS,
+        "capacitance": Number("F", 0.0, 1.0, exclusive=True, unit="uF"),
+        "preload": Number("N", 0.0, 1e6, unit="N"),
+        "count": Count("1", 1, 100),
+    }
+
+
+def stroke_of(given: object, response: str) -> str:
+    """Return the SI unit of a free stroke, as a file has it, on an axis that responds in the SI unit `response`.
+
+    A stack pushes along a length whatever the axis does; what drives an axis directly may be told by its response.
+
+    >>> stroke_of("40 um", "rad"), stroke_of("2 mrad", "rad"), stroke_of("2 mrad", "m")
+    ('m', 'rad', 'm')
+    """
+    try:
+        units.from_text(given, "m")
+    except ValueError:
+        return response
+    return "m"
 
 
 def sensor(response: str) -> Fields:

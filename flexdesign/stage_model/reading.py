@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from flexdesign import effects, files, shipped
+from flexdesign import effects, files, shipped, units
 from flexdesign.errors import InputError, suggest
 from flexdesign.part import is_file
-from flexdesign.stage_model import fields
+from flexdesign.stage_model import fields, shown
 from flexdesign.stage_model.axis import ActuatorData, AxisModel, Contradiction, Driver, Mode, Sensor, lumped_frequency
 from flexdesign.stage_model.fields import Field, Fields
 from flexdesign.stage_model.model import ControllerTiming, Coupling, StageModel
@@ -20,7 +20,7 @@ from flexdesign.stage_model.writing import to_toml
 
 #: Tables and lists of an axis, beside its single numbers.
 _TABLES = ("hysteresis", "effects", "modes", "driver", "sensor", "actuator", "uncertainty", "sources")
-_PIECES = (*_TABLES, "assumed", "fitted")
+_PIECES = (*_TABLES, "unit", "assumed", "fitted")
 
 
 class _StageFile(files.Table):
@@ -194,11 +194,12 @@ def _axis(given: object, place: _Place) -> AxisModel:
         axis = AxisModel(
             **numbers,
             response=response,
+            unit=_unit(table.get("unit", ""), response, place.at("unit")),
             modes=_modes(table.get("modes", []), place.at("modes")),
             effects=_effects(table, response, place),
             driver=Driver(**place.at("driver").read(table.get("driver", {}), fields.DRIVER)),
             sensor=Sensor(**place.at("sensor").read(table.get("sensor", {}), fields.sensor(response))),
-            actuator=_actuator(table["actuator"], place.at("actuator")) if "actuator" in table else None,
+            actuator=_actuator(table.get("actuator", {}), response, place.at("actuator")),
         )
     except Contradiction as error:
         raise place.at(error.field).refused(table.get(error.field), error.remedy) from None
@@ -210,6 +211,17 @@ def _lumped(numbers: Mapping[str, float]) -> float:
     return lumped_frequency(numbers["mass"], numbers["stiffness"]) if both else float("nan")  # refused with the axis
 
 
+def _unit(given: object, response: str, place: _Place) -> str:
+    """Return the unit in which an axis is to be reported."""
+    unit = place.number(given, fields.Text())
+    try:
+        units.factor(unit or response, response)
+    except ValueError as error:
+        usual = " or ".join(dict.fromkeys((*fields.RESPONSES[response], *shown.USUAL[response])))
+        raise place.refused(given, f"{error}; the gain is per volt of it: write for example {usual}") from None
+    return str(unit)
+
+
 def _modes(given: object, place: _Place) -> tuple[Mode, ...]:
     if not isinstance(given, list):
         raise place.refused(given, f"expected one table for each further mode: [[{place.name}]]")
@@ -217,8 +229,10 @@ def _modes(given: object, place: _Place) -> tuple[Mode, ...]:
     return tuple(Mode(**mode) for mode in found)
 
 
-def _actuator(given: object, place: _Place) -> ActuatorData:
-    return ActuatorData(**place.read(given, fields.ACTUATOR, ["free_stroke"]))
+def _actuator(given: object, response: str, place: _Place) -> ActuatorData | None:
+    table = place.table(given)
+    stroke = fields.stroke_of(table["free_stroke"], response) if "free_stroke" in table else "m"
+    return ActuatorData(**place.read(table, fields.actuator(stroke)), stroke_si=stroke) if table else None
 
 
 def _provenance(axis: AxisModel, given: Mapping[str, Any], place: _Place) -> AxisModel:

@@ -66,8 +66,10 @@ def _named(name: str, ways: Mapping[str, str]) -> str:
 
 
 def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]:
-    gain = fields.axis(axis.response)["gain"]
+    gain = fields.axis(axis.response, axis.unit)["gain"]
     yield from ("", f"[{place}]")
+    if axis.unit:
+        yield f"unit = {_TEXT.write(axis.unit)}"
     for name, text in _numbers(axis):
         comment = "assumed: neither computed nor measured" if name in axis.assumed else _comment(name, axis)
         yield f"{f'{name} = {text}':<{_COLUMN}}# {comment}" if comment else f"{name} = {text}"
@@ -90,9 +92,10 @@ def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]
         yield f"fitted = [{', '.join(map(_TEXT.write, axis.fitted))}]"
     for mode in axis.modes:
         yield from _table(place + ".modes", mode, fields.MODE, "[[{}]]")
-    for key in ("actuator", "driver", "sensor"):
-        known = {"actuator": fields.ACTUATOR, "driver": fields.DRIVER, "sensor": fields.sensor(axis.response)}[key]
-        yield from _table(f"{place}.{key}", getattr(axis, key), known)
+    actuator = fields.actuator(axis.actuator.stroke_si if axis.actuator else "m")
+    known = {"actuator": actuator, "driver": fields.DRIVER, "sensor": fields.sensor(axis.response)}
+    for key in known:
+        yield from _table(f"{place}.{key}", getattr(axis, key), known[key])
     for name, effect in axis.effects.items():
         if name != "bouc_wen":
             yield from ("", f"[{place}.effects.{_key(_named(name, ways))}]")
@@ -104,7 +107,7 @@ def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]
 
 def _numbers(axis: AxisModel) -> Iterator[tuple[str, str]]:
     """Yield the single numbers that say something, as TOML; the frequency only where mass and stiffness do not."""
-    for name, field in fields.axis(axis.response).items():
+    for name, field in fields.axis(axis.response, axis.unit).items():
         value = getattr(axis, name)
         if value is None or math.isnan(value):
             continue

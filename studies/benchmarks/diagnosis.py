@@ -69,7 +69,7 @@ def timed(case: cases.Case, here: Path) -> tuple[float, str]:
 def case_of(name: str) -> cases.Case:
     """Return a case by the name of what is hidden, or by its number in the trial."""
     if name.isdigit():
-        return cases.make(int(name), runs)
+        return cases.make(int(name), drawn=runs)
     rng = np.random.default_rng(cases.SEED)
     driven = runs(rng, STAGE, held=False)
     return cases.record(rng, STAGE, BELIEVED, HIDDEN[name], driven, NOISE * STAGE.stroke, POLES)

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from studies.hidden_effect_trial import trial
+from studies.hidden_effect_trial.cases import SEED
+from studies.hidden_effect_trial.scoring import over_floor
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -16,6 +18,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="python -m studies.hidden_effect_trial", description="Does the diagnosis name what was hidden?"
     )
     parser.add_argument("--only", metavar="KIND", help="none, single, pair, outside, faint, or the name of an effect")
+    parser.add_argument("--seed", type=int, default=SEED, help="draws all cases [default: %(default)s, for training]")
+    parser.add_argument("--sample", type=int, metavar="K", help="K cases of each single effect, others in proportion")
     parser.add_argument("--cases", type=int, metavar="N", help="only the first so many of what is asked for")
     parser.add_argument("--ci", action="store_true", help="only the part for continuous integration")
     parser.add_argument("--case", type=int, metavar="NUMBER", help="one case, again, and what was said of it")
@@ -23,31 +27,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, help="processes")
     parser.add_argument("--fresh", action="store_true", help="do again what is done")
     parser.add_argument("--report", action="store_true", help="only write the report of what is done")
-    parser.add_argument("--out", type=Path, default=trial.OUT, help="folder of what comes of it")
+    parser.add_argument(
+        "--out", type=Path, default=trial.OUT, help="folder of what comes of it, with one for each seed"
+    )
     given = parser.parse_args(arguments)
-    told = trial.settings()
+    told, out = trial.settings(), trial.folder_of(given.out, given.seed)
     try:
+        if given.seed < 0 or (given.sample is not None and given.sample < 1):
+            raise ValueError("a seed is zero or more, a sample one or more")
+        told = told if given.sample is None else told.sample(given.sample)
         if given.case is not None:
-            return _one(given.case, given.out, given.draw)
+            return _one(given.case, out, given.seed, given.draw)
         numbers = list(told.ci) if given.ci else told.numbers(given.only, given.cases)
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     if given.draw:
         for number in numbers:
-            print(trial.drawn(number, given.out)[0], flush=True)
+            print(trial.drawn(number, out, given.seed)[0], flush=True)
         return 0
     if given.report:
-        known = trial.kept(given.out)
+        known = trial.kept(out, given.seed)
         outcomes = [known[n] for n in numbers if n in known]
     else:
         jobs = told.jobs if given.jobs is None else given.jobs
-        outcomes = trial.run(numbers, given.out, jobs, told.seconds, _say, given.fresh)
+        outcomes = trial.run(numbers, out, jobs, told.seconds, _say, given.fresh, given.seed)
     from studies.hidden_effect_trial import report
 
-    for line in report.write(outcomes, given.out):
+    for line in report.write(outcomes, out, given.seed):
         print(line)
-    print(given.out / "report.html")
+    print(out / "report.html")
     return 0 if all(outcome.found is not None for outcome in outcomes) else 1
 
 
@@ -55,17 +64,17 @@ def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def _one(number: int, out: Path, draw: bool) -> int:
-    folder, answer = trial.drawn(number, out)
+def _one(number: int, out: Path, seed: int, draw: bool) -> int:
+    folder, answer = trial.drawn(number, out, seed)
     print(folder)
     if draw:
         return 0
-    outcome = trial.one(number, out)
+    outcome = trial.one(number, out, seed=seed)
     trial.keep(outcome, out)
     print(trial.described(outcome))
     if outcome.found is not None:
-        floor, error = (1e6 * value for value in (answer.floor, outcome.found.error))
-        print(f"validation error {error:.4g} um, floor {floor:.4g} um, {outcome.found.seconds:.1f} s")
+        times = over_floor(answer, outcome.found)
+        print(f"error {1e6 * outcome.found.error:.4g} um, {times:.3g} times the floor, {outcome.found.seconds:.1f} s")
         for name, (hit, width) in outcome.found.inside.items():
             print(f"{name}: interval of ±{100 * width:.2g} % {'holds' if hit else 'misses'} the truth")
     return 0 if outcome.found is not None else 1

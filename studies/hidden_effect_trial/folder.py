@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.hidden_effect_trial.cases import Case
+from studies.hidden_effect_trial.cases import SEED, Case
 from studies.hidden_effect_trial.effects import BY_NAME
 from studies.hidden_effect_trial.recordings import PERIOD
 
@@ -35,9 +35,13 @@ class Answer:
     ratio
         Effect to noise, by effect.
     floor
-        Error that no model can go below, over the validation runs [m].
+        Error that no model can go below, over the run for testing [m].
     stroke
         Gain times voltage range [m].
+    validation_floor
+        As `floor`, over the validation runs [m]; None where nothing is for testing.
+    seed
+        Of all cases.
     """
 
     case: str
@@ -47,6 +51,8 @@ class Answer:
     ratio: Mapping[str, float]
     floor: float
     stroke: float
+    validation_floor: float | None = None
+    seed: int = SEED
 
 
 def write(case: Case, folder: Path, answer: Path) -> None:
@@ -115,10 +121,11 @@ def _measurements_text(case: Case) -> str:
 
 def _answer_text(case: Case) -> str:
     lines = ["# What is hidden in these recordings; numbers without a unit are pure.", f'case = "{case.name}"']
-    lines += [f'kind = "{case.kind}"']
+    lines += [f'kind = "{case.kind}"', *([f"seed = {case.seed}"] if case.number else [])]
     lines += [
         f"noise = {case.noise * 1e6:.9g}  # um",
         f"floor = {case.floor * 1e6:.6g}  # um",
+        *([f"validation_floor = {case.validation_floor * 1e6:.6g}  # um"] if case.validation_floor else []),
         f"poles = {list(case.poles)}",
     ]
     lines += [f"stroke = {case.stage.stroke * 1e6:.9g}  # um"]
@@ -152,4 +159,6 @@ def read_answer(path: Path) -> Answer:
         told["effect_to_noise"],
         told["floor"] * um,
         told["stroke"] * um,
+        told["validation_floor"] * um if "validation_floor" in told else None,
+        told.get("seed", SEED),
     )

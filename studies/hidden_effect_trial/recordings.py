@@ -1,4 +1,4 @@
-"""What is driven and recorded: about twenty seconds in nine runs, each with its own unknown start."""
+"""What is driven and recorded: about twenty seconds in nine runs, and one for testing, each with its unknown start."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Recording:
     Parameters
     ----------
     name, role, held
-        Of the file; "identify" or "validate"; whether the command waits between samples.
+        Of the file; "identify", "validate" or "test"; whether the command waits between samples.
     u
         Command at n samples, and one more that the record does not show [V].
     turns, before, waited
@@ -84,26 +84,39 @@ def draw(rng: np.random.Generator, stage: Stage, held: bool | None = None) -> tu
         "decaying-sine": ("validate", _decaying(rng, 2500, top)),
         "random-levels": ("validate", np.repeat(_levels(rng, 14, top), 180)),
     }
-    runs = []
-    for number, (name, (role, u)) in enumerate(commands.items(), start=1):
-        turns = np.array([top * rng.uniform(0.5, 1.0), top * rng.uniform(0.0, 0.2), u[0]])
-        runs.append(
-            Recording(
-                name=f"{number}-{name}",
-                role=role,
-                held=held,
-                u=np.append(u, u[-1] if held else 2.0 * u[-1] - u[-2]),
-                turns=turns,
-                before=float(top * rng.uniform(0.0, 0.7)),
-                waited=float(np.exp(rng.uniform(math.log(2.0), math.log(60.0)))),
-                offset=float(stage.stroke * rng.uniform(-OFFSET, OFFSET)),
-                velocity=float(stage.stroke * stage.omega * rng.normal() * KICKED / 3.0),
-                late=float(PERIOD * rng.uniform(-TRIGGER, TRIGGER)),
-                phase=float(rng.uniform(0.0, 2.0 * math.pi)),
-                seed=int(rng.integers(2**31)),
-            )
-        )
-    return tuple(runs)
+    return tuple(
+        _recording(rng, stage, f"{number}-{name}", role, held, u)
+        for number, (name, (role, u)) in enumerate(commands.items(), start=1)
+    )
+
+
+def draw_test(rng: np.random.Generator, stage: Stage, held: bool) -> Recording:
+    """Return the run that is neither fitted nor used to choose: a triangle, a step and a slow sweep about its level."""
+    top = stage.volts
+    low, high, level = (top * rng.uniform(*ends) for ends in ((0.05, 0.2), (0.6, 0.8), (0.4, 0.6)))
+    t = np.arange(900) * PERIOD
+    sweep = level + top * rng.uniform(0.15, 0.25) * np.sin(2.0 * math.pi * (1.0 + 0.5 * 40.0 * t / t[-1]) * t)
+    u = np.concatenate((low + _triangle(1200, 1, high - low), np.full(400, level), sweep))
+    return _recording(rng, stage, "t-triangle-step-sweep", "test", held, u)
+
+
+def _recording(rng: np.random.Generator, stage: Stage, name: str, role: str, held: bool, u: Array) -> Recording:
+    """Return a run with its unknown start drawn."""
+    top = stage.volts
+    return Recording(
+        turns=np.array([top * rng.uniform(0.5, 1.0), top * rng.uniform(0.0, 0.2), u[0]]),
+        name=name,
+        role=role,
+        held=held,
+        u=np.append(u, u[-1] if held else 2.0 * u[-1] - u[-2]),
+        before=float(top * rng.uniform(0.0, 0.7)),
+        waited=float(np.exp(rng.uniform(math.log(2.0), math.log(60.0)))),
+        offset=float(stage.stroke * rng.uniform(-OFFSET, OFFSET)),
+        velocity=float(stage.stroke * stage.omega * rng.normal() * KICKED / 3.0),
+        late=float(PERIOD * rng.uniform(-TRIGGER, TRIGGER)),
+        phase=float(rng.uniform(0.0, 2.0 * math.pi)),
+        seed=int(rng.integers(2**31)),
+    )
 
 
 def _multisine(rng: np.random.Generator, stage: Stage) -> Array:

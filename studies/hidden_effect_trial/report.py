@@ -11,6 +11,7 @@ from typing import Any
 from flexdesign.report import charts, render
 from flexdesign.report.document import Document, Figure, Section, Table
 from studies.hidden_effect_trial import scoring
+from studies.hidden_effect_trial.cases import SEED
 from studies.hidden_effect_trial.effects import CATALOGUE
 from studies.hidden_effect_trial.folder import Answer
 from studies.hidden_effect_trial.scoring import Diagnosed, is_right, wilson
@@ -19,16 +20,16 @@ from studies.hidden_effect_trial.trial import Outcome, described, source
 Judged = Sequence[tuple[Answer, Diagnosed]]
 #: What is asked of the diagnosis: kind, words, what counts, and the bound of the rate.
 ASKED: tuple[tuple[tuple[str, ...], str, Callable[[Answer, Diagnosed], bool], str], ...] = (
-    (("single",), "one effect: right verdict", is_right, "at least 95 %"),
-    (("pair",), "two effects: right verdict", is_right, "at least 90 %"),
-    (("none",), "nothing missing: an effect named", scoring.is_false_alarm, "at most 1 %"),
+    (("single",), "one effect: right verdict", is_right, "at least 97 %"),
+    (("pair",), "two effects: right verdict", is_right, "at least 92 %"),
+    (("none",), "nothing missing: an effect named", scoring.is_false_alarm, "at most 0.5 %"),
     (("none",), "nothing missing: said so", is_right, ""),
     (("faint",), "too faint to be seen: an effect named", scoring.is_false_alarm, ""),
-    (("outside",), "outside the catalogue: unknown", is_right, "at least 90 %"),
+    (("outside",), "outside the catalogue: unknown, or a right name with a remainder", is_right, "at least 95 %"),
     (
         scoring.NAMED,
-        "validation error within 1.15 of the floor",
-        lambda a, d: d.error <= 1.15 * a.floor,
+        "error within 1.15 of the floor",
+        lambda a, d: scoring.over_floor(a, d) <= 1.15,
         "at least 95 %",
     ),
 )
@@ -38,7 +39,7 @@ VERDICTS = (scoring.NOTHING, scoring.UNKNOWN, "right", "wrong")
 RIGHT = {"none": scoring.NOTHING, "faint": scoring.NOTHING, "outside": scoring.UNKNOWN, "pair": "right"}
 
 
-def write(outcomes: Sequence[Outcome], out: Path) -> list[str]:
+def write(outcomes: Sequence[Outcome], out: Path, seed: int = SEED) -> list[str]:
     """Write the report into a folder; return what it comes to, in lines."""
     judged = [(outcome.answer, outcome.found) for outcome in outcomes if outcome.found is not None]
     rates = _rates(judged)
@@ -50,9 +51,21 @@ def write(outcomes: Sequence[Outcome], out: Path) -> list[str]:
         Section("Wrong verdicts", tables=[_wrong(outcomes)]),
     ]
     render.write(
-        out, Document("Hidden-effect trial", _summary(outcomes, judged), sections), _result(outcomes, rates), {}
+        out,
+        Document("Hidden-effect trial", [_seed(seed), *_summary(outcomes, judged)], sections),
+        _result(outcomes, rates, seed),
+        {},
     )
     return [f"{row[0]}: {row[1]} ({row[3]})" for row in rates.rows]
+
+
+def _seed(seed: int) -> str:
+    if seed == SEED:
+        return (
+            f"Seed {seed} is the training seed: constants of the package were chosen on these cases, so that the rates "
+            "are too good. For fresh rates take any other seed."
+        )
+    return f"Seed {seed}. Constants of the package were chosen on seed {SEED}; these are rates on other cases."
 
 
 def _summary(outcomes: Sequence[Outcome], judged: Judged) -> list[str]:
@@ -93,7 +106,7 @@ def _rates(judged: Judged) -> Table:
                 f"{sum(held)} of {len(held)}",
                 share,
                 _interval(sum(held), len(held)),
-                "90 to 99 %",
+                "93 to 97 %",
             ]
         )
     return Table(["", "cases", "rate", "95 % interval (Wilson)", "asked for"], rows)
@@ -177,7 +190,7 @@ def _errors(judged: Judged) -> Table:
     rows = []
     for row in dict.fromkeys(scoring.row_of(answer) for answer, _ in judged):
         chosen = [(answer, found) for answer, found in judged if scoring.row_of(answer) == row]
-        over = sorted(found.error / answer.floor for answer, found in chosen if math.isfinite(found.error))
+        over = sorted(scoring.over_floor(answer, found) for answer, found in chosen if math.isfinite(found.error))
         floors = scoring.median(found.floor / answer.floor for answer, found in chosen)
         right = sum(is_right(answer, found) for answer, found in chosen)
         worst = f"{over[-1]:.3g}" if over else "–"
@@ -186,7 +199,8 @@ def _errors(judged: Judged) -> Table:
             [_words(row), f"{right} of {len(chosen)}", f"{scoring.median(over):.3g}", worst, f"{floors:.3g}", seconds]
         )
     head = ["hidden", "right", "error / floor, median", "largest", "estimated / true floor", "seconds, median"]
-    return Table(head, rows, "Validation error with what was named, over the error that no model can go below.")
+    on = "the run for testing" if any(found.is_tested for _, found in judged) else "the validation runs"
+    return Table(head, rows, f"Error on {on} with what was named, over the error that no model can go below.")
 
 
 def _intervals(judged: Judged) -> Table:
@@ -207,7 +221,7 @@ def _wrong(outcomes: Sequence[Outcome]) -> Table:
     return Table(["case", "kind", "hidden, at its effect-to-noise ratio -> said"], rows)
 
 
-def _result(outcomes: Sequence[Outcome], rates: Table) -> dict[str, Any]:
+def _result(outcomes: Sequence[Outcome], rates: Table, seed: int) -> dict[str, Any]:
     each = [
         {
             "number": o.number,
@@ -219,6 +233,7 @@ def _result(outcomes: Sequence[Outcome], rates: Table) -> dict[str, Any]:
         for o in outcomes
     ]
     return {
+        "seed": seed,
         "rates": [dict(zip(rates.columns[1:], row[1:], strict=True)) | {"what": row[0]} for row in rates.rows],
         "cases": each,
     }

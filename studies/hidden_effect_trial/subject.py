@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from studies.hidden_effect_trial.folder import MODEL, RUNS, Answer
 from studies.hidden_effect_trial.scoring import Diagnosed
 
@@ -17,9 +19,11 @@ def diagnose(folder: Path, answer: Answer) -> Diagnosed:
     from flexdesign import diagnosis, runs
     from flexdesign.stage_model import reading
 
+    recorded = runs.read_runs([folder / RUNS])
     began = time.perf_counter()
-    found: Any = diagnosis.diagnose(reading.read(folder / MODEL), runs.read_runs([folder / RUNS]), threads=1)
+    found: Any = diagnosis.diagnose(reading.read(folder / MODEL), recorded, threads=1)
     seconds = time.perf_counter() - began
+    error = _test_error(found, [run.name for run in recorded if run.role == "test"])
     inside: dict[str, tuple[bool, float]] = {}
     for named in found.effects:
         inside |= _inside(named, answer.effects.get(named.name, {}))
@@ -28,10 +32,20 @@ def diagnose(folder: Path, answer: Answer) -> Diagnosed:
         named=tuple(named.name for named in found.effects),
         groups=tuple(tuple(group) for group in found.confusable),
         floor=float(found.noise_floor),
-        error=float(found.validation_error),
+        error=float(found.validation_error if error is None else error),
         inside=inside,
         seconds=seconds,
+        is_tested=error is not None,
+        remainder=float(getattr(found, "remainder_rms", 0.0)),
+        words=str(getattr(found, "remainder", "")),
     )
+
+
+def _test_error(found: Any, names: list[str]) -> float | None:
+    """Return the error on the runs for testing [m]; None if the diagnosis predicts none of them."""
+    left = getattr(found, "remainders", {}).get("found", {})
+    tested = [np.asarray(left[name], dtype=float) for name in names if name in left]
+    return float(np.sqrt(np.nanmean(np.concatenate(tested) ** 2))) if tested else None
 
 
 def _inside(named: Any, truth: Mapping[str, float]) -> dict[str, tuple[bool, float]]:

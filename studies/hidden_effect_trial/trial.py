@@ -11,7 +11,7 @@ import time
 import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -69,6 +69,15 @@ class Settings:
     jobs: int
     seconds: float
 
+    def sample(self, count: int) -> Settings:
+        """Return the settings of a stratified sample: so many cases of each single effect, others in proportion.
+
+        Cases are drawn one by one from their numbers, so that the first of each stratum are a random sample of it.
+        """
+        share = count / self.counts["single"]
+        counts = {kind: math.ceil(round(share * number, 9)) for kind, number in self.counts.items()}
+        return replace(self, counts=counts)
+
     def numbers(self, only: str | None = None, count: int | None = None) -> list[int]:
         """Return the numbers of all cases, of one kind or effect, or the first `count` of each kind."""
         kinds = [kind for kind in self.counts if only in (None, kind)]
@@ -95,22 +104,27 @@ def fingerprint(folder: Path, paths: Iterable[Path]) -> str:
     return total.hexdigest()[:12]
 
 
-def drawn(number: int, out: Path) -> tuple[Path, Answer]:
+def folder_of(out: Path, seed: int) -> Path:
+    """Return the folder of a seed: what comes of different seeds never mixes."""
+    return out / f"seed-{seed}"
+
+
+def drawn(number: int, out: Path, seed: int = cases.SEED) -> tuple[Path, Answer]:
     """Return the folder of a case and its answer; they are made if this version of the trial has not yet."""
     here = Path(__file__).parent
     made = out / "drawn" / fingerprint(here, [here / f"{name}.py" for name in _MAKERS])
     name = f"{cases.kind_of(number)}-{number}"
     folder, answer = made / name, made / "answers" / f"{name}.toml"
     if not answer.is_file():  # written last
-        folders.write(cases.make(number), folder, answer)
+        folders.write(cases.tested(cases.make(number, seed)), folder, answer)
     return folder, folders.read_answer(answer)
 
 
-def one(number: int, out: Path, seconds: float = 0.0) -> Outcome:
+def one(number: int, out: Path, seconds: float = 0.0, seed: int = cases.SEED) -> Outcome:
     """Make and diagnose a case."""
     from studies.hidden_effect_trial import subject
 
-    folder, answer = drawn(number, out)
+    folder, answer = drawn(number, out, seed)
     found, error = None, ""
     try:
         with _no_longer_than(seconds):
@@ -161,8 +175,8 @@ def keep(outcome: Outcome, out: Path) -> None:
         file.write(b"\n" * torn + json.dumps(asdict(outcome)).encode() + b"\n")
 
 
-def kept(out: Path) -> dict[int, Outcome]:
-    """Return what came of cases before, by number, but for those whose last outcome is an error."""
+def kept(out: Path, seed: int = cases.SEED) -> dict[int, Outcome]:
+    """Return what came of a seed's cases before, by number, but for those whose last outcome is an error."""
     try:
         lines = (out / OUTCOMES).read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -174,7 +188,7 @@ def kept(out: Path) -> dict[int, Outcome]:
             found[told["number"]] = _outcome(told) if not told["error"] else None
         except (ValueError, KeyError, TypeError):
             continue
-    return {number: outcome for number, outcome in found.items() if outcome is not None}
+    return {number: each for number, each in found.items() if each is not None and each.answer.seed == seed}
 
 
 def _outcome(told: dict[str, Any]) -> Outcome:
@@ -186,7 +200,13 @@ def _outcome(told: dict[str, Any]) -> Outcome:
 
 
 def run(
-    numbers: Sequence[int], out: Path, jobs: int, seconds: float, say: Callable[[str], None], fresh: bool = False
+    numbers: Sequence[int],
+    out: Path,
+    jobs: int,
+    seconds: float,
+    say: Callable[[str], None],
+    fresh: bool = False,
+    seed: int = cases.SEED,
 ) -> list[Outcome]:
     """Run cases in processes, all but those that are done.
 
@@ -204,10 +224,12 @@ def run(
         Told of every case that is done, and of the time left.
     fresh
         Whether what is done is done again.
+    seed
+        Of all cases.
     """
     from studies.hidden_effect_trial.scoring import is_right
 
-    known = {} if fresh else kept(out)
+    known = {} if fresh else kept(out, seed)
     done = {n: known[n] for n in numbers if n in known}
     left = [n for n in numbers if n not in done]
     if done:
@@ -219,7 +241,7 @@ def run(
         os.environ[name] = "1"
     began = time.perf_counter()
     with ProcessPoolExecutor(max_workers=max(1, jobs), mp_context=get_context("spawn")) as pool:
-        waiting = {pool.submit(one, n, out, seconds): n for n in left}
+        waiting = {pool.submit(one, n, out, seconds, seed): n for n in left}
         for count, future in enumerate(as_completed(waiting), start=1):
             outcome = future.result()
             keep(outcome, out)
