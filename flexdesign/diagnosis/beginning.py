@@ -86,7 +86,8 @@ def with_initial_conditions(task: Case, model: AxisDynamics, noise: Whitening | 
     """Return the task with the initial conditions that a model has, and perhaps with other noise."""
     shapes = InitialConditions(model.axis, model.stroke)
     identify, validate = (suite.with_shapes(shapes, noise) for suite in (task.identify, task.validate))
-    return replace(task, identify=identify, validate=validate)
+    test = task.test.with_shapes(shapes, noise) if task.test else None
+    return replace(task, identify=identify, validate=validate, test=test)
 
 
 def in_time(case: Case, dynamics: AxisDynamics) -> AxisDynamics:

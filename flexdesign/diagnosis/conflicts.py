@@ -10,30 +10,26 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 from scipy import stats
 
 from flexdesign import effects
+from flexdesign.diagnosis import rounding
 from flexdesign.diagnosis.candidates import LOADED
 from flexdesign.diagnosis.findings import Named, Value
+from flexdesign.diagnosis.setting import Setting
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_parameters import DELAY, TRIGGER
 from flexdesign.evidence.coordinates import value
 from flexdesign.evidence.stand import Stand
 from flexdesign.model import Parameter
 
-if TYPE_CHECKING:
-    from flexdesign.diagnosis.setting import Setting
-
 #: A number that the fit moves by more standard deviations of what was known than this is a finding.
 CONFLICT = 3.0
 #: Half-width of a 95 % interval, in standard deviations.
 HALF_WIDTH = 1.96
-#: Steps of a reading are coarse where they are this many times the noise, which rounding alone makes 0.29 of them; and
-#: real where readings take no more levels than this share of their number, each within this share of a step.
-COARSE, MOST_LEVELS, ON_THE_GRID = 1.2, 0.5, 0.05
 #: A run shows how late it began where that is known better afterwards, by this factor.
 SHOWN = 0.5
 
@@ -173,27 +169,13 @@ def _late(setting: Setting, stand: Stand) -> Conflict | None:
     return Conflict(words, ("transport_delay",), named, lambda model: model.replace({DELAY: total}))
 
 
-def coarse_step(setting: Setting) -> float | None:
-    """Return the step of readings that come in whole steps, larger than noise and the stated resolution; else None."""
-    if not setting.runs:
-        return None
-    seen = np.concatenate([run.measured() for run in setting.runs])
-    levels = np.unique(seen[np.isfinite(seen)])
-    gaps = np.diff(levels)
-    step = float(np.median(gaps)) if len(gaps) else 0.0
-    rounding = setting.noise.rms[setting.runs[0].name]
-    if step <= max(COARSE * rounding, 2 * setting.axis.sensor.resolution) or len(levels) > MOST_LEVELS * len(seen):
-        return None
-    return None if np.abs(gaps / step - np.round(gaps / step)).max() > ON_THE_GRID else step
-
-
 def _stepped(setting: Setting) -> Conflict | None:
     """Return what it means that readings come in coarse steps."""
     step = setting.coarse_step
     if step is None:
         return None
     p = effects.find("quantisation").parameters[0]
-    error = ON_THE_GRID * step / max(_levels(setting), 1)
+    error = rounding.ON_THE_GRID * step / max(_levels(setting), 1)
     named = Named("quantisation", (Value(p, step, (step - error, step + error)),), 0.0)
 
     def written(model: AxisDynamics) -> AxisDynamics:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from time import perf_counter
 from typing import Any, cast
@@ -31,8 +31,8 @@ from flexdesign.diagnosis.beginning import (
 )
 from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.features import Features
-from flexdesign.diagnosis.findings import Diagnosis
-from flexdesign.diagnosis.judgement import conclude, decide
+from flexdesign.diagnosis.findings import Course, Diagnosis
+from flexdesign.diagnosis.judgement import conclude, decide, ladder_of
 from flexdesign.diagnosis.opening import opening
 from flexdesign.diagnosis.setting import Setting, line_weights, settle
 from flexdesign.dynamics.axis_model import AxisDynamics
@@ -55,6 +55,7 @@ from flexdesign.evidence.stand import (
     fitted,
     like,
     moved,
+    tested,
 )
 from flexdesign.evidence.suite import Suite
 from flexdesign.identification import HYSTERESIS, LINEAR
@@ -88,38 +89,6 @@ SMOOTH = "the command is taken as smooth between its samples, which fits better 
 #: cost by less than about one moves no number by its standard deviation, and one that promises a few tells nothing of
 #: what is missing; and among many values corners lie so close that a difference taken from farther is none of a slope.
 AHEAD, LONG = Fitting(share=1e-4, last=1e-4), Fitting(share=1e-4, last=1e-5, moved=1e-6, sparing=True)
-
-
-@dataclass(frozen=True, eq=False)
-class Course:
-    """How a diagnosis went: the stands from the designed model to the last effect.
-
-    Parameters
-    ----------
-    designed, calibrated
-        The model as it was, where runs began fitted; and with its own numbers fitted.
-    stands
-        With one more step of effects each.
-    steps
-        What was tried at each step, the last one without success.
-    final
-        The last stand, without effects that lost their place.
-    agreed
-        How many starts of the calibration ended at the best minimum.
-    undetermined
-        The model's own numbers that these runs cannot show: they keep their design values.
-    is_refused
-        Whether calibration made the validation runs worse, so that the design values were kept.
-    """
-
-    designed: Stand
-    calibrated: Stand
-    stands: tuple[Stand, ...]
-    steps: tuple[Step, ...]
-    final: Stand
-    agreed: int
-    undetermined: tuple[str, ...] = ()
-    is_refused: bool = False
 
 
 def diagnose(
@@ -193,7 +162,9 @@ def diagnose(
         if named.effects and named is not course.final:
             named = finished(case.at_last, named)
         groups = confusable(case, named, dynamics, course.steps)
-    found = conclude(model, setting, course, left, verdict, named, groups)
+        progress("predicting the test runs")
+        ladder = [tested(case, stand) for stand in (course.designed, *ladder_of(course, named))]
+    found = conclude(model, setting, course, left, verdict, ladder, groups)
     evaluations = sum(stand.solution.problem.evaluations for stand in (course.calibrated, *course.stands))
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
 
@@ -270,6 +241,7 @@ def case_of(
     return dynamics, Case(
         identify=Suite(setting.observed("identify"), noise, shapes),
         validate=Suite(setting.observed("validate"), noise, shapes),
+        test=Suite(kept, noise, shapes) if (kept := setting.observed("test")) else None,
         free=free,
         known=known,
         tolerance=setting.tolerance,
@@ -285,7 +257,7 @@ def case_of(
         drawn=setting.drawn,
         weights=line_weights(setting),
         scales=setting.scales,
-        judging=tuple(setting.judging) if setting.responses else (),
+        judging=tuple(setting.choosing) if setting.responses else (),
     )
 
 

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from flexdesign.evidence.model_comparison import Step
 from flexdesign.evidence.rival import Rival
+from flexdesign.evidence.stand import Stand
 from flexdesign.model import Parameter
 from flexdesign.noise_floor import LineNoise, NoiseFloor
 from flexdesign.runs import FrequencyResponse, Run
@@ -82,6 +84,38 @@ class Rung:
 
     label: str
     error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """How a diagnosis went: the stands from the designed model to the last effect.
+
+    Parameters
+    ----------
+    designed, calibrated
+        The model as it was, where runs began fitted; and with its own numbers fitted.
+    stands
+        With one more step of effects each.
+    steps
+        What was tried at each step, the last one without success.
+    final
+        The last stand, without effects that lost their place.
+    agreed
+        How many starts of the calibration ended at the best minimum.
+    undetermined
+        The model's own numbers that these runs cannot show: they keep their design values.
+    is_refused
+        Whether calibration made the validation runs worse, so that the design values were kept.
+    """
+
+    designed: Stand
+    calibrated: Stand
+    stands: tuple[Stand, ...]
+    steps: tuple[Step, ...]
+    final: Stand
+    agreed: int
+    undetermined: tuple[str, ...] = ()
+    is_refused: bool = False
 
 
 @dataclass(frozen=True, eq=False)

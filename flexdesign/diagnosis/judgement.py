@@ -5,22 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
 from flexdesign.diagnosis.conflicts import HALF_WIDTH, Conflict, conflicts
-from flexdesign.diagnosis.findings import Diagnosis, Named, Rung, Tried, Value, Verdict
+from flexdesign.diagnosis.findings import Course, Diagnosis, Named, Rung, Tried, Value, Verdict
+from flexdesign.diagnosis.setting import Setting
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.evidence.coordinates import value
 from flexdesign.evidence.model_comparison import LESS, Step, Trial
 from flexdesign.evidence.rival import Rival
 from flexdesign.evidence.stand import Stand
 from flexdesign.stage_model import StageModel
-
-if TYPE_CHECKING:
-    from flexdesign.diagnosis.course import Course
-    from flexdesign.diagnosis.setting import Setting
 
 #: What is left counts as noise if its mean square, whitened, is above one by no more than this ...
 ADEQUATE = 0.09
@@ -175,7 +172,7 @@ def conclude(
     course: Course,
     left: Rival,
     verdict: Verdict,
-    final: Stand,
+    ladder: Sequence[Stand],
     groups: tuple[tuple[str, ...], ...],
 ) -> Diagnosis:
     """Return the diagnosis.
@@ -186,17 +183,18 @@ def conclude(
         What was diagnosed, and how it went.
     left
         What smooth functions explain of the residual of the last fit.
-    verdict, final
-        The verdict, and the fit whose effects are named.
+    verdict, ladder
+        The verdict; and the fits from the model as designed and as calibrated to the last whose effects are named.
     groups
         Effects that the runs cannot tell apart, one of each among those that are named.
     """
+    final, (_, calibrated, *_) = ladder[-1], ladder
     is_noise = is_adequate(setting, course.final, left)
     doubt = "" if is_noise else _in_words(setting, remainder(setting, course.final), left)
     moved = conflicts(setting, final)
     may_imply = is_noise or (verdict == "effects-found" and _calibration_explains(setting, course, final))
     implied = [conflict for conflict in moved if conflict.named is not None and may_imply]
-    effects = tuple(_named(setting, course, final, name) for name in final.names)
+    effects = tuple(_named(setting, ladder[1:], name) for name in final.names)
     if implied:
         verdict = "effects-found"
         effects = (*effects, *(conflict.named for conflict in implied if conflict.named))
@@ -210,19 +208,19 @@ def conclude(
         confusable=groups,
         near=tuple(name for name in course.final.names if name not in final.names),
         candidates=_tried(course.steps),
-        ladder=_ladder(setting, course, final),
+        ladder=_rungs(setting, ladder),
         calibration=values_of(final, own_numbers(final)),
         conflicts=tuple(conflict.words for conflict in moved),
         noise=setting.noise,
         noise_floor=setting.floor,
-        validation_error=setting.error(final),
+        validation_error=setting.test_error(final),
         rival=left,
         remainder=doubt,
-        remainder_rms=0.0 if is_noise else unexplained(setting, final),
+        remainder_rms=0.0 if is_noise else _unexplained_on_tests(setting, final),
         stroke=setting.stroke,
         tolerance=setting.tolerance,
         undetermined=course.undetermined,
-        remainders={"calibrated": course.calibrated.remainders, "found": final.remainders},
+        remainders={"calibrated": calibrated.remainders, "found": final.remainders},
         runs=setting.runs,
         confidence=_confidence(setting, course),
         evaluations=0,
@@ -280,30 +278,34 @@ def _in_words(setting: Setting, final: Remainder, left: Rival) -> str:
     return f"{share}; of smooth functions these explain most: {', '.join(best)}"
 
 
-def _named_levels(course: Course, final: Stand) -> list[Stand]:
-    """Return the fits from the first effect to the last one that is named."""
-    if not final.effects:
-        return []
+def ladder_of(course: Course, final: Stand) -> list[Stand]:
+    """Return the fits from the calibrated one to the one whose effects are named."""
     every = levels(course)
     place = next(i for i, stand in enumerate(every) if stand.names == final.names)
-    return [*every[1:place], final]
+    return [*every[:place], final]
 
 
-def _named(setting: Setting, course: Course, final: Stand, name: str) -> Named:
+def _unexplained_on_tests(setting: Setting, stand: Stand) -> float:
+    """Return the rms residual above the noise of what errors are stated of [response]."""
+    floor = setting.floor if setting.noise.known else 0.0
+    return math.sqrt(max(setting.test_error(stand) ** 2 - floor**2, 0.0))
+
+
+def _named(setting: Setting, ladder: Sequence[Stand], name: str) -> Named:
+    final = ladder[-1]
     effect = next(effect for effect in final.effects if effect.name == name)
-    shares = [_share(setting, course, final, name, setting.judging, setting.known_floor)]
-    if setting.runs and (judging := [each.name for each in setting.responses if each.role == "validate"]):
+    shares = [_share(setting, ladder, name, setting.judging, setting.floor if setting.noise.known else 0.0)]
+    if setting.runs and (judging := [each.name for each in setting.responses if each.role != "identify"]):
         floor = math.sqrt(float(np.mean([setting.noise.rms[each] ** 2 for each in judging])))
-        shares.append(_share(setting, course, final, name, judging, floor))  # what runs do not show a response may
+        shares.append(_share(setting, ladder, name, judging, floor))  # what runs do not show a response may
     return Named(name, values_of(final, effect.free), max(shares))
 
 
-def _share(setting: Setting, course: Course, final: Stand, name: str, judging: Sequence[str], floor: float) -> float:
+def _share(setting: Setting, ladder: Sequence[Stand], name: str, judging: Sequence[str], floor: float) -> float:
     """Return the share of the mean square that calibration leaves unexplained which an effect explains."""
-    stands = _named_levels(course, final)
-    errors = [stand.rms(judging, setting.scales) for stand in (course.calibrated, *stands)]
-    place = next((i for i, stand in enumerate(stands) if name in stand.names), len(stands) - 1)
-    before, after = errors[place] ** 2, errors[place + 1] ** 2
+    errors = [stand.rms(judging, setting.scales) for stand in ladder]
+    place = next((i for i, stand in enumerate(ladder) if name in stand.names), len(ladder) - 1)
+    before, after = errors[place - 1] ** 2, errors[place] ** 2
     return float(np.clip((before - after) / max(errors[0] ** 2 - floor**2, 1e-300), 0.0, 1.0))
 
 
@@ -346,15 +348,17 @@ def _not_chosen(step: Step, trial: Trial) -> str:
     return "these runs cannot tell it from what was added" if is_alike else LESS
 
 
-def _ladder(setting: Setting, course: Course, final: Stand) -> tuple[Rung, ...]:
+def _rungs(setting: Setting, ladder: Sequence[Stand]) -> tuple[Rung, ...]:
+    designed, calibrated, *added = ladder
     rungs = [
-        Rung("as designed", setting.error(course.designed)),
-        Rung("recalibrated", setting.error(course.calibrated)),
+        Rung("as designed", setting.test_error(designed)),
+        Rung("recalibrated", setting.test_error(calibrated)),
     ]
     before: tuple[str, ...] = ()
-    for stand in _named_levels(course, final):
-        new = [name for name in stand.names if name not in before]
-        rungs.append(Rung(f"+ {' + '.join(new)}", setting.error(stand)))
+    for stand in added:
+        label = [f"+ {name}" for name in stand.names if name not in before]
+        label += [f"- {name}" for name in before if name not in stand.names]
+        rungs.append(Rung(" ".join(label), setting.test_error(stand)))
         before = stand.names
     return tuple(rungs)
 

@@ -18,6 +18,27 @@ Array = NDArray[np.float64]
 ORDER, DRAWS = 12, 4
 #: Noise of a sensor whose steps hide it is no more than this share of a step.
 HIDDEN = 0.3
+#: Steps of a reading are coarse where they are this many times the noise, which rounding alone makes 0.29 of them; and
+#: real where readings take no more levels than this share of their number, each within this share of a step.
+COARSE, MOST_LEVELS, ON_THE_GRID = 1.2, 0.5, 0.05
+
+
+def coarse_step(readings: Array, noise: float, resolution: float) -> float | None:
+    """Return the step of readings that come in whole steps, larger than noise and resolution; else None.
+
+    Parameters
+    ----------
+    readings
+        Of all runs [response]; NaN at gaps.
+    noise, resolution
+        Rms noise, and what the sensor is stated to resolve [response].
+    """
+    levels = np.unique(readings[np.isfinite(readings)])
+    gaps = np.diff(levels)
+    step = float(np.median(gaps)) if len(gaps) else 0.0
+    if step <= max(COARSE * noise, 2 * resolution) or len(levels) > MOST_LEVELS * len(readings):
+        return None
+    return None if np.abs(gaps / step - np.round(gaps / step)).max() > ON_THE_GRID else step
 
 
 def rounded(runs: Mapping[str, Run], noise: Coloured, stand: Stand, step: float, seed: int = 0) -> Coloured:

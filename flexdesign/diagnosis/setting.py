@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.diagnosis import conflicts, rounding
+from flexdesign.diagnosis import rounding
 from flexdesign.dynamics import axis_response
 from flexdesign.dynamics import stage as stages
 from flexdesign.dynamics.axis_choice import choose_axis
@@ -106,7 +106,10 @@ class Setting:
     @cached_property
     def coarse_step(self) -> float | None:
         """The step of readings that come in whole steps larger than the noise [response]; else None."""
-        return conflicts.coarse_step(self)
+        if not self.runs:
+            return None
+        readings = np.concatenate([run.measured() for run in self.runs])
+        return rounding.coarse_step(readings, self.noise.rms[self.runs[0].name], self.axis.sensor.resolution)
 
     def rounded(self, stand: Stand) -> Whitening | None:
         """Return the noise with the rounding of what is predicted, where readings come in coarse steps."""
@@ -134,11 +137,16 @@ class Setting:
         return [*self.of(role), *(each for each in self.responses if each.role == role)]
 
     @property
+    def choosing(self) -> list[str]:
+        """Names of what the model is chosen by: validation runs, or all if there are none; else of responses."""
+        every = self.runs or self.responses
+        return [each.name for each in every if each.role == "validate"] or [each.name for each in every]
+
+    @property
     def judging(self) -> list[str]:
-        """Names of the runs that judge: those kept apart, or all if there are none; without runs of the responses."""
-        if not self.runs:
-            return [each.name for each in self.responses if each.role == "validate"] or [e.name for e in self.responses]
-        return [run.name for run in self.of("validate") or self.runs]
+        """Names of what errors are stated of: test runs, which chose nothing, or else what the model is chosen by."""
+        every = self.runs or self.responses
+        return [each.name for each in every if each.role == "test"] or self.choosing
 
     @property
     def scales(self) -> dict[str, Array]:
@@ -146,7 +154,11 @@ class Setting:
         return {e.name: self.noise.rms[e.name] / self.lines[e.name].of_values for e in self.responses}
 
     def error(self, stand: Stand) -> float:
-        """Return the root mean square of what a stand leaves of what judges [response]."""
+        """Return the rms residual of what the model is chosen by [response]."""
+        return stand.rms(self.choosing, self.scales)
+
+    def test_error(self, stand: Stand) -> float:
+        """Return the rms residual of what errors are stated of [response]."""
         return stand.rms(self.judging, self.scales)
 
     @property
@@ -166,20 +178,23 @@ class Setting:
 
     @property
     def known_floor(self) -> float:
-        """Noise floor of the runs that judge; zero where the noise is a guess [response]."""
-        return self.floor if self.noise.known else 0.0
+        """Rms noise of what the model is chosen by; zero where the noise is a guess [response]."""
+        return self._rms_noise(self.choosing) if self.noise.known else 0.0
 
     @property
     def stroke(self) -> float:
-        """What the gain makes of the largest command [response]."""
-        return abs(self.axis.gain * self.axis.driver.gain) * self.volts
+        """What the gain makes of the largest command, or of one volt where there are responses alone [response]."""
+        return abs(self.axis.gain * self.axis.driver.gain) * (self.volts if self.runs else 1.0)
 
     @property
     def floor(self) -> float:
-        """Noise floor of the runs that judge [response]."""
+        """Rms noise of what errors are stated of [response]."""
+        return self._rms_noise(self.judging)
+
+    def _rms_noise(self, names: Sequence[str]) -> float:
         sizes = {each.name: np.isfinite(each.measured()).sum() for each in self.recorded}
-        squares = [self.noise.rms[name] ** 2 * sizes[name] for name in self.judging]
-        return float(np.sqrt(sum(squares) / sum(sizes[name] for name in self.judging)))
+        squares = [self.noise.rms[name] ** 2 * sizes[name] for name in names]
+        return float(np.sqrt(sum(squares) / sum(sizes[name] for name in names)))
 
 
 def settle(
@@ -189,7 +204,7 @@ def settle(
     name = choose_axis(model, recorded, axis)
     its = model.axes[name]
     runs = [each for each in recorded if isinstance(each, Run)]
-    seen = tuple(of_axis(run, name, its) for run in split(runs)) if runs else ()
+    seen = tuple(of_axis(run, name, its) for run in split(runs, test=True)) if runs else ()
     measured = [axis_response.of_axis(each, name, its) for each in recorded if isinstance(each, FrequencyResponse)]
     responses = split_lines(measured)
     if "identify" not in [*(run.role for run in seen), *(each.role for each in responses)]:
@@ -221,7 +236,8 @@ def _of_responses(
 ) -> Setting:
     """Return the setting of frequency responses alone, whose unit is the response to one volt."""
     setting = replace(setting, responses=responses, lines=lines)
-    least = min(OF_NOISE * setting.floor, OF_STROKE * abs(setting.axis.gain * setting.axis.driver.gain))
+    least = min(OF_NOISE * setting.floor, OF_STROKE * setting.stroke)
+    least = least if setting.noise.known else TOLERANCE * setting.stroke
     asked = tolerance is not None
     return replace(setting, tolerance=least if tolerance is None else tolerance, usual=least, is_asked=asked)
 
@@ -236,7 +252,10 @@ def line_weights(setting: Setting) -> dict[str, Array]:
     for each in setting.responses:
         sigma = setting.lines[each.name].of_values
         size = np.hypot(np.tile(np.abs(np.nan_to_num(each.response)), 2), sigma)
-        found[each.name] = setting.usual / np.minimum(OF_NOISE * sigma, OF_STROKE * size)
+        known = setting.noise.known or bool(setting.runs)
+        found[each.name] = setting.usual / (
+            np.minimum(OF_NOISE * sigma, OF_STROKE * size) if known else TOLERANCE * size
+        )
     return found
 
 

@@ -71,6 +71,8 @@ class Case:
         Values of the free numbers before anything was fitted, SI.
     floor
         Rms noise of what judges [response]; zero where it is unknown.
+    test
+        Runs that neither fit nor choice has seen; None if there are none.
     prepared
         Returns the case with the initial conditions that the effects of a model have.
     believed
@@ -103,6 +105,7 @@ class Case:
     progress: Callable[[str], None] = lambda _: None
     designed: Mapping[str, float] = field(default_factory=dict)
     floor: float = 0.0
+    test: Suite | None = None
     prepared: Callable[[Case, Model], Case] = lambda case, _: case
     believed: float = math.inf
     drawn: Callable[[Stand], Iterable[Mapping[str, Array]]] = lambda _: ()

@@ -267,6 +267,14 @@ def judged(case: Case, solution: Solution, effects: tuple[Candidate, ...], share
     return Stand(effects, solution, model, held, dict(zip(names, left, strict=True)))
 
 
+def tested(case: Case, stand: Stand) -> Stand:
+    """Return a fit with its residuals on the test runs, whose initial conditions are fitted; itself without them."""
+    if case.test is None:
+        return stand
+    made = judged(replace(case, validate=case.test), stand.solution, stand.effects)
+    return stand if made is None else replace(stand, remainders={**made.remainders, **stand.remainders})
+
+
 def _from_elsewhere(case: Case, beginning: Solution, solution: Solution, share: float) -> Solution:
     """Return where runs kept apart begin, sought anew for those that fit worse than the runs that the fit saw."""
     usual = solution.cost / solution.problem.suite.samples

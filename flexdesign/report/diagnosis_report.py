@@ -34,20 +34,37 @@ OVER_FREQUENCY = ("magnitude near", "phase near")
 
 def ladder_of(found: Diagnosis) -> Table:
     """Return the error ladder of a diagnosis."""
-    size = response_pages.line_size(found)
-    return ladder(found.ladder, found.noise, found.noise_floor, said.response(found), size)
+    line = response_pages.line_size(found)
+    return ladder(found.ladder, found.noise, found.noise_floor, said.response(found), line, found.stroke)
 
 
-def ladder(rungs: Sequence[Rung], noise: NoiseFloor, floor: float, si: str, line: float = math.nan) -> Table:
-    """Return the error ladder, the noise floor as its last line, with shares of lines if their size `line` is given."""
-    rows = [[said.label(rung), words.error(si, rung.error), units.significant(rung.error / floor, 3)] for rung in rungs]
-    rows.append([f"noise floor: {noise.source if noise.known else 'a guess'}", words.error(si, floor, 2), "1"])
-    if not math.isfinite(line):
-        return Table(["model", "rms error", "over the noise"], rows)
-    shares = [words.percent(error / line) for error in (*(rung.error for rung in rungs), floor)]
-    rows = [[name, share, *rest] for (name, *rest), share in zip(rows, shares, strict=True)]
-    caption = "Over the lines that judge, each weighted by its noise"
-    return Table(["model", "of the line", "rms error", "over the noise"], rows, caption)
+def ladder(
+    rungs: Sequence[Rung], noise: NoiseFloor, floor: float, si: str, line: float = math.nan, stroke: float = 0.0
+) -> Table:
+    """Return the error ladder, the noise floor as its last line where the noise is known.
+
+    Parameters
+    ----------
+    rungs, noise, floor, si
+        Its steps, the noise, its rms, and the unit of both [SI].
+    line
+        Size of a line of frequency responses; errors are stated as shares of it, where it is finite.
+    stroke
+        The stroke, likewise, where it is not zero and there are no lines.
+    """
+    steps = [(said.label(rung), rung.error) for rung in rungs]
+    steps += [(f"noise floor: {noise.source}", floor)] if noise.known else []
+    heads = ["model", "rms error"]
+    rows = [[name, words.error(si, error, 2 if error is floor else 3)] for name, error in steps]
+    whole, of = (line, "of the line") if math.isfinite(line) else (stroke, "of the stroke")
+    if whole:
+        heads.append(of)
+        rows = [[*row, words.percent(error / whole)] for row, (_, error) in zip(rows, steps, strict=True)]
+    if noise.known:
+        heads.append("over the noise")
+        rows = [[*row, units.significant(error / floor, 3)] for row, (_, error) in zip(rows, steps, strict=True)]
+    caption = "Over the lines that judge, each weighted by its noise" if math.isfinite(line) else ""
+    return Table(heads, rows, caption)
 
 
 def candidates(found: Diagnosis) -> Table:
@@ -63,7 +80,7 @@ def candidates(found: Diagnosis) -> Table:
         ]
         for tried in found.candidates
     ]
-    caption = "Error of the runs kept apart; evidence in multiples of what chance gives the best of the catalogue"
+    caption = "Error of the validation runs; evidence in multiples of what chance gives the best of the catalogue"
     error = "error, of the line" if math.isfinite(line) else "rms error"
     return Table(["effect", "beside", error, "evidence", "outcome"], rows, caption)
 
@@ -117,7 +134,14 @@ def result(found: Diagnosis, tellings: Sequence[Telling]) -> dict[str, Any]:
         "noise_floor": noise_json(found.noise, found.noise_floor, si),
         "validation_error": _number(found.validation_error, si),
         **({"line_size": _number(response_pages.line_size(found), si)} if not found.runs else {}),
-        "remainder": found.remainder,
+        "remainder": {
+            "rms": _number(found.remainder_rms, si),
+            "of_stroke": found.remainder_rms / found.stroke if found.stroke else None,
+            "over_noise": found.remainder_rms / found.noise_floor if found.noise.known else None,
+            "looks_like": found.remainder,
+        },
+        "tolerance": _number(found.tolerance, si),
+        "undetermined": list(found.undetermined),
         "rival": {
             "gain": found.rival.gain,
             "held_gain": found.rival.held_gain,
@@ -240,9 +264,9 @@ def _stand_name(found: Diagnosis) -> str:
 def _ladder_text(found: Diagnosis) -> list[str]:
     runs = said.judged_on(said.recorded(found))
     return [
-        f"Each bar is the error of {runs}. As designed: nothing is fitted but how each record began. Recalibrated: the "
-        "model's own numbers are fitted, each within what was known of it. Then effects are added while they earn "
-        "their place." + ("" if found.runs else " Every line of a frequency response counts by its noise.")
+        f"Each bar is the error of {runs}. As designed: only the initial conditions of each record are fitted. "
+        "Recalibrated: the model's own numbers are fitted, with their priors. Then effects are added while they "
+        "earn their place." + ("" if found.runs else " Every line of a frequency response counts by its noise.")
     ]
 
 
@@ -251,8 +275,8 @@ def _runs_text(found: Diagnosis) -> list[str]:
     remarks = list(dict.fromkeys(every))  # the halves of one record say the same
     kept = [run for run in found.runs if run.role == "validate"]
     if not kept:
-        return ["No run was kept apart, so that these runs judge what they were fitted to.", *remarks]
-    return ["Runs that no fit has seen; of each only how it began was fitted.", *remarks]
+        return ["There are no validation runs: the errors are those of the fitted runs.", *remarks]
+    return ["Validation runs; only the initial conditions of each were fitted.", *remarks]
 
 
 def _effect(named: Named) -> Section:
@@ -304,14 +328,14 @@ def _left(found: Diagnosis) -> list[Section]:
     if not found.remainder and not found.rival.terms:
         return []
     si = said.response(found)
-    text = [f"{capital(found.remainder)}."] if found.remainder else ["Nothing stays above the noise."]
+    text = [f"{capital(found.remainder)}."] if found.remainder else ["Only noise remains."]
     rows = [
         [name, words.percent(found.rival.shares[name]), _amount(name, amount, si)]
         for name, amount in found.rival.terms.items()
     ]
-    caption = "Smooth functions that explain most of what is left, with no physics in them"
+    caption = "Smooth functions that explain most of the residual, with no physics in them"
     table = Table(["function", "of what they explain", "amount"], rows, caption)
-    return [Section("What stays", text, [table] if rows else [])]
+    return [Section("What remains", text, [table] if rows else [])]
 
 
 def _every(found: Judged) -> list[Run | FrequencyResponse]:

@@ -38,21 +38,46 @@ def called(name: str) -> str:
 
 
 def verdict(found: Diagnosis) -> str:
-    """Return the verdict in a sentence or two."""
-    error, floor = words.error(response(found), found.validation_error), _floor(found)
-    error += of_line(found, found.validation_error)
+    """Return the verdict in a few sentences: what is missing, the error with it, and what remains."""
+    error = words.error(response(found), found.validation_error) + of_line(found, found.validation_error)
+    error += _of_stroke(found, found.validation_error)
     runs = judged_on(recorded(found))
     if found.verdict == "nothing-missing":
-        return f"Nothing is missing. Recalibrated, the model misses {runs} by {error} rms; the noise is {floor}."
+        return f"Nothing is missing. The recalibrated model predicts {runs} within {error} rms; {_noise(found)}."
     if found.verdict == "unknown":
-        near = (
-            f" Near, without explaining enough: {words.listed([called(n) for n in found.near])}." if found.near else ""
-        )
-        said = "Something is missing, and it is none of the effects that are known here"
-        return f"{said}: {found.remainder}.{near}" if found.remainder else f"{said}.{near}"
+        said = "Something is missing, and no effect known here explains a large and certain share of it"
+        return f"{said}. The recalibrated model misses {runs} by {error} rms; {_noise(found)}."
     names = [_alternatives(found, named.name) for named in found.effects]
     missing, it = ("; " if found.confusable else ", ").join(names), "them" if len(names) > 1 else "it"
-    return f"Missing: {missing}. With {it} the model misses {runs} by {error} rms; the noise is {floor}."
+    return f"Missing: {missing}. With {it} the model misses {runs} by {error} rms; {_noise(found)}.{_remains(found)}"
+
+
+def _remains(found: Diagnosis) -> str:
+    """Return how much remains beside the effects that are named, as a further sentence; empty if only noise does."""
+    if not found.remainder_rms:
+        return ""
+    size = words.error(response(found), found.remainder_rms)
+    ratio = found.remainder_rms / found.noise_floor
+    times = f"{units.significant(ratio, 2)} times the noise, " if found.noise.known else ""
+    share = words.percent(found.remainder_rms / found.stroke) if found.stroke else ""
+    return f" What remains, {size} ({times}{share} of the stroke), is no effect that is known here."
+
+
+def possible(found: Diagnosis) -> str:
+    """Return the effects that may be there without being certain, and how each is fitted."""
+    names = words.listed([called(name) for name in found.near])
+    lines = "; ".join(f"flexdesign add MODEL {name} RUNS" for name in found.near)
+    each = "each of them" if len(found.near) > 1 else "it"
+    return (
+        f"Possible, but not certain: {names}. Beside what remains {each} explains too little to be named. "
+        f"To fit {each} all the same: {lines}."
+    )
+
+
+def undetermined(found: Diagnosis) -> str:
+    """Return which numbers of the model these runs cannot show."""
+    names = words.listed([name.replace("_", " ") for name in found.undetermined])
+    return f"These runs do not show the model's {names}: no plausible change moves a prediction by what matters."
 
 
 def effect(found: Diagnosis, named: Named) -> str:
@@ -86,12 +111,12 @@ def estimated(value: Value) -> Estimate:
 def label(rung: Rung) -> str:
     """Return what a step of the ladder is called.
 
-    >>> label(Rung("+ creep + mains_hum", 1e-6))
-    '+ creep + mains hum'
+    >>> label(Rung("+ creep + mains_hum - bouc_wen", 1e-6))
+    '+ creep + mains hum - Bouc-Wen hysteresis'
     """
     if not rung.label.startswith("+ "):
         return rung.label
-    return " ".join(f"+ {called(name)}" for name in rung.label.removeprefix("+ ").split(" + "))
+    return " ".join(word if word in ("+", "-") else called(word) for word in rung.label.split(" "))
 
 
 def apart(group: Sequence[str], tellings: Sequence[Telling]) -> str:
@@ -108,13 +133,16 @@ def summary(found: Diagnosis, tellings: Sequence[Telling]) -> list[str]:
     """Return the answer in a few paragraphs."""
     said = [*doubts(found.runs), verdict(found), *(effect(found, named) for named in found.effects)]
     said += [apart(group, tellings) for group in found.confusable]
-    if found.verdict == "unknown":
+    if found.near:
+        said.append(possible(found))
+    if found.verdict == "unknown" or found.remainder_rms:
         left, mode = compared(found, "found"), found.before.axes[found.axis].natural_frequency
         looks = words.sentences(left) if found.runs else []
         looks += response_pages.sentences(left.responses, mode) if found.responses else []
-        said.append(f"What it looks like: {' '.join(looks)}")
-    if found.verdict == "effects-found" and found.remainder:
-        said.append(f"Not all is explained: {found.remainder}.")
+        shape = f" {_sentence(found.remainder)}." if found.remainder else ""
+        said.append(f"What remains looks like this. {' '.join(looks)}{shape}")
+    if found.undetermined:
+        said.append(undetermined(found))
     if found.conflicts and all(named.values for named in found.effects):
         said.append(f"Beyond what was known of the model: {'; '.join(found.conflicts)}.")
     if found.confidence:
@@ -123,13 +151,14 @@ def summary(found: Diagnosis, tellings: Sequence[Telling]) -> list[str]:
 
 
 def judged_on(runs: Sequence[Run | FrequencyResponse]) -> str:
-    """Return which runs judge, in words."""
-    kept = [run.name for run in runs if run.role == "validate"]
-    if kept and any(isinstance(run, FrequencyResponse) for run in runs):
-        return f"the lines of {words.listed([name.removesuffix(':validate') for name in kept])} that no fit has seen"
-    if not kept:
-        return "the runs that were fitted (none was kept apart)"
-    return f"{len(kept)} runs that no fit has seen" if len(kept) > 1 else f"{kept[0]}, which no fit has seen"
+    """Return which runs errors are stated of, in words."""
+    for role, kind in (("test", "test"), ("validate", "validation")):
+        kept = [run.name.removesuffix(f":{role}") for run in runs if run.role == role]
+        if kept and any(isinstance(run, FrequencyResponse) for run in runs):
+            return f"the {kind} lines of {words.listed(kept)}"
+        if kept:
+            return f"the {len(kept)} {kind} runs" if len(kept) > 1 else f"the {kind} run {kept[0]}"
+    return "the fitted runs (there are no validation runs)"
 
 
 def response(found: Judged) -> str:
@@ -187,9 +216,14 @@ def _alternatives(found: Diagnosis, name: str) -> str:
     return " or ".join(called(each) for each in group)
 
 
-def _floor(found: Diagnosis) -> str:
-    floor = words.error(response(found), found.noise_floor, 2) + of_line(found, found.noise_floor)
-    return floor if found.noise.known else f"unknown ({floor} guessed)"
+def _noise(found: Diagnosis) -> str:
+    if not found.noise.known:
+        return "the noise is unknown"
+    return f"the noise is {words.error(response(found), found.noise_floor, 2)}"
+
+
+def _of_stroke(found: Diagnosis, error: float) -> str:
+    return f" ({words.percent(error / found.stroke)} of the stroke)" if found.runs and found.stroke else ""
 
 
 def _sentence(text: str) -> str:
