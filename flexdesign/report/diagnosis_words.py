@@ -39,8 +39,8 @@ def called(name: str) -> str:
 
 def verdict(found: Diagnosis) -> str:
     """Return the verdict in a sentence or two."""
-    error, floor = words.error(response(found), found.validation_error), _floor(found)
-    error += of_line(found, found.validation_error)
+    error, floor = of_line(found, found.validation_error), _floor(found)
+    error += words.error(response(found), found.validation_error)
     runs = judged_on(recorded(found))
     if found.verdict == "nothing-missing":
         return f"Nothing is missing. Recalibrated, the model misses {runs} by {error} rms; the noise is {floor}."
@@ -65,7 +65,12 @@ def effect(found: Diagnosis, named: Named) -> str:
         it = f"Together with {words.listed([called(other) for other in others])} it" if others else "It"
         if named.share > 0:  # else recalibration left no more than the noise
             said += f". {it} explains {words.percent(named.share)} of what recalibration leaves unexplained"
-    return f"{said}. What to do about it: {effects.find(named.name).remedy}."
+    return f"{said}. What to do about it: {remedy(found, named.name)}."
+
+
+def remedy(found: Judged, name: str) -> str:
+    """Return what one can do about an effect, with the actuator that the model states."""
+    return effects.find(name).remedy_for(found.before.axes[found.axis].driven_by)
 
 
 def quantity(value: Value, *, short: bool = False) -> str:
@@ -139,9 +144,9 @@ def response(found: Judged) -> str:
 
 
 def of_line(found: Judged, error: float) -> str:
-    """Return an error of frequency responses as a share of the line, in brackets; nothing where runs judge."""
+    """Return an error of frequency responses as a share of the line, as its size follows; nothing where runs judge."""
     size = response_pages.line_size(found)
-    return f" ({words.percent(error / size)} of the line)" if math.isfinite(size) else ""
+    return f"{words.percent(error / size)} of the line, " if math.isfinite(size) else ""
 
 
 def recorded(found: Judged) -> Sequence[Run | FrequencyResponse]:
@@ -188,7 +193,7 @@ def _alternatives(found: Diagnosis, name: str) -> str:
 
 
 def _floor(found: Diagnosis) -> str:
-    floor = words.error(response(found), found.noise_floor, 2) + of_line(found, found.noise_floor)
+    floor = of_line(found, found.noise_floor) + words.error(response(found), found.noise_floor, 2)
     return floor if found.noise.known else f"unknown ({floor} guessed)"
 
 
