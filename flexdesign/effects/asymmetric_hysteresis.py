@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
 #: A first value comes of a jump where it is this share of the step's way from where the voltage was, and the way bends.
@@ -107,7 +107,10 @@ EFFECT = Effect(
     ),
     where="the piezo stack, between its voltage and its extension",
     reveal="slow triangles of one size about several bias voltages: the loop widens with the bias",
-    remedy="a hysteresis model with this term in the feedforward, a charge amplifier, or feedback",
+    remedy="a hysteresis model with this term in the feedforward, or feedback from a position sensor",
+    remedies={
+        PIEZO: "a hysteresis model with this term in the feedforward, a charge amplifier, or feedback",
+    },
     reference=(
         "G.-Y. Gu, L.-M. Zhu and C.-Y. Su, Modeling and compensation of asymmetric hysteresis nonlinearity for "
         "piezoceramic actuators with a modified Prandtl-Ishlinskii model, IEEE Trans. Ind. Electron. 61 (2014)"

@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
 #: A Runge-Kutta step in voltage, for n other than 1, covers this much of the loop's own voltage scale.
@@ -217,7 +217,12 @@ EFFECT = Effect(
     ),
     where="the piezo stack, between its voltage and its extension",
     reveal="a slow triangle or sine over the whole voltage range: the loop does not close up as the rate falls",
-    remedy="an inverse hysteresis feedforward, a charge amplifier, or feedback from a position sensor",
+    remedy="an inverse hysteresis feedforward, or feedback from a position sensor",
+    remedies={
+        PIEZO: "an inverse hysteresis feedforward, a charge amplifier, or feedback from a position sensor",
+        "voice coil": "iron with less hysteresis or none in the field, an inverse hysteresis feedforward, or feedback",
+        "motor": "less friction and play in the drive, its inverse in the feedforward, or a sensor at the load",
+    },
     reference="Bouc-Wen as in eqs (26) to (29) of Lin, Yu, Wu and Shen (2019), Microsystem Technologies",
     parameters=(
         Parameter("a", "m/V", "um/V", "slope of the hysteresis where it is zero", 0.0, 0.3e-6, (0.0, 1e-4), "log"),

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
 
@@ -43,7 +43,20 @@ EFFECT = Effect(
     ),
     where="sliding contacts, dowels, cables and seals between the moving table and the frame",
     reveal="slow triangles and small sines about a point: loops of constant height; small motions see a stiffer stage",
-    remedy="a monolithic flexure, clamps instead of sliding fits, cables led away softly; integral action with care",
+    remedy=(
+        "less friction in guides, seals and drive, cables led away softly; its inverse in the feedforward; integral "
+        "action with care"
+    ),
+    remedies={
+        PIEZO: (
+            "a monolithic flexure, clamps instead of sliding fits, cables led away softly; integral action with care"
+        ),
+        "voice coil": "a flexure or an air bearing as a guide, cables led away softly; integral action with care",
+        "motor": (
+            "guides and nut with less preload, a lubricant for slow motion, cables led away softly; its inverse in the "
+            "feedforward; integral action with care"
+        ),
+    },
     reference=(
         "C. Canudas de Wit, H. Olsson, K. J. Astrom and P. Lischinsky, A new model for control of systems with "
         "friction, IEEE Trans. Autom. Control 40 (1995); P. R. Dahl, A solid friction model (1968)"

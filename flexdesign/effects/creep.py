@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.effects import _lag
-from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
 #: Time constants at t0, 10 t0, ... : together they rise like the logarithm of time over four decades.
@@ -64,7 +64,11 @@ EFFECT = Effect(
     ),
     where="the piezo stack, between its voltage and its extension",
     reveal="a step held for a hundred seconds or more, drawn over the logarithm of time",
-    remedy="feedback from a position sensor; a charge amplifier; a creep model in the feedforward",
+    remedy="feedback from a position sensor, or a creep model in the feedforward",
+    remedies={
+        PIEZO: "feedback from a position sensor; a charge amplifier; a creep model in the feedforward",
+        "motor": "stiffer belts, tendons and polymer parts, a sensor at the load, or a creep model in the feedforward",
+    },
     reference="H. Jung and D.-G. Gweon, Creep characteristics of piezoelectric actuators, Rev. Sci. Instrum. 71 (2000)",
     parameters=(
         Parameter("per_decade", "1", "", "growth per decade of time, per drive", 0.0, 0.01, (0.0, 0.2)),

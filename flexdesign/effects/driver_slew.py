@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
 #: A command further from the voltage than this share of what half a step can change has jumped.
@@ -50,7 +50,11 @@ EFFECT = Effect(
     physics="The amplifier's current charges the stack's capacitance at a limited rate, so large steps become ramps.",
     where="the voltage amplifier, between command and stack",
     reveal="steps of several sizes: the rise of large ones takes a time proportional to their size",
-    remedy="an amplifier with more current, less capacitance, or commands within the limit",
+    remedy="an amplifier that follows faster, or commands within the limit",
+    remedies={
+        PIEZO: "an amplifier with more current, less capacitance, or commands within the limit",
+        "voice coil": "an amplifier with more voltage for the inductance of the coil, or commands within the limit",
+    },
     reference="A. J. Fleming and K. K. Leang, Design, Modeling and Control of Nanopositioning Systems (2014)",
     parameters=(
         Parameter(

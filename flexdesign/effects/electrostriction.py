@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
 
@@ -35,7 +35,11 @@ EFFECT = Effect(
     ),
     where="the piezo stack, between its voltage and its extension",
     reveal="small sines about several bias voltages: the gain grows with the bias; second harmonic of a large sine",
-    remedy="the square in the feedforward, a charge amplifier, or feedback from a position sensor",
+    remedy="the square in the feedforward, or feedback from a position sensor",
+    remedies={
+        PIEZO: "the square in the feedforward, a charge amplifier, or feedback from a position sensor",
+        "voice coil": "a coil that stays within the even part of its field, the square in the feedforward, or feedback",
+    },
     reference=(
         "D. Damjanovic, Ferroelectric, dielectric and piezoelectric properties of ferroelectric thin films and "
         "ceramics, Rep. Prog. Phys. 61 (1998)"

@@ -8,7 +8,7 @@ nonlinearity (2016), where z is the force.
 
 from __future__ import annotations
 
-from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
 
@@ -38,7 +38,11 @@ EFFECT = Effect(
     ),
     where="joints, clamps and cables between the moving table and the frame",
     reveal="slow force over displacement with the actuator unpowered; decay that depends on amplitude",
-    remedy="a monolithic mechanism, joints tightened or bonded, cables led away softly",
+    remedy="joints tightened or bonded, cables led away softly, nothing that slides in the path of the force",
+    remedies={
+        PIEZO: "a monolithic mechanism, joints tightened or bonded, cables led away softly",
+        "motor": "couplings and tendons tightened, nuts and gears preloaded, a sensor at the load",
+    },
     reference="J.-P. Noel and M. Schoukens, Hysteretic benchmark with a dynamic nonlinearity (2016)",
     parameters=(
         Parameter("alpha", "1", "", "stiffness of the hysteretic part over the linear one", 0.0, 0.1, (0.0, 10.0)),

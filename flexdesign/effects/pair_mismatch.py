@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from flexdesign.model import OTHER, Disturbance, Effect, Parameter
+from flexdesign.model import OTHER, PIEZO, Disturbance, Effect, Parameter
 from flexdesign.model.effect import Floats, Values
 
 
@@ -21,7 +21,10 @@ EFFECT = Effect(
     ),
     where="the pair of stacks, or of amplifiers, of another axis",
     reveal="each stack of the other axis driven alone: their effects on this axis do not cancel",
-    remedy="select stacks in pairs, trim one amplifier's gain, or take the coupling out of the commands",
+    remedy="select actuators in pairs, trim one amplifier's gain, or take the coupling out of the commands",
+    remedies={
+        PIEZO: "select stacks in pairs, trim one amplifier's gain, or take the coupling out of the commands",
+    },
     reference=(
         "Y. K. Yong, S. S. Aphale and S. O. R. Moheimani, Design, identification, and control of a flexure-based XY "
         "stage for fast nanoscale positioning, IEEE Trans. Nanotechnol. 8 (2009)"

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
 #: Number of plays.
@@ -127,7 +127,11 @@ EFFECT = Effect(
     ),
     where="the piezo stack, between its voltage and its extension",
     reveal="a slow triangle with minor loops: all branches that begin at a turn have the same shape",
-    remedy="the inverse of the plays as feedforward (it is a sum of plays too), a charge amplifier, or feedback",
+    remedy="the inverse of the plays as feedforward (it is a sum of plays too), or feedback from a position sensor",
+    remedies={
+        PIEZO: "the inverse of the plays as feedforward (it is a sum of plays too), a charge amplifier, or feedback",
+        "motor": "less friction and play in the drive, its inverse in the feedforward, or a sensor at the load",
+    },
     reference=(
         "K. Kuhnen, Modeling, identification and compensation of complex hysteretic nonlinearities: a modified "
         "Prandtl-Ishlinskii approach, European Journal of Control 9 (2003)"

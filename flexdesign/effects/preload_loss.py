@@ -7,7 +7,7 @@ counted from the force at the start, where the stage is in equilibrium.
 
 from __future__ import annotations
 
-from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
 
@@ -47,7 +47,11 @@ EFFECT = Effect(
     ),
     where="the contact between stack and mechanism, or a stop or cable that touches on one side",
     reveal="small multisines about several positions: the resonance has one value below the onset, another above",
-    remedy="more preload, harder seats, or a range of motion on one side of the onset",
+    remedy="more preload, stiffer contacts, or a range of motion on one side of the onset",
+    remedies={
+        PIEZO: "more preload, harder seats, or a range of motion on one side of the onset",
+        "motor": "a preloaded nut or gear, stiffer contacts, or a range of motion on one side of the onset",
+    },
     reference="S. W. Shaw and P. J. Holmes, A periodically forced piecewise linear oscillator, J. Sound Vib. 90 (1983)",
     parameters=(
         Parameter("ratio", "1", "", "change of stiffness below the onset, relative", 0.0, 0.1, (-0.9, 0.9)),

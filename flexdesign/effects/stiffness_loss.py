@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from flexdesign.model import Adjust, Effect, Parameter
+from flexdesign.model import PIEZO, Adjust, Effect, Parameter
 from flexdesign.model.effect import Values
 
 
@@ -27,7 +27,10 @@ EFFECT = Effect(
     ),
     where="the hinges and clamps of the mechanism",
     reveal="a static push with a known force, beside the resonance: softer in the push as well",
-    remedy="measure the hinges, tighten the clamps, or put the measured stiffness into the model",
+    remedy="tighten joints and clamps, or put the measured stiffness into the model",
+    remedies={
+        PIEZO: "measure the hinges, tighten the clamps, or put the measured stiffness into the model",
+    },
     reference="N. Lobontiu, Compliant Mechanisms: Design of Flexure Hinges (2002)",
     parameters=(Parameter("ratio", "1", "%", "stiffness lost, relative", 0.0, 0.05, (0.0, 0.9)),),
     faces=(Adjust(apply),),

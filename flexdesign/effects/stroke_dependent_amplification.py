@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
 
@@ -35,7 +35,10 @@ EFFECT = Effect(
     ),
     where="the amplifying mechanism between stack and table",
     reveal="small sines about several positions, reached from above and from below: the gain belongs to the position",
-    remedy="a longer or steeper bridge, the large-displacement amplification in the model, or feedback",
+    remedy="the change over the stroke in the model, a shorter stroke, or feedback from a position sensor",
+    remedies={
+        PIEZO: "a longer or steeper bridge, the large-displacement amplification in the model, or feedback",
+    },
     reference=(
         "N. Lobontiu and E. Garcia, Analytical model of displacement amplification and stiffness optimization for a "
         "class of flexure-based compliant mechanisms, Computers and Structures 81 (2003)"

@@ -19,7 +19,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
 from flexdesign.model.effect import Floats, Values
 
 #: Corner frequencies: 0.1 Hz to 1 kHz, two in a decade.
@@ -66,7 +66,10 @@ EFFECT = Effect(
     ),
     where="the flexures and clamped joints of the mechanism",
     reveal="a frequency response over three decades: a phase lag that stays as the frequency falls",
-    remedy="a monolithic mechanism without glue; in the model the loss factor beside the damping ratio",
+    remedy="fewer joints and less glue; in the model the loss factor beside the damping ratio",
+    remedies={
+        PIEZO: "a monolithic mechanism without glue; in the model the loss factor beside the damping ratio",
+    },
     reference="S. H. Crandall, The role of damping in vibration theory, J. Sound Vib. 11 (1970)",
     parameters=(Parameter("loss_factor", "1", "", "energy lost per radian, over that stored", 0.0, 0.01, (0.0, 0.3)),),
     faces=(

@@ -1,7 +1,9 @@
 """The nouns everything speaks: quantities, parameters, effects, linkages, observations, models."""
 
 from flexdesign.model.effect import (
+    ACTUATORS,
     OTHER,
+    PIEZO,
     Adjust,
     Block,
     Controller,
@@ -20,7 +22,9 @@ from flexdesign.model.parameter import Parameter
 from flexdesign.model.quantity import Quantity, by_key, output_boundary
 
 __all__ = [
+    "ACTUATORS",
     "OTHER",
+    "PIEZO",
     "Adjust",
     "Block",
     "Controller",

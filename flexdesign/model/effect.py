@@ -7,7 +7,7 @@ parameters leaves the model it is added to unchanged, bit for bit.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 from typing import Literal
@@ -22,6 +22,9 @@ Values = Mapping[str, float]
 Floats = NDArray[np.float64]
 #: Among the recorded columns that a `Disturbance` may need: the response of another axis of the stage.
 OTHER = "another axis"
+#: Classes of actuators, by which remedies differ; those of a design are stacks.
+PIEZO = "piezo stack"
+ACTUATORS = (PIEZO, "voice coil", "motor", "other")
 
 
 class Socket(Enum):
@@ -240,7 +243,7 @@ class Effect:
     reveal
         The experiment that shows it.
     remedy
-        What one can do about it.
+        What one can do about it, whatever drives the axis.
     reference
         Where it is described.
     parameters
@@ -251,6 +254,13 @@ class Effect:
         Names of effects that look alike.
     cautions
         ``cautions(values)`` says what is physically doubtful about values in SI; nothing if they are sound.
+    remedies
+        What one can do about it with an actuator of one of the classes `ACTUATORS`, where that differs.
+
+    Raises
+    ------
+    ValueError
+        If there is a remedy for an actuator that is none of these.
     """
 
     name: str
@@ -263,6 +273,15 @@ class Effect:
     faces: tuple[Adjust | Block | Disturbance | Reshape | Resonance | Term, ...]
     confused_with: tuple[str, ...] = ()
     cautions: Callable[[Values], tuple[str, ...]] = lambda values: ()
+    remedies: Mapping[str, str] = field(default_factory=dict, hash=False)
+
+    def __post_init__(self) -> None:
+        if unknown := [actuator for actuator in self.remedies if actuator not in ACTUATORS]:
+            raise ValueError(f"has a remedy for {unknown[0]!r}; known actuators: {', '.join(ACTUATORS)}")
+
+    def remedy_for(self, actuator: str = "") -> str:
+        """Return what one can do about it with a class of actuator; without one the neutral answer."""
+        return self.remedies.get(actuator, self.remedy)
 
     @property
     def acts_at_rest(self) -> bool:

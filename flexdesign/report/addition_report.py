@@ -43,7 +43,7 @@ def summary(found: Added) -> list[str]:
         text.append(f"It is not needed: it {_reason(found.reason)}. The model that is written has it all the same.")
     else:
         text.append(f"It explains {words.percent(found.share)} of what recalibration leaves unexplained.")
-    text.append(f"What to do about it: {effects.find(found.name).remedy}.")
+    text.append(f"What to do about it: {said.remedy(found, found.name)}.")
     return [*doubts(found.runs), *text]
 
 

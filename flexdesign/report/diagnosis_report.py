@@ -105,7 +105,7 @@ def document(found: Diagnosis, tellings: Sequence[Telling]) -> Document:
         Section("The error ladder", _ladder_text(found), [ladder_of(found)], [bars]),
         *in_time(stands, _runs_text(found), kinds),
         *response_pages.section([(n, s.responses) for n, s in stands], axis.shown, axis.natural_frequency),
-        *(_effect(named) for named in found.effects),
+        *(_effect(found, named) for named in found.effects),
         Section("What was tried", _tried_text(found), [candidates(found)] if found.candidates else []),
         *_apart(found, tellings),
         *_left(found),
@@ -125,7 +125,7 @@ def result(found: Diagnosis, tellings: Sequence[Telling]) -> dict[str, Any]:
         "kind": "diagnosis",
         "axis": found.axis,
         "verdict": found.verdict,
-        "effects": [_named(named) for named in found.effects],
+        "effects": [_named(found, named) for named in found.effects],
         "candidates": [_tried(tried, si) for tried in found.candidates],
         "confusable": [list(group) for group in found.confusable],
         "tell_apart": [_telling(telling) for telling in tellings],
@@ -279,12 +279,12 @@ def _runs_text(found: Diagnosis) -> list[str]:
     return ["Validation runs; only the initial conditions of each were fitted.", *remarks]
 
 
-def _effect(named: Named) -> Section:
+def _effect(found: Diagnosis, named: Named) -> Section:
     effect = effects.find(named.name)
     text = [
         effect.physics,
         f"Where: {effect.where}.",
-        f"What to do about it: {effect.remedy}.",
+        f"What to do about it: {said.remedy(found, named.name)}.",
         f"What reveals it: {effect.reveal}.",
         f"Reference: {effect.reference}.",
     ]
@@ -387,13 +387,13 @@ def _number(value: float, si: str) -> dict[str, Any]:
     return {"value": value if math.isfinite(value) else None, "unit": si}
 
 
-def _named(named: Named) -> dict[str, Any]:
+def _named(found: Diagnosis, named: Named) -> dict[str, Any]:
     effect = effects.find(named.name)
     return {
         "name": effect.name,
         "parameters": [value_json(value) for value in named.values],
         "share": named.share,
-        "remedy": effect.remedy,
+        "remedy": said.remedy(found, named.name),
     }
 
 

@@ -39,7 +39,7 @@ def called(name: str) -> str:
 
 def verdict(found: Diagnosis) -> str:
     """Return the verdict in a few sentences: what is missing, the error with it, and what remains."""
-    error = words.error(response(found), found.validation_error) + of_line(found, found.validation_error)
+    error = of_line(found, found.validation_error) + words.error(response(found), found.validation_error)
     error += _of_stroke(found, found.validation_error)
     runs = judged_on(recorded(found))
     if found.verdict == "nothing-missing":
@@ -90,7 +90,12 @@ def effect(found: Diagnosis, named: Named) -> str:
         it = f"Together with {words.listed([called(other) for other in others])} it" if others else "It"
         if named.share > 0:  # else recalibration left no more than the noise
             said += f". {it} explains {words.percent(named.share)} of what recalibration leaves unexplained"
-    return f"{said}. What to do about it: {effects.find(named.name).remedy}."
+    return f"{said}. What to do about it: {remedy(found, named.name)}."
+
+
+def remedy(found: Judged, name: str) -> str:
+    """Return what one can do about an effect, with the actuator that the model states."""
+    return effects.find(name).remedy_for(found.before.axes[found.axis].driven_by)
 
 
 def quantity(value: Value, *, short: bool = False) -> str:
@@ -168,9 +173,9 @@ def response(found: Judged) -> str:
 
 
 def of_line(found: Judged, error: float) -> str:
-    """Return an error of frequency responses as a share of the line, in brackets; nothing where runs judge."""
+    """Return an error of frequency responses as a share of the line, as its size follows; nothing where runs judge."""
     size = response_pages.line_size(found)
-    return f" ({words.percent(error / size)} of the line)" if math.isfinite(size) else ""
+    return f"{words.percent(error / size)} of the line, " if math.isfinite(size) else ""
 
 
 def recorded(found: Judged) -> Sequence[Run | FrequencyResponse]:

@@ -94,6 +94,7 @@ def described(effect: Effect) -> dict[str, Any]:
         "reveal": effect.reveal,
         "confused_with": list(effect.confused_with),
         "remedy": effect.remedy,
+        "remedies": dict(effect.remedies),
         "reference": effect.reference,
         "parameters": [
             {
@@ -218,6 +219,7 @@ def _advice(effect: Effect) -> Section:
         ["what reveals it", effect.reveal],
         ["easily confused with", confused],
         ["what to do about it", effect.remedy],
+        *([f"with a {actuator}", remedy] for actuator, remedy in effect.remedies.items()),
         ["reference", effect.reference],
     ]
     return Section("On the bench", [], [Table(["", ""], rows)])

@@ -12,6 +12,7 @@ from flexdesign.diagnosis import Value
 from flexdesign.diagnosis.table_fit import Trial
 from flexdesign.diagnosis.tables import TableDiagnosis, Telling
 from flexdesign.effects import statics
+from flexdesign.model import PIEZO
 from flexdesign.report import charts
 from flexdesign.report.comparison_words import listed
 from flexdesign.static_tables import Row
@@ -122,7 +123,7 @@ def effect(trial: Trial, name: str) -> str:
     values = [quantity(value) for value in trial.values if value.parameter.name.startswith(f"{name}.")]
     known = statics.find(name)
     strength = f": {'; '.join(values)}" if values else ""
-    return f"{called(name).capitalize()}{strength}. {known.physics} What to do about it: {known.remedy}."
+    return f"{called(name).capitalize()}{strength}. {known.physics} What to do about it: {known.remedy_for(PIEZO)}."
 
 
 def _would_tell(found: TableDiagnosis) -> str:

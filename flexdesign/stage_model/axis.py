@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 
+from flexdesign.model import PIEZO
 from flexdesign.stage_model.shown import Shown
 
 #: How far a stated natural frequency may be from that of mass and stiffness, relative: each may be off by half a unit
@@ -115,6 +116,8 @@ class ActuatorData:
         How many stacks work in parallel on this axis.
     stroke_si
         SI unit of the free stroke: a length, or the unit of the axis' response.
+    kind
+        One of `flexdesign.model.ACTUATORS`; empty if nobody said.
     """
 
     free_stroke: float | None = None
@@ -125,6 +128,7 @@ class ActuatorData:
     contact_stiffness: float | None = None
     count: int = 1
     stroke_si: str = "m"
+    kind: str = ""
 
 
 @dataclass(frozen=True)
@@ -205,6 +209,18 @@ class AxisModel:
     def shown(self) -> Shown:
         """The SI unit of the response, which knows in which units sizes of it are written."""
         return Shown(self.response, self.unit)
+
+    @property
+    def driven_by(self) -> str:
+        """The class of its actuator, by which remedies differ: as stated, or a stack where numbers of one are.
+
+        Empty where the model says neither, as it may then be anything that turns volts into motion.
+        """
+        if self.actuator is None:
+            return ""
+        of_stacks = ("stiffness", "contact_stiffness", "capacitance", "preload")
+        is_stack = any(getattr(self.actuator, name) is not None for name in of_stacks)
+        return self.actuator.kind or (PIEZO if is_stack else "")
 
     @property
     def main_share(self) -> float:

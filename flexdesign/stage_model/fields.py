@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from flexdesign import effects, files, units
 from flexdesign.files import Bounds
+from flexdesign.model import ACTUATORS
 
 #: What an axis may respond in, and the units in which small and large responses are written.
 RESPONSES = {"m": ("nm", "um"), "rad": ("nrad", "urad"), "V": ("mV", "V")}
@@ -117,6 +118,23 @@ class Text:
         return '"..."'
 
 
+@dataclass(frozen=True)
+class OneOf(Text):
+    """One of some words."""
+
+    words: tuple[str, ...]
+
+    def read(self, given: object) -> str:
+        """Return what a file says."""
+        if given not in self.words:
+            raise ValueError(f"expected {' or '.join(map(files.quoted, self.words))}")
+        return str(given)
+
+    def example(self) -> str:
+        """Return how it is written, for example."""
+        return files.quoted(self.words[0])
+
+
 Field = Number | Text
 Fields = Mapping[str, Field]
 
@@ -160,6 +178,7 @@ def axis(response: str, unit: str = "") -> Fields:
 def actuator(stroke: str = "m") -> Fields:
     """Return the fields of an actuator whose free stroke is in the SI unit `stroke`."""
     return {
+        "kind": OneOf(ACTUATORS),
         "free_stroke": Number(stroke, 0.0, LONGEST_STROKE, exclusive=True, unit=RESPONSES[stroke][1]),
         "voltage_range": _VOLTS,
         "stiffness": _STIFFNESS,
