@@ -17,7 +17,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m studies.hidden_effect_trial", description="Does the diagnosis name what was hidden?"
     )
-    parser.add_argument("--only", metavar="KIND", help="none, single, pair, outside, faint, or the name of an effect")
+    parser.add_argument(
+        "--imperfect", action="store_true", help="benches with structural errors that no effect describes"
+    )
+    parser.add_argument(
+        "--only", metavar="KIND", help="none, single, pair, outside, faint, an effect, or a structural error"
+    )
     parser.add_argument("--seed", type=int, default=SEED, help="draws all cases [default: %(default)s, for training]")
     parser.add_argument("--sample", type=int, metavar="K", help="K cases of each single effect, others in proportion")
     parser.add_argument("--cases", type=int, metavar="N", help="only the first so many of what is asked for")
@@ -31,14 +36,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--out", type=Path, default=trial.OUT, help="folder of what comes of it, with one for each seed"
     )
     given = parser.parse_args(arguments)
-    told, out = trial.settings(), trial.folder_of(given.out, given.seed)
+    told, out = trial.settings(), trial.folder_of(given.out, given.seed, given.imperfect)
     try:
         if given.seed < 0 or (given.sample is not None and given.sample < 1):
             raise ValueError("a seed is zero or more, a sample one or more")
         told = told if given.sample is None else told.sample(given.sample)
         if given.case is not None:
             return _one(given.case, out, given.seed, given.draw)
-        numbers = list(told.ci) if given.ci else told.numbers(given.only, given.cases)
+        choose = told.imperfect_numbers if given.imperfect else told.numbers
+        numbers = list(told.ci) if given.ci else choose(given.only, given.cases)
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -52,9 +58,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     else:
         jobs = told.jobs if given.jobs is None else given.jobs
         outcomes = trial.run(numbers, out, jobs, told.seconds, _say, given.fresh, given.seed)
-    from studies.hidden_effect_trial import report
+    from studies.hidden_effect_trial import imperfect_report, report
 
-    for line in report.write(outcomes, out, given.seed):
+    write = imperfect_report.write if given.imperfect else report.write
+    for line in write(outcomes, out, given.seed):
         print(line)
     print(out / "report.html")
     return 0 if all(outcome.found is not None for outcome in outcomes) else 1

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from studies.hidden_effect_trial import kernel
 from studies.hidden_effect_trial.effects import Stage, Values, vector
+from studies.hidden_effect_trial.faults import Fault
 from studies.hidden_effect_trial.kernel import P
 from studies.hidden_effect_trial.recordings import PERIOD, Recording
 
@@ -18,10 +19,19 @@ Array = NDArray[np.float64]
 #: limit meets held commands, which moves what thousands of samples determine by six of its standard deviations.
 FINE, COARSE = 200, 6
 _STILL = np.zeros(0)
+#: Share of its time constant that a step may have, of the damper that smooth friction is near rest: Runge and Kutta's
+#: rule is then right to a few millionths.
+DECAY = 0.5
+#: A bench without structural errors.
+SOUND = Fault("", 0.0)
 
 
 def readings(
-    stage: Stage, effects: Mapping[str, Values], runs: Sequence[Recording], substeps: int = FINE
+    stage: Stage,
+    effects: Mapping[str, Values],
+    runs: Sequence[Recording],
+    substeps: int = FINE,
+    fault: Fault = SOUND,
 ) -> list[Array]:
     """Return what the sensor reads in each run, without noise and without rounding [m].
 
@@ -35,24 +45,37 @@ def readings(
         What is driven.
     substeps
         Steps of the integrator in a sample.
+    fault
+        A structural error of the bench.
     """
     p = vector(stage, effects)
+    p[P.UNEVEN_REACH : P.UNEVEN_REACH + 4] = fault.gain(stage) or 0.0
+    if p[P.SMOOTH_LEVEL]:  # near rest this friction is a damper, whose decay in a step must be short
+        decay = p[P.SMOOTH_LEVEL] * p[P.OMEGA] ** 2 / p[P.SMOOTH_SPEED]
+        substeps = max(substeps, math.ceil(decay * PERIOD / DECAY))
     with np.errstate(invalid="ignore", over="ignore"):  # a stage may be torn apart by what is tried on it
-        return [_reading(p, stage, effects, run, substeps) for run in runs]
+        return [_reading(p, stage, effects, run, substeps, fault) for run in runs]
 
 
-def _reading(p: Array, stage: Stage, effects: Mapping[str, Values], run: Recording, substeps: int) -> Array:
+def _reading(
+    p: Array, stage: Stage, effects: Mapping[str, Values], run: Recording, substeps: int, fault: Fault
+) -> Array:
     p = p.copy()
-    p[P.SHAKE_PHASE] = run.phase
     start = kernel.history(run.turns, run.before, run.waited, run.shift, p)
     kick = _kicks(run, effects["stick_slip"]["kick"]) if "stick_slip" in effects else _STILL
     late = run.late + effects.get("transport_delay", {}).get("delay", 0.0)
-    ahead = max(0, math.ceil(late / PERIOD))  # samples for which the first command has been standing
-    u = np.concatenate((np.full(ahead, run.u[0]), run.u))
-    x = kernel.run(u, run.held, PERIOD, substeps, p, start, run.velocity, kick)
+    period, (command, held) = fault.period, fault.command(run)
+    substeps = math.ceil(substeps * period / PERIOD)
+    ahead = max(0, math.ceil(late / period))  # stretches for which the first command has been standing
+    # The base moves as it does on a sound bench, wherever time begins.
+    sooner = max(0, math.ceil(late / PERIOD)) * PERIOD - ahead * period
+    p[P.SHAKE_PHASE] = run.phase + 2.0 * math.pi * p[P.SHAKE_HZ] * sooner
+    u = np.concatenate((np.full(ahead, command[0]), command))
+    x = kernel.run(u, held, period, substeps, p, start, run.velocity, kick)
     at: Array = np.arange(run.n, dtype=np.float64) * PERIOD
-    places: Array = ((at - late) / PERIOD + ahead) * substeps
-    return _sensed(sampled(x, places), at, stage, effects, run)
+    places: Array = ((at + fault.clock(run) - late) / period + ahead) * substeps
+    y = _sensed(fault.sensor(sampled(x, places)), at, stage, effects, run)
+    return fault.recorder(y, stage)
 
 
 def sampled(x: Array, places: Array) -> Array:

@@ -29,13 +29,15 @@ TESTING = 1000
 FIRST = {"none": 10000, "single": 20000, "pair": 30000, "outside": 40000, "faint": 50000}
 #: Effect-to-noise ratios: where an effect shows, where it cannot, and outside the catalogue.
 SHOWN, HIDDEN, STRANGE = (1.0, 30.0), (0.02, 0.1), (3.0, 30.0)
+#: Root mean square of the noise, in strokes.
+NOISE = (1e-4, 1e-3)
 #: Resolution of the sensor where it is no matter, in strokes.
 FINEST = 1e-6
 #: How many standard deviations a resonance that is a finding lies from what was known.
 FINDING = (4.0, 8.0)
 #: A common delay shows if it is longer than triggers are uncertain [s].
 DELAYS = (0.7e-3, 4e-3)
-#: Effects that change what is known of the resonance, and those that have a way of their own to be drawn.
+#: Effects that change what is known of the resonance.
 RESONANCE = ("payload_mass", "stiffness_loss")
 #: Where faint effects make no sense: these are drawn by themselves, and none of them can be faint but by its number.
 NEVER_FAINT = (*RESONANCE, "bouc_wen", "quantisation")
@@ -74,6 +76,8 @@ class Case:
         As `floor`, over the validation runs [m]; None where nothing is for testing.
     seed
         Of all cases.
+    fault, structural
+        Kind and root mean square of the bench's structural error [m]; none but on imperfect benches.
     """
 
     number: int
@@ -91,6 +95,8 @@ class Case:
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     validation_floor: float | None = None
     seed: int = SEED
+    fault: str = ""
+    structural: float = 0.0
 
     @property
     def name(self) -> str:
@@ -163,16 +169,16 @@ def tested(case: Case) -> Case:
 
 
 def _attempt(rng: np.random.Generator, number: int, kind: str, drawn: Drawn) -> Case | None:
-    stage = _stage(rng)
+    stage = draw_stage(rng)
     lumped = bool(rng.random() < 0.5)
-    poles, noise = _noise(rng), stage.stroke * float(np.exp(rng.uniform(math.log(1e-4), math.log(1e-3))))
+    poles, noise = draw_poles(rng), stage.stroke * float(np.exp(rng.uniform(*map(math.log, NOISE))))
     names = _names(rng, number, kind)
     held = False if "rate_dependent_hysteresis" in names else None
     runs = drawn(rng, stage, held)
-    believed = _believed(rng, stage, names)
+    believed = draw_believed(rng, stage, names)
     effects: dict[str, Values] = {}
     if names:
-        found = _effects(rng, kind, names, stage, believed, runs, noise)
+        found = draw_effects(rng, kind, names, stage, believed, runs, noise)
         if found is None:
             return None
         effects = found
@@ -204,7 +210,8 @@ def record(
 # --- what is drawn --------------------------------------------------------------------------------------------------
 
 
-def _stage(rng: np.random.Generator) -> Stage:
+def draw_stage(rng: np.random.Generator) -> Stage:
+    """Return the base of a bench."""
     volts = float(rng.choice([60.0, 100.0, 120.0, 150.0]))
     gain = float(np.exp(rng.uniform(math.log(0.8e-6), math.log(3e-6))))
     b = rng.uniform(1.0, 2.5) / volts
@@ -226,7 +233,7 @@ def _cut(rng: np.random.Generator, sigma: float) -> float:
     return sigma * value
 
 
-def _believed(rng: np.random.Generator, stage: Stage, names: tuple[str, ...]) -> Stage:
+def draw_believed(rng: np.random.Generator, stage: Stage, names: tuple[str, ...]) -> Stage:
     """Return what the stage model states: off by what it says of its uncertainty, or by up to a fifth."""
     off = {name: 1.0 + rng.uniform(-0.2, 0.2) for name in ("zeta", "gain", "a", "b", "c")}
     off["gain"] = 1.0 + _cut(rng, KNOWN["gain"])
@@ -237,7 +244,7 @@ def _believed(rng: np.random.Generator, stage: Stage, names: tuple[str, ...]) ->
     return replace(stage, **told)
 
 
-def _noise(rng: np.random.Generator) -> tuple[float, ...]:
+def draw_poles(rng: np.random.Generator) -> tuple[float, ...]:
     """Return the coefficients of the noise: none, of one pole, or of a pair that peaks somewhere."""
     kind = rng.integers(3)
     if kind == 0:
@@ -272,7 +279,7 @@ ALIKE = (
 )
 
 
-def _effects(
+def draw_effects(
     rng: np.random.Generator,
     kind: str,
     names: tuple[str, ...],
@@ -280,19 +287,33 @@ def _effects(
     believed: Stage,
     runs: tuple[Recording, ...],
     noise: float,
+    least: float = 0.0,
 ) -> dict[str, Values] | None:
-    """Return the hidden effects with their values; None if they cannot be as strong as drawn."""
+    """Return the hidden effects with their values; None if they cannot be as strong as drawn.
+
+    Parameters
+    ----------
+    rng
+        Draws them.
+    kind, names
+        Of the case, and of the effects.
+    stage, believed, runs, noise
+        As in `Case`.
+    least
+        What an effect adds to the readings beyond what a fit of the base can imitate is at least this, rms [m].
+    """
     low, high = {"faint": HIDDEN, "outside": STRANGE}.get(kind, SHOWN)
-    wanted = {name: float(np.exp(rng.uniform(math.log(low), math.log(high)))) for name in names}
+    ratios = {name: float(np.exp(rng.uniform(math.log(low), math.log(high)))) for name in names}
+    wanted = {name: max(ratio * noise, least) for name, ratio in ratios.items()}
     found: dict[str, Values] = {}
     for name in sorted(names, key=lambda name: name not in RESONANCE):  # what changes the resonance comes first
         hidden = BY_NAME[name]
         constants = hidden.constants(rng, stage)
-        if own := _own_way(rng, name, constants, stage, believed, wanted[name] * noise, kind):
+        if own := _own_way(rng, name, constants, stage, believed, wanted[name], kind):
             found[name] = own
             continue
         complement = Complement(columns(State(stage, found, runs), believed, loops="bouc_wen" not in names))
-        strength = strength_for(wanted[name] * noise, name, constants, stage, found, runs, complement)
+        strength = strength_for(wanted[name], name, constants, stage, found, runs, complement)
         if strength is None:
             return None
         found[name] = strength[0]
@@ -317,22 +338,24 @@ def _own_way(
 # --- what is judged -------------------------------------------------------------------------------------------------
 
 
+def shown(state: State, name: str, believed: Stage) -> float:
+    """Return what an effect adds that no fit of the base can imitate, rms [m]; NaN if it tears the stage apart."""
+    if name == "quantisation":
+        return state.effects[name]["step"] / math.sqrt(12.0)
+    part = contribution(state.stage, state.effects, name, state.runs)
+    if not np.isfinite(part).all():
+        return math.nan
+    others = {other: values for other, values in state.effects.items() if other != name}
+    base = State(state.stage, others, state.runs)
+    return Complement(columns(base, believed, loops="bouc_wen" not in state.effects)).left(part)[0]
+
+
 def _judged(case: Case) -> Case | None:
     """Return the case with effect-to-noise ratios and groups; None if what is hidden does not show as it should."""
     state = State(case.stage, case.effects, case.runs)
-    ratio: dict[str, float] = {}
-    for name in case.effects:
-        if name == "quantisation":
-            ratio[name] = case.effects[name]["step"] / math.sqrt(12.0) / case.noise
-            continue
-        others = {other: values for other, values in case.effects.items() if other != name}
-        part = contribution(case.stage, case.effects, name, case.runs)
-        base = State(case.stage, others, case.runs)
-        if not np.isfinite(part).all():
-            return None
-        loops = "bouc_wen" not in case.effects
-        complement = Complement(columns(base, case.believed, loops))
-        ratio[name] = complement.left(part)[0] / case.noise
+    ratio = {name: shown(state, name, case.believed) / case.noise for name in case.effects}
+    if not all(math.isfinite(each) for each in ratio.values()):
+        return None
     if case.kind in ("single", "pair") and min(ratio.values()) < SHOWN[0]:
         return None
     if case.kind == "faint":

@@ -86,6 +86,31 @@ def stand_ins(
     return tuple(found), nearest
 
 
+def nearest(base: State, signal: Array, believed: Stage) -> tuple[str, float]:
+    """Return which further effect explains most of a signal, and which share of its rms it leaves.
+
+    Parameters
+    ----------
+    base
+        The stage with what is hidden in it, and its runs.
+    signal
+        Samples of all runs [m].
+    believed
+        The base as the stage model states it.
+    """
+    complement = Complement(columns(base, believed, loops="bouc_wen" not in base.effects))
+    plain, whole = base.seen(), complement.left(signal)[0]
+    best, least = "", whole
+    for candidate in CATALOGUE:
+        if candidate.name in (*base.effects, *_NEVER, *_RESONANCE[:2]):
+            continue
+        for constants in candidate.samples(base.stage):
+            for amount in THRESHOLDS if candidate.name in _NOT_PROPORTIONAL else AMOUNTS:
+                left, _ = _tried(base, plain, signal, complement, candidate.name, amount, constants)
+                best, least = (candidate.name, left) if left < least else (best, least)
+    return best, least / whole
+
+
 def _tried(
     base: State, plain: Array, signal: Array, complement: Complement, name: str, amount: float, constants: Values
 ) -> tuple[float, State | None]:

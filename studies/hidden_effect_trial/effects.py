@@ -277,7 +277,18 @@ OUTSIDE: tuple[Hidden, ...] = (
     Hidden("lost_samples", {"share": "1"}, lambda s: 0.3, outside=True),
 )
 
-BY_NAME: dict[str, Hidden] = {effect.name: effect for effect in (*CATALOGUE, *OUTSIDE)}
+#: Friction as others write it, F tanh(v / v_s): an effect of the catalogue by another law.
+SMOOTH_FRICTION = Hidden(
+    "smooth_friction",
+    {"level": "m", "speed": "m/s"},
+    lambda s: 0.05 * s.stroke,
+    lambda rng, s: {"speed": _log(rng, 20e-6, 100e-6)},
+    {"level": (P.SMOOTH_LEVEL, _as_is), "speed": (P.SMOOTH_SPEED, _as_is)},
+)
+#: What the catalogue calls an effect that has another name here.
+CALLED = {SMOOTH_FRICTION.name: "coulomb_friction"}
+
+BY_NAME: dict[str, Hidden] = {effect.name: effect for effect in (*CATALOGUE, *OUTSIDE, SMOOTH_FRICTION)}
 
 
 def vector(stage: Stage, effects: Mapping[str, Values]) -> Array:

@@ -42,6 +42,8 @@ class Answer:
         As `floor`, over the validation runs [m]; None where nothing is for testing.
     seed
         Of all cases.
+    fault, structural
+        Kind and root mean square of the bench's structural error [m]; none but on imperfect benches.
     """
 
     case: str
@@ -53,6 +55,8 @@ class Answer:
     stroke: float
     validation_floor: float | None = None
     seed: int = SEED
+    fault: str = ""
+    structural: float = 0.0
 
 
 def write(case: Case, folder: Path, answer: Path) -> None:
@@ -128,6 +132,8 @@ def _answer_text(case: Case) -> str:
         *([f"validation_floor = {case.validation_floor * 1e6:.6g}  # um"] if case.validation_floor else []),
         f"poles = {list(case.poles)}",
     ]
+    if case.fault:
+        lines += [f'fault = "{case.fault}"', f"structural = {case.structural * 1e6:.6g}  # um"]
     lines += [f"stroke = {case.stage.stroke * 1e6:.9g}  # um"]
     lines += ["", "[base] # SI", *(f"{name} = {value!r}" for name, value in vars(case.stage).items())]
     for name, values in case.effects.items():
@@ -161,4 +167,6 @@ def read_answer(path: Path) -> Answer:
         told["stroke"] * um,
         told["validation_floor"] * um if "validation_floor" in told else None,
         told.get("seed", SEED),
+        told.get("fault", ""),
+        told.get("structural", 0.0) * um,
     )

@@ -16,6 +16,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from studies.hidden_effect_trial.curves import integral
+
 Array = NDArray[np.float64]
 
 #: Play operators of Prandtl and Ishlinskii, decades of creep, and relaxation terms of structural damping.
@@ -79,6 +81,12 @@ class P(IntEnum):
     KNEE = auto()  # slope of the drive beyond a knee [m]
     KNEE_SLOPE = auto()
     SLACK = auto()  # lost motion between stage and sensor target [m]
+    SMOOTH_LEVEL = auto()  # friction that is a function of the velocity [m, m/s]
+    SMOOTH_SPEED = auto()
+    UNEVEN_REACH = auto()  # a structural error: a gain that depends on position, as `curves.integral` has it [m]
+    UNEVEN_5 = auto()
+    UNEVEN_6 = auto()
+    UNEVEN_7 = auto()
 
 
 COUNT = len(P)
@@ -87,7 +95,8 @@ _NAMES = {name: int(place) for name, place in P.__members__.items()}
 (_PLAY_W, _PLAY_R, _PLAY_S, _ASYM, _ASYM_B, _RATE_W, _RATE_R, _RATE_S) = range(13, 21)
 (_CUBIC, _QUADRATIC, _FRICTION, _PRESLIDING, _LOSS, _OPENING, _ONSET, _SHARE, _OMEGA_2, _ZETA_2) = range(21, 31)
 (_SHAKE, _SHAKE_HZ, _SHAKE_PHASE, _SENSOR_LAG, _LOW, _HIGH, _STOP, _DRAG, _KNEE, _KNEE_SLOPE, _SLACK) = range(31, 42)
-assert (_NAMES["ELECTROSTRICTION"], _NAMES["RATE_SLOPE"], _NAMES["ZETA_2"], _NAMES["SLACK"]) == (11, 20, 30, 41)
+(_SMOOTH, _SMOOTH_SPEED, _REACH, _FIVE, _SIX, _SEVEN) = range(42, 48)
+assert (_NAMES["ELECTROSTRICTION"], _NAMES["RATE_SLOPE"], _NAMES["ZETA_2"], _NAMES["UNEVEN_7"]) == (11, 20, 30, 47)
 
 #: States: voltage, Bouc-Wen, asymmetric loop, rate-dependent play, plays; then creep.
 _V, _H, _G, _R, _PLAY = 0, 1, 2, 3, 4
@@ -151,6 +160,8 @@ def _drive(s: Array, p: Array) -> float:
             whole += p[_CREEP] * s[_Z + i]
     if p[_KNEE_SLOPE] != 0.0:
         whole += p[_KNEE_SLOPE] * max(d - p[_KNEE], 0.0)
+    if p[_REACH] != 0.0:
+        whole += integral(2.0 * d / p[_REACH] - 1.0, p[_FIVE], p[_SIX], p[_SEVEN])
     return whole
 
 
@@ -205,6 +216,8 @@ def _force(x: float, velocity: float, m: Array, p: Array) -> float:
             f -= g * (x - m[_Y + i])
     if p[_STOP] != 0.0:
         f -= p[_STOP] * min(max(x - p[_LOW], 0.0), p[_HIGH] - p[_LOW])
+    if p[_SMOOTH] != 0.0:
+        f -= p[_SMOOTH] * math.tanh(velocity / p[_SMOOTH_SPEED])
     return f - p[_DRAG] * velocity * abs(velocity)
 
 

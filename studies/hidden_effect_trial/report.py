@@ -52,14 +52,15 @@ def write(outcomes: Sequence[Outcome], out: Path, seed: int = SEED) -> list[str]
     ]
     render.write(
         out,
-        Document("Hidden-effect trial", [_seed(seed), *_summary(outcomes, judged)], sections),
+        Document("Hidden-effect trial", [of_seed(seed), *_summary(outcomes, judged)], sections),
         _result(outcomes, rates, seed),
         {},
     )
     return [f"{row[0]}: {row[1]} ({row[3]})" for row in rates.rows]
 
 
-def _seed(seed: int) -> str:
+def of_seed(seed: int) -> str:
+    """Return what the rates of a seed are worth."""
     if seed == SEED:
         return (
             f"Seed {seed} is the training seed: constants of the package were chosen on these cases, so that the rates "
@@ -95,29 +96,31 @@ def _rates(judged: Judged) -> Table:
         hits = sum(counts(answer, found) for answer, found in chosen)
         if chosen:
             rows.append(
-                [words, f"{hits} of {len(chosen)}", _percent(hits / len(chosen)), _interval(hits, len(chosen)), asked]
+                [words, f"{hits} of {len(chosen)}", percent(hits / len(chosen)), interval(hits, len(chosen)), asked]
             )
     held = [hit for _, found in judged for hit, _ in found.inside.values()]
     if held:
-        share = _percent(sum(held) / len(held))
+        share = percent(sum(held) / len(held))
         rows.append(
             [
                 "95 % intervals that hold the truth",
                 f"{sum(held)} of {len(held)}",
                 share,
-                _interval(sum(held), len(held)),
+                interval(sum(held), len(held)),
                 "93 to 97 %",
             ]
         )
     return Table(["", "cases", "rate", "95 % interval (Wilson)", "asked for"], rows)
 
 
-def _interval(hits: int, trials: int) -> str:
+def interval(hits: int, trials: int) -> str:
+    """Return the 95 % interval of a rate in words."""
     low, high = wilson(hits, trials)
-    return f"{_percent(low)} to {_percent(high)}"
+    return f"{percent(low)} to {percent(high)}"
 
 
-def _percent(rate: float) -> str:
+def percent(rate: float) -> str:
+    """Return a rate in percent."""
     return f"{100.0 * rate:.1f} %"
 
 
@@ -143,11 +146,12 @@ def _order(judged: Judged) -> tuple[list[str], list[str], dict[str, dict[str, in
 
 def _matrix(judged: Judged) -> Table:
     rows, columns, counts = _order(judged)
-    texts = [[_words(row), *(str(counts[row].get(column, "–")) for column in columns)] for row in rows]
-    return Table(["hidden", *(_words(column) for column in columns)], texts)
+    texts = [[in_words(row), *(str(counts[row].get(column, "–")) for column in columns)] for row in rows]
+    return Table(["hidden", *(in_words(column) for column in columns)], texts)
 
 
-def _words(name: str) -> str:
+def in_words(name: str) -> str:
+    """Return a name as it is written in a table."""
     return name.replace("_", " ")
 
 
@@ -172,8 +176,8 @@ def _picture(judged: Judged) -> Figure:
     axes.set(
         xlim=(-0.6, len(columns) - 0.2), ylim=(len(rows) - 0.4, -0.6), xlabel="said", ylabel="hidden", aspect="equal"
     )
-    axes.set_xticks(range(len(columns)), [_words(c) for c in columns], rotation=90, fontsize=8)
-    axes.set_yticks(range(len(rows)), [_words(r) for r in rows], fontsize=8)
+    axes.set_xticks(range(len(columns)), [in_words(c) for c in columns], rotation=90, fontsize=8)
+    axes.set_yticks(range(len(rows)), [in_words(r) for r in rows], fontsize=8)
     return Figure("confusion.svg", charts.svg(canvas), "What was hidden, and what was said; areas are shares of a row.")
 
 
@@ -196,7 +200,7 @@ def _errors(judged: Judged) -> Table:
         worst = f"{over[-1]:.3g}" if over else "–"
         seconds = f"{scoring.median(found.seconds for _, found in chosen):.1f}"
         rows.append(
-            [_words(row), f"{right} of {len(chosen)}", f"{scoring.median(over):.3g}", worst, f"{floors:.3g}", seconds]
+            [in_words(row), f"{right} of {len(chosen)}", f"{scoring.median(over):.3g}", worst, f"{floors:.3g}", seconds]
         )
     head = ["hidden", "right", "error / floor, median", "largest", "estimated / true floor", "seconds, median"]
     on = "the run for testing" if any(found.is_tested for _, found in judged) else "the validation runs"
@@ -209,7 +213,7 @@ def _intervals(judged: Judged) -> Table:
     for name in numbers:
         each = [found.inside[name] for _, found in judged if name in found.inside]
         held = f"{sum(hit for hit, _ in each)} of {len(each)}"
-        rows.append([_words(name), held, f"±{100.0 * scoring.median(width for _, width in each):.2g} %"])
+        rows.append([in_words(name), held, f"±{100.0 * scoring.median(width for _, width in each):.2g} %"])
     return Table(
         ["number", "interval holds the truth", "half width, median"], rows, "95 % intervals of what was named."
     )

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from studies.hidden_effect_trial.effects import CALLED
+from studies.hidden_effect_trial.faults import TRUE
 from studies.hidden_effect_trial.folder import Answer
 
 #: Verdicts that a diagnosis gives.
@@ -79,7 +81,8 @@ def is_right(answer: Answer, found: Diagnosed) -> bool:
 
     Every hidden effect is named, alone or in a group of at most three that the data truly cannot separate, and nothing
     else is; where nothing is missing, or it is too faint to show, nothing is named; what no catalogue holds is unknown,
-    or has a name that is right for it (`NAMES`) and a stated remainder.
+    or has a name that is right for it (`NAMES`) and a stated remainder. On an imperfect bench the main effect is named,
+    and none is invented.
 
     >>> from studies.hidden_effect_trial.folder import Answer
     >>> creep = Answer("c", "single", {"creep": {}}, {"creep": ()}, {"creep": 5.0}, 1e-8, 1e-4)
@@ -88,6 +91,8 @@ def is_right(answer: Answer, found: Diagnosed) -> bool:
     >>> is_right(creep, Diagnosed("effects-found", ("creep", "mains_hum"), (), 1e-8, 1e-8, {}, 1.0))
     False
     """
+    if answer.fault:
+        return names_main(answer, found) and not invented(answer, found)
     if answer.kind in UNNAMED:
         return found.verdict == NOTHING and not found.named
     if answer.kind == "outside":
@@ -96,16 +101,34 @@ def is_right(answer: Answer, found: Diagnosed) -> bool:
         return False
     open_effects = set(answer.effects)
     for name in found.named:
-        group = group_of(found, name)
-        meant = [
-            hidden
-            for hidden in open_effects
-            if hidden in group and set(group) <= {hidden, *answer.groups.get(hidden, ())}
-        ]
-        if len(group) > LARGEST_GROUP or not meant:
+        meant = [hidden for hidden in open_effects if _means(answer, group_of(found, name), hidden)]
+        if not meant:
             return False
         open_effects.remove(meant[0])
     return not open_effects
+
+
+def _means(answer: Answer, group: tuple[str, ...], hidden: str) -> bool:
+    """Tell whether a group names a hidden effect, beside none but those that the data truly cannot separate from it."""
+    called = CALLED.get(hidden, hidden)
+    return len(group) <= LARGEST_GROUP and called in group and set(group) <= {called, *answer.groups.get(hidden, ())}
+
+
+def names_main(answer: Answer, found: Diagnosed) -> bool:
+    """Tell whether the hidden effect of an imperfect bench is named, whatever else is; true if nothing is hidden."""
+    groups = [group_of(found, name) for name in found.named]
+    return all(any(_means(answer, group, hidden) for group in groups) for hidden in answer.effects)
+
+
+def invented(answer: Answer, found: Diagnosed) -> tuple[str, ...]:
+    """Return the groups, in words, that are named on an imperfect bench and are not what is hidden there.
+
+    What a structural error truly contains is no invention.
+    """
+    groups = [group_of(found, name) for name in found.named]
+    known = TRUE.get(answer.fault, ())
+    meant = [any(_means(answer, group, hidden) for hidden in answer.effects) or group[0] in known for group in groups]
+    return tuple(" or ".join(group) for group, right in zip(groups, meant, strict=True) if not right)
 
 
 def _is_named_with_remainder(answer: Answer, found: Diagnosed) -> bool:

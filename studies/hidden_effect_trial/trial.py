@@ -16,10 +16,10 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from studies.hidden_effect_trial import cases
+from studies.hidden_effect_trial import cases, imperfect
 from studies.hidden_effect_trial import folder as folders
 from studies.hidden_effect_trial.folder import Answer
-from studies.hidden_effect_trial.scoring import Diagnosed
+from studies.hidden_effect_trial.scoring import Diagnosed, group_of, is_right
 
 #: The file that says what is run, and the folder of what comes out.
 SETTINGS = Path(__file__).resolve().parent.parent / "hidden_effect_trial.toml"
@@ -27,7 +27,10 @@ OUT = Path("reports/hidden_effect_trial")
 #: What came of the cases, a line of JSON for each; of several of one case the last counts.
 OUTCOMES = "outcomes.jsonl"
 #: What a case is made by; when it changes, cases are made anew.
-_MAKERS = ("kernel", "effects", "recordings", "bench", "detection", "confusion", "cases", "folder")
+_MAKERS = (
+    "curves", "kernel", "effects", "recordings", "faults", "bench", "detection", "confusion", "cases", "imperfect",
+    "folder",
+)  # fmt: skip
 #: What of the package no diagnosis imports: its changes leave outcomes what they are.
 ELSEWHERE = (
     "cache", "cli", "condensing", "fem", "importing", "isolated", "large_stroke", "multifidelity", "quantities",
@@ -62,21 +65,35 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Settings:
-    """What ``hidden_effect_trial.toml`` says: cases by kind, those for continuous integration, processes, seconds."""
+    """What ``hidden_effect_trial.toml`` says: cases by kind, those for continuous integration, processes, seconds.
+
+    Of imperfect benches, how many cases belong to each effect, and how many have nothing missing.
+    """
 
     counts: dict[str, int]
     ci: tuple[int, ...]
     jobs: int
     seconds: float
+    imperfect: dict[str, int]
 
     def sample(self, count: int) -> Settings:
         """Return the settings of a stratified sample: so many cases of each single effect, others in proportion.
 
         Cases are drawn one by one from their numbers, so that the first of each stratum are a random sample of it.
         """
-        share = count / self.counts["single"]
-        counts = {kind: math.ceil(round(share * number, 9)) for kind, number in self.counts.items()}
-        return replace(self, counts=counts)
+
+        def part(counts: dict[str, int]) -> dict[str, int]:
+            share = count / counts["single"]
+            return {kind: math.ceil(round(share * number, 9)) for kind, number in counts.items()}
+
+        return replace(self, counts=part(self.counts), imperfect=part(self.imperfect))
+
+    def imperfect_numbers(self, only: str | None = None, count: int | None = None) -> list[int]:
+        """Return the numbers of cases on imperfect benches, all or of one kind, effect or structural error."""
+        found = imperfect.numbers(self.imperfect["single"], self.imperfect["none"], only)
+        if not found:
+            raise ValueError(f"there is no effect and no structural error {only}; errors: {', '.join(imperfect.KINDS)}")
+        return found[:count]
 
     def numbers(self, only: str | None = None, count: int | None = None) -> list[int]:
         """Return the numbers of all cases, of one kind or effect, or the first `count` of each kind."""
@@ -93,7 +110,9 @@ class Settings:
 def settings(path: Path = SETTINGS) -> Settings:
     """Read the trial's settings."""
     told = tomllib.loads(path.read_text(encoding="utf-8"))
-    return Settings(told["cases"], tuple(told["ci"]["numbers"]), told["run"]["jobs"], told["run"]["seconds"])
+    return Settings(
+        told["cases"], tuple(told["ci"]["numbers"]), told["run"]["jobs"], told["run"]["seconds"], told["imperfect"]
+    )
 
 
 def fingerprint(folder: Path, paths: Iterable[Path]) -> str:
@@ -104,19 +123,21 @@ def fingerprint(folder: Path, paths: Iterable[Path]) -> str:
     return total.hexdigest()[:12]
 
 
-def folder_of(out: Path, seed: int) -> Path:
-    """Return the folder of a seed: what comes of different seeds never mixes."""
-    return out / f"seed-{seed}"
+def folder_of(out: Path, seed: int, on_imperfect: bool = False) -> Path:
+    """Return the folder of a seed: what comes of different seeds, or of imperfect benches, never mixes."""
+    return out / (f"imperfect-seed-{seed}" if on_imperfect else f"seed-{seed}")
 
 
 def drawn(number: int, out: Path, seed: int = cases.SEED) -> tuple[Path, Answer]:
     """Return the folder of a case and its answer; they are made if this version of the trial has not yet."""
     here = Path(__file__).parent
     made = out / "drawn" / fingerprint(here, [here / f"{name}.py" for name in _MAKERS])
-    name = f"{cases.kind_of(number)}-{number}"
+    on_imperfect = imperfect.holds(number)
+    name = f"{'imperfect' if on_imperfect else cases.kind_of(number)}-{number}"
     folder, answer = made / name, made / "answers" / f"{name}.toml"
     if not answer.is_file():  # written last
-        folders.write(cases.tested(cases.make(number, seed)), folder, answer)
+        case = imperfect.make(number, seed) if on_imperfect else cases.tested(cases.make(number, seed))
+        folders.write(case, folder, answer)
     return folder, folders.read_answer(answer)
 
 
@@ -227,8 +248,6 @@ def run(
     seed
         Of all cases.
     """
-    from studies.hidden_effect_trial.scoring import is_right
-
     known = {} if fresh else kept(out, seed)
     done = {n: known[n] for n in numbers if n in known}
     left = [n for n in numbers if n not in done]
@@ -258,12 +277,15 @@ def run(
 
 def described(outcome: Outcome) -> str:
     """Return in a line what was hidden and what was said."""
-    hidden = ", ".join(f"{name} at {outcome.answer.ratio.get(name, math.nan):.3g}" for name in outcome.answer.effects)
-    found = outcome.found
+    answer, found = outcome.answer, outcome.found
+    hidden = ", ".join(f"{name} at {answer.ratio.get(name, math.nan):.3g}" for name in answer.effects) or "nothing"
+    if answer.fault:
+        hidden += f", {answer.fault} of {100.0 * answer.structural / answer.stroke:.2g} % of stroke"
     if found is None:
-        return f"{hidden or 'nothing'} -> {outcome.error}"
-    groups = [" or ".join(next((g for g in found.groups if name in g), (name,))) for name in found.named]
-    return f"{hidden or 'nothing'} -> {found.verdict}{': ' if groups else ''}{' and '.join(groups)}"
+        return f"{hidden} -> {outcome.error}"
+    groups = [" or ".join(group_of(found, name)) for name in found.named]
+    left = f", {100.0 * found.remainder / answer.stroke:.2g} % of stroke remain" if found.remainder else ""
+    return f"{hidden} -> {found.verdict}{': ' if groups else ''}{' and '.join(groups)}{left}"
 
 
 def _time(seconds: float) -> str:
