@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli import tables
-from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
+from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, print_json, progress
 
 HELP = """Fit one effect to recorded runs, and write it into a stage model.
 
@@ -46,6 +46,7 @@ def add(
         typer.Option("-o", metavar="FILE", help="Where the model goes [default: stage_model.toml in --out]."),
     ] = None,
     axis: Annotated[str | None, typer.Option(help="Which axis, where several could be meant.")] = None,
+    noise: Noise = None,
     overrides: StageOverrides = None,
     out: Annotated[
         Path | None,
@@ -55,7 +56,7 @@ def add(
 ) -> None:
     """Add an effect to a stage model and write the report."""
     if tables.is_design(model):
-        tables.refuse({"--axis": axis})
+        tables.refuse({"--axis": axis, "--noise": noise})
         tables.add(model, effect, recordings, overrides or [], model_file, out, as_json)
         return
     from flexdesign import runs, stage_model
@@ -70,7 +71,8 @@ def add(
         render.prepare(folder)
         if model_file:
             identification_report.write_model(model_file, None)
-        found = adding.add(stage, name, seen, axis=axis, progress=say)
+        stated = adding.size(stage, seen, axis, "--noise", noise)
+        found = adding.add(stage, name, seen, axis=axis, noise=stated, progress=say)
         loop = adding.in_the_loop(found, say)
         say("writing")
         document, result = addition_report.document(found, loop), addition_report.result(found, loop)

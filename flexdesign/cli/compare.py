@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli import tables
-from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
+from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, print_json, progress
 
 HELP = """Compare a stage model with recorded runs: by how much it fails, and where.
 
@@ -43,6 +43,7 @@ def compare(
     model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
     recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],
     axis: Annotated[str | None, typer.Option(help="Which axis, where several could be meant.")] = None,
+    noise: Noise = None,
     overrides: StageOverrides = None,
     out: Annotated[
         Path | None,
@@ -52,10 +53,11 @@ def compare(
 ) -> None:
     """Compare a stage model with runs and write the report."""
     if tables.is_design(model):
-        tables.refuse({"--axis": axis})
+        tables.refuse({"--axis": axis, "--noise": noise})
         tables.compare(model, recordings, overrides or [], out, as_json)
         return
-    from flexdesign import comparison, runs, stage_model
+    from flexdesign import runs, stage_model
+    from flexdesign.diagnosis import adding, comparing
     from flexdesign.report import comparison_report, render, terminal
 
     with progress() as say:
@@ -63,7 +65,8 @@ def compare(
         seen = runs.read_recordings(recordings)
         folder = out or Path("reports") / f"{stage.name}_compared"
         render.prepare(folder)
-        found = comparison.compare(stage, seen, axis=axis, progress=say)
+        stated = adding.size(stage, seen, axis, "--noise", noise)
+        found = comparing.compare(stage, seen, axis=axis, noise=stated, progress=say)
         say("writing")
         document, result = comparison_report.document(found), comparison_report.result(found)
         written = [path for path in render.write(folder, document, result, {}) if path.suffix != ".svg"]

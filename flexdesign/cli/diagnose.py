@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli import tables
-from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
+from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, print_json, progress
 
 HELP = """Find which physical effect a stage model lacks, from recorded runs.
 
@@ -26,11 +26,11 @@ which runs are kept for validation (`role = "validate"`).
     flexdesign diagnose my_stage.toml steps.csv sine.csv --axis x --effect my_effect.py
 
 **What it does:** reads the noise, fits the model's own numbers within what is known of them, screens every effect of
-the catalogue, and adds those that explain more than chance does, on runs that no fit has seen, too.
+the catalogue, and adds those that explain more than chance does, on validation runs, too.
 
 **What it says:** nothing is missing; or which effects are, with value, unit and 95 % interval, how much each explains,
-what to do about it, and which others these runs cannot tell from it, with the experiment that would; or that something
-is missing that is none of these effects, and what it looks like.
+what to do about it, which others these runs cannot tell from it, with the experiment that would, and how much remains
+beside them; or that no effect known here explains a large share of what is missing, and what it looks like.
 
 **Of a part at rest:** where MODEL is a design (a file with `part = ...`, or the bare name of one in geometry/), RUNS
 are static tables, CSV with the columns `quantity,value,unit,sigma,boundary` and one for each dimension that differs,
@@ -60,11 +60,13 @@ def diagnose(
     tolerance: Annotated[
         str | None,
         typer.Option(
-            help='What an effect must move a prediction by, rms, e.g. "5 nm" [default: 0.05 % of the stroke or 0.3 of '
-            "the noise].",
+            help='What matters, rms, e.g. "0.2 um" or "0.1 %" of the stroke: a smaller residual counts as none, and no '
+            "effect is named that moves a prediction by less [default: 0.05 % of the stroke or 0.3 of the noise; 0.1 % "
+            "of the stroke where the noise is unknown].",
             show_default=False,
         ),
     ] = None,
+    noise: Noise = None,
     bare: Annotated[
         bool, typer.Option("--bare", help="For a design: begin with hinges that only rotate, and ask what they lack.")
     ] = False,
@@ -77,7 +79,7 @@ def diagnose(
 ) -> None:
     """Diagnose a stage model and write the report."""
     if tables.is_design(model):
-        tables.refuse({"--axis": axis, "--tolerance": tolerance})
+        tables.refuse({"--axis": axis, "--tolerance": tolerance, "--noise": noise})
         tables.diagnose(model, recordings, overrides or [], model_file, out, as_json, bare=bare, own=effect or [])
         return
     tables.refuse_bare(bare)
@@ -89,12 +91,13 @@ def diagnose(
         stage = stage_model.read(model, overrides or [])
         seen = runs.read_recordings(recordings)
         more = adding.own_effects(effect or [])
-        least = adding.tolerance(stage, seen, axis, tolerance)
+        least = adding.size(stage, seen, axis, "--tolerance", tolerance)
+        stated = adding.size(stage, seen, axis, "--noise", noise)
         folder = out or Path("reports") / f"{stage.name}_diagnosed"
         render.prepare(folder)
         if model_file:
             identification_report.write_model(model_file, None)
-        found = diagnosis.diagnose(stage, seen, axis=axis, more=more, tolerance=least, progress=say)
+        found = diagnosis.diagnose(stage, seen, axis=axis, more=more, tolerance=least, noise=stated, progress=say)
         apart = telling.tellings(found, say)
         say("writing")
         better = adding.with_knowledge(found.model, found.axis, adding.values(found), (*found.runs, *found.responses))

@@ -21,6 +21,12 @@ app = typer.Typer(
 )
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print result.json on stdout, and nothing else.")]
+Noise = Annotated[
+    str | None,
+    typer.Option(
+        "--noise", help='Standard deviation of the noise, e.g. "3 nm" [default: estimated].', show_default=False
+    ),
+]
 StageOverrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Change one value, e.g. axis.x.damping_ratio=0.02."),

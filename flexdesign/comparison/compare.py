@@ -46,6 +46,8 @@ class RunComparison:
         What the response covers in all runs together, the largest span of a run [response].
     remarks
         What to keep in mind about this run.
+    offset_rms
+        Rms residual if nothing but the offset of the run is fitted; None if that is what the residual is [response].
     """
 
     name: str
@@ -57,6 +59,7 @@ class RunComparison:
     floor: float
     stroke: float
     remarks: tuple[str, ...]
+    offset_rms: float | None = None
 
     @property
     def residual(self) -> Array:

@@ -13,8 +13,7 @@ import numpy as np
 
 from flexdesign import effects, simulation, standard_experiments, units
 from flexdesign.diagnosis import candidates, course, judgement, periodic
-from flexdesign.diagnosis.course import Course
-from flexdesign.diagnosis.findings import Diagnosis, Rung, Value
+from flexdesign.diagnosis.findings import Course, Diagnosis, Rung, Value
 from flexdesign.diagnosis.setting import Setting, settle
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis_choice import choose_axis
@@ -23,7 +22,7 @@ from flexdesign.dynamics.stage import missing
 from flexdesign.errors import InputError
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.stand import Stand, fitted
+from flexdesign.evidence.stand import Stand, fitted, tested
 from flexdesign.experiments import AS_MODELLED
 from flexdesign.model import OTHER, Disturbance
 from flexdesign.noise_floor import LineNoise, NoiseFloor
@@ -94,6 +93,7 @@ def add(
     runs: Sequence[Run | FrequencyResponse],
     *,
     axis: str | None = None,
+    noise: float | None = None,
     threads: int = 2,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
@@ -110,6 +110,8 @@ def add(
         What was recorded; where nobody chose roles, they are split.
     axis
         Which one; may be left out where model and runs leave no choice.
+    noise
+        Standard deviation of the noise of runs, where it is stated [response]; by default it is estimated.
     threads
         Simulations at a time.
     seed
@@ -126,7 +128,7 @@ def add(
     began = perf_counter()
     name = known_effect(effect, "EFFECT")
     progress("reading the noise")
-    setting = settle(model, runs, axis, None)
+    setting = settle(model, runs, axis, None, noise)
     _check(setting, name, model)
     with course.simulating(threads) as each:
         setting = course.with_better_between(model, setting, each, progress)
@@ -140,8 +142,9 @@ def add(
         case, gone = course.search(setting, case, dynamics, alone, seed)
         (candidate,) = alone(gone.calibrated)
         final, reason = _added(case, gone, candidate)
-    errors = [setting.error(stand) for stand in (gone.designed, gone.calibrated, final)]
-    unexplained = max(errors[1] ** 2 - setting.floor**2, 1e-300)
+        ladder = [tested(case, stand) for stand in (gone.designed, gone.calibrated, final)]
+    errors = [setting.test_error(stand) for stand in ladder]
+    unexplained = max(errors[1] ** 2 - (setting.floor**2 if setting.noise.known else 0.0), 1e-300)
     effect_values = judgement.values_of(final, candidate.free)
     own_values = judgement.values_of(final, judgement.own_numbers(final))
     numbers, said = [*own_values, *effect_values], judgement.model_of(model, setting, final)
@@ -160,7 +163,7 @@ def add(
         share=float(np.clip((errors[1] ** 2 - errors[2] ** 2) / unexplained, 0.0, 1.0)),
         reason=reason,
         runs=setting.runs,
-        remainders={"calibrated": gone.calibrated.remainders, "found": final.remainders},
+        remainders={"calibrated": ladder[1].remainders, "found": ladder[2].remainders},
         seconds=perf_counter() - began,
         responses=setting.responses,
         lines=setting.lines,
@@ -244,24 +247,31 @@ def own_effects(names: Sequence[str]) -> list[str]:
     return [name for name in dict.fromkeys(whole) if name not in effects.names()]
 
 
-def tolerance(
-    model: StageModel, runs: Sequence[Run | FrequencyResponse], axis: str | None, text: str | None
+def size(
+    model: StageModel,
+    runs: Sequence[Run | FrequencyResponse],
+    axis: str | None,
+    option: str,
+    text: str | None,
 ) -> float | None:
-    """Return what an effect must move a prediction by [response]; None if nothing was said.
+    """Return an option that is a size of the response [response], given with its unit or in percent of the stroke.
 
     Raises
     ------
     InputError
-        If it is no positive number with a unit of the response.
+        If it is no positive number with a unit of the response, or a percentage.
     """
     if text is None:
         return None
     try:
-        value = units.from_text(text, model.axes[choose_axis(model, runs, axis)].response)
+        if text.strip().endswith("%"):
+            value = units.from_text(text, "1") * settle(model, runs, axis, None).stroke
+        else:
+            value = units.from_text(text, model.axes[choose_axis(model, runs, axis)].response)
         if not value > 0:
             raise ValueError("must be more than zero")
     except ValueError as error:
-        raise InputError("command line", "--tolerance", text, str(error)) from None
+        raise InputError("command line", option, text, str(error)) from None
     return value
 
 

@@ -90,6 +90,12 @@ def with_initial_conditions(task: Case, model: AxisDynamics, noise: Whitening | 
     return replace(task, identify=identify, validate=validate, test=test)
 
 
+def offset_residual(dynamics: AxisDynamics, run: Run) -> Array:
+    """Return the residual of a run if nothing of it is fitted but its offset, n values [response]; NaN at gaps."""
+    left = run.measured() - replace(dynamics, apart=(), own={}).predict(run)
+    return np.asarray(left - np.nanmean(left))
+
+
 def in_time(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
     """Return the model with all runs as late as the data ask for, if that is more than slopes would find.
 

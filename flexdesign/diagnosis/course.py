@@ -26,6 +26,7 @@ from flexdesign.diagnosis.beginning import (
     in_time,
     in_tune,
     known_of_start,
+    offset_residual,
     relaxing,
     with_initial_conditions,
 )
@@ -98,6 +99,7 @@ def diagnose(
     axis: str | None = None,
     more: Sequence[str] = (),
     tolerance: float | None = None,
+    noise: float | None = None,
     threads: int = 2,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
@@ -116,7 +118,9 @@ def diagnose(
         Paths of effects beside those of the catalogue.
     tolerance
         What an effect must at least move a held-out prediction, rms [response]; by default 0.05 % of the stroke or
-        0.3 of the noise, whichever is less.
+        0.3 of the noise, whichever is less. A residual below a stated tolerance counts as none.
+    noise
+        Standard deviation of the noise of runs, where it is stated [response]; by default it is estimated.
     threads
         Simulations at a time.
     seed
@@ -131,7 +135,7 @@ def diagnose(
     """
     began = perf_counter()
     progress("reading the noise")
-    setting = settle(model, runs, axis, tolerance)
+    setting = settle(model, runs, axis, tolerance, noise)
     with simulating(threads) as each:
         setting = with_better_between(model, setting, each, progress)
         dynamics, case = case_of(model, setting, each, progress)
@@ -163,8 +167,10 @@ def diagnose(
             named = finished(case.at_last, named)
         groups = confusable(case, named, dynamics, course.steps)
         progress("predicting the test runs")
+        judging = [run for run in setting.runs if run.name in setting.judging]
+        alone = np.concatenate([offset_residual(dynamics, run) for run in judging]) if judging else None
         ladder = [tested(case, stand) for stand in (course.designed, *ladder_of(course, named))]
-    found = conclude(model, setting, course, left, verdict, ladder, groups)
+    found = conclude(model, setting, course, left, verdict, ladder, groups, alone)
     evaluations = sum(stand.solution.problem.evaluations for stand in (course.calibrated, *course.stands))
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
 

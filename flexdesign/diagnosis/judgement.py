@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexdesign.diagnosis.conflicts import HALF_WIDTH, Conflict, conflicts
 from flexdesign.diagnosis.findings import Course, Diagnosis, Named, Rung, Tried, Value, Verdict
@@ -19,6 +20,7 @@ from flexdesign.evidence.rival import Rival
 from flexdesign.evidence.stand import Stand
 from flexdesign.stage_model import StageModel
 
+Array = NDArray[np.float64]
 #: What is left counts as noise if its mean square, whitened, is above one by no more than this ...
 ADEQUATE = 0.09
 #: ... and by no more than so many standard errors, of chance and of the noise level together.
@@ -174,6 +176,7 @@ def conclude(
     verdict: Verdict,
     ladder: Sequence[Stand],
     groups: tuple[tuple[str, ...], ...],
+    alone: Array | None = None,
 ) -> Diagnosis:
     """Return the diagnosis.
 
@@ -187,6 +190,8 @@ def conclude(
         The verdict; and the fits from the model as designed and as calibrated to the last whose effects are named.
     groups
         Effects that the runs cannot tell apart, one of each among those that are named.
+    alone
+        Residual of the runs that errors are stated of, if nothing is fitted but their offsets [response].
     """
     final, (_, calibrated, *_) = ladder[-1], ladder
     is_noise = is_adequate(setting, course.final, left)
@@ -208,7 +213,7 @@ def conclude(
         confusable=groups,
         near=tuple(name for name in course.final.names if name not in final.names),
         candidates=_tried(course.steps),
-        ladder=_rungs(setting, ladder),
+        ladder=(*_offset_rung(alone), *_rungs(setting, ladder)),
         calibration=values_of(final, own_numbers(final)),
         conflicts=tuple(conflict.words for conflict in moved),
         noise=setting.noise,
@@ -346,6 +351,11 @@ def _tried(steps: Sequence[Step]) -> tuple[Tried, ...]:
 def _not_chosen(step: Step, trial: Trial) -> str:
     is_alike = any(trial.names == other.names for other in step.alike)
     return "these runs cannot tell it from what was added" if is_alike else LESS
+
+
+def _offset_rung(alone: Array | None) -> tuple[Rung, ...]:
+    """Return the first step of the ladder, which shows what the initial conditions of the runs explain."""
+    return () if alone is None else (Rung("as designed, offsets alone", float(np.sqrt(np.nanmean(alone**2)))),)
 
 
 def _rungs(setting: Setting, ladder: Sequence[Stand]) -> tuple[Rung, ...]:

@@ -16,7 +16,7 @@ from flexdesign.dynamics import stage as stages
 from flexdesign.dynamics.axis_choice import choose_axis
 from flexdesign.dynamics.axis_run import is_at_stack, of_axis
 from flexdesign.errors import InputError
-from flexdesign.evidence.coloured import Coloured
+from flexdesign.evidence.coloured import Coloured, Process
 from flexdesign.evidence.noise import Whitening
 from flexdesign.evidence.stand import Stand
 from flexdesign.identification import HYSTERESIS, LINEAR, prior
@@ -198,9 +198,23 @@ class Setting:
 
 
 def settle(
-    model: StageModel, recorded: Sequence[Run | FrequencyResponse], axis: str | None, tolerance: float | None
+    model: StageModel,
+    recorded: Sequence[Run | FrequencyResponse],
+    axis: str | None,
+    tolerance: float | None,
+    stated: float | None = None,
 ) -> Setting:
-    """Return what is to be diagnosed, with its noise floor."""
+    """Return what is to be diagnosed, with its noise floor.
+
+    Parameters
+    ----------
+    model, recorded, axis
+        The stage model, what was recorded, and which axis.
+    tolerance
+        What matters to the user [response]; None for the usual one.
+    stated
+        Standard deviation of the noise of runs, if somebody states it [response].
+    """
     name = choose_axis(model, recorded, axis)
     its = model.axes[name]
     runs = [each for each in recorded if isinstance(each, Run)]
@@ -217,6 +231,10 @@ def settle(
         )
     rate = 2 * math.pi * its.natural_frequency * min(max(its.damping_ratio, 1e-3), 1.0)
     noise = noise_floor(runs, name, settle=RUNG_DOWN * math.log(10) / rate, sensor_noise=its.sensor.noise)
+    if stated is not None:
+        level = {name: stated for name in noise.rms}
+        white = Coloured(Process(np.zeros(0), stated))
+        noise = NoiseFloor(white, level, "as stated", known=True, lines=noise.lines, dof=math.inf)
     noise = _of_blocks(noise, seen)
     first = Setting(name, its, seen, noise, 0.0, _known(its))
     if (step := first.coarse_step) is not None:  # a quiet record may show nothing of it

@@ -48,9 +48,15 @@ def errors(found: Comparison) -> Table:
     heads = ["run", "role", "rms error", "largest", "of stroke", "R²", "noise floor", "rms / floor"]
     large = shown_in(found.response)[0]
     stroke = units.to_text(found.runs[0].stroke, large, 3, si=found.response).replace(large, words.sign(large))
-    floor = "noise floor" if found.noise.known else "floor (guess)"
-    heads[6] = floor
-    return Table(heads, rows, f"Measured less predicted, the offset of each run taken out; stroke {stroke}")
+    if not found.noise.known:  # a guess would be taken for a fact
+        heads, rows = heads[:6], [row[:6] for row in rows]
+    taken = "the offset of each run taken out"
+    if all(run.offset_rms is not None for run in found.runs):
+        heads.append("offset alone")
+        alone = [words.error(found.response, run.offset_rms or 0.0) for run in found.runs]
+        rows = [[*row, rms] for row, rms in zip(rows, alone, strict=True)]
+        taken = "the initial conditions of each run fitted; in the last column its offset alone"
+    return Table(heads, rows, f"Measured less predicted, {taken}; stroke {stroke}")
 
 
 def summary(found: Comparison) -> list[str]:
@@ -62,6 +68,11 @@ def summary(found: Comparison) -> list[str]:
     rms, floor = words.error(found.response, found.rms), words.error(found.response, found.floor, 2)
     share = words.percent(found.rms / found.runs[0].stroke if found.runs[0].stroke else math.nan)
     count = f"{len(found.runs)} runs" if len(found.runs) > 1 else found.runs[0].name
+    kept = [r for r in found.runs if r.role == "test"] or [r for r in found.runs if r.role == "validate"]
+    if 0 < len(kept) < len(found.runs):  # the error that the ladder of a diagnosis states
+        squares = np.concatenate([run.residual[np.isfinite(run.residual)] ** 2 for run in kept])
+        kind = "test" if kept[0].role == "test" else "validation"
+        share += f" (the {kind} runs by {words.error(found.response, float(np.sqrt(np.mean(squares))))})"
     said = [*doubts(found.observed), f"The model misses {count} by {rms} rms, {share} of the stroke. {_noise(found)}"]
     if found.rms < NOISE * found.floor:
         noise = f"the noise ({floor})" if found.noise.known else "no more than what may be noise"

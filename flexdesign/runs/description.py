@@ -9,6 +9,7 @@
     bias = "0 V"                          # added after scaling
     limits = ["0 V", "150 V"]             # what the bench allows, after scaling
     between_samples = "hold"              # or "linear", or "smooth": a measured command without its highest frequencies
+    noise = "3 nm"                        # standard deviation, of every axis whose sensor is not described
     [sensors.x]
     noise = "2 nm"
     range = ["0 um", "100 um"]
@@ -189,6 +190,7 @@ class Setup(files.Table):
     limits: Annotated[Any, _span(_volts, 'limits = ["0 V", "150 V"]')] = None
     closed_loop: bool | None = None
     between_samples: Annotated[Between | None, _one_of(*get_args(Between))] = None
+    noise: Annotated[Any, BeforeValidator(_reading)] = None
     sensors: SensorTables = SensorTables()
     run: Any = None
 

@@ -207,6 +207,8 @@ def _sensors(sheet: Sheet, measurements: Measurements) -> dict[str, Sensor]:
     found = {}
     for name in type(measurements.setup.sensors).model_fields:
         table: SensorTable | None = getattr(measurements.setup.sensors, name)
+        if table is None and name in AXES and measurements.setup.noise is not None:
+            table = SensorTable.model_construct(noise=measurements.setup.noise)
         if table is None or name not in sheet.values:
             continue
         readings = [each for each in (table.noise, *(table.range or ())) if each is not None]
