@@ -63,8 +63,7 @@ class InitialConditions:
         t = run.time - run.time[0]
         w = 2 * math.pi * self.axis.natural_frequency
         ringing = np.exp(-self.axis.damping_ratio * w * t)
-        # A state slower than the record would pass for a drift.
-        slow = [(tau, share) for tau, share in relaxing(self.axis) if tau <= t[-1]]
+        slow = relaxing(self.axis)
         columns = [np.ones_like(t), ringing * np.cos(w * t), ringing * np.sin(w * t)]
         columns += [np.exp(-t / tau) for tau, _ in slow]
         sizes = [math.inf, *2 * [SWINGS * self.stroke], *(share * self.stroke for _, share in slow)]
