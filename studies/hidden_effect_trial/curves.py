@@ -10,16 +10,26 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-#: Degrees of the sensor's error, and of the gain's. Over a range that is covered evenly they are orthogonal to every
-#: polynomial of lower degree. What the catalogue bends in position or voltage, it bends by squares and cubes. A gain is
-#: integrated to a displacement, so that its degree 5 holds degrees 4 and 6 there.
+#: Degrees of the error of the sensor, and of the gain. What the catalogue bends in position or voltage, it bends by
+#: squares and cubes; to these, polynomials of higher degree are orthogonal over a range that is covered evenly. A gain
+#: is integrated to a displacement, so that its degree 5 holds degrees 4 and 6 there.
 OF_SENSOR, OF_GAIN = range(4, 8), range(5, 8)
 
 
 def curve(place: Array, weights: tuple[float, ...]) -> Array:
-    """Return the sum of the polynomials `OF_SENSOR` at places, cut to -1 ... 1."""
-    coefficients = (*([0.0] * OF_SENSOR.start), *weights)
-    return cast("Array", legendre.legval(np.clip(place, -1.0, 1.0), coefficients))
+    """Return the sum of polynomials from degree 0 on, at places, cut to -1 ... 1."""
+    return cast("Array", legendre.legval(np.clip(place, -1.0, 1.0), weights))
+
+
+def without_low_degrees(weights: Array, places: Array) -> tuple[float, ...]:
+    """Return the polynomials `OF_SENSOR` with weights, less the cubic that is nearest over places, from degree 0 on.
+
+    Runs do not cover a range evenly; over their places the curve is then orthogonal to every cubic.
+    """
+    all_degrees = legendre.legvander(np.clip(places, -1.0, 1.0), OF_SENSOR.stop - 1)
+    low, high = all_degrees[:, : OF_SENSOR.start], all_degrees[:, OF_SENSOR.start :] @ weights
+    cubic = np.linalg.lstsq(low, high, rcond=None)[0]
+    return tuple(float(weight) for weight in (*-cubic, *weights))
 
 
 @njit(inline="always", error_model="numpy")

@@ -12,17 +12,18 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
-from studies.hidden_effect_trial.curves import OF_GAIN, OF_SENSOR, curve
+from studies.hidden_effect_trial.curves import OF_GAIN, OF_SENSOR, curve, without_low_degrees
 from studies.hidden_effect_trial.effects import Stage
 from studies.hidden_effect_trial.recordings import PERIOD, Recording
 
 Array = NDArray[np.float64]
 #: What they are, and why none is an effect of the catalogue:
 #: coarse_steps: the bench is itself a simulation, whose solver has steps of its own length and takes the command for
-#:   straight between them. Each jump of the command is early or late by another part of a step: no common delay.
+#:   straight between them. Each jump of the command is early or late by another part of a step: no common delay, nor a
+#:   bandwidth, which would act on all jumps alike.
 #: clock_jitter: readings are taken early or late by chance, at once or wandering. A delay of the catalogue is constant.
-#: curved_sensor: a smooth error of the sensor's scale, of degree 4 to 7 in position. Squares and cubes are like
-#:   electrostriction and stiffening; higher degrees are orthogonal to them.
+#: curved_sensor: a smooth error of the sensor's scale, of degree 4 to 7 in position, less the nearest cubic over the
+#:   positions that were recorded. Squares and cubes are like electrostriction and stiffening.
 #: uneven_gain: the actuator's gain depends on its position, as a polynomial of degree 5 to 7, ahead of the modes.
 #: rounded_readings: smoothed forwards and backwards, so that nothing is late as behind a bandwidth; then rounded by a
 #:   converter that keeps its last reading within a dead band. Only the rounding has a name (`TRUE`).
@@ -33,7 +34,7 @@ TRUE = {"rounded_readings": ("quantisation",)}
 NEAR, TRIALS = 0.05, 24
 #: Where the search for a size begins, and where it ends.
 SIZES = {
-    "coarse_steps": (0.37e-3, 0.03e-3, 8e-3),
+    "coarse_steps": (0.37e-3, 3e-6, 8e-3),
     "clock_jitter": (1e-5, 1e-8, 0.5e-3),
     "curved_sensor": (1e-3, 1e-6, 0.1),
     "uneven_gain": (1e-2, 1e-5, 1.0),
@@ -53,7 +54,7 @@ class Fault:
         Length of the solver's steps [s]; root mean square of the clock's error [s]; weight of the curve over half the
         range of positions; weight of the change of gain; steps of the reading over the stroke.
     weights
-        Of Legendre polynomials, their squares adding up to one.
+        Of Legendre polynomials: of the sensor from degree 0 on, of the gain from degree 5 on.
     span
         Lowest and highest position, where the curve of the sensor ends [m].
     memory
@@ -134,7 +135,7 @@ def _kept(y: Array, step: float, band: float) -> Array:
 
 
 def drawn(
-    rng: np.random.Generator, kind: str, span: tuple[float, float], target: float, error: Callable[[Fault], float]
+    rng: np.random.Generator, kind: str, positions: Array, target: float, error: Callable[[Fault], float]
 ) -> Fault | None:
     """Return a structural error of a stated size; None if there is none of such a shape.
 
@@ -144,16 +145,21 @@ def drawn(
         Draws its shape.
     kind
         Of it.
-    span
-        Lowest and highest position of the stage [m].
+    positions
+        Of the stage in all runs [m].
     target
         Root mean square that it should have [m].
     error
         Returns the one that it has [m].
     """
-    fault = Fault(kind, 0.0, span=span, seed=int(rng.integers(2**31)))
-    if kind in ("curved_sensor", "uneven_gain"):
-        weights = rng.standard_normal(len(OF_SENSOR if kind == "curved_sensor" else OF_GAIN))
+    low, high = float(positions.min()), float(positions.max())
+    fault = Fault(kind, 0.0, span=(low, high), seed=int(rng.integers(2**31)))
+    if kind == "curved_sensor":
+        weights = rng.standard_normal(len(OF_SENSOR))
+        places = 2.0 * (positions - low) / (high - low) - 1.0
+        fault = replace(fault, weights=without_low_degrees(weights / np.linalg.norm(weights), places))
+    elif kind == "uneven_gain":
+        weights = rng.standard_normal(len(OF_GAIN))
         fault = replace(fault, weights=tuple(float(w) for w in weights / np.linalg.norm(weights)))
     elif kind == "clock_jitter":
         fault = replace(fault, memory=float(np.exp(rng.uniform(math.log(1e-3), math.log(0.3)))))
