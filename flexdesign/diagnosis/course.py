@@ -39,18 +39,26 @@ from flexdesign.diagnosis.setting import Setting, line_weights, settle
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
 from flexdesign.evidence.case import Case, Fitting
-from flexdesign.evidence.caught import ANEW_SHARE, FIRST_SHARE, carried_on, walked
 from flexdesign.evidence.marquardt import SHARE
 from flexdesign.evidence.model_comparison import Step
 from flexdesign.evidence.noise import Whitening
 from flexdesign.evidence.rival import Rival, cost_of_terms, rival
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import MOST, backward, confirmed, confusable, forward, leaves_more_than_noise
+from flexdesign.evidence.selection import (
+    FIRST_SHARE,
+    MOST,
+    backward,
+    confirmed,
+    confusable,
+    forward,
+    leaves_more_than_noise,
+)
 from flexdesign.evidence.sharing import Shared, sharing
 from flexdesign.evidence.stand import (
     GROSS,
     Stand,
     calibrated,
+    escape,
     evaluated,
     finished,
     fitted,
@@ -347,11 +355,9 @@ def search(
         if stand.names == before.names:  # what was added made itself superfluous: it helped a fit that was caught
             stand = min(before, stand, key=lambda each: each.cost)
             base, stands = (base, [*stands[:-1], stand]) if stands else (stand, stands)
-            if stand.cost > (1 - ANEW_SHARE) * before.cost:
-                break
-            continue
+            break
         stands.append(stand)
-    final = walked(case.at_last, carried_on(case, stand))
+    final = escape(case.at_last, stand) if stand.effects else stand
     return case, Course(designed, base, tuple(stands), tuple(steps), final, agreed, held, is_refused)
 
 

@@ -8,24 +8,14 @@ the prediction. Of these runs, too, where each began is fitted, and nothing else
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtri
 
 from flexdesign.evidence.case import Case
-from flexdesign.evidence.caught import (
-    ANEW,
-    ANEW_SHARE,
-    FIRST_SHARE,
-    SECOND,
-    carried_on,
-    fitted_in_line,
-    freed,
-    has_found,
-    shaken,
-)
+from flexdesign.evidence.local_minima import grid_initial_states
 from flexdesign.evidence.marquardt import Solution
 from flexdesign.evidence.model_comparison import (
     INDISTINGUISHABLE,
@@ -41,9 +31,8 @@ from flexdesign.evidence.model_comparison import (
     is_alike,
     overruled,
 )
-from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate, Direction, Moves, Screening
-from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, fitted, judged, like, refitted, solved
+from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, escape, fitted, judged, like, refitted, solved
 from flexdesign.model import Model
 
 #: A first fit with some effects, not judged on the runs kept apart: names of those that are new, all, and the fit.
@@ -54,8 +43,11 @@ SHORTLIST, PAIRS, BEGINNINGS = 7, 2, 2
 FAINT = 0.2
 #: A second beginning is tried where it promises this share of the first.
 SECOND_BEST = 0.7
-#: A first fit finds slopes so often.
-FIRST = 3
+#: A first fit finds Jacobians so often, and ends where a step lowers chi^2 by less than this share; one that is carried
+#: further finds so many more.
+FIRST, FIRST_SHARE, SECOND = 3, 1e-3, 6
+#: A fit that leaves no more than this share of the excess has found what was missing.
+FOUND = 0.1
 #: What is near the best is fitted further; only what is chosen is carried to its end.
 SECOND_SHARE = 1e-5
 #: A first fit is fitted further where it lowers the cost by this share of what the best one does.
@@ -72,8 +64,6 @@ NEAR, RIVALS = 0.02, 3
 CHANGED, LONG_LIST = 0.3, 12
 #: Standard deviations from its prior at which a number makes up for something else.
 STRAINED = 5.0
-#: An effect is in doubt that is worth no more than this many times what it needs; the fit without it is then shaken.
-DOUBTFUL = 12.0
 #: Where nothing earns its place but the cost is so many standard deviations of chance above what noise leaves, what was
 #: found may stand in for something else beside it.
 TOO_MUCH = 3.0
@@ -100,9 +90,10 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate], moves: Mo
 
     enough = score if strained else max(score, WORTH_A_FIT * SHARE * excess(stand))
     trials = tried(_shortlist(screening, enough, is_gross=stand.scale > GROSS, is_strained=strained))
-    best, free, values = best_of(case, trials), None, None
-    if best is not None and leaves_more_than_noise(best.stand) and has_found(stand, best.stand):
-        free, values = _polished(case, stand, best, score)  # lest a second effect be taken for what frees a fit
+    best, free = best_of(case, trials), None
+    if best is not None and leaves_more_than_noise(best.stand) and excess(best.stand) < FOUND * excess(stand):
+        # A second effect may be taken for what helps a fit out of a local minimum.
+        free = _ended(case, stand, best, score, is_stuck=True)
         trials, best = [free if trial is best else trial for trial in trials], free
     # Where one explains all but noise, or there was no more from the start, two have nothing to tell apart.
     if leaves_more_than_noise(stand if best is None else best.stand):
@@ -114,7 +105,7 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate], moves: Mo
     best = best_of(case, trials)
     if best is None:
         return Step(None, tuple(trials), moves=screening.moves if case.fitting.sparing else None)
-    return _chosen(case, stand, trials, best, score, values, carry_on=best is not free)
+    return _chosen(case, stand, trials, best, score, carry_on=best is not free)
 
 
 def excess(stand: Stand) -> float:
@@ -151,10 +142,9 @@ def _as_seen(case: Case, stand: Stand, trial: Trial) -> Stand | None:
         model = effect.add(model)
     # Where a run began may be one thing to its opening, and another to the whole of it.
     start = case.fine(like(model, trial.stand))
-    begun = begun_anew(case.prepared(case, start).identify, start, case.each)
-    made = fitted_in_line(case, begun, (*stand.effects, *added))
-    # What is rough about it would pass for a further effect where nothing else is left.
-    return made if made is None or leaves_more_than_noise(made) else carried_on(case, made)
+    begun = grid_initial_states(case.prepared(case, start).identify, start, case.identify.names, case.each)
+    made = fitted(case, begun, (*stand.effects, *added), {})
+    return made
 
 
 def _chosen(
@@ -163,7 +153,6 @@ def _chosen(
     trials: Sequence[Trial],
     best: Trial,
     score: float,
-    values: Mapping[str, float] | None = None,
     *,
     carry_on: bool = False,
 ) -> Step:
@@ -172,8 +161,8 @@ def _chosen(
     reach = max(NEAR * best.gain, INDISTINGUISHABLE * best.stand.discrepancy)
     near = [t for t in accepted if t is not best and len(t.names) == len(best.names) and behind(t, best) < reach]
     if carry_on:
-        best, values = _polished(case, stand, best, score)
-    rivals = [_ended(case, stand, trial, score, values) for trial in near[:RIVALS]]
+        best = _ended(case, stand, best, score)
+    rivals = [_ended(case, stand, trial, score) for trial in near[:RIVALS]]
     return Step(best, tuple(trials), tuple(trial for trial in rivals if is_alike(best.stand, trial.stand)))
 
 
@@ -200,28 +189,14 @@ def leaves_more_than_noise(stand: Stand) -> bool:
     return stand.seen_cost > samples + TOO_MUCH * math.sqrt(2.0 * samples)
 
 
-def _polished(case: Case, before: Stand, best: Trial, score: float) -> tuple[Trial, Mapping[str, float] | None]:
-    """Return the best trial with its fit carried to the end; and, if it was caught, where its rivals begin: as it ends.
-
-    Otherwise they begin where they are: None.
-    """
-    ended = _ended(case, before, best, score)
-    free = freed(case, before, ended.stand)
-    if free is ended.stand:
-        return ended, None
-    best = evaluate(case, before, free, ended.names, score)
-    return best, free.solution.problem.where.values(free.solution.x)
-
-
-def _ended(case: Case, before: Stand, trial: Trial, score: float, values: Mapping[str, float] | None = None) -> Trial:
-    """Return a trial with its fit carried to the end, from other values perhaps, unless it misses the runs by far."""
+def _ended(case: Case, before: Stand, trial: Trial, score: float, *, is_stuck: bool = False) -> Trial:
+    """Return a trial with its fit carried to the end, unless it misses the runs by far."""
     stand = trial.stand
     if stand.scale > GROSS:
         return trial
-    names = stand.solution.problem.where.names
-    begun = {name: value for name, value in (values or {}).items() if name in names}
-    old = None if begun else stand.solution.columns()
-    ended = fitted_in_line(case, stand.model, stand.effects, begun, old)
+    ended = fitted(case, stand.model, stand.effects, {}, old=stand.solution.columns())
+    if ended is not None and is_stuck:
+        ended = escape(case, ended)
     return trial if ended is None else evaluate(case, before, ended, trial.names, score)
 
 
@@ -248,18 +223,10 @@ def _refined(
 
 
 def _further(case: Case, effects: tuple[Candidate, ...], first: Solution) -> Stand | None:
-    """Return a first fit carried further; where a run seems to have come from elsewhere it is fitted again."""
-    best: Stand | None = None
-    model, old = case.fine(first.problem.at(first.x)), first.columns()
-    for _ in range(ANEW):
-        moved = begun_anew(case.prepared(case, model).identify, model, case.each)
-        if best is not None and moved is model:
-            break
-        made = fitted(case, moved, effects, {}, old=old, most=SECOND, share=SECOND_SHARE)
-        if made is None or (best is not None and made.cost > (1 - ANEW_SHARE) * best.cost):
-            break
-        best, model, old = made, made.model, made.solution.columns()
-    return best
+    """Return a first fit carried further, its runs in the initial states that suit it best."""
+    model = case.fine(first.problem.at(first.x))
+    moved = grid_initial_states(first.problem.suite, model, case.identify.names, case.each)
+    return fitted(case, moved, effects, {}, old=first.columns(), most=SECOND, share=SECOND_SHARE)
 
 
 def confusable(case: Case, stand: Stand, base: Model, steps: Sequence[Step]) -> tuple[tuple[str, ...], ...]:
@@ -296,7 +263,7 @@ def _does_as_well(case: Case, stand: Stand, base: Model, name: str, seen: Stand,
     for effect in effects:
         model = effect.add(model)
     model = like(like(model, seen), stand)
-    made = fitted_in_line(case, model, effects)
+    made = fitted(case, model, effects, {})
     return made is not None and is_alike(stand, made)
 
 
@@ -308,8 +275,6 @@ def backward(case: Case, stand: Stand, base: Model, candidates: Sequence[Candida
         rest = tuple(other for other in stand.effects if other.name != effect.name)
         needed = critical_value(float(chdtri(1, LEVEL)), (effect,)) * stand.discrepancy
         without = refitted(case, stand, base, rest)
-        if without is not None and without.cost - stand.cost < DOUBTFUL * needed:
-            without = shaken(case, without, stand.cost + needed)
         if without is not None and without.cost - stand.cost < needed:
             return backward(case, without, base, candidates)
     return stand
@@ -387,7 +352,8 @@ def _extended(case: Case, stand: Stand, beginning: Sequence[Direction], *, is_st
     tried = [solved(case, coarse, together, start, old=known, most=FIRST, share=FIRST_SHARE, exact=False)]
     if is_strained:
         # There its own numbers, too, made up for what it lacked: they begin where they were thought to be.
-        anew = begun_anew(case.prepared(case, coarse).identify, coarse.replace({**start, **case.designed}), case.each)
+        begun = coarse.replace({**start, **case.designed})
+        anew = grid_initial_states(case.prepared(case, coarse).identify, begun, case.identify.names, case.each)
         tried.append(solved(case, anew, together, {}, most=FOLLOWED, share=FIRST_SHARE, exact=False))
     best = min((each for each in tried if each is not None), key=lambda each: each.cost, default=None)
     return None if best is None else (_names(beginning), together, best)

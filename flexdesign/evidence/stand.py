@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.evidence.case import Case
+from flexdesign.evidence.local_minima import Refine, grid_initial_states, outlier_runs
 from flexdesign.evidence.marquardt import SHARE, Columns, Solution, solve
 from flexdesign.evidence.noise import colour
-from flexdesign.evidence.origins import begun_alone, begun_elsewhere, out_of_line
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.suite import Record, Suite
 from flexdesign.model import Model
@@ -28,6 +28,9 @@ GOOD, FOLLOWED, AGREED = 1.5, 8, 0.01
 HELD_SHARE = 1e-5
 #: A model misses the runs by far where it leaves this many times the mean square of the noise.
 GROSS = 30.0
+#: A fit begins again with each threshold times these, so often while that lowers chi^2 by more than this.
+#: It is carried to the end where a rough fit comes as close as this to the best.
+FACTORS, ROUNDS, IMPROVED, CLOSE = (1.1, 0.9), 6, 2.0, 1.05
 #: Points of a sample from which the best become starts of the calibration.
 SAMPLED = 16
 
@@ -194,7 +197,67 @@ def fitted(
     Parameters are those of `solved`.
     """
     solution = solved(case, model, effects, start, old=old, most=most, share=share, exact=exact)
-    return None if solution is None else judged(case, solution, effects, share)
+    if solution is None:
+        return None
+    stand = judged(case, solution, effects, share)
+    if stand is None or stand.scale > GROSS:
+        return stand
+    return begun_elsewhere(case, stand, outlier_runs(solution.problem.suite, solution.residuals), share)
+
+
+def begun_elsewhere(case: Case, stand: Stand, runs: Sequence[str], share: float = SHARE) -> Stand:
+    """Return a fit begun again with some runs in other initial states; the fit itself if that is no better."""
+    solution = stand.solution
+    suite = solution.problem.suite
+    moved = grid_initial_states(suite, stand.model, runs, case.each, _alone(case, suite)) if runs else stand.model
+    if moved is stand.model:
+        return stand
+    again = solved(case, moved, stand.effects, {}, old=solution.columns(), share=share)
+    made = None if again is None or again.cost >= solution.cost else judged(case, again, stand.effects, share)
+    return stand if made is None else made
+
+
+def _alone(case: Case, suite: Suite) -> Refine:
+    """Return what fits the initial state of one run while all other numbers stay."""
+
+    def refine(model: Model, record: Record) -> tuple[float, dict[str, float]]:
+        alone = suite.part([record.observation.name])
+        where = case.coordinates(model, (), alone)
+        found = solve(case.problem(alone, model, where), where.start, most=6, share=1e-3, exact=False)
+        return (math.inf, {}) if found is None else (found.misfit, where.values(found.x))
+
+    return refine
+
+
+def escape(case: Case, stand: Stand) -> Stand:
+    """Return the best of fits begun again near one that may be in a local minimum: initial states, then thresholds."""
+    stand = begun_elsewhere(case, stand, case.identify.names)
+    for name in (name for effect in stand.effects for name in effect.hidden):
+        for _ in range(ROUNDS):
+            case.progress(f"fitting with other values of {name}")
+            better = next((made for factor in FACTORS if (made := _begun_beside(case, stand, name, factor))), None)
+            if better is None:
+                break
+            stand = better
+    return stand
+
+
+def _begun_beside(case: Case, stand: Stand, name: str, factor: float) -> Stand | None:
+    """Return the fit that begins with a number times a factor, first roughly; None if it is no better."""
+    value = stand.solution.problem.where.values(stand.solution.x)[name]
+    rough = solved(
+        case,
+        case.coarse(stand.model.replace({name: factor * value})),
+        stand.effects,
+        {},
+        most=4,
+        share=1e-3,
+        exact=False,
+    )
+    if rough is None or rough.cost > CLOSE * stand.cost:
+        return None
+    made = fitted(case, case.fine(rough.problem.at(rough.x)), stand.effects, {}, old=rough.columns())
+    return made if made is not None and made.cost < stand.cost - IMPROVED * stand.discrepancy else None
 
 
 def solved(
@@ -220,8 +283,6 @@ def solved(
     begun = model.replace(start)
     case = case.prepared(case, begun)
     free = [*case.free, *(name for effect in effects for name in effect.free)]
-    if case.fitting.sparing and free and not old:
-        begun = begun_alone(case, begun)
     where = case.coordinates(begun, free, case.identify)
     problem = case.problem(case.identify, begun, where)
     old = old if old and _suits(old, case.identify) else None
@@ -259,7 +320,7 @@ def judged(case: Case, solution: Solution, effects: tuple[Candidate, ...], share
         beginning = solve(problem, where.start, share=max(share, HELD_SHARE), exact=False)
         if beginning is None:
             return None
-        beginning = _from_elsewhere(case, beginning, solution, share)
+        beginning = _with_outliers_elsewhere(case, beginning, solution, share)
         model, held = beginning.problem.at(beginning.x), beginning.cost
     records = [(suite, record) for suite in (case.identify, case.validate) for record in suite.records]
     left = case.each(lambda pair: pair[0].remainder(pair[1], np.asarray(model.predict(pair[1].observation))), records)
@@ -275,17 +336,19 @@ def tested(case: Case, stand: Stand) -> Stand:
     return stand if made is None else replace(stand, remainders={**made.remainders, **stand.remainders})
 
 
-def _from_elsewhere(case: Case, beginning: Solution, solution: Solution, share: float) -> Solution:
-    """Return where runs kept apart begin, sought anew for those that fit worse than the runs that the fit saw."""
+def _with_outliers_elsewhere(case: Case, begun: Solution, solution: Solution, share: float) -> Solution:
+    """Return the initial conditions of validation runs, sought anew for those that fit worse than the fitted runs."""
     usual = solution.cost / solution.problem.suite.samples
-    odd = out_of_line(case.validate, beginning.residuals, usual) if usual < GROSS else []
-    model = beginning.problem.at(beginning.x)
-    if not odd or (moved := begun_elsewhere(case, case.validate, model, odd)) is model:
-        return beginning
+    odd = outlier_runs(case.validate, begun.residuals, usual) if usual < GROSS else []
+    model = begun.problem.at(begun.x)
+    suite = case.validate
+    moved = grid_initial_states(suite, model, odd, case.each, _alone(case, suite)) if odd else model
+    if moved is model:
+        return begun
     where = case.coordinates(moved, (), case.validate)
     problem = case.problem(case.validate, moved, where)
     anew = solve(problem, where.start, share=max(share, HELD_SHARE), exact=False)
-    return beginning if anew is None or anew.cost > beginning.cost else anew
+    return begun if anew is None or anew.cost > begun.cost else anew
 
 
 def refitted(case: Case, stand: Stand, base: Model, effects: tuple[Candidate, ...]) -> Stand | None:
