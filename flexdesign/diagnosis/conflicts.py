@@ -22,12 +22,16 @@ from flexdesign.diagnosis.findings import Named, Value
 from flexdesign.diagnosis.setting import Setting
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_parameters import DELAY, TRIGGER
+from flexdesign.evidence.case import Case
 from flexdesign.evidence.coordinates import value
-from flexdesign.evidence.stand import Stand
+from flexdesign.evidence.stand import CALIBRATION_SHARE, Stand, fitted
 from flexdesign.model import Parameter
 
 #: A number that the fit moves by more standard deviations of what was known than this is a finding.
 CONFLICT = 3.0
+#: Beside a remainder an effect is named that explains this many times as much as remains, in mean squares: two thirds
+#: of what both are together.
+LARGE = 2.0
 #: Half-width of a 95 % interval, in standard deviations.
 HALF_WIDTH = 1.96
 #: A run shows how late it began where that is known better afterwards, by this factor.
@@ -48,12 +52,15 @@ class Conflict:
         The first of these with its value; None if there is none.
     written
         Returns the model with the effect in it and the number back where it was known to be.
+    number
+        Name of the number; empty if it was read off the recordings.
     """
 
     words: str
     group: tuple[str, ...]
     named: Named | None
     written: Callable[[AxisDynamics], AxisDynamics]
+    number: str = ""
 
 
 def conflicts(setting: Setting, stand: Stand) -> tuple[Conflict, ...]:
@@ -74,7 +81,7 @@ def conflicts(setting: Setting, stand: Stand) -> tuple[Conflict, ...]:
         wide = math.hypot(max(fitted), HALF_WIDTH * sigma / abs(middle) * ratio)
         ends = [ratio - wide, ratio + wide]
         if ends[0] <= 1 <= ends[1]:  # then the runs do not determine by how much it moved
-            found.append(Conflict(words, (), None, lambda model: model))
+            found.append(Conflict(words, (), None, lambda model: model, name))
         elif name == "natural_frequency" and far < 0:
             found.append(_softer(setting, words, ratio, sorted(ends), is_stiffness=_follows(setting, values, ratio)))
         elif name == "gain" and _follows(setting, values, _ratio(setting, values)):
@@ -82,9 +89,28 @@ def conflicts(setting: Setting, stand: Stand) -> tuple[Conflict, ...]:
         elif name == "gain":
             found.append(_louder(setting, words, ratio, sorted(ends)))
         else:
-            found.append(Conflict(words, (), None, lambda model: model))
+            found.append(Conflict(words, (), None, lambda model: model, name))
     more = (_late(setting, stand), _stepped(setting))
     return (*found, *(conflict for conflict in more if conflict is not None))
+
+
+def explains(setting: Setting, case: Case, stand: Stand, conflict: Conflict) -> bool:
+    """Tell whether a number that moved beyond its prior explains much beside what remains, as an effect must.
+
+    The fit is made again with the number held where it was known to be.
+    """
+    if not conflict.number:
+        return True
+    model = cast(AxisDynamics, stand.model)
+    if conflict.number == TRIGGER:
+        case = replace(case, believed=1.0)
+        held = model.replace({f"{run}:{TRIGGER}": 0.0 for run in model.apart})
+    else:
+        case = replace(case, free=tuple(name for name in case.free if name != conflict.number))
+        held = model.replace({conflict.number: setting.known[conflict.number][0]})
+    without = fitted(case, held, stand.effects, {}, share=CALIBRATION_SHARE, exact=False)
+    rest = setting.error(stand) ** 2 - setting.known_floor**2
+    return without is None or setting.error(without) ** 2 - setting.error(stand) ** 2 >= LARGE * rest
 
 
 def _ratio(setting: Setting, values: Mapping[str, float]) -> float:
@@ -128,7 +154,7 @@ def _softer(setting: Setting, words: str, ratio: float, ends: list[float], *, is
             faster["gain"] = model.axis.gain * ratio**2
         return _with(model.replace(faster), name, {"ratio": numbers[0]})
 
-    return Conflict(words, group, _named(name, "ratio", numbers), written)
+    return Conflict(words, group, _named(name, "ratio", numbers), written, "natural_frequency")
 
 
 def _louder(setting: Setting, words: str, ratio: float, ends: list[float]) -> Conflict:
@@ -138,7 +164,7 @@ def _louder(setting: Setting, words: str, ratio: float, ends: list[float]) -> Co
     def written(model: AxisDynamics) -> AxisDynamics:
         return _with(model.replace({"gain": axis.gain}), "sensor_gain", {"error": numbers[0]})
 
-    return Conflict(words, ("sensor_gain",), _named("sensor_gain", "error", numbers), written)
+    return Conflict(words, ("sensor_gain",), _named("sensor_gain", "error", numbers), written, "gain")
 
 
 def _late(setting: Setting, stand: Stand) -> Conflict | None:
@@ -166,7 +192,7 @@ def _late(setting: Setting, stand: Stand) -> Conflict | None:
     if mean <= half:
         return None
     named = Named("transport_delay", (Value(parameter, total, interval),), 0.0)
-    return Conflict(words, ("transport_delay",), named, lambda model: model.replace({DELAY: total}))
+    return Conflict(words, ("transport_delay",), named, lambda model: model.replace({DELAY: total}), TRIGGER)
 
 
 def _stepped(setting: Setting) -> Conflict | None:

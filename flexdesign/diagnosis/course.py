@@ -31,9 +31,10 @@ from flexdesign.diagnosis.beginning import (
     with_initial_conditions,
 )
 from flexdesign.diagnosis.candidates import candidates
+from flexdesign.diagnosis.conflicts import conflicts, explains
 from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.findings import Course, Diagnosis
-from flexdesign.diagnosis.judgement import conclude, decide, ladder_of
+from flexdesign.diagnosis.judgement import conclude, decide, is_adequate, ladder_of
 from flexdesign.diagnosis.opening import opening
 from flexdesign.diagnosis.setting import Setting, line_weights, settle
 from flexdesign.dynamics.axis_model import AxisDynamics
@@ -174,11 +175,14 @@ def diagnose(
         if named.effects and named is not course.final:
             named = finished(case.at_last, named)
         groups = confusable(case, named, dynamics, course.steps)
+        beyond = conflicts(setting, named)
+        is_done = is_adequate(setting, course.final, left)
+        implied = [c for c in beyond if c.named is not None and (is_done or explains(setting, case, named, c))]
         progress("predicting the test runs")
         judging = [run for run in setting.runs if run.name in setting.judging]
         alone = np.concatenate([offset_residual(dynamics, run) for run in judging]) if judging else None
         ladder = [tested(case, stand) for stand in (course.designed, *ladder_of(course, named))]
-    found = conclude(model, setting, course, left, verdict, ladder, groups, alone)
+    found = conclude(model, setting, course, left, verdict, ladder, groups, beyond, implied, alone)
     evaluations = sum(stand.solution.problem.evaluations for stand in (course.calibrated, *course.stands))
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
 
@@ -322,7 +326,7 @@ def search(
     noise: for what is fainter, and for what moves slowly, all of the runs are asked.
     """
     case.progress("predicting with the model as it is")
-    held = undetermined(case, dynamics) if ahead is None else ahead.undetermined
+    held = undetermined(case, dynamics)
     case = replace(case, free=tuple(name for name in case.free if name not in held))
     designed = evaluated(replace(case, believed=BELIEVED), dynamics)
     case.progress("calibrating")

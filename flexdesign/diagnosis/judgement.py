@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.diagnosis.conflicts import HALF_WIDTH, Conflict, conflicts
+from flexdesign.diagnosis.conflicts import HALF_WIDTH, LARGE, Conflict
 from flexdesign.diagnosis.findings import Course, Diagnosis, Named, Rung, Tried, Value, Verdict
 from flexdesign.diagnosis.setting import Setting
 from flexdesign.dynamics.axis_model import AxisDynamics
@@ -28,9 +28,6 @@ ERRORS = 3.5
 #: A sample so many standard deviations of its run from zero is a jump, and so many jumps are no chance: in Gaussian
 #: noise one sample in five hundred million lies as far.
 JUMP, JUMPS = 6.0, 3
-#: Beside a remainder an effect is named that explains this many times as much as remains, in mean squares: two thirds
-#: of what both are together.
-LARGE = 2.0
 #: Standard deviation of Gaussian noise over the median of its size.
 GAUSSIAN = 1.4826
 
@@ -157,15 +154,19 @@ def decide(
     every = levels(course)
     if is_adequate(setting, course.final, left) and not course.final.at_bound():
         return ("effects-found", course.final) if course.final.effects else ("nothing-missing", course.calibrated)
-    errors = [setting.error(stand) ** 2 for stand in every]
+    rests = np.array([_unexplained_squares(setting, stand) for stand in every])
     for named in range(len(every) - 1, 0, -1):
-        rest = errors[named] - setting.known_floor**2
-        explained = [errors[i] - errors[i + 1] for i in range(named)]
-        if every[named].at_bound():
-            continue
-        if min(explained) >= LARGE * rest and not is_better_smooth(every[0], every[named]):
+        is_large = np.all(-np.diff(rests[: named + 1], axis=0) >= LARGE * rests[named])
+        if is_large and not every[named].at_bound() and not is_better_smooth(every[0], every[named]):
             return "effects-found", every[named]
     return "unknown", course.calibrated
+
+
+def _unexplained_squares(setting: Setting, stand: Stand) -> tuple[float, float]:
+    """Return what remains of the validation runs above the noise: mean square [response^2], and whitened chi^2."""
+    count = sum(int(np.isfinite(run.measured()).sum()) for run in setting.of("validate"))
+    held = stand.held_cost - count if count else stand.seen_cost - stand.solution.problem.suite.samples
+    return max(setting.error(stand) ** 2 - setting.known_floor**2, 0.0), max(held, 0.0)
 
 
 def conclude(
@@ -176,6 +177,8 @@ def conclude(
     verdict: Verdict,
     ladder: Sequence[Stand],
     groups: tuple[tuple[str, ...], ...],
+    moved: Sequence[Conflict],
+    implied: Sequence[Conflict],
     alone: Array | None = None,
 ) -> Diagnosis:
     """Return the diagnosis.
@@ -190,15 +193,14 @@ def conclude(
         The verdict; and the fits from the model as designed and as calibrated to the last whose effects are named.
     groups
         Effects that the runs cannot tell apart, one of each among those that are named.
+    moved, implied
+        Numbers that moved beyond what was known of them, and those among them that stand for an effect.
     alone
         Residual of the runs that errors are stated of, if nothing is fitted but their offsets [response].
     """
     final, (_, calibrated, *_) = ladder[-1], ladder
     is_noise = is_adequate(setting, course.final, left)
     doubt = "" if is_noise else _in_words(setting, remainder(setting, course.final), left)
-    moved = conflicts(setting, final)
-    may_imply = is_noise or (verdict == "effects-found" and _calibration_explains(setting, course, final))
-    implied = [conflict for conflict in moved if conflict.named is not None and may_imply]
     effects = tuple(_named(setting, ladder[1:], name) for name in final.names)
     if implied:
         verdict = "effects-found"
@@ -247,12 +249,6 @@ def is_adequate(setting: Setting, stand: Stand, left: Rival) -> bool:
     # Smooth functions that explain something show that there is something, however small it is beside the noise.
     explainable = left.held_gain > 0 and left.moved > setting.tolerance and left.gain > 0
     return remainder(setting, stand).is_noise and not explainable
-
-
-def _calibration_explains(setting: Setting, course: Course, final: Stand) -> bool:
-    """Tell whether what calibration explains is large beside what remains."""
-    explained = setting.error(course.designed) ** 2 - setting.error(course.calibrated) ** 2
-    return explained >= LARGE * unexplained(setting, final) ** 2
 
 
 def _confidence(setting: Setting, course: Course) -> str:

@@ -349,7 +349,8 @@ def _extended(case: Case, stand: Stand, beginning: Sequence[Direction], *, is_st
         start |= {p.name: p.screen[len(p.screen) // 2] for p in model.parameters() if p.run and p.screen}
     known = None if gross or any(candidate.is_limit for candidate in added) else old
     together, coarse = (*stand.effects, *added), case.coarse(model)
-    tried = [solved(case, coarse, together, start, old=known, most=FIRST, share=FIRST_SHARE, exact=False)]
+    most = FOLLOWED if gross else FIRST
+    tried = [solved(case, coarse, together, start, old=known, most=most, share=FIRST_SHARE, exact=False)]
     if is_strained:
         # There its own numbers, too, made up for what it lacked: they begin where they were thought to be.
         begun = coarse.replace({**start, **case.designed})
