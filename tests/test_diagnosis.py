@@ -31,11 +31,11 @@ from flexdesign.dynamics.axis_run import of_axis
 from flexdesign.errors import InputError
 from flexdesign.evidence.coloured import Coloured, Process
 from flexdesign.evidence.marquardt import Solution
+from flexdesign.evidence.model_comparison import Step, Trial
 from flexdesign.evidence.rival import Rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.stand import Stand
 from flexdesign.evidence.suite import Problem
-from flexdesign.evidence.model_comparison import Step, Trial
 from flexdesign.noise_floor import NoiseFloor
 from flexdesign.runs import Run
 from flexdesign.stage_model import AxisModel, StageModel
