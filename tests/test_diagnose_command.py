@@ -23,6 +23,7 @@ from typer.testing import CliRunner
 from flexdesign import diagnosis, effects, runs, stage_model
 from flexdesign.cli import app
 from flexdesign.diagnosis import Diagnosis, Value, adding, comparing, telling
+from flexdesign.diagnosis.setting import settle
 from flexdesign.diagnosis.standing import compared
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
@@ -151,12 +152,12 @@ def test_effects_beside_a_remainder_are_said_with_it() -> None:
     found = replace(diagnosed(), remainder_rms=4e-7, stroke=2e-4, noise_floor=4e-8, remainder="the residual is slow")
     said = diagnosis_words.summary(found, ())
     assert said[0].endswith(
-        "What remains, 400 nm (10 times the noise, 0.2 % of the stroke), is no effect that is known here."
+        "What remains, 0.400 µm (10 times the noise, 0.20 % of the stroke), is no effect that is known here."
     )
     assert any(part.startswith("What remains looks like this.") and "The residual is slow." in part for part in said)
     unsaid = replace(found, noise=replace(found.noise, known=False))
     assert diagnosis_words.summary(unsaid, ())[0].endswith(
-        "the noise is unknown. What remains, 400 nm (0.2 % of the stroke), is no effect that is known here."
+        "the noise is unknown. What remains, 0.400 µm (0.20 % of the stroke), is no effect that is known here."
     )
     result = diagnosis_report.result(found, ())["remainder"]
     assert (result["rms"]["value"], result["over_noise"]) == pytest.approx((4e-7, 10.0))
@@ -397,6 +398,44 @@ def test_add_takes_an_effect_of_ones_own(tmp_path: Path) -> None:
     assert (result["effect"]["name"], result["effect"]["needed"]) == ("my_guides", True)
     assert result["effect"]["parameters"][0]["value"] == pytest.approx(CUBIC, rel=0.01)
     assert result["loop"]["simulated"]
+
+
+def test_sizes_are_stated_in_a_unit_or_in_percent_of_the_stroke() -> None:
+    """The stroke is what gain and amplifier make of the largest command of all runs."""
+    axis = stage().axes["x"]
+    stroke = abs(axis.gain * axis.driver.gain) * max(float(np.abs(run.command()).max()) for run in recordings())
+    for text, value in (("0.1 %", 1e-3 * stroke), ("5%", 0.05 * stroke), ("0.2 um", 2e-7), (None, None)):
+        assert adding.size(stage(), recordings(), None, "--tolerance", text) == pytest.approx(value)
+
+
+@pytest.mark.parametrize("verb", ["diagnose", "compare", "add"])
+def test_a_stated_noise_reaches_the_fit(verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[str, Any] = {}
+
+    def stop(*_: Any, **options: Any) -> None:
+        asked.update(options)
+        raise InputError("test", "asked", None, "no more")
+
+    for module, name in ((diagnosis, "diagnose"), (comparing, "compare"), (adding, "add")):
+        monkeypatch.setattr(module, name, stop)
+    given = [str(DEMO / "model.toml"), *(["creep"] if verb == "add" else []), str(DEMO / "runs")]
+    more = ["--tolerance", "0.1 %"] if verb == "diagnose" else []
+    CliRunner().invoke(app, [verb, *given, "--noise", "3 nm", *more, "--out", str(tmp_path / "out")])
+    assert asked["noise"] == pytest.approx(3e-9)
+    if more:
+        assert asked["tolerance"] == pytest.approx(adding.size(stage(), recordings(), None, "--tolerance", "0.1 %"))
+
+
+@pytest.mark.parametrize("stated", [None, 3e-9])
+def test_a_stated_noise_is_taken_as_it_is(stated: float | None) -> None:
+    """Whatever the quiet record shows, 20 nm; test runs and those that are fitted alike."""
+    about = settle(stage(), recordings(), None, None, stated)
+    assert about.noise.known
+    assert (about.noise.source == "as stated") is (stated is not None)
+    assert about.floor == pytest.approx(stated or 2e-8, rel=0.1)
+    if stated:
+        ones = np.ones((len(about.runs[1].time), 1))
+        assert about.whitening.whiten(about.runs[1], stated * ones) == pytest.approx(ones)
 
 
 # --- bad input ------------------------------------------------------------------------------------------------------

@@ -31,7 +31,7 @@ from flexdesign.evidence.model_comparison import (
 from flexdesign.evidence.noise import White
 from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import backward, confirmed, forward
+from flexdesign.evidence.selection import LARGEST_GROUP, backward, confirmed, confusable, forward
 from flexdesign.evidence.sharing import sharing
 from flexdesign.evidence.stand import Stand, calibrated, fitted
 from flexdesign.evidence.suite import Suite
@@ -463,6 +463,51 @@ def test_a_second_effect_that_only_the_fitted_runs_show_comes_with_no_first() ->
         step = forward(about, calibrated_stand(about), effects())
         assert ("d", "e") in reasons(step) or ("e", "d") in reasons(step)
         assert step.chosen is not None and {*step.chosen.names} == names
+
+
+# --- what cannot be told apart --------------------------------------------------------------------------------------
+
+
+def steps_of(about: Case, every: Sequence[Candidate]) -> list[Step]:
+    """All additions, as a search makes them."""
+    steps = [forward(about, calibrated_stand(about), every)]
+    while (chosen := steps[-1].chosen) is not None:
+        steps.append(forward(about, chosen.stand, every))
+    return steps
+
+
+def final(steps: Sequence[Step]) -> Stand:
+    return next(step.chosen.stand for step in reversed(steps) if step.chosen is not None)
+
+
+def test_effects_that_do_as_well_are_one_answer() -> None:
+    """Twins of d, each with a thousandth of something of its own; a group is no larger than it may be."""
+    twins = [candidate(name, {"d": 1.0, f"{name} alone": 1e-3}, signed=True) for name in ("w", "x", "y", "z")]
+    about = case({"d": 0.3})
+    for count in (1, 4):
+        steps = steps_of(about, [*effects(), *twins[:count]])
+        ((first, *others),) = confusable(about, final(steps), stage(), steps)
+        assert first == steps[0].chosen.names[0] and {first, *others} <= {"d", "w", "x", "y", "z"}  # type: ignore[union-attr]
+        assert len(others) == min(count, LARGEST_GROUP - 1)
+
+
+def test_what_did_as_well_beside_a_gross_misfit_may_not_do_so_in_the_end() -> None:
+    """While the large effect is missing one that is nearly d is as good as d; beside it, it is not."""
+    about = case({"d": 0.5, "b": 3.0})
+    nearly = candidate("e", {"d": 1.0, "e": 0.3}, signed=True)
+    twin = candidate("f", {"d": 1.0, "f": 1e-3}, signed=True)
+    every = [candidate(name, signed=True) for name in ("b", "d")]
+    # The search as it may go: d first, with all that does as well there.
+    before = calibrated_stand(about)
+    stands = {
+        effect.name: fitted(about, effect.add(before.model), (effect,), {}) for effect in (every[1], nearly, twin)
+    }
+    trials = {n: evaluate(about, before, made, (n,), 20.0) for n, made in stands.items() if made is not None}
+    first = Step(trials["d"], tuple(trials.values()), (trials["e"], trials["f"]))
+    second = forward(about, trials["d"].stand, every)
+    assert second.chosen is not None and second.chosen.names == ("b",)
+    assert confusable(about, trials["d"].stand, stage(), [first]) == (("d", "e", "f"),)
+    assert confusable(about, second.chosen.stand, stage(), [first, second]) == (("d", "f"),)
 
 
 # --- back, and anew -------------------------------------------------------------------------------------------------
