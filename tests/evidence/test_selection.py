@@ -59,7 +59,7 @@ EFFECTS = ("a", "b", "c", "d", "e", "f")
 def stage() -> Sum:
     """Two numbers that are known to exist, and one of each run."""
     own = [parameter(f"{name}:own", 0.0, -10.0, 10.0, run=name) for name in (*NAMES, *HELD)]
-    return base("p", "q").plus(lambda v, run: v[f"{run.name}:own"] * column(run, "own"), *own)
+    return base("p", "q").plus(lambda v, run: v.get(f"{run.name}:own", 0.0) * column(run, "own"), *own)
 
 
 def recorded(truth: Mapping[str, float], seed: int = 0, names: Sequence[str] = NAMES) -> list[Run]:
