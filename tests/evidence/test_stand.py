@@ -37,9 +37,8 @@ def test_a_model_is_evaluated_with_nothing_but_initial_conditions_fitted() -> No
         for record in suite.records:
             run = record.observation
             expected = left_by_its_own(run, shared(run, 1.5, -0.7))  # type: ignore[arg-type]
-            assert found.remainders[run.name] == pytest.approx(
-                expected, abs=0.02 * SIGMA
-            )  # no step promises a ten thousandth
+            missed = float(np.sum((found.remainders[run.name] - expected) ** 2)) / SIGMA**2
+            assert missed < stands.CALIBRATION_SHARE * found.cost  # a fit ends where no step promises more
     assert {"p", "q"} <= set(found.solution.problem.where.names)
     assert set(found.solution.columns()) >= {"p", "q"}
 
