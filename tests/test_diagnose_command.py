@@ -22,7 +22,8 @@ from typer.testing import CliRunner
 
 from flexdesign import diagnosis, effects, runs, stage_model
 from flexdesign.cli import app
-from flexdesign.diagnosis import Diagnosis, Value, adding, telling
+from flexdesign.diagnosis import Diagnosis, Value, adding, comparing, telling
+from flexdesign.diagnosis.setting import settle
 from flexdesign.diagnosis.standing import compared
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
@@ -60,7 +61,7 @@ def added() -> adding.Added:
 def unknown() -> Diagnosis:
     """A diagnosis of something that no effect explains, made of the demo's."""
     left = {key: diagnosed().remainders["calibrated"] for key in ("calibrated", "found")}
-    said = "9 times the noise stays; of smooth functions these explain most: force: position^3"
+    said = "9 times the noise remains; of smooth functions these explain most: force: position^3"
     return replace(diagnosed(), verdict="unknown", effects=(), near=("preload_loss",), remainder=said, remainders=left)
 
 
@@ -82,7 +83,7 @@ def test_the_ladder_is_what_the_runs_kept_apart_leave() -> None:
     found = diagnosed()
     kept = [run.name for run in found.runs if run.role == "validate"]
     assert len(kept) == 2
-    for rung, which in ((found.ladder[1], "calibrated"), (found.ladder[-1], "found")):
+    for rung, which in ((found.ladder[2], "calibrated"), (found.ladder[-1], "found")):
         left = np.concatenate([np.asarray(found.remainders[which][name], dtype=float) for name in kept])
         assert rung.error == pytest.approx(np.sqrt(np.nanmean(left**2)), rel=1e-9)
 
@@ -95,7 +96,8 @@ def test_result_holds_everything_with_its_unit() -> None:
     (number,) = effect["parameters"]
     assert (effect["name"], number["name"], number["unit"]) == ("stress_stiffening", "cubic", "1/m^2")
     assert number["interval"][0] < number["value"] < number["interval"][1]
-    assert [step["label"] for step in result["ladder"]] == ["as designed", "recalibrated", "+ stress_stiffening"]
+    labels = ["as designed, offsets alone", "as designed", "recalibrated", "+ stress_stiffening"]
+    assert [step["label"] for step in result["ladder"]] == labels
     assert {step["error"]["unit"] for step in result["ladder"]} == {"m"}
     assert result["made_by"]["versions"]["flexdesign"]
     assert {run["role"] for run in result["made_by"]["runs"]} == {"identify", "validate"}
@@ -145,6 +147,29 @@ def test_the_report_opens_with_ladder_and_has_every_section() -> None:
     assert all(part in text for part in (effect.physics, effect.where, effect.reveal, effect.remedy, effect.reference))
 
 
+def test_effects_beside_a_remainder_are_said_with_it() -> None:
+    """In one sentence after the effects: how much, of the noise and of the stroke."""
+    found = replace(diagnosed(), remainder_rms=4e-7, stroke=2e-4, noise_floor=4e-8, remainder="the residual is slow")
+    said = diagnosis_words.summary(found, ())
+    assert said[0].endswith(
+        "What remains, 0.400 µm (10 times the noise, 0.20 % of the stroke), is no effect that is known here."
+    )
+    assert any(part.startswith("What remains looks like this.") and "The residual is slow." in part for part in said)
+    unsaid = replace(found, noise=replace(found.noise, known=False))
+    assert diagnosis_words.summary(unsaid, ())[0].endswith(
+        "the noise is unknown. What remains, 0.400 µm (0.20 % of the stroke), is no effect that is known here."
+    )
+    result = diagnosis_report.result(found, ())["remainder"]
+    assert (result["rms"]["value"], result["over_noise"]) == pytest.approx((4e-7, 10.0))
+    assert diagnosis_report.result(unsaid, ())["remainder"]["over_noise"] is None
+
+
+def test_numbers_that_the_runs_do_not_show_are_said() -> None:
+    said = " ".join(diagnosis_words.summary(replace(diagnosed(), undetermined=("natural_frequency",)), ()))
+    assert "do not show the model's natural frequency" in said
+    assert "do not show" not in " ".join(diagnosis_words.summary(diagnosed(), ()))
+
+
 # --- the other verdicts ---------------------------------------------------------------------------------------------
 
 
@@ -159,10 +184,10 @@ def test_nothing_missing_names_nothing() -> None:
 
 def test_unknown_says_what_it_looks_like_and_what_comes_near() -> None:
     said = " ".join(diagnosis_words.summary(unknown(), ()))
-    assert "none of the effects" in said
+    assert said.startswith("Something is missing, and no effect known here explains a large and certain share of it.")
     assert "force: position^3" in said
-    assert "Near, without explaining enough: preload loss." in said
-    assert re.search(r"What it looks like: .*where the main mode is", said)
+    assert "Possible, but not certain: preload loss." in said and "flexdesign add MODEL preload_loss RUNS" in said
+    assert re.search(r"What remains looks like this. .*where the main mode is", said)
     assert diagnosis_report.document(unknown(), ()).sections[0].title == "The error ladder"
 
 
@@ -246,6 +271,36 @@ def test_a_bound_without_an_end_is_no_uncertainty() -> None:
     value = Value(replace(parameter, name="driver.bandwidth"), 1000.0, (500.0, np.inf))
     model = adding.with_knowledge(stage(), "x", [value], recordings())
     assert "driver.bandwidth" not in model.axes["x"].uncertainty
+
+
+# --- comparing ------------------------------------------------------------------------------------------------------
+
+
+def missed(model: StageModel) -> tuple[float, float]:
+    """Rms error of the demo's validation runs as `compare` states it: with initial conditions, and offsets alone."""
+    kept = [run for run in comparing.compare(model, recordings()).runs if run.role == "validate"]
+    assert len(kept) == 2
+    fitted = np.concatenate([run.residual for run in kept])
+    alone = [(run.offset_rms or 0.0, np.isfinite(run.residual).sum()) for run in kept]
+    squares = sum(rms**2 * count for rms, count in alone) / sum(count for _, count in alone)
+    return float(np.sqrt(np.nanmean(fitted**2))), float(np.sqrt(squares))
+
+
+def test_compare_and_the_ladder_say_the_same_of_the_model_as_designed() -> None:
+    fitted, alone = missed(stage())
+    errors = {rung.label: rung.error for rung in diagnosed().ladder}
+    assert fitted == pytest.approx(errors["as designed"], rel=0.01)
+    assert alone == pytest.approx(errors["as designed, offsets alone"], rel=1e-3)
+
+
+def test_compare_with_the_better_model_is_at_the_noise(tmp_path: Path) -> None:
+    """As the ladder says; without initial conditions nobody would see it."""
+    better = read_back(diagnosed().model, tmp_path)
+    fitted, alone = missed(better)
+    assert fitted == pytest.approx(diagnosed().ladder[-1].error, rel=0.05)
+    assert fitted < 1.15 * diagnosed().noise_floor
+    assert missed(stage())[0] > 10 * fitted
+    assert alone > fitted
 
 
 # --- adding ---------------------------------------------------------------------------------------------------------
@@ -345,6 +400,44 @@ def test_add_takes_an_effect_of_ones_own(tmp_path: Path) -> None:
     assert result["loop"]["simulated"]
 
 
+def test_sizes_are_stated_in_a_unit_or_in_percent_of_the_stroke() -> None:
+    """The stroke is what gain and amplifier make of the largest command of all runs."""
+    axis = stage().axes["x"]
+    stroke = abs(axis.gain * axis.driver.gain) * max(float(np.abs(run.command()).max()) for run in recordings())
+    for text, value in (("0.1 %", 1e-3 * stroke), ("5%", 0.05 * stroke), ("0.2 um", 2e-7), (None, None)):
+        assert adding.size(stage(), recordings(), None, "--tolerance", text) == pytest.approx(value)
+
+
+@pytest.mark.parametrize("verb", ["diagnose", "compare", "add"])
+def test_a_stated_noise_reaches_the_fit(verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[str, Any] = {}
+
+    def stop(*_: Any, **options: Any) -> None:
+        asked.update(options)
+        raise InputError("test", "asked", None, "no more")
+
+    for module, name in ((diagnosis, "diagnose"), (comparing, "compare"), (adding, "add")):
+        monkeypatch.setattr(module, name, stop)
+    given = [str(DEMO / "model.toml"), *(["creep"] if verb == "add" else []), str(DEMO / "runs")]
+    more = ["--tolerance", "0.1 %"] if verb == "diagnose" else []
+    CliRunner().invoke(app, [verb, *given, "--noise", "3 nm", *more, "--out", str(tmp_path / "out")])
+    assert asked["noise"] == pytest.approx(3e-9)
+    if more:
+        assert asked["tolerance"] == pytest.approx(adding.size(stage(), recordings(), None, "--tolerance", "0.1 %"))
+
+
+@pytest.mark.parametrize("stated", [None, 3e-9])
+def test_a_stated_noise_is_taken_as_it_is(stated: float | None) -> None:
+    """Whatever the quiet record shows, 20 nm; test runs and those that are fitted alike."""
+    about = settle(stage(), recordings(), None, None, stated)
+    assert about.noise.known
+    assert (about.noise.source == "as stated") is (stated is not None)
+    assert about.floor == pytest.approx(stated or 2e-8, rel=0.1)
+    if stated:
+        ones = np.ones((len(about.runs[1].time), 1))
+        assert about.whitening.whiten(about.runs[1], stated * ones) == pytest.approx(ones)
+
+
 # --- bad input ------------------------------------------------------------------------------------------------------
 
 
@@ -397,6 +490,12 @@ def test_diagnose_refuses_runs_that_do_not_fit(given: Any) -> None:
         (["diagnose", "{model}", "{runs}", "--effect", "crep"], ("--effect = crep", "did you mean creep")),
         (["diagnose", "{model}", "{runs}", "--tolerance", "5 V"], ("--tolerance = 5 V", "length")),
         (["diagnose", "{model}", "{runs}", "--tolerance", "-5 nm"], ("--tolerance = -5 nm", "more than zero")),
+        (["diagnose", "{model}", "{runs}", "--tolerance", "much"], ("--tolerance = much",)),
+        (["diagnose", "{model}", "{runs}", "--tolerance", "-1 %"], ("--tolerance = -1 %", "more than zero")),
+        (["diagnose", "{model}", "{runs}", "--noise", "3 V"], ("--noise = 3 V", "length")),
+        (["diagnose", "{model}", "{runs}", "--noise", "0 nm"], ("--noise = 0 nm", "more than zero")),
+        (["compare", "{model}", "{runs}", "--noise", "nan"], ("--noise = nan",)),
+        (["add", "{model}", "creep", "{runs}", "--noise", "inf nm"], ("--noise = inf nm",)),
         (["diagnose", "{model}", "{runs}", "--axis", "y"], ("--axis = y", "no such axis")),
         (["diagnose", "{model}", "nowhere"], ("nowhere",)),
         (["add", "{model}", "crep", "{runs}"], ("EFFECT = crep", "did you mean creep")),

@@ -156,6 +156,14 @@ def test_a_folder_with_its_description(tmp_path: Path) -> None:
     assert read_measurements(tmp_path / "measurements.toml").title == "Bench 3"
 
 
+def test_noise_is_stated_once_for_every_sensor_that_is_not_described(tmp_path: Path) -> None:
+    written(tmp_path)
+    for text, noise in (('noise = "3 nm"', 3e-9), ('noise = "3 nm"\n[sensors.x]\nnoise = "2 nm"', 2e-9)):
+        (tmp_path / "measurements.toml").write_text(text)
+        (run,) = read_runs([tmp_path])
+        assert run.sensors["x"].noise == pytest.approx(noise)
+
+
 def test_runs_of_one_stem_are_told_apart_by_their_folders(tmp_path: Path) -> None:
     for folder in ("cold", "warm"):
         (tmp_path / folder).mkdir()
@@ -177,6 +185,11 @@ def test_runs_of_one_stem_are_told_apart_by_their_folders(tmp_path: Path) -> Non
         ('[[run]]\nfile = "sine.csv"\n[[run]]\nfile = "sine.csv"\n', "run 2.file = sine.csv: is described twice"),
         ('[run]\nfile = "sine.csv"\n', "run: expected a list of tables: [[run]]"),
         ("title = 3\n", "title = 3: expected text"),
+        ('noise = "-3 nm"\n', "noise = -3 nm: must be more than zero"),
+        ('noise = "0 nm"\n', "noise = 0 nm: must be more than zero"),
+        ("noise = 3\n", "noise = 3: the unit is missing"),
+        ('noise = "3 V"\n', "noise: is in V, but x of sine.csv in um; correct one of the two"),
+        ('[sensors.x]\nnoise = "-3 nm"\n', "sensors.x.noise = -3 nm: must be more than zero"),
         ("title = \n", "is not valid TOML"),
     ],
 )

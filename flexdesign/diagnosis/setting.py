@@ -112,10 +112,17 @@ class Setting:
         return rounding.coarse_step(readings, self.noise.rms[self.runs[0].name], self.axis.sensor.resolution)
 
     def rounded(self, stand: Stand) -> Whitening | None:
-        """Return the noise with the rounding of what is predicted, where readings come in coarse steps."""
+        """Return the noise with the rounding of what is predicted, where readings come in coarse steps.
+
+        Test runs, which no fit predicts before the end, keep the noise as it was read.
+        """
         if self.coarse_step is None:
             return None
-        noise = rounding.rounded({run.name: run for run in self.runs}, self.noise.whitening, stand, self.coarse_step)
+        seen = {run.name: run for run in self.runs if run.name in stand.remainders}
+        made = rounding.rounded(seen, self.noise.whitening, stand, self.coarse_step)
+        noise = Coloured(
+            {run.name: (made if run.name in seen else self.noise.whitening).process(run.name) for run in self.runs}
+        )
         return Mixed(noise, self.lines) if self.lines else noise
 
     def drawn(self, stand: Stand) -> Iterator[Mapping[str, Array]]:

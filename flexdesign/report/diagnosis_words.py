@@ -59,8 +59,9 @@ def _remains(found: Diagnosis) -> str:
     size = words.error(response(found), found.remainder_rms)
     ratio = found.remainder_rms / found.noise_floor
     times = f"{units.significant(ratio, 2)} times the noise, " if found.noise.known else ""
-    share = words.percent(found.remainder_rms / found.stroke) if found.stroke else ""
-    return f" What remains, {size} ({times}{share} of the stroke), is no effect that is known here."
+    line = of_line(found, found.remainder_rms).removesuffix(", ")
+    share = line or (f"{words.percent(found.remainder_rms / found.stroke)} of the stroke" if found.stroke else "")
+    return f" What remains, {size} ({times}{share}), is no effect that is known here."
 
 
 def possible(found: Diagnosis) -> str:

@@ -83,6 +83,13 @@ def _reading(given: Any) -> Reading:
     raise refusals[0]
 
 
+def _noise(given: Any) -> Reading:
+    found = _reading(given)
+    if not found.value > 0:
+        raise ValueError("must be more than zero")
+    return found
+
+
 def _span(of: Callable[[Any], Any], example: str) -> BeforeValidator:
     def read(given: Any) -> Any:
         if not isinstance(given, list) or len(given) != 2:
@@ -130,7 +137,7 @@ def _volts(given: Any) -> float:
 class SensorTable(files.Table):
     """``[sensors.x]``: what is known of the sensor behind the column x."""
 
-    noise: Annotated[Any, BeforeValidator(_reading)] = None
+    noise: Annotated[Any, BeforeValidator(_noise)] = None
     range: Annotated[Any, _span(_reading, 'range = ["0 um", "100 um"]')] = None
     point: Annotated[Any, BeforeValidator(_point)] = None
     direction: Annotated[Any, BeforeValidator(_direction)] = None
@@ -190,7 +197,7 @@ class Setup(files.Table):
     limits: Annotated[Any, _span(_volts, 'limits = ["0 V", "150 V"]')] = None
     closed_loop: bool | None = None
     between_samples: Annotated[Between | None, _one_of(*get_args(Between))] = None
-    noise: Annotated[Any, BeforeValidator(_reading)] = None
+    noise: Annotated[Any, BeforeValidator(_noise)] = None
     sensors: SensorTables = SensorTables()
     run: Any = None
 

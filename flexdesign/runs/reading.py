@@ -207,8 +207,9 @@ def _sensors(sheet: Sheet, measurements: Measurements) -> dict[str, Sensor]:
     found = {}
     for name in type(measurements.setup.sensors).model_fields:
         table: SensorTable | None = getattr(measurements.setup.sensors, name)
+        field = f"sensors.{name}"
         if table is None and name in AXES and measurements.setup.noise is not None:
-            table = SensorTable.model_construct(noise=measurements.setup.noise)
+            table, field = SensorTable.model_construct(noise=measurements.setup.noise), "noise"
         if table is None or name not in sheet.values:
             continue
         readings = [each for each in (table.noise, *(table.range or ())) if each is not None]
@@ -216,7 +217,7 @@ def _sensors(sheet: Sheet, measurements: Measurements) -> dict[str, Sensor]:
             if reading.si != sheet.si[name]:
                 other = f"{name} of {sheet.path.name} in {sheet.unit[name]}"
                 remedy = f"is in {reading.si}, but {other}; correct one of the two"
-                raise InputError(measurements.path, f"sensors.{name}", None, remedy)
+                raise InputError(measurements.path, field, None, remedy)
         noise = table.noise.value if table.noise else None
         span = (table.range[0].value, table.range[1].value) if table.range else None
         found[name] = Sensor(noise, span, table.point, table.direction)

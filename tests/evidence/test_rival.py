@@ -12,7 +12,7 @@ import pytest
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.marquardt import SMALL
 from flexdesign.evidence.noise import White
-from flexdesign.evidence.rival import MOST, rival
+from flexdesign.evidence.rival import MOST, cost_of_terms, rival
 from flexdesign.evidence.stand import Stand, fitted
 from flexdesign.evidence.suite import Suite
 from flexdesign.model import Observation
@@ -113,6 +113,20 @@ def test_gains_are_falls_of_the_cost() -> None:
         squares.append(np.var(shift))
     assert made.held_gain == pytest.approx(fall, rel=0.02)
     assert made.moved == pytest.approx(math.sqrt(np.mean(squares)), rel=0.01)
+
+
+def test_the_cost_of_terms_is_that_of_a_linear_fit_with_them() -> None:
+    """Columns as the calibrated model predicts them, beside gain, tilts and offsets; others are not used."""
+    case, found = stand(x2=0.2, x3=0.15)
+    names, noise = ["gain", *(f"{name}:tilt" for name in NAMES)], White(SIGMA)
+    observed = [record.observation for record in case.identify.records]
+    right = np.concatenate([run.measured() / SIGMA for run in observed])
+    before = columns(stage(), observed, names, noise)  # type: ignore[arg-type]
+    made_of = [features(run, found.model.predict(run)) for run in observed]
+    for terms in (["position^2"], ["position^2", "position^3"], ["nothing"]):
+        added = np.vstack([np.column_stack([f[name] for name in terms]) / SIGMA for f in made_of])
+        expected = least(np.column_stack([before, added]), right)
+        assert cost_of_terms(case, found, features, terms) == pytest.approx(expected, rel=1e-3, abs=SMALL)
 
 
 def test_nothing_is_found_in_noise() -> None:

@@ -374,13 +374,14 @@ def catalogue(seed: int, count: int, shared: float, signed: bool | None = None) 
     ]
 
 
+@pytest.mark.parametrize("level", [LEVEL, LEVEL / 10])
 @pytest.mark.parametrize("signed", [True, False, None])
-def test_one_case_in_a_hundred_promises_more_than_chance(signed: bool | None) -> None:
+def test_the_largest_score_exceeds_its_critical_value_as_often_as_asked(signed: bool | None, level: float) -> None:
     """With 40 000 draws of noise, the scores by a projection of their own; the mean over 16 seeds of the threshold.
 
     A threshold of 4000 draws has a level uncertain by the root of 0.01 * 0.99 / 4000; four times that over 16 of them,
     with the draws of the test, is 0.0026. The cosines between effects are 0.96: as if they were strangers to each other
-    the level would be below 0.005.
+    the level would be below 0.005. A rarer level is continued from that one, so that its error is as large relatively.
     """
     of, found = White(1.0), catalogue(0, 12, 5.0, signed)
     observed = runs(lambda run: np.zeros(N))
@@ -392,8 +393,9 @@ def test_one_case_in_a_hundred_promises_more_than_chance(signed: bool | None) ->
     scores = np.random.default_rng(9).standard_normal((40_000, own.shape[1])) @ own.T
     one_sided = np.array([not d.candidate.signed for d in screening.directions])
     largest = (np.where(one_sided, np.maximum(scores, 0), scores) ** 2).max(axis=1)
-    share = np.mean([np.mean(largest > screening.chance(seed=seed)) for seed in range(16)])
-    assert share == pytest.approx(LEVEL, abs=4 * math.sqrt(LEVEL * (1 - LEVEL) * (1 / 64_000 + 1 / 40_000)))
+    share = np.mean([np.mean(largest > screening.critical_value(level, seed=seed)) for seed in range(16)])
+    of_threshold, of_draws = level / LEVEL * math.sqrt(LEVEL / 64_000), math.sqrt(level / 40_000)
+    assert share == pytest.approx(level, abs=4 * math.hypot(of_threshold, of_draws))
 
 
 def test_chance_holds_for_whole_screenings() -> None:
@@ -407,7 +409,7 @@ def test_chance_holds_for_whole_screenings() -> None:
         observed = runs(lambda run: rng.standard_normal(N), NAMES[:1])
         screening = Screening(solution(base("p"), observed, of), catalogue(seed, 6, 2.0))
         most = max((d.drop for d in screening.directions), default=0.0)
-        larger += most > screening.chance()
+        larger += most > screening.critical_value(LEVEL)
         alone += most > chi2.isf(LEVEL, 1)
     assert binom.ppf(1e-3, 500, LEVEL) <= larger <= binom.ppf(1 - 1e-3, 500, LEVEL)
     assert alone > binom.ppf(1 - 1e-3, 500, LEVEL)
@@ -415,7 +417,7 @@ def test_chance_holds_for_whole_screenings() -> None:
 
 def test_without_effects_chance_is_that_of_one() -> None:
     screening = Screening(solution(base("p"), runs(lambda run: column(run, "p")), White(1.0)), [])
-    assert screening.chance() == pytest.approx(chi2.isf(0.01, 1))
+    assert screening.critical_value(LEVEL) == pytest.approx(chi2.isf(0.01, 1))
     assert screening.best() == []
     assert screening.pairs() == []
 
@@ -430,4 +432,4 @@ def test_chance_of_drawn_errors_is_that_of_gaussian_ones_where_they_are_gaussian
     screening = Screening(solution(base("p"), runs(lambda run: np.zeros(N)), of), found)
     drawn = [{name: 2.0 * rng.standard_normal(N) for name in NAMES} for _ in range(2000)]
     uncertain = 4 * 2 * math.sqrt(LEVEL * (1 / 2000 + 1 / 4000)) / LEVEL
-    assert screening.chance(drawn) / 4 == pytest.approx(screening.chance(), abs=uncertain)
+    assert screening.critical_value(LEVEL, drawn) / 4 == pytest.approx(screening.critical_value(LEVEL), abs=uncertain)
