@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.errors import InputError
-from flexdesign.evidence.residuals import STEP, Map, Residuals
+from flexdesign.evidence.residuals import Residuals
+from flexdesign.evidence.suite import STEP, Map
 
 Array = NDArray[np.float64]
 #: Points whose cost is looked at, and of these points that take a step, for each start that may be polished.
