@@ -134,6 +134,7 @@ def follow(problem: Problem, start: Array, *, old: Columns | None = None, small:
     """Return where steps lead that need one Jacobian, known or found at the start; None where the model fails there."""
     if (search := _begun(problem, start, old, small)) is None:
         return None
+    search.fresh = True  # no other Jacobian is found: where a step fails it is made shorter
     search.descend(0.0)
     return search.solution(False)
 
@@ -141,6 +142,7 @@ def follow(problem: Problem, start: Array, *, old: Columns | None = None, small:
 def polish(solution: Solution, small: float) -> Solution:
     """Return where further steps with the Jacobian of a solution lead, until they promise less than `small`."""
     search = _Search(solution.problem, solution.x, list(solution.residuals), solution.columns(), small)
+    search.fresh = True
     search.descend(0.0)
     return search.solution(solution.is_settled)
 

@@ -81,7 +81,9 @@ class _Walk:
             self.half = math.inf if math.isfinite(where.span[j]) else float(where.sizes(solution.x)[j])
             self.rise = uncertainty.quantile**2 * uncertainty.variance
         else:
-            self.direction = uncertainty.bread[:, j] / variance
+            # Numbers of one run stay: where a record began is not smooth, and what little they gain is found later.
+            shared = [parameter.run in ("", where.parameters[j].run) for parameter in where.parameters]
+            self.direction = np.where(shared, uncertainty.bread[:, j] / variance, 0.0)
             self.half = float(uncertainty.half_width[j])
             self.rise = float(self.half**2 / variance)
         self.floor = self.problem.suite.floor
@@ -127,7 +129,7 @@ class _Walk:
 
         The others take steps with the Jacobian of the minimum, each at the price of one simulation. Where they end
         the cost can only be too high: if it is not, they are there; if it is, they are fitted with a Jacobian of the
-        place.
+        place, which then serves further on.
         """
         where, small = self.problem.where, SHARE_OF_RISE * self.rise + self.floor
         x = np.clip(self.minimum.x + guess, where.lower, where.upper)
@@ -137,7 +139,8 @@ class _Walk:
         if found is None:
             return math.inf, x - self.minimum.x
         if self.rise_to(found, x) > TRUSTED[1] ** 2 * self.rise and self.others.size:
-            found = solve(others, found.x, share=0.0, small=small, exact=False) or found
+            found = solve(others, found.x, share=0.0, small=small, old=found.columns(), exact=False) or found
+            self.columns = found.columns()
         x[self.others] = found.x
         rise = self.rise_to(found, x)
         if -rise > small:
