@@ -93,7 +93,7 @@ class Record:
         if np.iscomplexobj(predicted) != np.iscomplexobj(self.given):
             remedy = "measured and predicted are not both real or complex"
             raise InputError("fit", self.observation.name, None, remedy)
-        return np.where(self.present, self.measured - _channels(predicted)[0], 0.0)
+        return np.where(self.present, self.measured - channels(predicted)[0], 0.0)
 
     def restored(self, values: Array) -> NDArray[Any]:
         """Return n values in the shape and kind of the observation."""
@@ -184,13 +184,15 @@ class Suite:
 
     def _record(self, observation: Observation, columns: Array, sizes: Array) -> Record:
         given = np.asarray(observation.measured())
-        measured, channels = _channels(given)
+        measured, count = channels(given)
         present = np.isfinite(measured)
-        if not present.reshape(channels, -1).any(axis=1).all():
-            raise InputError("runs", observation.name, None, "holds no finite value, or a channel without one")
+        if not present.reshape(count, -1).any(axis=1).all():
+            raise InputError(
+                "runs", observation.name, None, "holds no finite value, or a channel without a finite value"
+            )
         whitened = np.empty_like(columns)
         for k, column in enumerate(columns.T):
-            whitened[:, k] = self._whitened(observation, present, column * present, channels)
+            whitened[:, k] = self._whitened(observation, present, column * present, count)
         stacked = np.vstack([whitened, np.diag(1 / sizes)])
         # A column that a gap hides, or that others make up, takes nothing out and has no amount of its own.
         lengths = np.linalg.norm(stacked, axis=0)
@@ -203,15 +205,13 @@ class Suite:
             np.log(singular[kept]).sum() + np.log(lengths[lengths > 0]).sum() + np.log(sizes[np.isfinite(sizes)]).sum()
         )
         filled = np.where(present, measured, 0.0)
-        return Record(observation, filled, present, columns, sizes, basis, amounts, float(freedom), given, channels)
+        return Record(observation, filled, present, columns, sizes, basis, amounts, float(freedom), given, count)
 
-    def _whitened(
-        self, observation: Observation, present: NDArray[np.bool_], difference: Array, channels: int
-    ) -> Array:
-        return np.asarray(self.noise.whiten(observation, difference.reshape(channels, -1).T).T.ravel() * present)
+    def _whitened(self, observation: Observation, present: NDArray[np.bool_], difference: Array, count: int) -> Array:
+        return np.asarray(self.noise.whiten(observation, difference.reshape(count, -1).T).T.ravel() * present)
 
 
-def _channels(values: NDArray[Any]) -> tuple[Array, int]:
+def channels(values: NDArray[Any]) -> tuple[Array, int]:
     """Return values channel after channel, and the number of channels."""
     table = values.reshape(len(values), -1) if values.ndim else values.reshape(1, 1)
     table = np.hstack([table.real, table.imag]) if np.iscomplexobj(table) else np.asarray(table, dtype=float)
