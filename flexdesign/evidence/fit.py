@@ -1,4 +1,4 @@
-"""The fit that calibration, comparison of effects and diagnosis share: weighted nonlinear least squares, honestly."""
+"""The fit of `identify`: weighted nonlinear least squares from several starts, with intervals and identifiability."""
 
 from __future__ import annotations
 
@@ -13,18 +13,25 @@ from numpy.typing import NDArray
 
 from flexdesign.errors import InputError
 from flexdesign.evidence.coordinates import coordinates
-from flexdesign.evidence.covariance import Spread, spread
+from flexdesign.evidence.dataset import Shapes, Suite, channels
+from flexdesign.evidence.identifiability import Estimate, estimates
+from flexdesign.evidence.intervals import better_point, profiles_of
+from flexdesign.evidence.marquardt import Solution, solve
+from flexdesign.evidence.multistart import Starts, multistart
 from flexdesign.evidence.noise import Noise, White, Whitening
-from flexdesign.evidence.profile import Profile, profile, quadratic
-from flexdesign.evidence.residuals import Map, Residuals, records
-from flexdesign.evidence.search import Minimum, Starts, polish, search
 from flexdesign.evidence.sharing import sharing
-from flexdesign.evidence.verdict import Estimate, correlation, estimates
+from flexdesign.evidence.suite import Problem
+from flexdesign.evidence.uncertainty import Uncertainty, uncertainty
 from flexdesign.model import Model, Observation
 
 Array = NDArray[np.float64]
 #: How often a fit begins again when a profile meets a better point, and how often prior and data are balanced.
 AGAIN, BALANCED = 3, 6
+#: The scale of the noise is found to this share of itself, far below what 95 % intervals show.
+SETTLED = 0.02
+#: A minimum is found where a step promises to lower the cost by less than this share of it: for 10 000 samples to a
+#: thousandth of a standard deviation. Without noise it ends at this share of `Suite.floor`, where numbers are rounded.
+POLISHED, ROUNDED = 1e-10, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,96 +196,108 @@ def fit(
     if starts < 1:
         raise InputError("fit", "starts", starts, "a fit needs at least one start")
     where = coordinates(model, free, known or {})
-    whitening = _whitening(noise)
-    residuals = Residuals(model, records(observations, whitening, offsets), where, whitening)
-    if residuals.samples <= len(free) + residuals.offsets:
-        asked = f"{len(free)} parameters and {residuals.offsets} offsets need more samples than that"
-        raise InputError("fit", "observations", f"{residuals.samples} samples", asked)
+    _check(observations)
+    suite = Suite(observations, _whitening(noise), _offsets(offsets))
+    count = sum(record.columns.shape[1] for record in suite.records)
+    if suite.samples <= len(free) + count:
+        asked = f"{len(free)} parameters and {count} offsets need more samples than that"
+        raise InputError("fit", "observations", f"{suite.samples} samples", asked)
     with sharing(_counted(threads)) as each:
-        best, ended, minima = search(residuals, starts, seed, each, progress)
-        best, found = _balanced(residuals, best, each, noise is not None)
+        problem = Problem(suite, model, where, each)
+        first, ended, minima = multistart(problem, starts, seed, progress)
+        best, found = _balanced(first, noise is not None)
         progress("checking the intervals")
-        intervals = _intervals(residuals, best, found, each, profiles)
+        intervals = profiles_of(best, found, range(len(free)), profiles)
         for _ in range(AGAIN):
-            better = next((i.better for i in intervals if i and i.better is not None), None)
-            if better is None:
+            if (better := better_point(intervals.values())) is None:
                 break
             progress("a better point was met: fitting again")
-            best, found = _balanced(residuals, polish(residuals, better, each=each), each, noise is not None)
+            best, found = _balanced(solve(problem.anew(), better) or best, noise is not None)
             ended = Starts(ended.asked, ended.polished, 0)
-            intervals = _intervals(residuals, best, found, each, profiles)
-    return Fit(
-        model=model.replace(where.values(best.x)),
-        estimates=estimates(residuals, best, found, intervals, minima, reveal or {}),
-        correlation=correlation(found.covariance),
-        matches=_matches(residuals, best.x, found),
-        cost=best.cost,
-        reduced=None if noise is None else found.reduced,
-        dof=found.dof,
-        starts=ended,
-        evaluations=residuals.evaluations,
-        failures=residuals.failures,
-    )
+            intervals = profiles_of(best, found, range(len(free)), profiles)
+        return Fit(
+            model=problem.at(best.x),
+            estimates=estimates(best, found, intervals, minima, reveal),
+            correlation=found.correlation,
+            matches=_matches(best, found),
+            cost=best.cost,
+            reduced=None if noise is None else found.reduced_chi2,
+            dof=found.dof,
+            starts=ended,
+            evaluations=problem.evaluations,
+            failures=problem.failures,
+        )
 
 
-def _balanced(residuals: Residuals, minimum: Minimum, each: Map, noise_is_known: bool) -> tuple[Minimum, Spread]:
-    """Return the minimum to full accuracy and its spread, what was known balanced against what the data leave.
+def _balanced(solution: Solution, noise_is_known: bool) -> tuple[Solution, Uncertainty]:
+    """Return the minimum to full accuracy and its uncertainty, prior knowledge balanced against the residual.
 
-    Earlier knowledge is weighed against the scatter of the data. Where that shows only in the residual, or where
+    Prior knowledge is weighed against the scatter of the data. Where that shows only in the residual, or where
     correlated samples count as fewer, the weight follows from the fit itself, so that both are found in turn.
     """
+    suite, scale = solution.problem.suite, 1.0
     for _ in range(BALANCED):
-        minimum = polish(residuals, minimum.x, each=each, tolerance=1e-10, central=True)
-        jacobian = residuals.jacobian(minimum.x, minimum.steps, each=each, central=True)
-        found = spread(residuals, minimum.x, jacobian, noise_is_known)
-        if not residuals.where.known or not found.variance:
+        problem = solution.problem.anew(suite.scaled(scale) if scale != 1 else suite, central=True)
+        small = ROUNDED * problem.suite.floor
+        solution = solve(problem, solution.x, share=POLISHED, small=small) or solution
+        found = uncertainty(solution, scale**-2 if noise_is_known else None)
+        if not problem.where.known or not found.variance:
             break
-        before = residuals.scale
-        counted = float(np.mean(found.inflation))
-        residuals.scale *= math.sqrt(found.variance * counted)
-        if abs(residuals.scale / before - 1) < 0.02:
-            residuals.scale = before
+        factor = math.sqrt(found.variance * float(np.mean(found.inflation)))
+        if abs(factor - 1) < SETTLED:
             break
-    return minimum, found
+        scale *= factor
+    return solution, found
 
 
-def _intervals(
-    residuals: Residuals, minimum: Minimum, found: Spread, each: Map, profiles: bool
-) -> list[Profile | None]:
-    """Return the interval of every coordinate, None for those in an open direction."""
-    # A coordinate that shows in no small step may show in a large one: a limit that the runs stay far below.
-    shut = [j for j in range(len(minimum.x)) if not found.is_open(j) or (profiles and not found.company(j))]
-    check = profile if profiles else quadratic
-    checked = dict(zip(shut, each(lambda j: check(residuals, minimum, found, j), shut), strict=True))
-    return [checked.get(j) for j in range(len(minimum.x))]
-
-
-def _matches(residuals: Residuals, x: Array, found: Spread) -> tuple[Match, ...]:
+def _matches(solution: Solution, found: Uncertainty) -> tuple[Match, ...]:
     made = []
-    differences = residuals.raw(x)
-    assert differences is not None  # the minimum was reached, so that the model answers there
-    for record, difference, inflation, taken in zip(
-        residuals.records, differences, found.inflation, found.taken, strict=True
-    ):
-        offset = record.offsets(residuals.noise.whiten(record.observation, difference))
-        residual = np.where(record.present, difference - offset, np.nan)
-        measured = np.where(record.present, record.measured, np.nan)
+    problem, suite = solution.problem, solution.problem.suite
+    model = problem.at(solution.x)
+    for record, inflation, dof in zip(suite.records, found.inflation, found.effective_dof, strict=True):
+        difference = record.difference(np.asarray(model.predict(record.observation)))
+        offset = suite.amounts(record, difference)
+        residual = np.where(record.present, difference - record.columns @ offset, np.nan)
+        measured = np.where(record.present, record.measured, np.nan).reshape(record.channels, -1)
         energy, count = float(np.nansum(residual**2)), int(record.present.sum())
-        variance = float(np.nansum((measured - np.nanmean(measured, axis=0)) ** 2))
-        rms, reach = math.sqrt(energy / count), float(np.max(np.nanmax(measured, axis=0) - np.nanmin(measured, axis=0)))
+        variance = float(np.nansum((measured - np.nanmean(measured, axis=1)[:, None]) ** 2))
+        rms, reach = math.sqrt(energy / count), float(np.max(np.nanmax(measured, axis=1) - np.nanmin(measured, axis=1)))
         made.append(
             Match(
                 name=record.observation.name,
                 residual=record.restored(residual),
-                offset=tuple(float(o) for o in offset),
+                offset=tuple(float(o) for o in offset) or (0.0,) * record.channels,
                 rms=rms,
                 error=rms / reach if reach else math.nan,
                 r2=1 - energy / variance if variance else math.nan,
-                sigma=math.sqrt(energy / max(count - taken, 0.1 * count)),
+                sigma=math.sqrt(energy / max(count - dof, 0.1 * count)),
                 inflation=inflation,
             )
         )
     return tuple(made)
+
+
+def _check(observations: Sequence[Observation]) -> None:
+    if not observations:
+        raise InputError("fit", "observations", None, "a fit needs something that was measured")
+    names = [observation.name for observation in observations]
+    for observation in observations:
+        if observation.role != "identify":
+            raise InputError("fit", observation.name, observation.role, "is kept for validation; a fit may not see it")
+        if names.count(observation.name) > 1:
+            raise InputError("fit", observation.name, None, "is given twice; every observation needs a name of its own")
+
+
+def _offsets(wanted: bool | Collection[str]) -> Shapes:
+    """Return what makes a column for each channel of the observations that have offsets."""
+
+    def shapes(observation: Observation) -> tuple[Array, Array]:
+        values, count = channels(np.asarray(observation.measured()))
+        has = wanted if isinstance(wanted, bool) else observation.name in wanted
+        columns = np.kron(np.eye(count), np.ones((len(values) // count, 1)))[:, : count * has]
+        return columns, np.full(columns.shape[1], math.inf)
+
+    return shapes
 
 
 def _whitening(noise: Noise) -> Whitening:

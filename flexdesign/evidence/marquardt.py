@@ -97,6 +97,7 @@ def solve(
     share: float = SHARE,
     old: Columns | None = None,
     exact: bool = True,
+    small: float = SMALL,
 ) -> Solution | None:
     """Return the minimum near a point; None where the model fails there.
 
@@ -114,13 +115,11 @@ def solve(
         Columns of slopes from a fit nearby, see `Problem.slopes`; the search begins with them.
     exact
         Whether slopes are found once more at the end.
+    small
+        A step that promises to lower the cost by less than this is the last, too.
     """
-    where = problem.where
-    x = np.clip(start, where.lower, where.upper)
-    residuals = problem.residuals(x)
-    if residuals is None:
+    if (search := _begun(problem, start, old, small)) is None:
         return None
-    search = _Search(problem, x, residuals, old)
     for _ in range(most):
         # Slopes that were carried along may promise too little: where it counts, those found here have the last word.
         if search.descend(share) and (search.fresh or not exact):
@@ -131,11 +130,34 @@ def solve(
     return search.solution(False)
 
 
+def follow(problem: Problem, start: Array, *, old: Columns | None = None, small: float = SMALL) -> Solution | None:
+    """Return where steps lead that need one Jacobian, known or found at the start; None where the model fails there."""
+    if (search := _begun(problem, start, old, small)) is None:
+        return None
+    search.fresh = True  # no other Jacobian is found: where a step fails it is made shorter
+    search.descend(0.0)
+    return search.solution(False)
+
+
+def polish(solution: Solution, small: float) -> Solution:
+    """Return where further steps with the Jacobian of a solution lead, until they promise less than `small`."""
+    search = _Search(solution.problem, solution.x, list(solution.residuals), solution.columns(), small)
+    search.fresh = True
+    search.descend(0.0)
+    return search.solution(solution.is_settled)
+
+
+def _begun(problem: Problem, start: Array, old: Columns | None, small: float) -> _Search | None:
+    x = np.clip(start, problem.where.lower, problem.where.upper)
+    residuals = problem.residuals(x)
+    return None if residuals is None else _Search(problem, x, residuals, old, small)
+
+
 class _Search:
     """Where a search stands: a point, its residuals, and slopes that were found there or carried along."""
 
-    def __init__(self, problem: Problem, x: Array, residuals: list[Array], old: Columns | None) -> None:
-        self.problem, self.x, self.residuals = problem, x, residuals
+    def __init__(self, problem: Problem, x: Array, residuals: list[Array], old: Columns | None, small: float) -> None:
+        self.problem, self.x, self.residuals, self.small = problem, x, residuals, small
         self.cost, self.damping, self.kept = problem.cost(x, residuals), DAMPING, 0.0
         self.looked = 0
         self.look(old)
@@ -151,7 +173,7 @@ class _Search:
     def descend(self, share: float) -> bool:
         """Take steps while the slopes serve; tell whether less than this share of the cost is left to be gained."""
         for _ in range(LONGEST):
-            enough = max(SMALL, share * self.cost)
+            enough = max(self.small, share * self.cost)
             gradient = _gradient(self.problem, self.x, self.slopes, self.residuals)
             step = _step(self.normal, gradient, self.damping, self.x, self.problem)
             promised = -float(2 * gradient @ step + step @ self.normal @ step)

@@ -61,6 +61,18 @@ class White:
         return np.asarray(residual / np.asarray(sigma, dtype=float))
 
 
+@dataclass(frozen=True)
+class Scaled:
+    """Noise so many times as large as other noise."""
+
+    noise: Whitening
+    factor: float
+
+    def whiten(self, observation: Observation, residual: Array) -> Array:
+        """Return the whitened residual."""
+        return self.noise.whiten(observation, residual) / self.factor
+
+
 #: Noise as `fit` takes it; None where it is unknown: white, alike in all observations, estimated from the residual.
 Noise = None | float | Mapping[str, float | Array] | Whitening
 

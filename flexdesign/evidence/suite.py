@@ -1,160 +1,38 @@
-"""A suite of observations beside a model: whitened residuals and their derivatives, record by record.
+"""A model beside a data set: whitened residuals and their derivatives, record by record.
 
 Numbers that act on one record alone (where it began, how late it was started) are many, and cost little: their
-derivatives ask for one record each, and the normal equations are filled block by block. What enters linearly, such as
-an offset, is eliminated exactly (Golub and Pereyra 1973); where something is known of it, as in ridge regression.
+derivatives ask for one record each, and the normal equations are filled block by block.
 """
 
 from __future__ import annotations
 
+import threading
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.errors import InputError
-from flexdesign.evidence.coordinates import Coordinates
-from flexdesign.evidence.noise import Whitening
-from flexdesign.evidence.residuals import LARGEST, MOVED, SMALLEST, STEP, Map
-from flexdesign.model import Model, Observation
+from flexdesign.evidence.coordinates import Coordinates, value
+from flexdesign.evidence.dataset import Record, Shapes, Suite
+from flexdesign.model import Model
+
+__all__ = ["Problem", "Record", "Shapes", "Slopes", "Suite"]
 
 Array = NDArray[np.float64]
-#: A combination of columns so small, beside the largest, is hidden.
-HIDDEN = 1e-10
-#: Columns that add to what was measured of an observation (samples by k), and how large each may be [response].
-Shapes = Callable[[Observation], tuple[Array, Array]]
+#: Applies a function to each item of a list, over threads perhaps.
+Map = Callable[..., Any]
+#: How far a finite difference should move the response, relative: between a simulator's error of 1e-7 and curvature.
+MOVED = 3e-4
+#: The same for central differences, whose error is of second order.
+MOVED_CENTRAL = 3 * MOVED
+#: Step of a finite difference per size of its coordinate: where it begins, and how small and large it may become.
+STEP, SMALLEST, LARGEST = 1e-4, 1e-7, 1e-2
 #: Makes another model of one, with the same numbers.
 Made = Callable[[Model], Model]
-
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """One observation of n values, and what adds to it in an unknown amount.
-
-    Parameters
-    ----------
-    observation
-        The observation.
-    measured
-        n values, SI; zero at gaps.
-    present
-        False at gaps.
-    columns
-        What may add to it: n by k, SI.
-    basis
-        Orthonormal basis of these columns, whitened, with a row for what is known of each: n + k by k or fewer.
-    amounts
-        Takes a vector of length n + k to the k amounts of the columns that it holds.
-    freedom
-        Logarithm of the volume, in units of the noise, of what the columns may add: the price of their freedom in the
-        marginal likelihood, but for columns of which nothing is known.
-    """
-
-    observation: Observation
-    measured: Array
-    present: NDArray[np.bool_]
-    columns: Array
-    basis: Array
-    amounts: Array
-    freedom: float
-
-    @property
-    def rows(self) -> int:
-        """Length of a residual: a row for each value, and one for each column."""
-        return len(self.basis)
-
-
-class Suite:
-    """Records with their noise.
-
-    Parameters
-    ----------
-    observations
-        Each of n values.
-    noise
-        What turns residuals into independent numbers of variance one.
-    shapes
-        What may add to each observation in an unknown amount.
-
-    Raises
-    ------
-    InputError
-        If an observation holds no finite value.
-    """
-
-    def __init__(self, observations: Sequence[Observation], noise: Whitening, shapes: Shapes) -> None:
-        self.noise = noise
-        self.records = tuple(self._record(observation, *shapes(observation)) for observation in observations)
-        parts = [self.whitened(record, record.measured) for record in self.records]
-        #: Norm of the measured data, whitened.
-        self.size = float(np.sqrt(sum(part @ part for part in parts))) or 1.0
-
-    def with_shapes(self, shapes: Shapes, noise: Whitening | None = None) -> Suite:
-        """Return the suite with other columns that may add to its observations, and perhaps with other noise."""
-        return Suite([record.observation for record in self.records], noise or self.noise, shapes)
-
-    def part(self, names: Sequence[str]) -> Suite:
-        """Return the suite of some of its observations."""
-        part = copy(self)
-        part.records = tuple(record for record in self.records if record.observation.name in names)
-        return part
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the observations."""
-        return [record.observation.name for record in self.records]
-
-    @property
-    def samples(self) -> int:
-        """Number of values present."""
-        return int(sum(record.present.sum() for record in self.records))
-
-    @property
-    def freedom(self) -> float:
-        """What the freedom of the columns costs, in the units of the sum of squares: twice the sum over the records."""
-        return 2 * sum(record.freedom for record in self.records)
-
-    def whitened(self, record: Record, difference: Array) -> Array:
-        """Return a difference (n, SI) whitened, what may add to it taken out: a vector of `record.rows`."""
-        vector = self._whitened(record.observation, record.present, difference)
-        padded = np.concatenate([vector, np.zeros(record.columns.shape[1])])
-        return np.asarray(padded - record.basis @ (record.basis.T @ padded))
-
-    def residual(self, record: Record, predicted: Array) -> Array | None:
-        """Return the whitened residual of a prediction; None where it is not finite."""
-        difference = np.where(record.present, record.measured - predicted, 0.0)
-        return self.whitened(record, difference) if np.isfinite(difference).all() else None
-
-    def remainder(self, record: Record, predicted: Array) -> Array:
-        """Return measured less predicted and the best amounts of the columns, n values in SI; NaN at gaps."""
-        difference = np.where(record.present, record.measured - predicted, 0.0)
-        vector = self._whitened(record.observation, record.present, difference)
-        added = record.columns @ (record.amounts @ np.concatenate([vector, np.zeros(record.columns.shape[1])]))
-        return np.where(record.present, difference - added, np.nan)
-
-    def _record(self, observation: Observation, columns: Array, sizes: Array) -> Record:
-        measured = np.asarray(observation.measured(), dtype=float)
-        present = np.isfinite(measured)
-        if not present.any():
-            raise InputError("runs", observation.name, None, "holds no finite value")
-        whitened = self.noise.whiten(observation, columns * present[:, None]) * present[:, None]
-        stacked = np.vstack([whitened, np.diag(1 / sizes)])
-        # A column that a gap hides, or that others make up, takes nothing out and has no amount of its own.
-        lengths = np.linalg.norm(stacked, axis=0)
-        unit = stacked / np.where(lengths > 0, lengths, 1.0)
-        left, singular, right = np.linalg.svd(unit, full_matrices=False)
-        kept = singular > HIDDEN * singular.max(initial=0.0)
-        basis = left[:, kept]
-        amounts = (right[kept].T / singular[kept]) @ basis.T / np.where(lengths > 0, lengths, 1.0)[:, None]
-        freedom = (
-            np.log(singular[kept]).sum() + np.log(lengths[lengths > 0]).sum() + np.log(sizes[np.isfinite(sizes)]).sum()
-        )
-        return Record(observation, np.where(present, measured, 0.0), present, columns, basis, amounts, float(freedom))
-
-    def _whitened(self, observation: Observation, present: NDArray[np.bool_], difference: Array) -> Array:
-        return np.asarray(self.noise.whiten(observation, difference[:, None])[:, 0] * present)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +45,18 @@ class Slopes:
 
 def _itself(model: Model) -> Model:
     return model
+
+
+class _Count:
+    """Counts predictions, of several threads."""
+
+    def __init__(self) -> None:
+        self.made, self._lock = Counter[str](), threading.Lock()
+
+    def add(self, failed: bool) -> None:
+        """Count one more."""
+        with self._lock:
+            self.made.update(all=1, failed=int(failed))
 
 
 class Problem:
@@ -187,6 +77,9 @@ class Problem:
     sloping
         Makes a model whose slopes serve in the place of a model's own: how far a number moves what is predicted need
         not be known as exactly as where it is.
+    central
+        Whether differences are central, at twice the price of forward ones: their error is then far below that of the
+        simulator.
     """
 
     def __init__(
@@ -197,10 +90,12 @@ class Problem:
         each: Map = map,
         moved: float = MOVED,
         sloping: Made = _itself,
+        central: bool = False,
+        count: _Count | None = None,
     ) -> None:
         self.suite, self.model, self.where, self.each, self.moved = suite, model, where, each, moved
-        self.sloping = sloping
-        self.evaluations = 0
+        self.sloping, self.central = sloping, central
+        self._count = count or _Count()
         runs = [parameter.run for parameter in where.parameters]
         names = [record.observation.name for record in suite.records]
         self.places = [
@@ -208,6 +103,38 @@ class Problem:
         ]
         self.steps = STEP * where.sizes(where.start)
         self._known = [(where.names.index(name), *about) for name, about in where.known.items()]
+
+    @property
+    def evaluations(self) -> int:
+        """Number of predictions so far, those of problems made from this one among them."""
+        return self._count.made["all"]
+
+    @property
+    def failures(self) -> int:
+        """Number of these that gave no numbers."""
+        return self._count.made["failed"]
+
+    def anew(self, suite: Suite | None = None, central: bool | None = None) -> Problem:
+        """Return the problem with steps of its own for differences; perhaps beside another suite, or with another."""
+        central = self.central if central is None else central
+        return Problem(
+            suite or self.suite, self.model, self.where, self.each, self.moved, self.sloping, central, self._count
+        )
+
+    def fixed(self, j: int, coordinate: float, x: Array) -> Problem:
+        """Return the problem of the other coordinates, which start from `x`, with one of them held."""
+        where = self.where
+        left = [i for i in range(len(x)) if i != j]
+        held = where.parameters[j]
+        others = Coordinates(
+            tuple(where.parameters[i] for i in left),
+            {name: about for name, about in where.known.items() if name != held.name},
+            where.lower[left],
+            where.upper[left],
+            x[left],
+        )
+        model = self.model.replace({held.name: value(held, coordinate)})
+        return Problem(self.suite, model, others, self.each, self.moved, self.sloping, self.central, self._count)
 
     def at(self, x: Array) -> Model:
         """Return the model at a point."""
@@ -237,12 +164,13 @@ class Problem:
         return None if any(part is None for part in found) else found
 
     def _residual(self, model: Model, record: Record) -> Array | None:
-        self.evaluations += 1
         try:
             with np.errstate(all="ignore"):
-                return self.suite.residual(record, np.asarray(model.predict(record.observation)))
-        except (ArithmeticError, InputError):
-            return None
+                found = self.suite.residual(record, np.asarray(model.predict(record.observation)))
+        except (ArithmeticError, np.linalg.LinAlgError, InputError):
+            found = None
+        self._count.add(found is None)
+        return found
 
     def before(self, x: Array) -> Array:
         """Return how many standard deviations each known number is from what was known."""
@@ -296,7 +224,7 @@ class Problem:
     def slopes(
         self, x: Array, residuals: Sequence[Array], old: Mapping[str, Sequence[Array | None]] | None = None
     ) -> list[Slopes]:
-        """Return the derivative of each record's residual at `x`, by forward differences, or backward at a bound.
+        """Return the derivative of each record's residual at `x`, by differences, which look inwards at a bound.
 
         Parameters
         ----------
@@ -315,9 +243,17 @@ class Problem:
             # On the other side the model may not fail; where it does on both, nothing is known of this slope.
             forward[list(failed)] *= -1.0
             parts |= self._moved(x, [pair for pair in pairs if pair[1] in failed], forward, make)
+        opposite = dict[tuple[int, int], Array | None]()
+        if self.central:
+            back = x - forward * self.steps
+            inside = (back >= self.where.lower) & (back <= self.where.upper)
+            opposite = self._moved(x, [(r, j) for r, j in pairs if inside[j] and j not in failed], -forward, make)
         moved, columns = np.zeros(len(x)), dict[tuple[int, int], Array]()
         for (r, j), part in parts.items():
+            other = opposite.get((r, j))
             column = np.zeros_like(here[r]) if part is None else (part - here[r]) * forward[j]
+            if part is not None and other is not None:
+                column = (part - other) * forward[j] / 2
             moved[j] += column @ column
             columns[r, j] = column / self.steps[j]
         for j, name in enumerate(self.where.names):
@@ -325,7 +261,7 @@ class Problem:
                 if column is not None:
                     columns[r, j] = column
         # The next steps move the whitened response by a small share of it.
-        sizes, wanted = self.where.sizes(x), self.moved * self.suite.size
+        sizes, wanted = self.where.sizes(x), (MOVED_CENTRAL if self.central else self.moved) * self.suite.size
         by = np.where(moved > 0, np.clip(wanted / np.maximum(np.sqrt(moved), 1e-300), 0.1, 10.0), 1.0)
         self.steps = np.clip(self.steps * by, SMALLEST * sizes, LARGEST * sizes)
         return [

@@ -1,4 +1,4 @@
-"""The verdict on each parameter: a number with its interval, or a sentence that says why there is none."""
+"""Identifiability of each parameter: a number with its interval, or a sentence that says why there is none."""
 
 from __future__ import annotations
 
@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 
 from flexdesign import units
 from flexdesign.evidence.coordinates import coordinate, value
-from flexdesign.evidence.covariance import Spread
-from flexdesign.evidence.profile import Profile
-from flexdesign.evidence.residuals import Residuals
-from flexdesign.evidence.search import ROUNDING, Minimum
+from flexdesign.evidence.marquardt import Solution
+from flexdesign.evidence.profile_likelihood import Profile
+from flexdesign.evidence.uncertainty import Uncertainty
 from flexdesign.model import Parameter
 
 Array = NDArray[np.float64]
 #: An interval this wide, relative to what was plausible or known, says nothing that was not believed before.
-TELLS = 0.9
+TOO_WIDE = 0.9
 #: Parameters correlated more than this are named together when one of them is undetermined.
-TOGETHER = 0.9
+CORRELATED = 0.9
 
 
 @dataclass(frozen=True)
@@ -76,82 +75,79 @@ class Estimate:
 
 
 def estimates(
-    residuals: Residuals,
-    minimum: Minimum,
-    spread: Spread,
-    profiles: Sequence[Profile | None],
-    minima: Sequence[Minimum],
-    reveal: Mapping[str, str],
+    solution: Solution,
+    uncertainty: Uncertainty,
+    profiles: Mapping[int, Profile | None],
+    minima: Sequence[Array] = (),
+    reveal: Mapping[str, str] | None = None,
 ) -> tuple[Estimate, ...]:
-    """Return the verdict on every free parameter.
+    """Return what the fit says about some parameters, in the order of `profiles`.
 
     Parameters
     ----------
-    residuals, minimum, spread
+    solution, uncertainty
         The fit.
     profiles
-        The intervals of the coordinates; None where a direction is open.
+        The intervals of these coordinates, by their place; None in the null space.
     minima
         Where all starts ended.
     reveal
         The experiment that would show a parameter, by name.
     """
-    judge = _Judge(residuals, minimum, spread, profiles, minima)
+    check = _Check(solution, uncertainty, profiles, minima)
     made = []
-    for j, parameter in enumerate(residuals.where.parameters):
-        reason, interval, entangled = judge.refusal(j)
+    for j in profiles:
+        parameter = solution.problem.where.parameters[j]
+        reason, interval, entangled = check.reason(j)
         if reason:
-            advice = f"; would show it: {reveal[parameter.name]}" if parameter.name in reveal else ""
+            advice = f"; would show it: {reveal[parameter.name]}" if reveal and parameter.name in reveal else ""
             made.append(Estimate(parameter, None, None, interval, False, reason + advice, entangled))
             continue
-        number = judge.values[parameter.name]
-        sigma = abs(float(residuals.where.slopes(minimum.x)[j])) * math.sqrt(spread.covariance[j, j])
-        note, interval = "", judge.interval(j)
+        note, interval, sigma = "", check.interval(j), check.sigma(j)
         if _of(profiles, j).corrected:
-            note, sigma = "interval from the profile likelihood", (interval[1] - interval[0]) / (2 * spread.quantile)
-        made.append(Estimate(parameter, number, sigma, interval, True, note))
+            note = "interval from the profile likelihood"
+            sigma = (interval[1] - interval[0]) / (2 * uncertainty.quantile)
+        made.append(Estimate(parameter, check.values[parameter.name], sigma, interval, True, note))
     return tuple(made)
 
 
-class _Judge:
+class _Check:
     """Looks for reasons not to report a number."""
 
     def __init__(
         self,
-        residuals: Residuals,
-        minimum: Minimum,
-        spread: Spread,
-        profiles: Sequence[Profile | None],
-        minima: Sequence[Minimum],
+        solution: Solution,
+        uncertainty: Uncertainty,
+        profiles: Mapping[int, Profile | None],
+        minima: Sequence[Array],
     ) -> None:
-        self.residuals, self.minimum, self.spread, self.profiles = residuals, minimum, spread, profiles
-        self.parameters, self.names = residuals.where.parameters, residuals.where.names
-        self.values = residuals.where.values(minimum.x)
-        self.correlation = correlation(spread.covariance)
-        self.floor = (ROUNDING * residuals.size()) ** 2
+        self.solution, self.uncertainty, self.profiles = solution, uncertainty, profiles
+        self.where = solution.problem.where
+        self.parameters, self.names = self.where.parameters, self.where.names
+        self.values = self.where.values(solution.x)
+        self.correlation = uncertainty.correlation
+        self.floor = solution.problem.suite.floor
         self.rivals = [other for other in minima if self._fits_alike(other)]
 
-    def refusal(self, j: int) -> tuple[str, tuple[float, float] | None, tuple[str, ...]]:
-        """Return why there is no number (empty if there is one), the interval if it says something, and the company."""
+    def reason(self, j: int) -> tuple[str, tuple[float, float] | None, tuple[str, ...]]:
+        """Return why there is no number (empty if there is one), the interval if any, and the confounded parameters."""
         parameter = self.parameters[j]
         profile = self.profiles[j]
-        if profile is None or (self.spread.is_open(j) and profile.open_low and profile.open_high):
-            company = self.spread.company(j)
-            direction = self.spread.open.T @ self.spread.open[:, j]
-            reason = self.entangled([j, *company], direction) if company else "does not show in these runs"
-            return reason, None, tuple(self.names[i] for i in company)
+        if profile is None or (self.uncertainty.in_null_space(j) and profile.open_low and profile.open_high):
+            others, null = self.uncertainty.confounded_with(j), self.uncertainty.null_space
+            reason = self.entangled([j, *others], null.T @ null[:, j]) if others else "does not show in these runs"
+            return reason, None, tuple(self.names[i] for i in others)
         for rival in self.rivals:
-            if self._is_outside(rival.x[j], j):
-                other = _text(parameter, value(parameter, float(rival.x[j])))
+            if self._is_outside(rival[j], j):
+                other = _text(parameter, value(parameter, float(rival[j])))
                 here = _text(parameter, self.values[parameter.name])
                 return f"{here} and {other} fit alike", None, ()
-        company = [i for i in range(len(self.names)) if i != j and abs(self.correlation[i, j]) > TOGETHER]
+        others = [i for i in range(len(self.names)) if i != j and abs(self.correlation[i, j]) > CORRELATED]
         reason, interval = self.too_wide(j)
-        names = tuple(self.names[i] for i in company)
-        if not company or not (reason or self._leans_on(j, company)):
+        names = tuple(self.names[i] for i in others)
+        if not others or not (reason or self._rests_on_unknowns(j, others)):
             return reason, interval, ()
-        shares = self.spread.covariance[:, j] / np.sqrt(np.diag(self.spread.covariance))
-        sentence = self.entangled([j, *company], shares)
+        sentence = self.entangled([j, *others], self.correlation[:, j])
         if profile.corrected:
             return sentence, None, names
         return f"{reason}; {sentence}", interval, names
@@ -162,14 +158,12 @@ class _Judge:
         interval = self.interval(j)
         falling = parameter.scale == "inverse"
         open_low, open_high = (profile.open_low, profile.open_high)[:: -1 if falling else 1]
-        known = self.residuals.where.known.get(parameter.name)
-        if known:
-            slope = abs(float(self.residuals.where.slopes(self.minimum.x)[j]))
-            if slope * math.sqrt(self.spread.covariance[j, j]) > TELLS * known[1]:
-                return f"these runs add nothing to what was known, {_spanned(parameter, known, ' ± ', known[1])}", None
+        known = self.where.known.get(parameter.name)
+        if known and self.sigma(j) > TOO_WIDE * known[1]:
+            return f"these runs add nothing to what was known, {_spanned(parameter, known, ' ± ', known[1])}", None
         if open_low and open_high:
             return f"these runs allow all that is plausible, {_spanned(parameter, parameter.plausible)}", None
-        if profile.high - profile.low > TELLS * self.residuals.where.span[j]:
+        if profile.high - profile.low > TOO_WIDE * self.where.span[j]:
             return (
                 f"these runs allow nearly all that is plausible, {_spanned(parameter, parameter.plausible)}",
                 interval,
@@ -182,7 +176,11 @@ class _Judge:
                 return f"{limit}: these runs do not tell it from {_text(parameter, bound)}", interval
             where = f"the {'lower' if open_low else 'upper'} end of what is plausible, {_text(parameter, bound)}"
             return f"{limit}: the interval runs into {where}", interval
-        return ("any value in the interval fits alike" if self.spread.is_open(j) else ""), interval
+        return ("any value in the interval fits alike" if self.uncertainty.in_null_space(j) else ""), interval
+
+    def sigma(self, j: int) -> float:
+        """Return the standard deviation in SI from the covariance."""
+        return abs(float(self.where.slopes(self.solution.x)[j])) * math.sqrt(self.uncertainty.covariance[j, j])
 
     def interval(self, j: int) -> tuple[float, float]:
         """Return the interval in SI."""
@@ -214,31 +212,36 @@ class _Judge:
         traces = {}
         for name, (to_a, to_b) in moves.items():
             alone, both = self._rise({i: to_a}), self._rise({i: to_a, j: to_b})
-            traces[name] = both / alone if alone > self.floor else math.inf
+            traces[name] = both / alone if self.floor < alone < math.inf else math.inf
         best = min(traces, key=lambda name: traces[name])
         return best if traces[best] < 1e-3 else ""
 
     def _rise(self, changed: Mapping[int, float]) -> float:
-        """Return the squared change of the data's residual when some values change."""
-        x = self.minimum.x.copy()
+        """Return the squared change of the data's residual when some values change; infinite where the model fails."""
+        x = self.solution.x.copy()
         for i, number in changed.items():
             x[i] = coordinate(self.parameters[i], number)
-        change = self.residuals.data(x) - self.residuals.data(self.minimum.x)
-        return float(change @ change)
+        if (found := self.solution.problem.residuals(x)) is None:
+            return math.inf
+        return sum(float(np.sum((a - b) ** 2)) for a, b in zip(found, self.solution.residuals, strict=True))
 
-    def _leans_on(self, j: int, company: list[int]) -> bool:
+    def _rests_on_unknowns(self, j: int, others: list[int]) -> bool:
         """Tell whether an interval rests on parameters without a number, and not on the covariance.
 
         Its ends were then found along a bent valley that is not closed, and another branch of it may lead further.
         """
-        unknown = [i for i in company if self.names[i] not in self.residuals.where.known]
-        is_open = any(self.profiles[i] is None or self.too_wide(i)[0] for i in unknown)
-        return is_open and _of(self.profiles, j).corrected
+        if not _of(self.profiles, j).corrected:
+            return False
+        unknown = [i for i in others if self.names[i] not in self.where.known and i in self.profiles]
+        return any(self.profiles[i] is None or self.too_wide(i)[0] for i in unknown)
 
-    def _fits_alike(self, other: Minimum) -> bool:
-        allowed = self.spread.quantile**2 * self.spread.variance + self.floor
-        apart = self.spread.jacobian @ (other.x - self.minimum.x)
-        return float(apart @ apart) > 25 * allowed and self.residuals.cost(other.x) - self.minimum.cost < allowed
+    def _fits_alike(self, other: Array) -> bool:
+        allowed = self.uncertainty.quantile**2 * self.uncertainty.variance + self.floor
+        apart = other - self.solution.x
+        if float(apart @ self.uncertainty.information @ apart) <= 25 * allowed:
+            return False
+        problem = self.solution.problem
+        return problem.cost(other, problem.residuals(other)) - self.solution.cost < allowed
 
     def _is_outside(self, x: float, j: int) -> bool:
         profile = _of(self.profiles, j)
@@ -246,18 +249,9 @@ class _Judge:
         return not profile.low - width <= x <= profile.high + width
 
 
-def correlation(covariance: Array) -> Array:
-    """Return the correlation matrix; rows without variance are zero off the diagonal."""
-    sigma = np.sqrt(np.diag(covariance))
-    sigma = np.where(sigma > 0, sigma, 1.0)
-    matrix = covariance / np.outer(sigma, sigma)
-    np.fill_diagonal(matrix, 1.0)
-    return np.asarray(matrix)
-
-
-def _of(profiles: Sequence[Profile | None], j: int) -> Profile:
+def _of(profiles: Mapping[int, Profile | None], j: int) -> Profile:
     profile = profiles[j]
-    assert profile is not None  # only asked of coordinates that are not open
+    assert profile is not None  # only asked of coordinates with an interval
     return profile
 
 
