@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flexdesign.evidence.origins import BETTER
 
 from flexdesign import stage_model
 from flexdesign.diagnosis import diagnose, opening
 from flexdesign.diagnosis.setting import Setting, settle
-from flexdesign.evidence.origins import BETTER
 from flexdesign.runs import Run, read_runs
 from flexdesign.stage_model import StageModel
 

@@ -20,7 +20,8 @@ from flexdesign.diagnosis.course import BELIEVED, case_of, simulating
 from flexdesign.diagnosis.setting import settle
 from flexdesign.diagnosis.standing import compared
 from flexdesign.errors import InputError
-from flexdesign.evidence.stand import evaluated, tested
+from flexdesign.evidence.calibration import evaluated
+from flexdesign.evidence.stand import tested
 from flexdesign.noise_floor import LineNoise, NoiseFloor
 from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.stage_model import StageModel

@@ -22,9 +22,10 @@ from flexdesign.diagnosis.findings import Named, Value
 from flexdesign.diagnosis.setting import Setting
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_parameters import DELAY, TRIGGER
+from flexdesign.evidence.calibration import CALIBRATION_SHARE
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.coordinates import value
-from flexdesign.evidence.stand import CALIBRATION_SHARE, Stand, fitted
+from flexdesign.evidence.stand import Stand, fitted
 from flexdesign.model import Parameter
 
 #: A number that the fit moves by more standard deviations of what was known than this is a finding.

@@ -39,6 +39,7 @@ from flexdesign.diagnosis.opening import opening
 from flexdesign.diagnosis.setting import Setting, line_weights, settle
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
+from flexdesign.evidence.calibration import calibrated, evaluated
 from flexdesign.evidence.case import Case, Fitting
 from flexdesign.evidence.marquardt import SHARE
 from flexdesign.evidence.model_comparison import Step
@@ -58,9 +59,7 @@ from flexdesign.evidence.sharing import Shared, sharing
 from flexdesign.evidence.stand import (
     GROSS,
     Stand,
-    calibrated,
     escape,
-    evaluated,
     finished,
     fitted,
     like,

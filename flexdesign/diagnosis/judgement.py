@@ -10,11 +10,11 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.diagnosis.conflicts import HALF_WIDTH, LARGE, Conflict
+from flexdesign.diagnosis.conflicts import LARGE, Conflict
 from flexdesign.diagnosis.findings import Course, Diagnosis, Named, Rung, Tried, Value, Verdict
 from flexdesign.diagnosis.setting import Setting
 from flexdesign.dynamics.axis_model import AxisDynamics
-from flexdesign.evidence.coordinates import value
+from flexdesign.evidence.intervals import intervals
 from flexdesign.evidence.model_comparison import LESS, Step, Trial
 from flexdesign.evidence.rival import Rival
 from flexdesign.evidence.stand import Stand
@@ -310,17 +310,24 @@ def _share(setting: Setting, ladder: Sequence[Stand], name: str, judging: Sequen
     return float(np.clip((before - after) / max(errors[0] ** 2 - floor**2, 1e-300), 0.0, 1.0))
 
 
-def values_of(stand: Stand, names: Sequence[str]) -> tuple[Value, ...]:
-    """Return fitted numbers with their intervals."""
+def values_of(stand: Stand, names: Sequence[str], known_variance: float | None = 1.0) -> tuple[Value, ...]:
+    """Return fitted numbers with their 95 % intervals, by the profile likelihood.
+
+    Parameters
+    ----------
+    stand, names
+        The fit, and its numbers that are asked for.
+    known_variance
+        Of the whitened residual where the noise is known; None where it is not.
+    """
     where, x = stand.solution.problem.where, stand.solution.x
-    sigma = np.sqrt(np.maximum(np.diag(stand.solution.covariance), 0.0) * stand.discrepancy)
-    found = []
-    for j, parameter in enumerate(where.parameters):
-        if parameter.name in names:
-            ends = np.clip([x[j] - HALF_WIDTH * sigma[j], x[j] + HALF_WIDTH * sigma[j]], where.lower[j], where.upper[j])
-            low, high = sorted(value(parameter, float(end)) for end in ends)
-            found.append(Value(parameter, value(parameter, float(x[j])), (low, high)))
-    return tuple(found)
+    present = where.values(x)
+    shown = [name for name in where.names if name in names]
+    found = intervals(stand.solution, shown, known_variance=known_variance)
+    return tuple(
+        Value(e.parameter, present[e.name] if e.value is None else e.value, e.interval or e.parameter.plausible)
+        for e in found
+    )
 
 
 def own_numbers(stand: Stand) -> list[str]:

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtri
 
+from flexdesign.evidence.calibration import FOLLOWED
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.local_minima import grid_initial_states
 from flexdesign.evidence.marquardt import Solution
@@ -32,7 +33,7 @@ from flexdesign.evidence.model_comparison import (
     overruled,
 )
 from flexdesign.evidence.screening import Candidate, Direction, Moves, Screening
-from flexdesign.evidence.stand import FOLLOWED, GROSS, Stand, escape, fitted, judged, like, refitted, solved
+from flexdesign.evidence.stand import GROSS, Stand, escape, fitted, judged, like, refitted, solved
 from flexdesign.model import Model
 
 #: A first fit with some effects, not judged on the runs kept apart: names of those that are new, all, and the fit.

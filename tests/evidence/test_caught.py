@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from flexdesign.evidence.caught import carried_on, in_line, shaken
+from flexdesign.evidence.origins import SHARE_BEFORE, begun_alone, begun_elsewhere, out_of_line
 
 from flexdesign.evidence.case import Case, Fitting
-from flexdesign.evidence.caught import carried_on, in_line, shaken
 from flexdesign.evidence.noise import White
-from flexdesign.evidence.origins import SHARE_BEFORE, begun_alone, begun_elsewhere, out_of_line
 from flexdesign.evidence.stand import Stand, fitted, solved
 from flexdesign.evidence.suite import Suite
 from tests.evidence.test_screening import NAMES, N, Sum, base, candidate, column, least, offset

@@ -11,11 +11,13 @@ from zlib import crc32
 
 import numpy as np
 import pytest
+from flexdesign.evidence.caught import CAUGHT, FOUND
+from flexdesign.evidence.origins import begun_anew
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
+from flexdesign.evidence.calibration import calibrated
 from flexdesign.evidence.case import Case
-from flexdesign.evidence.caught import CAUGHT, FOUND
 from flexdesign.evidence.model_comparison import (
     INDISTINGUISHABLE,
     LEVEL,
@@ -29,11 +31,10 @@ from flexdesign.evidence.model_comparison import (
     is_determined,
 )
 from flexdesign.evidence.noise import White
-from flexdesign.evidence.origins import begun_anew
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import LARGEST_GROUP, backward, confirmed, confusable, forward
 from flexdesign.evidence.sharing import sharing
-from flexdesign.evidence.stand import Stand, calibrated, fitted
+from flexdesign.evidence.stand import Stand, fitted
 from flexdesign.evidence.suite import Suite
 from tests.evidence.test_screening import (
     NAMES,
