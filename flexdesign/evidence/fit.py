@@ -294,7 +294,8 @@ def _offsets(wanted: bool | Collection[str]) -> Shapes:
     def shapes(observation: Observation) -> tuple[Array, Array]:
         values, count = channels(np.asarray(observation.measured()))
         has = wanted if isinstance(wanted, bool) else observation.name in wanted
-        columns: Array = np.kron(np.eye(count), np.ones((len(values) // count, 1)))[:, : count * has]
+        columns = np.asarray(np.kron(np.eye(count), np.ones((len(values) // count, 1))), dtype=np.float64)
+        columns = columns[:, : count * has]
         return columns, np.full(int(columns.shape[1]), math.inf)
 
     return shapes
