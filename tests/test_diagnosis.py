@@ -278,6 +278,10 @@ def test_unknown_noise_is_said_and_never_weighed_against() -> None:
         assert "noise of these runs is unknown" in found.confidence
         assert "times the noise" not in found.remainder
     assert not judged(setting(), first, first).confidence
+    # Five and two variances of the guess: one remains above a noise that is known, two where it is not.
+    for dof, verdict in ((math.inf, "effects-found"), (0.0, "unknown")):
+        about = replace(setting(dof=dof), tolerance=NOISE)
+        assert judged(about, stand(about, 5.0, 5.0), stand(about, 2.0, 2.0, [creep(about)])).verdict == verdict
 
 
 def test_errors_are_stated_of_test_runs_and_nothing_is_chosen_by_them() -> None:
