@@ -143,10 +143,10 @@ def add(
         (candidate,) = alone(gone.calibrated)
         final, reason = _added(case, gone, candidate)
         ladder = [tested(case, stand) for stand in (gone.designed, gone.calibrated, final)]
+        effect_values = judgement.values_of(final, candidate.free)
+        own_values = judgement.values_of(final, judgement.own_numbers(final))
     errors = [setting.test_error(stand) for stand in ladder]
     unexplained = max(errors[1] ** 2 - (setting.floor**2 if setting.noise.known else 0.0), 1e-300)
-    effect_values = judgement.values_of(final, candidate.free)
-    own_values = judgement.values_of(final, judgement.own_numbers(final))
     numbers, said = [*own_values, *effect_values], judgement.model_of(model, setting, final)
     labels = ("as designed", "recalibrated", f"+ {name}")
     return Added(

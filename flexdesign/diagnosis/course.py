@@ -181,7 +181,7 @@ def diagnose(
         judging = [run for run in setting.runs if run.name in setting.judging]
         alone = np.concatenate([offset_residual(dynamics, run) for run in judging]) if judging else None
         ladder = [tested(case, stand) for stand in (course.designed, *ladder_of(course, named))]
-    found = conclude(model, setting, course, left, verdict, ladder, groups, beyond, implied, alone)
+        found = conclude(model, setting, course, left, verdict, ladder, groups, beyond, implied, alone)
     evaluations = sum(stand.solution.problem.evaluations for stand in (course.calibrated, *course.stands))
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
 
