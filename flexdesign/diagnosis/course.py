@@ -41,6 +41,7 @@ from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
 from flexdesign.evidence.calibration import calibrated, evaluated
 from flexdesign.evidence.case import Case, Fitting
+from flexdesign.evidence.determination import hold_undetermined
 from flexdesign.evidence.marquardt import SHARE
 from flexdesign.evidence.model_comparison import Step
 from flexdesign.evidence.noise import Whitening
@@ -173,6 +174,8 @@ def diagnose(
         verdict, named = decide(setting, course, left, partial(_is_better_smooth, setting, case))
         if named.effects and named is not course.final:
             named = finished(case.at_last, named)
+        named, held = hold_undetermined(case, named, dynamics)
+        course = replace(course, undetermined=(*course.undetermined, *held))
         groups = confusable(case, named, dynamics, course.steps)
         beyond = conflicts(setting, named)
         is_done = is_adequate(setting, course.final, left)

@@ -76,9 +76,9 @@ def possible(found: Diagnosis) -> str:
 
 
 def undetermined(found: Diagnosis) -> str:
-    """Return which numbers of the model these runs cannot show."""
-    names = words.listed([name.replace("_", " ") for name in found.undetermined])
-    return f"These runs do not show the model's {names}: no plausible change moves a prediction by what matters."
+    """Return which numbers these runs cannot show, and so keep the values of the design or of the catalogue."""
+    names = words.listed([name.replace("_", " ").replace(".", ": ") for name in found.undetermined])
+    return f"These runs do not determine {names}; held at the value of the design or of the catalogue."
 
 
 def effect(found: Diagnosis, named: Named) -> str:

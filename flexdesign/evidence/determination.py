@@ -1,0 +1,56 @@
+"""Numbers of effects that the runs do not determine: they are held where the catalogue has them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from flexdesign.evidence.case import Case
+from flexdesign.evidence.coordinates import coordinate
+from flexdesign.evidence.model_comparison import HALF_WIDTH, LEVEL
+from flexdesign.evidence.stand import Stand, fitted
+from flexdesign.model import Model
+
+#: A number is undetermined if its 95 % interval is wider than this share of the plausible range.
+SHARE_OF_RANGE = 0.5
+
+
+def hold_undetermined(case: Case, stand: Stand, base: Model) -> tuple[Stand, tuple[str, ...]]:
+    """Return the fit with undetermined numbers of its effects held, and their names; the same fit if there are none.
+
+    Parameters
+    ----------
+    case, stand
+        What is fitted, and the fit.
+    base
+        The model without effects, which with an effect has the values of the catalogue.
+    """
+    blank = base
+    for effect in stand.effects:
+        blank = effect.add(blank)
+    present = {parameter.name: parameter.start for parameter in blank.parameters()}
+    defaults = {
+        name: float(present[name] or 0.0)
+        for effect in stand.effects
+        for name in effect.free
+        if name != effect.strength and present.get(name) is not None and _is_open(stand, name, present[name] or 0.0)
+    }
+    if not defaults:
+        return stand, ()
+    effects = tuple(replace(e, free=tuple(n for n in e.free if n not in defaults)) for e in stand.effects)
+    made = fitted(case, stand.model.replace(defaults), effects, {}, old=None)
+    # An old value that contradicts the runs is none to hold.
+    if made is None or made.cost - stand.cost > -2.0 * math.log(LEVEL) * stand.discrepancy:
+        return stand, ()
+    return made, tuple(defaults)
+
+
+def _is_open(stand: Stand, name: str, default: float) -> bool:
+    """Tell whether the interval of a number holds the value of the catalogue, or nearly all that is plausible."""
+    where, solution = stand.solution.problem.where, stand.solution
+    j = where.names.index(name)
+    parameter, span = where.parameters[j], float(where.span[j])
+    half = HALF_WIDTH * math.sqrt(max(float(solution.covariance[j, j]) * stand.discrepancy, 0.0))
+    if math.isfinite(span) and 2 * half > SHARE_OF_RANGE * span:
+        return True
+    return (default > 0 or parameter.scale == "linear") and abs(solution.x[j] - coordinate(parameter, default)) < half
