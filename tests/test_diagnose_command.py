@@ -27,7 +27,7 @@ from flexdesign.diagnosis.setting import settle
 from flexdesign.diagnosis.standing import compared
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
-from flexdesign.report import diagnosis_charts, diagnosis_report, diagnosis_words
+from flexdesign.report import diagnosis_charts, diagnosis_report, diagnosis_result, diagnosis_words
 from flexdesign.runs import Run
 from flexdesign.stage_model import AxisModel, StageModel
 
@@ -89,7 +89,7 @@ def test_the_ladder_is_what_the_runs_kept_apart_leave() -> None:
 
 
 def test_result_holds_everything_with_its_unit() -> None:
-    result = json.loads(json.dumps(diagnosis_report.result(diagnosed(), ())))
+    result = json.loads(json.dumps(diagnosis_result.result(diagnosed(), ())))
     keys = "verdict effects candidates confusable near ladder noise_floor remainder where conflicts confidence made_by"
     assert set(keys.split()) <= set(result)
     (effect,) = result["effects"]
@@ -159,9 +159,9 @@ def test_effects_beside_a_remainder_are_said_with_it() -> None:
     assert diagnosis_words.summary(unsaid, ())[0].endswith(
         "the noise is unknown. What remains, 0.400 µm (0.20 % of the stroke), is no effect that is known here."
     )
-    result = diagnosis_report.result(found, ())["remainder"]
+    result = diagnosis_result.result(found, ())["remainder"]
     assert (result["rms"]["value"], result["over_noise"]) == pytest.approx((4e-7, 10.0))
-    assert diagnosis_report.result(unsaid, ())["remainder"]["over_noise"] is None
+    assert diagnosis_result.result(unsaid, ())["remainder"]["over_noise"] is None
 
 
 def test_numbers_that_the_runs_do_not_show_are_said() -> None:
@@ -202,7 +202,7 @@ def test_what_cannot_be_told_apart_comes_with_the_experiment_that_would() -> Non
     said = diagnosis_words.apart(GROUP, (told,))
     assert said.startswith("These runs cannot tell stress stiffening from quadratic stiffness.")
     assert f"{best.command.name.replace('_', ' ')} " in said
-    result = diagnosis_report.result(found, (told,))
+    result = diagnosis_result.result(found, (told,))
     assert result["confusable"] == [list(GROUP)]
     assert result["tell_apart"][0]["pairs"][0]["experiments"][0]["over_noise"] == best.over_noise
 

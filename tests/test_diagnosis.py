@@ -21,13 +21,13 @@ from scipy.signal import lfilter, lsim
 from flexdesign import effects
 from flexdesign.diagnosis import Diagnosis, adding, diagnose
 from flexdesign.diagnosis.candidates import candidates
-from flexdesign.diagnosis.course import case_of
 from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.findings import Course
 from flexdesign.diagnosis.judgement import ADEQUATE, ERRORS, LARGE, conclude, decide, ladder_of, levels, remainder
 from flexdesign.diagnosis.periodic import frequencies
 from flexdesign.diagnosis.rounding import rounded
 from flexdesign.diagnosis.setting import Setting, settle
+from flexdesign.diagnosis.task import case_of
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_run import of_axis
 from flexdesign.errors import InputError

@@ -21,7 +21,14 @@ from flexdesign.comparison import compare
 from flexdesign.diagnosis import Diagnosis, adding, diagnose
 from flexdesign.diagnosis.telling import tellings
 from flexdesign.errors import InputError
-from flexdesign.report import addition_report, comparison_report, diagnosis_report, diagnosis_words, response_pages
+from flexdesign.report import (
+    addition_report,
+    comparison_report,
+    diagnosis_report,
+    diagnosis_result,
+    diagnosis_words,
+    response_pages,
+)
 from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.stage_model import AxisModel, StageModel, to_toml
 
@@ -179,7 +186,7 @@ def test_a_response_beside_two_runs_is_explained_together_with_them() -> None:
     # The ladder is of the runs, in metres; the response has its own section.
     assert found.ladder[-1].error == pytest.approx(1e-8, rel=0.05)
     assert [each.name for each in found.responses] == ["sweep:identify", "sweep:validate"]
-    document, result = diagnosis_report.document(found, []), diagnosis_report.result(found, [])
+    document, result = diagnosis_report.document(found, []), diagnosis_result.result(found, [])
     assert {"Frequency responses", "Where it fails"} <= {section.title for section in document.sections}
     final = result["frequency_responses"]["final"]
     assert final[0]["error_over_noise"] == pytest.approx(1.0, abs=0.3)

@@ -85,7 +85,7 @@ def diagnose(
     tables.refuse_bare(bare)
     from flexdesign import diagnosis, runs, stage_model
     from flexdesign.diagnosis import adding, telling
-    from flexdesign.report import diagnosis_report, identification_report, render, terminal
+    from flexdesign.report import diagnosis_report, diagnosis_result, identification_report, render, terminal
 
     with progress() as say:
         stage = stage_model.read(model, overrides or [])
@@ -101,7 +101,7 @@ def diagnose(
         apart = telling.tellings(found, say)
         say("writing")
         better = adding.with_knowledge(found.model, found.axis, adding.values(found), (*found.runs, *found.responses))
-        document, result = diagnosis_report.document(found, apart), diagnosis_report.result(found, apart)
+        document, result = diagnosis_report.document(found, apart), diagnosis_result.result(found, apart)
         others = {} if model_file else {"stage_model.toml": stage_model.to_toml(better, folder)}
         written = [path for path in render.write(folder, document, result, others) if path.suffix != ".svg"]
         if model_file:

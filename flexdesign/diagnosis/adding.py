@@ -12,7 +12,7 @@ from time import perf_counter
 import numpy as np
 
 from flexdesign import effects, simulation, standard_experiments, units
-from flexdesign.diagnosis import candidates, course, judgement, periodic
+from flexdesign.diagnosis import candidates, course, judgement, periodic, task
 from flexdesign.diagnosis.findings import Course, Diagnosis, Rung, Value
 from flexdesign.diagnosis.setting import Setting, settle
 from flexdesign.dynamics import spectrum
@@ -130,9 +130,9 @@ def add(
     progress("reading the noise")
     setting = settle(model, runs, axis, None, noise)
     _check(setting, name, model)
-    with course.simulating(threads) as each:
-        setting = course.with_better_between(model, setting, each, progress)
-        dynamics, case = course.case_of(model, setting, each, progress)
+    with task.simulating(threads) as each:
+        setting = task.with_better_between(model, setting, each, progress)
+        dynamics, case = task.case_of(model, setting, each, progress)
 
         @cache
         def alone(stand: Stand) -> tuple[Candidate]:

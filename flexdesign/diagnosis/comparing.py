@@ -16,9 +16,9 @@ import numpy as np
 from flexdesign import comparison
 from flexdesign.comparison import Comparison
 from flexdesign.diagnosis.beginning import offset_residual
-from flexdesign.diagnosis.course import BELIEVED, case_of, simulating
 from flexdesign.diagnosis.setting import settle
 from flexdesign.diagnosis.standing import compared
+from flexdesign.diagnosis.task import BELIEVED, case_of, simulating
 from flexdesign.errors import InputError
 from flexdesign.evidence.calibration import evaluated
 from flexdesign.evidence.stand import tested

@@ -8,27 +8,20 @@ than any smooth function of position, velocity and voltage could, are they named
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from flexdesign.diagnosis import periodic
 from flexdesign.diagnosis.beginning import (
-    InitialConditions,
     in_time,
     in_tune,
-    known_of_start,
     offset_residual,
-    relaxing,
-    with_initial_conditions,
 )
 from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.conflicts import conflicts, explains
@@ -36,7 +29,8 @@ from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.findings import Course, Diagnosis
 from flexdesign.diagnosis.judgement import conclude, decide, is_adequate, ladder_of
 from flexdesign.diagnosis.opening import opening
-from flexdesign.diagnosis.setting import Setting, line_weights, settle
+from flexdesign.diagnosis.setting import Setting, settle
+from flexdesign.diagnosis.task import BELIEVED, begun, case_of, simulating, undetermined, with_better_between
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
 from flexdesign.evidence.calibration import calibrated, evaluated
@@ -44,7 +38,6 @@ from flexdesign.evidence.case import Case, Fitting
 from flexdesign.evidence.determination import hold_undetermined
 from flexdesign.evidence.marquardt import SHARE
 from flexdesign.evidence.model_comparison import Step
-from flexdesign.evidence.noise import Whitening
 from flexdesign.evidence.rival import Rival, cost_of_terms, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import (
@@ -56,7 +49,6 @@ from flexdesign.evidence.selection import (
     forward,
     leaves_more_than_noise,
 )
-from flexdesign.evidence.sharing import Shared, sharing
 from flexdesign.evidence.stand import (
     GROSS,
     Stand,
@@ -64,37 +56,17 @@ from flexdesign.evidence.stand import (
     finished,
     fitted,
     like,
-    moved,
     tested,
 )
-from flexdesign.evidence.suite import Suite
-from flexdesign.identification import HYSTERESIS, LINEAR
-from flexdesign.model import Model
 from flexdesign.runs import FrequencyResponse, Run
-from flexdesign.stage_model import AxisModel, StageModel
+from flexdesign.stage_model import StageModel
 
 Array = NDArray[np.float64]
-#: Error that a prediction may have, in shares of the noise; and in shares of the stroke, at least and at most.
-EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
-#: Most steps in a sample for fits, most of them for their slopes, and steps for screening; no step of any of them is
-#: longer than this [s], which the fastest relaxations of the catalogue bear.
-STEPS, STEPS_SLOPES, STEPS_SCREENING, LONGEST_STEP = 16, 6, 4, 4e-4
-#: The same for the values that are told in the end: many samples determine them far better than their noise.
-EXACT_AT_LAST, STEPS_AT_LAST = 0.002, 64
-#: A run is no later than so many standard deviations, in the model as it was designed and where one record is all there
-#: is: it would be late by many samples for the lag that the model lacks. Several that are all late share a delay.
-BELIEVED = 4.0
-#: A measured command is taken as smooth if that lowers the cost by so many times what a sample leaves on average.
-SMOOTHER = 20.0
-#: A plausible change of a number of which nothing is known, relative.
-CHANGE = 0.3
 #: Calibration is refused where it makes the validation error larger by this factor: more than chance of their noise.
 WORSE = 1.02
 #: Smooth functions are the better explanation where they leave no more than this share of what effects leave above the
 #: noise, in squares.
 BETTER = 0.5
-#: What is said of such a run.
-SMOOTH = "the command is taken as smooth between its samples, which fits better than straight lines"
 #: How fits are made where runs are long, in their openings and in the whole of them. A step that promises to lower the
 #: cost by less than about one moves no number by its standard deviation, and one that promises a few tells nothing of
 #: what is missing; and among many values corners lie so close that a difference taken from farther is none of a slope.
@@ -187,128 +159,6 @@ def diagnose(
         found = conclude(model, setting, course, left, verdict, ladder, groups, beyond, implied, alone)
     evaluations = sum(stand.solution.problem.evaluations for stand in (course.calibrated, *course.stands))
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
-
-
-@contextmanager
-def simulating(threads: int) -> Iterator[Shared]:
-    """Give a map shared among so many threads; those of linear algebra would fight with them, on small matrices."""
-    with threadpool_limits(1), sharing(threads) as each:
-        yield each
-
-
-def with_better_between(model: StageModel, setting: Setting, each: Any, progress: Callable[[str], None]) -> Setting:
-    """Return the setting with measured commands smooth between their samples, if nobody said and that fits better.
-
-    Straight lines make a sine of frequency w smaller by (w h)^2 / 12, which would pass for a lag or a further mode.
-    """
-    unsaid = [run for run in setting.runs if run.command_is != "dac" and not run.between_is_stated]
-    if not unsaid:
-        return setting
-    progress("asking what commands do between their samples")
-    smooth = tuple(
-        replace(run, between_samples="smooth", remarks=(*run.remarks, SMOOTH)) if run in unsaid else run
-        for run in setting.runs
-    )
-    tried = [setting, replace(setting, runs=smooth)]
-    stands = []
-    for each_setting in tried:
-        dynamics, case = case_of(model, each_setting, each, lambda _: None)
-        stands.append(fitted(case, dynamics, (), {}, exact=False))
-    straight, curved = stands
-    if straight is None or curved is None:
-        return setting
-    scale = max(straight.scale, 1.0)
-    return tried[1] if curved.cost < straight.cost - SMOOTHER * scale else setting
-
-
-def _from_rest(axis: AxisModel) -> AxisModel:
-    """Return an axis that begins as it was never driven; where each run came from is a number of its own."""
-    if "bouc_wen" not in axis.effects:
-        return axis
-    return replace(axis, effects={**axis.effects, "bouc_wen": {**axis.effects["bouc_wen"], "rest": 0.0}})
-
-
-def case_of(
-    model: StageModel, setting: Setting, each: Any, progress: Callable[[str], None]
-) -> tuple[AxisDynamics, Case]:
-    """Return the model of the axis, with numbers of its own for each run, and what it is confronted with."""
-    volts = setting.volts
-    stroke = abs(setting.axis.gain * setting.axis.driver.gain) * volts
-    least = math.ceil(max(setting.periods) / LONGEST_STEP)
-    screening, sloping, fine = max(STEPS_SCREENING, least), max(STEPS_SLOPES, least), max(STEPS, 2 * least)
-    exact = float(np.clip(EXACT * setting.floor / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
-    at_last = EXACT_AT_LAST / EXACT * exact
-    dynamics = AxisDynamics(
-        setting.name,
-        _from_rest(setting.axis),
-        volts,
-        tolerance=exact,
-        delay=model.controller.delay,
-        finest=fine,
-        margin=1,  # the values that are told in the end are found with far more steps
-        apart=tuple(run.name for run in setting.runs),
-        highest=max(0.5 / max(setting.periods), *(float(each.frequencies[-1]) for each in setting.responses), 0.0),
-        bipolar=any(bool(np.min(run.command()) < -0.05 * volts) for run in setting.runs),
-    )
-    # Small sines do not show how a loop bends.
-    free = LINEAR + (HYSTERESIS[:-1] if "bouc_wen" in setting.axis.effects and setting.runs else ())
-    noise, shapes = setting.whitening, InitialConditions(setting.axis, stroke)
-
-    def known(of: Model) -> Mapping[str, tuple[float, float]]:
-        own = {p.name: known_of_start(p, setting.runs, volts) for p in of.parameters() if p.run}
-        return {**setting.known, **{name: about for name, about in own.items() if about}}
-
-    return dynamics, Case(
-        identify=Suite(setting.observed("identify"), noise, shapes),
-        validate=Suite(setting.observed("validate"), noise, shapes),
-        test=Suite(kept, noise, shapes) if (kept := setting.observed("test")) else None,
-        free=free,
-        known=known,
-        tolerance=setting.tolerance,
-        coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=True),
-        fine=lambda of: cast(AxisDynamics, of).with_steps(fine),
-        finest=lambda of: cast(AxisDynamics, of).refined(at_last).with_steps(STEPS_AT_LAST),
-        sloping=lambda of: cast(AxisDynamics, of).no_finer(sloping),
-        each=each,
-        progress=progress,
-        floor=setting.known_floor,
-        designed={name: setting.axis.numbers[name] for name in LINEAR},
-        believed=BELIEVED if setting.is_one_record or not setting.noise.known else math.inf,
-        drawn=setting.drawn,
-        weights=line_weights(setting),
-        scales=setting.scales,
-        judging=tuple(setting.choosing) if setting.responses else (),
-    )
-
-
-def undetermined(case: Case, dynamics: AxisDynamics) -> tuple[str, ...]:
-    """Return the free numbers that the runs cannot show: a plausible change moves no prediction by the tolerance.
-
-    A change is plausible within one standard deviation of the prior, or `CHANGE` without one. Numbers of hysteresis are
-    not asked: they act together.
-    """
-    known, found = case.known(dynamics), list[str]()
-    for name in LINEAR:
-        value = dynamics.axis.numbers[name]
-        relative = min(known[name][1] / abs(value), CHANGE) if name in known else CHANGE
-        after = dynamics.replace({name: value * (1 + relative)})
-        if moved(case.identify, dynamics, after, case.weights) < case.tolerance:
-            found.append(name)
-    return tuple(found)
-
-
-def begun(case: Case, model: AxisDynamics, noise: Whitening | None = None) -> Case:
-    """Return the case with the initial conditions of a calibrated model, and of slow effects that are added to it."""
-    calibrated_axis = model.axis
-
-    def prepared(own: Case, other: Model) -> Case:
-        its = cast(AxisDynamics, other)
-        if not relaxing(its.axis):
-            return own
-        axis = replace(calibrated_axis, effects=its.axis.effects)
-        return with_initial_conditions(own, replace(its, axis=axis), noise)
-
-    return replace(with_initial_conditions(case, model, noise), prepared=prepared)
 
 
 def search(

@@ -244,10 +244,12 @@ def unexplained(setting: Setting, stand: Stand) -> float:
 
 def is_adequate(setting: Setting, stand: Stand, left: Rival) -> bool:
     """Tell whether no more than noise remains, or no more than what matters to the user."""
-    if setting.is_asked or not setting.noise.known:
-        return unexplained(setting, stand) <= setting.tolerance
+    if (setting.is_asked or not setting.noise.known) and unexplained(setting, stand) <= setting.tolerance:
+        return True
     # Smooth functions that explain something show that there is something, however small it is beside the noise.
     explainable = left.held_gain > 0 and left.moved > setting.tolerance and left.gain > 0
+    if not setting.noise.known:  # a white residual may be noise, whatever its size
+        return stand.is_white and not explainable
     return remainder(setting, stand).is_noise and not explainable
 
 

@@ -82,6 +82,12 @@ class Stand:
         return max(weighted / self.solution.problem.suite.samples, 1.0)
 
     @property
+    def is_white(self) -> bool:
+        """Whether no residual of the fitted runs is correlated from one sample to the next."""
+        pairs = zip(self.solution.problem.suite.records, self.solution.residuals, strict=True)
+        return all(colour(part[: len(record.measured)]).is_white for record, part in pairs)
+
+    @property
     def nuisance_dof(self) -> float:
         """Effective degrees of freedom of the initial conditions that enter linearly."""
         records = self.solution.problem.suite.records

@@ -17,6 +17,7 @@ from flexdesign.files import FORMAT
 from flexdesign.report import comparison_words as words
 from flexdesign.report import diagnosis_figures as figures
 from flexdesign.report import diagnosis_report as reports
+from flexdesign.report import diagnosis_result as results
 from flexdesign.report import diagnosis_words as said
 from flexdesign.report import published_rows, response_pages, simulation_report
 from flexdesign.report.document import Document, Figure, Section, Table
@@ -94,18 +95,18 @@ def result(found: Added, loop: InTheLoop) -> dict[str, Any]:
         "axis": found.axis,
         "effect": {
             "name": effects.find(found.name).name,
-            "parameters": [reports.value_json(value) for value in found.values],
+            "parameters": [results.value_json(value) for value in found.values],
             "share": found.share,
             "needed": not found.reason,
             "reason": found.reason or None,
         },
-        "ladder": reports.ladder_json(found.ladder, si),
-        "noise_floor": reports.noise_json(found.noise, found.noise_floor, si),
-        "where": reports.where_json(found, si),
+        "ladder": results.ladder_json(found.ladder, si),
+        "noise_floor": results.noise_json(found.noise, found.noise_floor, si),
+        "where": results.where_json(found, si),
         **response_pages.before_and_after(found),
-        "calibration": [reports.value_json(value) for value in found.calibration],
+        "calibration": [results.value_json(value) for value in found.calibration],
         "loop": _loop_json(loop),
-        "made_by": reports.made_by(found),
+        "made_by": results.made_by(found),
     }
 
 
