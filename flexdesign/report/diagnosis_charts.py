@@ -36,7 +36,7 @@ def ladder(steps: Sequence[Step], floor: float, floor_text: str, unit: str) -> b
     steps
         From the model as designed to the last effect; errors in `unit`.
     floor, floor_text
-        The noise floor [unit], and how it is written.
+        The noise floor [unit], zero where it is unknown; and how it is written.
     unit
         Of the errors.
     """
@@ -46,9 +46,10 @@ def ladder(steps: Sequence[Step], floor: float, floor_text: str, unit: str) -> b
     axes = figure.add_subplot()
     plain(axes)
     errors = np.array([step.error for step in steps])
-    least = min(float(errors.min()), floor)
+    least = min(float(errors.min()), floor) if floor else float(errors.min())
     # The colours that the models have in the pictures of runs, too.
-    colours = [NEUTRAL, COLOURS[0], *[COLOURS[1]] * len(steps)][: len(steps)]
+    named = {"as designed": NEUTRAL, "recalibrated": COLOURS[0]}
+    colours = [named.get(step.name.partition(",")[0], COLOURS[1]) for step in steps]
     places = np.arange(len(steps))
     axes.bar(places, errors, color=colours, width=0.58, alpha=0.9)
     for place, step in zip(places, steps, strict=True):
@@ -56,7 +57,8 @@ def ladder(steps: Sequence[Step], floor: float, floor_text: str, unit: str) -> b
             step.text, (place, max(step.error, floor)), (0, 4), textcoords="offset points",
             ha="center", color=NEUTRAL, fontsize=9.5,
         )  # fmt: skip
-    axes.axhline(floor, label=f"noise floor, {floor_text}", color=COLOURS[2], linewidth=1.8, linestyle=(0, (5, 3)))
+    if floor:
+        axes.axhline(floor, label=f"noise floor, {floor_text}", color=COLOURS[2], linewidth=1.8, linestyle=(0, (5, 3)))
     wide = max(LETTERS // max(len(steps), 3), 12)
     axes.set_xticks(places, [fill(step.name, wide) for step in steps])
     axes.set_xlim(-0.55, len(steps) - 0.45)
@@ -70,7 +72,8 @@ def ladder(steps: Sequence[Step], floor: float, floor_text: str, unit: str) -> b
         axes.set_ylim(0, 1.14 * float(errors.max()))
     axes.grid(axis="y", color=NEUTRAL, alpha=0.25)
     axes.set_axisbelow(True)
-    below(figure, axes, 1)
+    if floor:
+        below(figure, axes, 1)
     return svg(figure)
 
 

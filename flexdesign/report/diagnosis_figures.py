@@ -63,7 +63,8 @@ def pictures(names: Sequence[str]) -> list[str]:
 
 
 def ladder_figure(found: Judged, rungs: Sequence[Rung], floor: float) -> Figure:
-    """Draw the error ladder."""
+    """Draw the error ladder; the noise floor where the noise is known."""
+    floor = floor if found.noise.known else 0.0
     caption = f"Error of {said.judged_on(said.recorded(found))}, step by step"
     if math.isfinite(line := response_pages.line_size(found)):
         steps = [drawings.Step(said.label(r), 100 * r.error / line, words.percent(r.error / line)) for r in rungs]
