@@ -30,6 +30,7 @@ from flexdesign.diagnosis.beginning import (
     relaxing,
     with_initial_conditions,
 )
+from flexdesign.diagnosis.by_run import chosen_by_run, needed_by_run, of_runs
 from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.findings import Course, Diagnosis
@@ -45,7 +46,7 @@ from flexdesign.evidence.model_comparison import Step
 from flexdesign.evidence.noise import Whitening
 from flexdesign.evidence.rival import Rival, cost_of_terms, rival
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import MOST, backward, confirmed, confusable, forward, leaves_more_than_noise
+from flexdesign.evidence.selection import MOST, confirmed, confusable, forward, leaves_more_than_noise
 from flexdesign.evidence.sharing import Shared, sharing
 from flexdesign.evidence.stand import (
     GROSS,
@@ -170,7 +171,8 @@ def diagnose(
         judging = [run for run in setting.runs if run.name in setting.judging]
         alone = np.concatenate([offset_residual(dynamics, run) for run in judging]) if judging else None
         ladder = [tested(case, stand) for stand in (course.designed, *ladder_of(course, named))]
-    found = conclude(model, setting, course, left, verdict, ladder, groups, alone)
+        by_run = of_runs(case, ladder[-1])
+    found = conclude(model, setting, course, left, verdict, ladder, groups, alone, by_run)
     evaluations = sum(stand.solution.problem.evaluations for stand in (course.calibrated, *course.stands))
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
 
@@ -241,7 +243,7 @@ def case_of(
     noise, shapes = setting.whitening, InitialConditions(setting.axis, stroke)
 
     def known(of: Model) -> Mapping[str, tuple[float, float]]:
-        own = {p.name: known_of_start(p, setting.runs, volts) for p in of.parameters() if p.run}
+        own = {p.name: known_of_start(p, setting.runs, volts, of) for p in of.parameters() if p.run}
         return {**setting.known, **{name: about for name, about in own.items() if about}}
 
     return dynamics, Case(
@@ -339,10 +341,11 @@ def search(
         if step is None:  # nothing was found ahead, or all of the runs refuse it
             found.clear()
             step = forward(case, stand, every)
+        step = chosen_by_run(case, stand, step, every)
         steps.append(step)
         if step.chosen is None:
             break
-        stand = backward(case, step.chosen.stand, dynamics, every)
+        stand = needed_by_run(case, step.chosen.stand, dynamics, every)
         before = stands[-1] if stands else base
         if stand.names == before.names:  # what was added made itself superfluous: it helped a fit that was caught
             stand = min(before, stand, key=lambda each: each.cost)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.diagnosis.by_run import ByRun, with_means, with_runs
 from flexdesign.diagnosis.conflicts import HALF_WIDTH, Conflict, conflicts
 from flexdesign.diagnosis.findings import Course, Diagnosis, Named, Rung, Tried, Value, Verdict
 from flexdesign.diagnosis.setting import Setting
-from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.evidence.coordinates import value
 from flexdesign.evidence.model_comparison import LESS, Step, Trial
 from flexdesign.evidence.rival import Rival
@@ -177,6 +176,7 @@ def conclude(
     ladder: Sequence[Stand],
     groups: tuple[tuple[str, ...], ...],
     alone: Array | None = None,
+    by_run: Mapping[str, ByRun] | None = None,
 ) -> Diagnosis:
     """Return the diagnosis.
 
@@ -192,6 +192,8 @@ def conclude(
         Effects that the runs cannot tell apart, one of each among those that are named.
     alone
         Residual of the runs that errors are stated of, if nothing is fitted but their offsets [response].
+    by_run
+        Numbers of the effects that are named which differ from run to run, by their names.
     """
     final, (_, calibrated, *_) = ladder[-1], ladder
     is_noise = is_adequate(setting, course.final, left)
@@ -199,7 +201,7 @@ def conclude(
     moved = conflicts(setting, final)
     may_imply = is_noise or (verdict == "effects-found" and _calibration_explains(setting, course, final))
     implied = [conflict for conflict in moved if conflict.named is not None and may_imply]
-    effects = tuple(_named(setting, ladder[1:], name) for name in final.names)
+    effects = tuple(with_runs(_named(setting, ladder[1:], name), by_run or {}) for name in final.names)
     if implied:
         verdict = "effects-found"
         effects = (*effects, *(conflict.named for conflict in implied if conflict.named))
@@ -375,7 +377,7 @@ def _rungs(setting: Setting, ladder: Sequence[Stand]) -> tuple[Rung, ...]:
 
 def model_of(model: StageModel, setting: Setting, stand: Stand, implied: Sequence[Conflict] = ()) -> StageModel:
     """Return the stage model with what was fitted, and with what its numbers stand for that moved too far."""
-    dynamics = cast(AxisDynamics, stand.model)
+    dynamics = with_means(stand)
     for conflict in implied:
         dynamics = conflict.written(dynamics)
     axis = dynamics.axis
