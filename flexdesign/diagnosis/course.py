@@ -32,13 +32,14 @@ from flexdesign.diagnosis.beginning import (
 )
 from flexdesign.diagnosis.by_run import chosen_by_run, needed_by_run, of_runs
 from flexdesign.diagnosis.candidates import candidates
-from flexdesign.diagnosis.features import Features
+from flexdesign.diagnosis.features import features_of
 from flexdesign.diagnosis.findings import Course, Diagnosis
 from flexdesign.diagnosis.judgement import conclude, decide, ladder_of
 from flexdesign.diagnosis.opening import opening
 from flexdesign.diagnosis.setting import Setting, line_weights, settle
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
+from flexdesign.evidence.beginnings import begun_otherwise
 from flexdesign.evidence.case import Case, Fitting
 from flexdesign.evidence.caught import ANEW_SHARE, FIRST_SHARE, carried_on, walked
 from flexdesign.evidence.marquardt import SHARE
@@ -46,7 +47,7 @@ from flexdesign.evidence.model_comparison import Step
 from flexdesign.evidence.noise import Whitening
 from flexdesign.evidence.rival import Rival, cost_of_terms, rival
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import MOST, confirmed, confusable, forward, leaves_more_than_noise
+from flexdesign.evidence.selection import MOST, MOST_OF_LINES, confirmed, confusable, forward, leaves_more_than_noise
 from flexdesign.evidence.sharing import Shared, sharing
 from flexdesign.evidence.stand import (
     GROSS,
@@ -142,14 +143,14 @@ def diagnose(
         dynamics, case = case_of(model, setting, each, progress)
 
         def every(of: Setting, stand: Stand) -> tuple[Candidate, ...]:
-            lines = periodic.frequencies(of, stand)
+            lines = periodic.frequencies(of, stand) if of.runs else periodic.peaks(of, stand)
             return candidates(
                 dynamics,
                 more,
                 lines,
                 loaded=setting.is_loaded,
                 at_stack=setting.is_at_stack,
-                in_time=bool(setting.runs),
+                band=None if setting.runs else setting.band,
             )
 
         ahead = None
@@ -336,7 +337,8 @@ def search(
         stand = evaluated(begun(case, dynamics, setting.rounded(designed)), designed.model) or designed
     base, stands, steps, every = stand, list[Stand](), list[Step](), catalogue(stand)
     found = [] if ahead is None else _lasting(ahead)
-    while len(stand.effects) < MOST and (leaves_more_than_noise(stand) or not is_part):
+    most = MOST if setting.runs else MOST_OF_LINES
+    while len(stand.effects) < most and (leaves_more_than_noise(stand) or not is_part):
         step = confirmed(case, stand, found.pop(0)) if found else None
         if step is None:  # nothing was found ahead, or all of the runs refuse it
             found.clear()
@@ -354,6 +356,9 @@ def search(
                 break
             continue
         stands.append(stand)
+    if not setting.runs:  # simulations of small sines cost little
+        steps, stands = begun_otherwise(case, (steps, stands), dynamics, every, most)
+        stand = stands[-1] if stands else stand
     final = walked(case.at_last, carried_on(case, stand))
     return case, Course(designed, base, tuple(stands), tuple(steps), final, agreed, held, is_refused)
 
@@ -382,7 +387,7 @@ def _is_better_smooth(setting: Setting, case: Case, base: Stand, stand: Stand) -
     terms = _rival(setting, case, stand).terms
     if not terms:
         return False
-    alone = cost_of_terms(case, base, _features(setting, base), terms)
+    alone = cost_of_terms(case, base, features_of(setting, base), terms)
     samples = base.solution.problem.suite.samples
     return alone - samples < BETTER * (stand.seen_cost - samples)
 
@@ -390,13 +395,4 @@ def _is_better_smooth(setting: Setting, case: Case, base: Stand, stand: Stand) -
 def _rival(setting: Setting, case: Case, stand: Stand) -> Rival:
     seen = stand.solution.problem.suite  # records may begin in more ways in a later stand
     case = replace(case.prepared(case, stand.model), identify=seen)
-    return rival(case, stand, _features(setting, stand))
-
-
-def _features(setting: Setting, stand: Stand) -> Features:
-    """Return the smooth functions that recordings of this kind may show."""
-    band, taught = None, [each for each in setting.responses if each.role == "identify"] or setting.responses
-    if taught:
-        low, high = (float(f([e.frequencies[k] for e in taught])) for f, k in ((min, 0), (max, -1)))
-        band = low, high, max(int(each.present.sum()) for each in taught)
-    return Features(cast(AxisDynamics, stand.model), band, bool(setting.runs))
+    return rival(case, stand, features_of(setting, stand))

@@ -221,7 +221,7 @@ class AxisDynamics:
             start = effect.parameters[0].start
             assert start is not None
             return replace(self.replace({number: start}), steps=Steps(), origin=self.first)
-        if name not in effects.names() and not name.endswith(".py"):
+        if effects.original(name) not in effects.names() and not name.endswith(".py"):
             raise InputError("model", name, None, f"is no effect{suggest(name, effects.names())}")
         if name in self.axis.effects:
             raise InputError("model", name, None, f"acts on axis {self.name} already")

@@ -30,9 +30,11 @@ PROPER = {
 def called(name: str) -> str:
     """Return what an effect is called in a sentence.
 
-    >>> called("stress_stiffening"), called("bouc_wen")
-    ('stress stiffening', 'Bouc-Wen hysteresis')
+    >>> called("stress_stiffening"), called("bouc_wen"), called("second_mode.2")
+    ('stress stiffening', 'Bouc-Wen hysteresis', 'another second mode (second_mode.2)')
     """
+    if effects.original(name) != name:
+        return f"another {called(effects.original(name))} ({name})"
     own = effects.find(name).name
     return PROPER.get(own, own.replace("_", " "))
 
