@@ -13,7 +13,8 @@ import numpy as np
 
 from flexdesign import effects, simulation, standard_experiments, units
 from flexdesign.diagnosis import candidates, course, judgement, periodic, task
-from flexdesign.diagnosis.findings import Course, Diagnosis, Rung, Value
+from flexdesign.diagnosis.by_run import of_further_run, of_runs, with_runs
+from flexdesign.diagnosis.findings import Course, Diagnosis, Named, Rung, Value
 from flexdesign.diagnosis.setting import Setting, settle
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis_choice import choose_axis
@@ -66,6 +67,8 @@ class Added:
         How long it took.
     responses, lines
         The frequency responses with their roles, and the noise of each by its name.
+    by_run
+        The effect's strength in each run, where it differs from run to run.
     """
 
     name: str
@@ -85,6 +88,7 @@ class Added:
     seconds: float
     responses: tuple[FrequencyResponse, ...] = ()
     lines: Mapping[str, LineNoise] = field(default_factory=dict)
+    by_run: Mapping[str, Value] = field(default_factory=dict)
 
 
 def add(
@@ -143,11 +147,11 @@ def add(
         (candidate,) = alone(gone.calibrated)
         final, reason = _added(case, gone, candidate)
         ladder = [tested(case, stand) for stand in (gone.designed, gone.calibrated, final)]
-        effect_values = judgement.values_of(final, candidate.free)
+        named = with_runs(Named(name, judgement.values_of(final, candidate.free), 0.0), of_runs(case, final))
         own_values = judgement.values_of(final, judgement.own_numbers(final))
     errors = [setting.test_error(stand) for stand in ladder]
     unexplained = max(errors[1] ** 2 - (setting.floor**2 if setting.noise.known else 0.0), 1e-300)
-    numbers, said = [*own_values, *effect_values], judgement.model_of(model, setting, final)
+    numbers, said = [*own_values, *of_further_run(named)], judgement.model_of(model, setting, final)
     labels = ("as designed", "recalibrated", f"+ {name}")
     return Added(
         name=name,
@@ -155,7 +159,7 @@ def add(
         before=model,
         without=judgement.model_of(model, setting, gone.calibrated),
         model=with_knowledge(said, setting.name, numbers, setting.recorded),
-        values=effect_values,
+        values=named.values,
         calibration=own_values,
         ladder=tuple(Rung(label, error) for label, error in zip(labels, errors, strict=True)),
         noise=setting.noise,
@@ -167,6 +171,7 @@ def add(
         seconds=perf_counter() - began,
         responses=setting.responses,
         lines=setting.lines,
+        by_run=named.by_run,
     )
 
 
@@ -280,7 +285,7 @@ def size(
 
 def values(found: Diagnosis) -> list[Value]:
     """Return all numbers that a diagnosis fitted, the model's own first."""
-    return [*found.calibration, *(value for named in found.effects for value in named.values)]
+    return [*found.calibration, *(value for named in found.effects for value in of_further_run(named))]
 
 
 def with_knowledge(

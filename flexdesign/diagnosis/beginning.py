@@ -15,7 +15,7 @@ from flexdesign.dynamics.axis_model import CAME_FROM, AxisDynamics
 from flexdesign.dynamics.axis_parameters import TRIGGER
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.noise import Whitening
-from flexdesign.model import Block, Observation, Parameter
+from flexdesign.model import Block, Model, Observation, Parameter
 from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.stage_model import AxisModel
 
@@ -30,9 +30,14 @@ LATEST, IN_TIME = 0.012, 0.125
 OUT_OF_TUNE, IN_TUNE = 0.24, 0.03
 
 
-def known_of_start(parameter: Parameter, runs: Sequence[Run], volts: float) -> tuple[float, float] | None:
-    """Return what is known of a number of one run: about how late it began, and where the voltage had turned."""
+def known_of_start(parameter: Parameter, runs: Sequence[Run], volts: float, model: Model) -> tuple[float, float] | None:
+    """Return what is known of a number of one run of a model: about how late it began, where the voltage had turned.
+
+    And how far a number of an effect may be from its mean over runs.
+    """
     run, _, number = parameter.name.rpartition(":")
+    if number in (by_run := cast(AxisDynamics, model).by_run):
+        return 0.0, by_run[number]
     if number == TRIGGER:
         return 0.0, LATE * next(each.period for each in runs if each.name == run)
     if number in CAME_FROM:

@@ -23,9 +23,10 @@ from flexdesign.diagnosis.beginning import (
     in_tune,
     offset_residual,
 )
+from flexdesign.diagnosis.by_run import chosen_by_run, needed_by_run, of_runs
 from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.conflicts import conflicts, explains
-from flexdesign.diagnosis.features import Features
+from flexdesign.diagnosis.features import features_of
 from flexdesign.diagnosis.findings import Course, Diagnosis
 from flexdesign.diagnosis.judgement import conclude, decide, is_adequate, ladder_of
 from flexdesign.diagnosis.opening import opening
@@ -33,6 +34,7 @@ from flexdesign.diagnosis.setting import Setting, settle
 from flexdesign.diagnosis.task import BELIEVED, begun, case_of, simulating, undetermined, with_better_between
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
+from flexdesign.evidence.beginnings import begun_otherwise
 from flexdesign.evidence.calibration import calibrated, evaluated
 from flexdesign.evidence.case import Case, Fitting
 from flexdesign.evidence.determination import hold_undetermined
@@ -43,7 +45,7 @@ from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import (
     FIRST_SHARE,
     MOST,
-    backward,
+    MOST_OF_LINES,
     confirmed,
     confusable,
     forward,
@@ -122,14 +124,14 @@ def diagnose(
         dynamics, case = case_of(model, setting, each, progress)
 
         def every(of: Setting, stand: Stand) -> tuple[Candidate, ...]:
-            lines = periodic.frequencies(of, stand)
+            lines = periodic.frequencies(of, stand) if of.runs else periodic.peaks(of, stand)
             return candidates(
                 dynamics,
                 more,
                 lines,
                 loaded=setting.is_loaded,
                 at_stack=setting.is_at_stack,
-                in_time=bool(setting.runs),
+                band=None if setting.runs else setting.band,
             )
 
         ahead = None
@@ -156,7 +158,8 @@ def diagnose(
         judging = [run for run in setting.runs if run.name in setting.judging]
         alone = np.concatenate([offset_residual(dynamics, run) for run in judging]) if judging else None
         ladder = [tested(case, stand) for stand in (course.designed, *ladder_of(course, named))]
-        found = conclude(model, setting, course, left, verdict, ladder, groups, beyond, implied, alone)
+        by_run = of_runs(case, ladder[-1])
+        found = conclude(model, setting, course, left, verdict, ladder, groups, beyond, implied, alone, by_run)
     evaluations = sum(stand.solution.problem.evaluations for stand in (course.calibrated, *course.stands))
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
 
@@ -198,21 +201,26 @@ def search(
         stand = evaluated(begun(case, dynamics, setting.rounded(designed)), designed.model) or designed
     base, stands, steps, every = stand, list[Stand](), list[Step](), catalogue(stand)
     found = [] if ahead is None else _lasting(ahead)
-    while len(stand.effects) < MOST and (leaves_more_than_noise(stand) or not is_part):
+    most = MOST if setting.runs else MOST_OF_LINES
+    while len(stand.effects) < most and (leaves_more_than_noise(stand) or not is_part):
         step = confirmed(case, stand, found.pop(0)) if found else None
         if step is None:  # nothing was found ahead, or all of the runs refuse it
             found.clear()
             step = forward(case, stand, every)
+        step = chosen_by_run(case, stand, step, every)
         steps.append(step)
         if step.chosen is None:
             break
-        stand = backward(case, step.chosen.stand, dynamics, every)
+        stand = needed_by_run(case, step.chosen.stand, dynamics, every)
         before = stands[-1] if stands else base
         if stand.names == before.names:  # what was added made itself superfluous: it helped a fit that was caught
             stand = min(before, stand, key=lambda each: each.cost)
             base, stands = (base, [*stands[:-1], stand]) if stands else (stand, stands)
             break
         stands.append(stand)
+    if not setting.runs:  # simulations of small sines cost little
+        steps, stands = begun_otherwise(case, (steps, stands), dynamics, every, most)
+        stand = stands[-1] if stands else stand
     final = escape(case.at_last, stand) if stand.effects else stand
     return case, Course(designed, base, tuple(stands), tuple(steps), final, agreed, held, is_refused)
 
@@ -241,7 +249,7 @@ def _is_better_smooth(setting: Setting, case: Case, base: Stand, stand: Stand) -
     terms = _rival(setting, case, stand).terms
     if not terms:
         return False
-    alone = cost_of_terms(case, base, _features(setting, base), terms)
+    alone = cost_of_terms(case, base, features_of(setting, base), terms)
     samples = base.solution.problem.suite.samples
     return alone - samples < BETTER * (stand.seen_cost - samples)
 
@@ -249,13 +257,4 @@ def _is_better_smooth(setting: Setting, case: Case, base: Stand, stand: Stand) -
 def _rival(setting: Setting, case: Case, stand: Stand) -> Rival:
     seen = stand.solution.problem.suite  # records may begin in more ways in a later stand
     case = replace(case.prepared(case, stand.model), identify=seen)
-    return rival(case, stand, _features(setting, stand))
-
-
-def _features(setting: Setting, stand: Stand) -> Features:
-    """Return the smooth functions that recordings of this kind may show."""
-    band, taught = None, [each for each in setting.responses if each.role == "identify"] or setting.responses
-    if taught:
-        low, high = (float(f([e.frequencies[k] for e in taught])) for f, k in ((min, 0), (max, -1)))
-        band = low, high, max(int(each.present.sum()) for each in taught)
-    return Features(cast(AxisDynamics, stand.model), band, bool(setting.runs))
+    return rival(case, stand, features_of(setting, stand))

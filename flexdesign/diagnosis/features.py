@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from flexdesign import linear
+from flexdesign.diagnosis.setting import Setting
 from flexdesign.dynamics.axis_model import AxisDynamics
+from flexdesign.evidence.stand import Stand
 from flexdesign.model import Observation
 from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.runs.frequency_response import parts, whole
@@ -122,3 +125,10 @@ class Features:
         trace, determinant = np.trace(transition), np.linalg.det(transition)
         b1, b2 = held[0], transition[0, 1] * held[1] - transition[1, 1] * held[0]
         return np.asarray(lfilter([0.0, b1, b2], [1.0, -trace, determinant], force - force[0]))
+
+
+def features_of(setting: Setting, stand: Stand) -> Features:
+    """Return the smooth functions that recordings of a kind may show."""
+    lines = [int(each.present.sum()) for each in setting.taught]
+    band = (*setting.band, max(lines)) if lines else None
+    return Features(cast(AxisDynamics, stand.model), band, bool(setting.runs))

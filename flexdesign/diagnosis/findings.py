@@ -43,14 +43,17 @@ class Named:
     name
         Of the effect.
     values
-        Its numbers.
+        Its numbers; of one that differs from run to run the mean over the fitted runs.
     share
         Of what was unexplained (in squares, above the noise) on the runs kept apart: how much it explains.
+    by_run
+        Its strength in each run, where it differs from run to run; empty where one number does for all.
     """
 
     name: str
     values: tuple[Value, ...]
     share: float
+    by_run: Mapping[str, Value] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.diagnosis.by_run import ByRun, with_means, with_runs
 from flexdesign.diagnosis.conflicts import LARGE, Conflict
 from flexdesign.diagnosis.findings import Course, Diagnosis, Named, Rung, Tried, Value, Verdict
 from flexdesign.diagnosis.setting import Setting
-from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.evidence.intervals import intervals
 from flexdesign.evidence.model_comparison import LESS, Step, Trial
 from flexdesign.evidence.rival import Rival
@@ -180,6 +179,7 @@ def conclude(
     moved: Sequence[Conflict],
     implied: Sequence[Conflict],
     alone: Array | None = None,
+    by_run: Mapping[str, ByRun] | None = None,
 ) -> Diagnosis:
     """Return the diagnosis.
 
@@ -197,11 +197,13 @@ def conclude(
         Numbers that moved beyond what was known of them, and those among them that stand for an effect.
     alone
         Residual of the runs that errors are stated of, if nothing is fitted but their offsets [response].
+    by_run
+        Numbers of the effects that are named which differ from run to run, by their names.
     """
     final, (_, calibrated, *_) = ladder[-1], ladder
     is_noise = is_adequate(setting, course.final, left)
     doubt = "" if is_noise else _in_words(setting, remainder(setting, course.final), left)
-    effects = tuple(_named(setting, ladder[1:], name) for name in final.names)
+    effects = tuple(with_runs(_named(setting, ladder[1:], name), by_run or {}) for name in final.names)
     if implied:
         verdict = "effects-found"
         effects = (*effects, *(conflict.named for conflict in implied if conflict.named))
@@ -380,7 +382,7 @@ def _rungs(setting: Setting, ladder: Sequence[Stand]) -> tuple[Rung, ...]:
 
 def model_of(model: StageModel, setting: Setting, stand: Stand, implied: Sequence[Conflict] = ()) -> StageModel:
     """Return the stage model with what was fitted, and with what its numbers stand for that moved too far."""
-    dynamics = cast(AxisDynamics, stand.model)
+    dynamics = with_means(stand)
     for conflict in implied:
         dynamics = conflict.written(dynamics)
     axis = dynamics.axis

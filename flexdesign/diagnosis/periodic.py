@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.signal import find_peaks
 
 from flexdesign.evidence import lines
 from flexdesign.evidence.quiet import Stretch
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 #: A line in what is left is sought in records of at least so many samples without a gap.
 FEWEST = 200
+#: So many peaks of what frequency responses leave are frequencies at which modes are tried.
+PEAKS = 6
 
 
 def frequencies(setting: Setting, stand: Stand) -> tuple[float, ...]:
@@ -42,6 +45,23 @@ def frequencies(setting: Setting, stand: Stand) -> tuple[float, ...]:
         if stretches:
             found |= {line.frequency for line in lines.remove(stretches, period)[0]}
     return tuple(sorted(found))
+
+
+def peaks(setting: Setting, stand: Stand) -> tuple[float, ...]:
+    """Return the frequencies [Hz] where measured frequency responses rise most above what a calibrated model predicts.
+
+    There a mode may be that the model lacks; beside one, where the response is small, the residual is large over the
+    noise as well.
+    """
+    found = list[tuple[float, float]]()
+    for each in setting.responses:
+        if each.role == "identify":
+            left = np.hypot(*stand.remainders[each.name].reshape(2, -1)[:, each.present])
+            predicted = np.hypot(*(each.measured() - stand.remainders[each.name]).reshape(2, -1)[:, each.present])
+            places, about = find_peaks(left / predicted, prominence=0.0)
+            there = each.frequencies[each.present][places]
+            found += zip(about["prominences"].tolist(), there.tolist(), strict=True)
+    return tuple(frequency for _, frequency in sorted(found, reverse=True)[:PEAKS])
 
 
 def _longest(name: str, remainder: np.ndarray) -> Stretch:

@@ -144,6 +144,17 @@ class Setting:
         return [*self.of(role), *(each for each in self.responses if each.role == role)]
 
     @property
+    def taught(self) -> Sequence[FrequencyResponse]:
+        """The frequency responses that are fitted, or all if none is."""
+        return [each for each in self.responses if each.role == "identify"] or self.responses
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Their lowest and highest frequency [Hz]."""
+        ends = [(float(each.frequencies[0]), float(each.frequencies[-1])) for each in self.taught]
+        return min(low for low, _ in ends), max(high for _, high in ends)
+
+    @property
     def choosing(self) -> list[str]:
         """Names of what the model is chosen by: validation runs, or all if there are none; else of responses."""
         every = self.runs or self.responses

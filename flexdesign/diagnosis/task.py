@@ -117,7 +117,7 @@ def case_of(
     noise, shapes = setting.whitening, InitialConditions(setting.axis, stroke)
 
     def known(of: Model) -> Mapping[str, tuple[float, float]]:
-        own = {p.name: known_of_start(p, setting.runs, volts) for p in of.parameters() if p.run}
+        own = {p.name: known_of_start(p, setting.runs, volts, of) for p in of.parameters() if p.run}
         return {**setting.known, **{name: about for name, about in own.items() if about}}
 
     return dynamics, Case(

@@ -92,7 +92,10 @@ class AxisDynamics:
     highest
         Highest frequency that the samples show [Hz]; an effect may have none above.
     own
-        These numbers where they differ from those of all runs, SI.
+        These numbers where they differ from those of all runs, SI; of a number in `by_run` the deviation from its mean.
+    by_run
+        Numbers of effects that differ from run to run, with the standard deviation that each run's may have, SI. The
+        axis has the mean; a run its deviation, ``RUN:sensor_drift.rate``.
     """
 
     name: str
@@ -109,6 +112,7 @@ class AxisDynamics:
     bipolar: bool = False
     highest: float = math.inf
     own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    by_run: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.steps.at is None:
@@ -132,6 +136,7 @@ class AxisDynamics:
         numbers = {**self.axis.numbers, DELAY: self.delay}
         every = axis_parameters.of(self.first, self.axis, self.volts)
         made = [replace(p, start=numbers.get(p.name, p.start), **self._shown(p)) for p in every]
+        made = [replace(p, twin=p.name) if p.name in self.by_run else p for p in made]
         return (*made, *(mine for run in self.apart for mine in self._of_run(run, made)))
 
     def _shown(self, parameter: Parameter) -> dict[str, Any]:
@@ -161,7 +166,8 @@ class AxisDynamics:
             for name, share in CAME_FROM.items()
         )
         phases = (p for p in common if p.per_run and p.si == "rad")
-        for p in (*phases, trigger, *(turns if self._remembers else ())):
+        deviations = (_deviation(p) for p in common if p.name in self.by_run)
+        for p in (*phases, *deviations, trigger, *(turns if self._remembers else ())):
             yield replace(p, name=f"{run}:{p.name}", start=own.get(p.name, p.start), run=run)
 
     def _shares(self, shares: Iterable[float]) -> tuple[float, ...]:
@@ -215,7 +221,7 @@ class AxisDynamics:
             start = effect.parameters[0].start
             assert start is not None
             return replace(self.replace({number: start}), steps=Steps(), origin=self.first)
-        if name not in effects.names() and not name.endswith(".py"):
+        if effects.original(name) not in effects.names() and not name.endswith(".py"):
             raise InputError("model", name, None, f"is no effect{suggest(name, effects.names())}")
         if name in self.axis.effects:
             raise InputError("model", name, None, f"acts on axis {self.name} already")
@@ -322,6 +328,7 @@ class AxisDynamics:
         # A record that began early begins some samples later in a simulation with a longer delay.
         command, delay = np.concatenate([lead, command, np.full(early, command[-1])]), delay + early * run.period
         more = {name: value for name, value in own.items() if name not in (TRIGGER, *CAME_FROM)}
+        more |= {name: self.axis.numbers[name] + more[name] for name in self.by_run if name in more}
         axis = loaded(self.first, changed(self.axis, more), run.payload)
         axis = behind_amplifier(axis) if at_stack else axis
         return simulate(
@@ -380,3 +387,9 @@ class AxisDynamics:
         # Readings in whole steps would hide small changes of a value from a fit; the rounding is noise to it.
         smooth = replace(axis, sensor=replace(axis.sensor, resolution=0.0))
         return stages.chain(self.name, smooth)
+
+
+def _deviation(mean: Parameter) -> Parameter:
+    """Return by how much a number of one run differs from its mean over runs; both together stay plausible."""
+    low, high = (end - (mean.start or 0.0) for end in mean.plausible)
+    return replace(mean, null=None, start=0.0, plausible=(low, high), screen=(), twin="")

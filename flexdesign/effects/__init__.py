@@ -21,6 +21,8 @@ from flexdesign.model import Effect
 
 #: The group of entry points by which installed packages add effects.
 GROUP = "flexdesign.effects"
+#: Effects of which an axis may have several, the second one as ``second_mode.2``, and how many.
+REPEATED, MOST = ("second_mode",), 4
 
 
 @cache
@@ -46,8 +48,31 @@ def find(name: str) -> Effect:
     ------
     ValueError
         If there is none; the message says what there is.
+
+    >>> find("second_mode.2") is find("second_mode")
+    True
     """
+    name = original(name)
     return _shipped(name) if name in _own() else _finding.foreign(name, _added(), names(), "effect")
+
+
+def original(name: str) -> str:
+    """Return the name in the catalogue of an effect that an axis has several times.
+
+    >>> original("second_mode.2"), original("creep")
+    ('second_mode', 'creep')
+    """
+    first, _, number = name.rpartition(".")
+    return first if first in REPEATED and number in map(str, range(2, MOST + 1)) else name
+
+
+def again(name: str) -> tuple[str, ...]:
+    """Return the names of an effect that an axis has several times, from the second one on.
+
+    >>> again("second_mode"), again("creep")
+    (('second_mode.2', 'second_mode.3', 'second_mode.4'), ())
+    """
+    return tuple(f"{name}.{number}" for number in range(2, MOST + 1)) if name in REPEATED else ()
 
 
 @cache

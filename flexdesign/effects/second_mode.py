@@ -36,7 +36,7 @@ EFFECT = Effect(
             screen=(30.0, 50.0, 80.0, 130.0, 200.0, 280.0, 360.0, 450.0),
         ),
         Parameter(
-            "damping_ratio", "1", "", "its damping ratio", None, 0.02, (1e-4, 1.0), "log", screen=(0.005, 0.02, 0.1)
+            "damping_ratio", "1", "", "its damping ratio", None, 0.02, (1e-4, 0.3), "log", screen=(0.005, 0.02, 0.1)
         ),
     ),
     faces=(Resonance(mode),),

@@ -17,6 +17,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
 from scipy.special import chdtri
 
 from flexdesign.evidence.case import Case
@@ -143,7 +144,10 @@ def evaluate(case: Case, before: Stand, after: Stand, names: tuple[str, ...], sc
 
 
 def is_determined(stand: Stand, effect: Candidate) -> bool:
-    """Tell whether the 95 % interval of an effect's strength excludes its null, discrepancy counted."""
+    """Tell whether the 95 % interval of an effect's strength excludes its null, discrepancy counted.
+
+    One that differs from run to run is determined where it is so in a run: its mean may be next to nothing.
+    """
     solution = stand.solution
     where = solution.problem.where
     j = where.names.index(effect.strength)
@@ -152,9 +156,14 @@ def is_determined(stand: Stand, effect: Candidate) -> bool:
     assert null is not None  # that is what makes it the strength
     if parameter.scale == "log":
         return True  # its null is infinitely far away
-    sigma = math.sqrt(max(float(solution.covariance[j, j]) * stand.discrepancy, 0.0))
     null = null if parameter.scale == "inverse" else coordinate(parameter, null)
-    return abs(float(solution.x[j]) - null) > HALF_WIDTH * sigma
+    deviations = [k for k, name in enumerate(where.names) if name.endswith(f":{effect.strength}")]
+    covariance = solution.covariance * stand.discrepancy
+    for places in [[j, k] for k in deviations] or [[j]]:
+        sigma = math.sqrt(max(float(covariance[np.ix_(places, places)].sum()), 0.0))
+        if abs(float(solution.x[places].sum()) - null) > HALF_WIDTH * sigma:
+            return True
+    return False
 
 
 def overruled(trials: Sequence[Trial]) -> list[Trial]:

@@ -71,6 +71,8 @@ class Candidate:
         Whether the strength is a limit, which a larger effect lowers.
     like
         Names of effects that it may be taken for.
+    after
+        Name of the effect beside which alone it is tried: one that a model has several times; empty if there is none.
     """
 
     name: str
@@ -82,6 +84,7 @@ class Candidate:
     signed: bool = False
     is_limit: bool = False
     like: tuple[str, ...] = ()
+    after: str = ""
 
     @cached_property
     def grid(self) -> dict[Place, Mapping[str, float]]:

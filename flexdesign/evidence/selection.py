@@ -70,13 +70,14 @@ STRAINED = 5.0
 TOO_MUCH = 3.0
 #: No more effects than these make a group that the runs cannot tell apart.
 LARGEST_GROUP = 3
-#: No more effects than these are added.
-MOST = 3
+#: No more effects than these are added to explain runs in time, and to explain frequency responses: there a driver, a
+#: delay and two modes are lacking together, each acts in its own band, and one more is not to be missed beside them.
+MOST, MOST_OF_LINES = 3, 5
 
 
 def forward(case: Case, stand: Stand, candidates: Sequence[Candidate], moves: Moves | None = None) -> Step:
     """Return the addition that pays best, or none; what effects do at a fit nearby may be known from its step."""
-    left = [candidate for candidate in candidates if candidate.name not in stand.names]
+    left = [c for c in candidates if c.name not in stand.names and c.after in ("", *stand.names)]
     case.progress("screening the catalogue" if not stand.effects else f"screening beside {', '.join(stand.names)}")
     screening = Screening(stand.solution, left, case.coarse, moves)
     score, strained = screening.critical_value(LEVEL, case.drawn(stand)), _is_strained(case, stand)
@@ -235,10 +236,10 @@ def confusable(case: Case, stand: Stand, base: Model, steps: Sequence[Step]) -> 
 
     Effects that did as well when one was added are fitted in its place beside all that were added later.
     """
-    groups = []
+    groups = list[tuple[str, ...]]()
     for step in steps:
         for name in step.chosen.names if step.chosen else ():
-            if name not in stand.names:
+            if name not in stand.names or any(name == group[0] for group in groups):
                 continue
             beside = {*step.chosen.names} - {name} if step.chosen else set[str]()
             rivals = [trial for trial in step.alike if beside <= {*trial.names} and name not in trial.names]

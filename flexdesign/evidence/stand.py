@@ -117,7 +117,9 @@ class Stand:
     @property
     def total(self) -> float:
         """What candidates are ranked by: cost of all runs, and the price of the numbers (Schwarz 1978)."""
-        numbers = sum(len(effect.free) for effect in self.effects)
+        free = {name for effect in self.effects for name in effect.free}
+        # One that differs from run to run counts once more for each run.
+        numbers = sum(p.name.rpartition(":")[2] in free for p in self.solution.problem.where.parameters)
         price = numbers * math.log(self.solution.problem.suite.samples)
         return self.cost + self.held_cost + price * self.discrepancy
 
@@ -343,10 +345,11 @@ def _moved(records: Sequence[Record], before: Model, after: Model, weights: Mapp
 
 
 def at_null(model: Model, effect: Candidate) -> Model:
-    """Return a model in which an effect does nothing; all other numbers stay."""
+    """Return a model in which an effect does nothing, in no run; all other numbers stay."""
     null = next(p.null for p in model.parameters() if p.name == effect.strength)
     assert null is not None  # that is what makes it the strength
-    return model.replace({effect.strength: null})
+    deviations = {p.name: 0.0 for p in model.parameters() if p.run and p.name.endswith(f":{effect.strength}")}
+    return model.replace({effect.strength: null, **deviations})
 
 
 def free_part(record: Record, difference: Array, weights: Mapping[str, Array]) -> Array:

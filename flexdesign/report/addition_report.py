@@ -66,7 +66,9 @@ def document(found: Added, loop: InTheLoop) -> Document:
         Section(
             "The error ladder", [], [ladder_of(found)], [figures.ladder_figure(found, found.ladder, found.noise_floor)]
         ),
-        Section("Its numbers", _caveats(found), [reports.values_table(found.values)]),
+        Section(
+            "Its numbers", _caveats(found), [reports.values_table(found.values), *reports.by_run_table(found.by_run)]
+        ),
         Section("In the loop", *_loop(found, loop)),
         *_in_time(stands, kinds),
         *response_pages.section([(n, s.responses) for n, s in stands], axis.shown, axis.natural_frequency),
@@ -96,6 +98,7 @@ def result(found: Added, loop: InTheLoop) -> dict[str, Any]:
         "effect": {
             "name": effects.find(found.name).name,
             "parameters": [results.value_json(value) for value in found.values],
+            "by_run": results.by_run_json(found.by_run),
             "share": found.share,
             "needed": not found.reason,
             "reason": found.reason or None,

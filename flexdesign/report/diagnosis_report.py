@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,6 +147,14 @@ def values_table(values: Sequence[Value]) -> Table:
     return Table(["number", "what it is", "value", "95 % interval"], rows)
 
 
+def by_run_table(by_run: Mapping[str, Value]) -> list[Table]:
+    """Return the values of a number that differs from run to run; no table where none does."""
+    estimates = {run: said.estimated(value) for run, value in by_run.items()}
+    rows = [[run, each.value_text, each.interval_text] for run, each in estimates.items()]
+    names = dict.fromkeys(value.parameter.name.rpartition(".")[2] for value in by_run.values())
+    return [Table(["run", name, "95 % interval"], rows, f"The {name} differs from run to run") for name in names]
+
+
 # --- sections -----------------------------------------------------------------------------------------------------
 
 
@@ -186,7 +194,7 @@ def _effect(found: Diagnosis, named: Named) -> Section:
         doubts = effect.cautions({v.parameter.name.rpartition(".")[2]: v.value for v in named.values})
         text += [f"Take care: {doubt}." for doubt in doubts]
     title = f"What it is: {said.called(named.name)}"
-    return Section(title, text, [values_table(named.values)] if named.values else [])
+    return Section(title, text, [values_table(named.values), *by_run_table(named.by_run)] if named.values else [])
 
 
 def _tried_text(found: Diagnosis) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -135,11 +135,17 @@ def _number(value: float, si: str) -> dict[str, Any]:
     return {"value": value if math.isfinite(value) else None, "unit": si}
 
 
+def by_run_json(by_run: Mapping[str, Value]) -> dict[str, Any]:
+    """Return the values of a number that differs from run to run, by run."""
+    return {run: value_json(value) for run, value in by_run.items()}
+
+
 def _named(found: Diagnosis, named: Named) -> dict[str, Any]:
     effect = effects.find(named.name)
     return {
         "name": effect.name,
         "parameters": [value_json(value) for value in named.values],
+        "by_run": by_run_json(named.by_run),
         "share": named.share,
         "remedy": said.remedy(found, named.name),
     }

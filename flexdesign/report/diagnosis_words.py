@@ -30,9 +30,11 @@ PROPER = {
 def called(name: str) -> str:
     """Return what an effect is called in a sentence.
 
-    >>> called("stress_stiffening"), called("bouc_wen")
-    ('stress stiffening', 'Bouc-Wen hysteresis')
+    >>> called("stress_stiffening"), called("bouc_wen"), called("second_mode.2")
+    ('stress stiffening', 'Bouc-Wen hysteresis', 'another second mode (second_mode.2)')
     """
+    if effects.original(name) != name:
+        return f"another {called(effects.original(name))} ({name})"
     own = effects.find(name).name
     return PROPER.get(own, own.replace("_", " "))
 
@@ -86,12 +88,20 @@ def effect(found: Diagnosis, named: Named) -> str:
     values = "; ".join(quantity(value, short=True) for value in named.values)
     name = _sentence(called(named.name))
     said = f"{name}: {values}" if values else f"{name}: seen in the model's own numbers ({'; '.join(found.conflicts)})"
+    if named.by_run:
+        said += f", the mean over runs; it differs from run to run, {_between(named)}"
     if named.values:
         others = _beside(found, named.name)
         it = f"Together with {words.listed([called(other) for other in others])} it" if others else "It"
         if named.share > 0:  # else recalibration left no more than the noise
             said += f". {it} explains {words.percent(named.share)} of what recalibration leaves unexplained"
     return f"{said}. What to do about it: {remedy(found, named.name)}."
+
+
+def _between(named: Named) -> str:
+    """Return between which values the number of an effect lies that differs from run to run."""
+    ends = sorted(named.by_run.values(), key=lambda value: value.value)
+    return f"from {estimated(ends[0]).value_text} to {estimated(ends[-1]).value_text}"
 
 
 def remedy(found: Judged, name: str) -> str:
