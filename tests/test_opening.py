@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flexdesign.evidence.origins import BETTER
 
 from flexdesign import stage_model
 from flexdesign.diagnosis import diagnose, opening
 from flexdesign.diagnosis.setting import Setting, settle
+from flexdesign.evidence.local_minima import BETTER
 from flexdesign.runs import Run, read_runs
 from flexdesign.stage_model import StageModel
 
@@ -87,6 +87,6 @@ def test_what_the_openings_show_is_fitted_to_the_whole_runs(monkeypatch: pytest.
     assert effect.name == kept["name"]
     assert value.value == pytest.approx(expected["value"], abs=0.05 * (high - low))
     assert value.interval == pytest.approx((low, high), abs=0.05 * (high - low))
-    # A run kept apart begins elsewhere only where that lowers its squares by two percent (`origins.BETTER`).
+    # A validation run begins elsewhere only where that lowers its squares by two percent (`local_minima.BETTER`).
     assert found.validation_error == pytest.approx(KEPT["validation_error"]["value"], rel=1 - BETTER)
     assert [rung.label for rung in found.ladder] == [rung["label"] for rung in KEPT["ladder"]]

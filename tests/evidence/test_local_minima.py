@@ -1,4 +1,4 @@
-"""Fits that are caught come free: a run begun elsewhere, whether it was fitted or kept apart, and a fit shaken."""
+"""Local minima: initial states on a grid, of fitted and of validation runs, and thresholds that are fitted again."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flexdesign.evidence.caught import carried_on, in_line, shaken
-from flexdesign.evidence.origins import SHARE_BEFORE, begun_alone, begun_elsewhere, out_of_line
 
+from flexdesign.evidence import stand as stands
 from flexdesign.evidence.case import Case, Fitting
+from flexdesign.evidence.local_minima import grid_initial_states, outlier_runs
 from flexdesign.evidence.noise import White
-from flexdesign.evidence.stand import Stand, fitted, solved
+from flexdesign.evidence.stand import GROSS, Stand, fitted, solved
 from flexdesign.evidence.suite import Suite
-from tests.evidence.test_screening import NAMES, N, Sum, base, candidate, column, least, offset
+from flexdesign.model import Model
+from tests.evidence.test_screening import NAMES, N, Sum, base, column, least, offset
 from tests.evidence.toys import Array, Run, parameter
 
 SIGMA = 0.1
@@ -56,8 +57,12 @@ def about(more: Mapping[str, float] | None = None) -> Case:
     return Case(suite(NAMES, more), suite(HELD, more), ("p", "q"), lambda _: {}, 1e-3)
 
 
+def turns_of(model: Model) -> dict[str, float]:
+    return {p.run: p.start or 0.0 for p in model.parameters() if p.run}
+
+
 def turns(stand: Stand) -> dict[str, float]:
-    return {p.run: p.start or 0.0 for p in stand.model.parameters() if p.run}
+    return turns_of(stand.model)
 
 
 def test_a_part_of_a_suite_has_the_records_of_the_whole() -> None:
@@ -68,47 +73,51 @@ def test_a_part_of_a_suite_has_the_records_of_the_whole() -> None:
     assert part.samples == 2 * N
 
 
-def test_a_run_out_of_line_is_fitted_by_itself_from_several_places() -> None:
+def begun() -> Sum:
+    """All numbers are right but where the run "two" began: it stays in the wrong minimum."""
+    return model().replace({"p": 2.0, "q": -1.0, "one:turn": 0.05, "three:turn": 0.02})
+
+
+def test_an_outlier_is_begun_elsewhere_from_the_best_points_of_the_grid() -> None:
     """Only its own number moves; others stay where they were, though they too are not at their best."""
-    case = about()
-    begun = model().replace({"p": 2.0, "q": -1.0, "one:turn": 0.05, "three:turn": 0.02})
-    residuals = [case.identify.residual(r, begun.predict(r.observation)) for r in case.identify.records]
-    odd = out_of_line(case.identify, [r for r in residuals if r is not None])
+    case, start = about(), begun()
+    residuals = [case.identify.residual(r, start.predict(r.observation)) for r in case.identify.records]
+    odd = outlier_runs(case.identify, [r for r in residuals if r is not None])
     assert odd == ["two"]
-    found = {p.name: p.start for p in begun_elsewhere(case, case.identify, begun, odd).parameters()}
+    refine = stands._alone(case, case.identify)
+    found = {p.name: p.start for p in grid_initial_states(case.identify, start, odd, refine=refine).parameters()}
     # The ripple is known to SIGMA over the root of N.
     assert ripple(found.pop("two:turn") or 0.0) == pytest.approx(ripple(0.82), abs=0.05)
-    assert found == {p.name: p.start for p in begun.parameters() if p.name != "two:turn"}
-    assert begun_elsewhere(case, case.identify, begun, []) is begun
+    assert found == {p.name: p.start for p in start.parameters() if p.name != "two:turn"}
+    assert grid_initial_states(case.identify, start, [], refine=refine) is start
 
 
-def test_each_run_is_fitted_alone_while_all_other_numbers_stand() -> None:
+def test_without_a_fit_the_best_point_of_the_grid_is_taken() -> None:
+    case, start = about(), begun()
+    found = turns_of(grid_initial_states(case.identify, start, ["two"]))
+    # The ripple at the points 0, 0.3, 0.6 and 0.9, beside 0.82.
+    nearest = min((0.0, 0.3, 0.6, 0.9), key=lambda turn: abs(ripple(turn) - ripple(0.82)))
+    assert found == {**turns_of(start), "two": nearest}
+    there = start.replace({"two:turn": 0.82})
+    assert grid_initial_states(case.identify, there, NAMES) is there  # no point is better
+
+
+def test_a_run_is_fitted_alone_while_all_other_numbers_stay() -> None:
     """Its own amount of a column follows from linear algebra: that of what shared numbers leave, beside an offset."""
     own = [parameter(f"{n}:own", 0.0, -9.0, 9.0, run=n) for n in NAMES]
-    model = base("p").plus(lambda v, run: v[f"{run.name}:own"] * column(run, "own"), *own)
+    start = base("p").plus(lambda v, run: v[f"{run.name}:own"] * column(run, "own"), *own).replace({"p": 0.7})
     rng = np.random.default_rng(0)
     observed = [Run(name, np.arange(N) / N, rng.standard_normal(N)) for name in NAMES]
     case = Case(Suite(observed, White(SIGMA), offset), Suite([], White(SIGMA), offset), ("p",), lambda _: {}, 1e-3)
-    found = {p.name: p.start for p in begun_alone(case, model.replace({"p": 0.7})).parameters()}
-    assert found.pop("p") == 0.7
-    for run in observed:
+    for run, record in zip(observed, case.identify.records, strict=True):
+        misfit, found = stands._alone(case, case.identify)(start, record)
         matrix = np.column_stack([column(run, "own"), np.ones(N)])
         left = run.data - 0.7 * column(run, "p")
-        amount = np.linalg.lstsq(matrix, left)[0][0]
-        # No step is left that promises more than a small share of what the run leaves.
-        farthest = math.sqrt(SHARE_BEFORE * least(matrix, left)) / math.sqrt(least(matrix[:, 1:], matrix[:, 0]))
-        assert found[f"{run.name}:own"] == pytest.approx(amount, abs=farthest)
-
-
-def test_fits_that_spare_simulations_end_where_others_do() -> None:
-    case = about()
-    start = {f"{run}:turn": turn + 0.01 for run, turn in TRUTH.items()}
-    plain = solved(case, model(), (), start)
-    spared = solved(dataclasses.replace(case, fitting=Fitting(sparing=True)), model(), (), start)
-    assert plain is not None and spared is not None
-    assert spared.cost == pytest.approx(plain.cost, abs=0.1)  # a step that promises less is the last
-    assert spared.x == pytest.approx(plain.x, abs=1e-3)
-    assert spared.problem.evaluations < plain.problem.evaluations
+        # No step is left that promises more than this share of the residual.
+        assert misfit * SIGMA**2 == pytest.approx(least(matrix, left), rel=2e-3)
+        assert set(found) == {f"{run.name}:own"}
+        farthest = math.sqrt(2e-3 * least(matrix, left) / least(matrix[:, 1:], matrix[:, 0]))
+        assert found[f"{run.name}:own"] == pytest.approx(np.linalg.lstsq(matrix, left)[0][0], abs=farthest)
 
 
 def test_fits_go_on_no_further_than_the_case_asks() -> None:
@@ -122,60 +131,31 @@ def test_fits_go_on_no_further_than_the_case_asks() -> None:
     assert rough.problem.evaluations < exact.problem.evaluations
 
 
-def test_a_rough_fit_is_carried_on_to_where_the_last_one_ends() -> None:
-    case = dataclasses.replace(about({"a": 0.5}), fitting=Fitting(share=0.5))
-    added = candidate("a", signed=True)
-    start = {"p": 2.0, "q": -1.0, **{f"{run}:turn": turn + 0.01 for run, turn in TRUTH.items()}}
-    rough = fitted(case, added.add(model()), (added,), start)
-    exact = fitted(about({"a": 0.5}), added.add(model()), (added,), start)
-    assert rough is not None and exact is not None and exact.cost + 1.0 < rough.cost
-    assert carried_on(case, rough).cost == pytest.approx(exact.cost, abs=0.1)
-    as_far = dataclasses.replace(case, fitting=Fitting(share=0.5, last=0.5))
-    assert carried_on(as_far, rough) is rough
-
-
-def test_a_fit_and_the_runs_kept_apart_come_free_together() -> None:
+def test_a_fit_begins_outliers_elsewhere_and_validation_runs_likewise() -> None:
     case = about()
-    caught = fitted(case, model(), (), {})
-    assert caught is not None and caught.scale > 1.5
-    free = in_line(case, caught)
-    assert free.scale == pytest.approx(1.0, abs=4 * math.sqrt(2 / (3 * N)))
-    assert all(ripple(turn) == pytest.approx(ripple(TRUTH[run]), abs=0.05) for run, turn in turns(free).items())
-    assert free.held_cost < 2 * N + 4 * math.sqrt(4 * N)
+    alone = solved(case, model(), (), {})
+    assert alone is not None and 1.5 < alone.cost / case.identify.samples < GROSS
+    found = fitted(case, model(), (), {})
+    assert found is not None
+    assert found.scale == pytest.approx(1.0, abs=4 * math.sqrt(2 / (3 * N)))
+    assert all(ripple(turn) == pytest.approx(ripple(TRUTH[run]), abs=0.05) for run, turn in turns(found).items())
+    assert found.held_cost < 2 * N + 4 * math.sqrt(4 * N)
 
 
-def test_runs_that_fit_alike_are_all_in_line() -> None:
+def test_beside_a_gross_misfit_no_run_is_begun_elsewhere() -> None:
+    """What is missing there is not the initial state of one run."""
+    case = about({"unknown": 5.0})
+    alone, found = solved(case, model(), (), {}), fitted(case, model(), (), {})
+    assert alone is not None and found is not None and found.scale > GROSS
+    assert found.cost == alone.cost
+
+
+def test_runs_that_fit_alike_are_no_outliers() -> None:
     case = about({"unknown": 0.5})  # missing everywhere, which begins no run elsewhere
     truth = model().replace({"p": 2.0, "q": -1.0, **{f"{n}:turn": turn for n, turn in TRUTH.items()}})
     residuals = [case.identify.residual(r, truth.predict(r.observation)) for r in case.identify.records]
-    assert out_of_line(case.identify, [r for r in residuals if r is not None]) == []
-    assert out_of_line(case.identify, [r for r in residuals if r is not None], usual=1.0) == list(NAMES)
-
-
-def test_a_fit_is_shaken_until_it_is_good_enough() -> None:
-    """Steps on the way, each a fiftieth of the range long, each of which holds a fit that comes by."""
-
-    def stepped(v: Mapping[str, float], run: Any) -> Array:
-        turn = v[f"{run.name}:turn"]
-        return np.asarray(20.0 * (turn + 0.01 * math.sin(2 * math.pi * turn / 0.02)) * column(run, "start"))
-
-    own = [parameter(f"{n}:turn", 0.0, -0.1, 1.0, run=n, screen=(0.0, 0.5)) for n in (*NAMES, *HELD)]
-    toy = base("p", "q").plus(stepped, *own)
-    truth = toy.replace({"p": 2.0, "q": -1.0, "one:turn": 0.315, "two:turn": 0.245, "three:turn": 0.115})
-    rng = np.random.default_rng(0)
-
-    def recorded(names: Sequence[str]) -> Suite:
-        blank = [Run(name, np.arange(N) / N, None) for name in names]
-        made = [dataclasses.replace(r, data=truth.predict(r) + SIGMA * rng.standard_normal(N)) for r in blank]
-        return Suite(made, White(SIGMA), offset)
-
-    said = list[str]()
-    case = Case(recorded(NAMES), recorded(HELD), ("p", "q"), lambda _: {}, 1e-3, progress=said.append)
-    caught = fitted(case, toy.replace({f"{n}:turn": 0.02 for n in NAMES}), (), {})
-    assert caught is not None
-    shaken_free = shaken(case, caught, 0.0)
-    assert shaken_free.cost < caught.cost - 100 and len(said) == 4
-    assert shaken(case, shaken_free, shaken_free.cost + 1.0) is shaken_free and len(said) == 4
+    assert outlier_runs(case.identify, [r for r in residuals if r is not None]) == []
+    assert outlier_runs(case.identify, [r for r in residuals if r is not None], usual=1.0) == list(NAMES)
 
 
 def test_strong_data_do_not_tell_twins_apart() -> None:
