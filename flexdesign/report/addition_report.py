@@ -18,7 +18,7 @@ from flexdesign.report import comparison_words as words
 from flexdesign.report import diagnosis_figures as figures
 from flexdesign.report import diagnosis_report as reports
 from flexdesign.report import diagnosis_words as said
-from flexdesign.report import published_rows, response_pages, simulation_report
+from flexdesign.report import number_tables, published_rows, response_pages, simulation_report
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.identification_report import shown_in
 from flexdesign.report.simulation_charts import Curve, panels
@@ -66,12 +66,14 @@ def document(found: Added, loop: InTheLoop) -> Document:
             "The error ladder", [], [ladder_of(found)], [figures.ladder_figure(found, found.ladder, found.noise_floor)]
         ),
         Section(
-            "Its numbers", _caveats(found), [reports.values_table(found.values), *reports.by_run_table(found.by_run)]
+            "Its numbers",
+            _caveats(found),
+            [number_tables.values_table(found.values), *number_tables.by_run_table(found.by_run)],
         ),
         Section("In the loop", *_loop(found, loop)),
         *_in_time(stands, kinds),
         *response_pages.section([(n, s.responses) for n, s in stands], axis.shown, axis.natural_frequency),
-        Section("The model's own numbers", [], [reports.numbers_table(axis, found.calibration)]),
+        Section("The model's own numbers", [], [number_tables.numbers_table(axis, found.calibration)]),
         Section("Noise", reports.noise_text(found.noise, found.noise_floor, said.response(found))),
     ]
     return Document(f"{title}: {name} added to axis {found.axis}", summary(found), sections)
@@ -96,8 +98,8 @@ def result(found: Added, loop: InTheLoop) -> dict[str, Any]:
         "axis": found.axis,
         "effect": {
             "name": effects.find(found.name).name,
-            "parameters": [reports.value_json(value) for value in found.values],
-            "by_run": reports.by_run_json(found.by_run),
+            "parameters": [number_tables.value_json(value) for value in found.values],
+            "by_run": number_tables.by_run_json(found.by_run),
             "share": found.share,
             "needed": not found.reason,
             "reason": found.reason or None,
@@ -106,7 +108,7 @@ def result(found: Added, loop: InTheLoop) -> dict[str, Any]:
         "noise_floor": reports.noise_json(found.noise, found.noise_floor, si),
         "where": reports.where_json(found, si),
         **response_pages.before_and_after(found),
-        "calibration": [reports.value_json(value) for value in found.calibration],
+        "calibration": [number_tables.value_json(value) for value in found.calibration],
         "loop": _loop_json(loop),
         "made_by": reports.made_by(found),
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,18 +11,17 @@ from numpy.typing import NDArray
 
 from flexdesign import effects, units, versions
 from flexdesign.bench import Resolved
-from flexdesign.diagnosis import Diagnosis, Named, Rung, Tried, Value
+from flexdesign.diagnosis import Diagnosis, Named, Rung, Tried
 from flexdesign.diagnosis.standing import Judged, Which, compared
 from flexdesign.diagnosis.telling import Telling
 from flexdesign.files import FORMAT
 from flexdesign.noise_floor import NoiseFloor
-from flexdesign.report import comparison_report, plan_pages, response_pages
+from flexdesign.report import comparison_report, number_tables, plan_pages, response_pages
 from flexdesign.report import comparison_words as words
 from flexdesign.report import diagnosis_words as said
 from flexdesign.report.diagnosis_figures import capital, in_time, ladder_figure, more_pictures, pictures
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.runs import FrequencyResponse, Run
-from flexdesign.stage_model import AxisModel
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -109,7 +108,9 @@ def document(found: Diagnosis, tellings: Sequence[Telling]) -> Document:
         Section("What was tried", _tried_text(found), [candidates(found)] if found.candidates else []),
         *_apart(found, tellings),
         *_left(found),
-        Section("The model's own numbers", _numbers_text(found), [numbers_table(axis, found.calibration)]),
+        Section(
+            "The model's own numbers", _numbers_text(found), [number_tables.numbers_table(axis, found.calibration)]
+        ),
         Section("Noise", noise_text(found.noise, found.noise_floor, said.response(found))),
         *more_pictures(stands, kinds),
         Section("How it was done", _how(found)),
@@ -153,7 +154,7 @@ def result(found: Diagnosis, tellings: Sequence[Telling]) -> dict[str, Any]:
         },
         "where": where_json(found, si),
         **response_pages.before_and_after(found),
-        "calibration": [value_json(value) for value in found.calibration],
+        "calibration": [number_tables.value_json(value) for value in found.calibration],
         "conflicts": list(found.conflicts),
         "confidence": found.confidence,
         "remarks": {each.name: list(each.remarks) for each in _every(found) if each.remarks},
@@ -198,20 +199,6 @@ def noise_json(noise: NoiseFloor, floor: float, si: str) -> dict[str, Any]:
     }
 
 
-def value_json(value: Value) -> dict[str, Any]:
-    """Return a fitted number with its unit and its 95 % interval."""
-    low, high = (end if math.isfinite(end) else None for end in value.interval)
-    name = value.parameter.name.rpartition(".")[2]
-    return {
-        "name": name,
-        "number": value.parameter.name,
-        "value": value.value if math.isfinite(value.value) else None,
-        "unit": value.parameter.si,
-        "interval": [low, high],
-        "text": said.quantity(value, short=True),
-    }
-
-
 def made_by(found: Judged) -> dict[str, Any]:
     """Return what made a result: the model, the runs with their roles, versions."""
     return {
@@ -241,29 +228,6 @@ def noise_text(noise: NoiseFloor, floor: float, si: str) -> list[str]:
         lines = [f"{line.frequency:.4g} Hz ({words.error(si, line.amplitude, 2)})" for line in noise.lines]
         remarks.insert(0, f"Where it should be quiet, the response swings at {words.listed(lines)}; this is no noise.")
     return [first, *remarks]
-
-
-def values_table(values: Sequence[Value]) -> Table:
-    """Return fitted numbers with their intervals and what they mean."""
-    rows = []
-    for value in values:
-        estimate = said.estimated(value)
-        name = value.parameter.name.rpartition(".")[2]
-        rows.append([name, value.parameter.meaning, estimate.value_text, estimate.interval_text])
-    return Table(["number", "what it is", "value", "95 % interval"], rows)
-
-
-def by_run_table(by_run: Mapping[str, Value]) -> list[Table]:
-    """Return the values of a number that differs from run to run; no table where none does."""
-    estimates = {run: said.estimated(value) for run, value in by_run.items()}
-    rows = [[run, each.value_text, each.interval_text] for run, each in estimates.items()]
-    names = dict.fromkeys(value.parameter.name.rpartition(".")[2] for value in by_run.values())
-    return [Table(["run", name, "95 % interval"], rows, f"The {name} differs from run to run") for name in names]
-
-
-def by_run_json(by_run: Mapping[str, Value]) -> dict[str, Any]:
-    """Return the values of a number that differs from run to run, by run."""
-    return {run: value_json(value) for run, value in by_run.items()}
 
 
 # --- sections -----------------------------------------------------------------------------------------------------
@@ -305,7 +269,11 @@ def _effect(found: Diagnosis, named: Named) -> Section:
         doubts = effect.cautions({v.parameter.name.rpartition(".")[2]: v.value for v in named.values})
         text += [f"Take care: {doubt}." for doubt in doubts]
     title = f"What it is: {said.called(named.name)}"
-    return Section(title, text, [values_table(named.values), *by_run_table(named.by_run)] if named.values else [])
+    return Section(
+        title,
+        text,
+        [number_tables.values_table(named.values), *number_tables.by_run_table(named.by_run)] if named.values else [],
+    )
 
 
 def _tried_text(found: Diagnosis) -> list[str]:
@@ -360,19 +328,6 @@ def _amount(name: str, amount: float, si: str) -> str:
     return words.percent(amount) if name.startswith(OVER_FREQUENCY) else words.error(si, amount)
 
 
-def numbers_table(axis: AxisModel, calibration: Sequence[Value]) -> Table:
-    """Return the model's own numbers, before and after."""
-    before = axis.numbers
-    rows = []
-    for value in calibration:
-        p, estimate = value.parameter, said.estimated(value)
-        old = before.get(p.name)
-        was = "–" if old is None else units.to_text(old, p.unit, si=p.si)
-        change = f"{100 * (value.value / old - 1):+.2g} %" if old else "–"
-        rows.append([p.name, was, estimate.value_text, estimate.interval_text, change])
-    return Table(["number", "before", "fitted", "95 % interval", "change"], rows)
-
-
 def _numbers_text(found: Diagnosis) -> list[str]:
     text = ["The model's own numbers as they are with all that was found."]
     text += [f"Beyond what was known: {conflict}." for conflict in found.conflicts]
@@ -404,8 +359,8 @@ def _named(found: Diagnosis, named: Named) -> dict[str, Any]:
     effect = effects.find(named.name)
     return {
         "name": effect.name if named.name.endswith(".py") else named.name,
-        "parameters": [value_json(value) for value in named.values],
-        "by_run": by_run_json(named.by_run),
+        "parameters": [number_tables.value_json(value) for value in named.values],
+        "by_run": number_tables.by_run_json(named.by_run),
         "share": named.share,
         "remedy": said.remedy(found, named.name),
     }
