@@ -35,14 +35,14 @@ def plant(axis: AxisModel, delay: float) -> Plant:
     axis
         The axis. A driver or a sensor of infinite bandwidth has no lag.
     delay
-        Delay of the loop beside the hold [s].
+        Delay of the loop beside the hold and the sensor [s].
     """
     bandwidths = (axis.driver.bandwidth, axis.sensor.bandwidth)
     lags = tuple(1 / (2 * math.pi * bandwidth) for bandwidth in bandwidths if math.isfinite(bandwidth))
     share = axis.main_share
     further = tuple((mode.frequency, mode.damping_ratio, mode.share / share) for mode in axis.modes)
     gain = stages.secant_gain(axis) * axis.driver.gain * share
-    return Plant(gain, axis.natural_frequency, axis.damping_ratio, delay, further, lags)
+    return Plant(gain, axis.natural_frequency, axis.damping_ratio, delay + axis.sensor.delay, further, lags)
 
 
 class Designer:
@@ -78,7 +78,7 @@ class Designer:
         if piece == "ziegler-nichols":
             found = ziegler_nichols.rule(ziegler_nichols.ultimate(upright.discretise(self.period)))
         elif piece == "ziegler-nichols by experiment":
-            return self._by_experiment(axis, seen, delay)
+            return self._by_experiment(axis, seen)
         else:
             found = self._robust(upright).pid
         return found.scaled(sign)
@@ -86,7 +86,7 @@ class Designer:
     def _tune(self, seen: Plant) -> Tuning:
         return tune(seen, self.period, self.plan.robust_ms)
 
-    def _by_experiment(self, axis: AxisModel, seen: Plant, delay: float) -> PID:
+    def _by_experiment(self, axis: AxisModel, seen: Plant) -> PID:
         """Return the rule's PID from the oscillation of the simulated axis itself, hysteresis and all."""
         alone = StageModel({"x": replace(axis, sensor=replace(axis.sensor, noise=0.0))})
         stage = replace(stages.stage(alone), limits={})
@@ -97,7 +97,7 @@ class Designer:
 
         def respond(kp: float) -> Array:
             loop = Loop(np.zeros(count), step, (controller(PID(kp)),))
-            response = simulate(stage, {"x": loop}, self.period, delay=delay, tolerance=1e-5)
+            response = simulate(stage, {"x": loop}, self.period, delay=seen.delay, tolerance=1e-5)
             return response.reading[0]
 
         return ziegler_nichols.rule(ziegler_nichols.by_experiment(respond, self.period, 0.1 / seen.static_gain))

@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 #: Samples of the response for one period of the fastest mode, so that no peak falls between them.
 SAMPLES_PER_PERIOD = 25
+#: What is said where readings are late.
+LATE_READING = "readings are {} late; the loop is simulated with a command that is as late: motions are shown so, too"
 
 
 @dataclass(frozen=True)
@@ -220,7 +222,10 @@ def _case(
     fastest = max(mode.frequency for axis in stages.stage(truth).axes for mode in axis.modes)
     finer = max(1, math.ceil(SAMPLES_PER_PERIOD * fastest * period))
     cautions += [f"{name}: {text}" for name in experiment.axes for text in disturbed.left_out(truth, name)]
-    response = disturbed.run(truth, loops, period, delay=delay, oversampling=finer)
+    late = max(truth.axes[name].sensor.delay for name in experiment.axes)
+    if late:
+        cautions.append(LATE_READING.format(units.to_text(late, "ms", 3)))
+    response = disturbed.run(truth, loops, period, delay=delay + late, oversampling=finer)
     reference = _on_response(experiment, list(truth.axes), response, period / finer)
     cautions += _ran(response, list(truth.axes), experiment)
     measured, unmeasured = measuring.measure(

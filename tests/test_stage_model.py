@@ -280,6 +280,7 @@ def test_a_file_acts_once(tmp_path: Path) -> None:
         ("driver_bandwidth", "axis.x.driver.bandwidth"),
         ("driver_slew", "axis.x.driver.slew"),
         ("sensor_bandwidth", "axis.x.sensor.bandwidth"),
+        ("sensor_delay", "axis.x.sensor.delay"),
         ("quantisation", "axis.x.sensor.resolution"),
     ],
 )

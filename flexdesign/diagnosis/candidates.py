@@ -13,7 +13,7 @@ import numpy as np
 from flexdesign import effects
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis_model import AxisDynamics
-from flexdesign.dynamics.axis_parameters import DELAY, of_catalogue
+from flexdesign.dynamics.axis_parameters import DELAY, SENSOR_DELAY, of_catalogue
 from flexdesign.dynamics.axis_run import acts_ahead_of_stack
 from flexdesign.evidence.screening import Candidate
 from flexdesign.model import Effect, Model, Parameter, Resonance
@@ -23,6 +23,8 @@ from flexdesign.stage_model import fields
 IMITATED = ("payload_mass", "stiffness_loss", "sensor_gain")
 #: The one among them that a known mass tells from the others.
 LOADED = "payload_mass"
+#: A delay of the sensor.
+READS_LATE = "sensor_delay"
 #: Readings in whole steps are noise to a fit.
 NOISE = ("quantisation",)
 #: In the band of frequency responses modes and lags are tried at so many frequencies, delays of so many cycles of its
@@ -72,7 +74,7 @@ def candidates(
     loaded
         Whether some runs carry a known mass: then the table's own mass shows.
     at_stack
-        Whether all runs know the voltage at the stack: then nothing ahead of it shows.
+        Whether all runs know the voltage at the stack: then nothing ahead of it shows, and only the sensor is late.
     band
         Lowest and highest frequency [Hz] of frequency responses, where there are no runs in time: these show small
         sines and nothing else. Modes are then tried all over the band.
@@ -82,6 +84,8 @@ def candidates(
     several = [each for name in effects.names() for each in effects.again(name)]
     for name in (*effects.names(), *several, *more):
         if name in left_out or name in model.axis.effects or (at_stack and acts_ahead_of_stack(effects.find(name))):
+            continue
+        if name == READS_LATE and not at_stack:  # elsewhere no recording tells it from a delay of the command
             continue
         if band is not None and not spectrum.shows(effects.find(name)):
             continue
@@ -160,7 +164,7 @@ def _over(parameter: Parameter, band: tuple[float, float]) -> tuple[float, ...]:
     """
     if parameter.si == "Hz":
         return tuple(np.geomspace(*band, IN_BAND).tolist())
-    return tuple(cycles / band[1] for cycles in CYCLES) if parameter.name == DELAY else parameter.screen
+    return tuple(cycles / band[1] for cycles in CYCLES) if parameter.name in (DELAY, SENSOR_DELAY) else parameter.screen
 
 
 def _with_screen(number: Parameter, catalogue: Parameter, model: AxisDynamics) -> Parameter:

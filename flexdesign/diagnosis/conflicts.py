@@ -21,7 +21,7 @@ from flexdesign.diagnosis.candidates import LOADED
 from flexdesign.diagnosis.findings import Named, Value
 from flexdesign.diagnosis.setting import Setting
 from flexdesign.dynamics.axis_model import AxisDynamics
-from flexdesign.dynamics.axis_parameters import DELAY, TRIGGER
+from flexdesign.dynamics.axis_parameters import DELAY, SENSOR_DELAY, TRIGGER
 from flexdesign.evidence.calibration import CALIBRATION_SHARE
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.coordinates import value
@@ -172,11 +172,12 @@ def _late(setting: Setting, stand: Stand) -> Conflict | None:
     """Return what it means that all runs began late: a delay that none of them has of its own."""
     where = stand.solution.problem.where
     sigma = np.sqrt(np.maximum(np.diag(stand.solution.covariance), 0.0))
-    late, jitter = [], 0.0
+    late, places, jitter = [], list[int](), 0.0
     for j, parameter in enumerate(where.parameters):
         before = where.known.get(parameter.name, (0.0, math.inf))[1]
         if parameter.name.endswith(f":{TRIGGER}") and sigma[j] < SHOWN * before:
             late.append(float(stand.solution.x[j]))
+            places.append(j)
             jitter = max(jitter, before)
     if len(late) < 2:
         return None
@@ -186,14 +187,19 @@ def _late(setting: Setting, stand: Stand) -> Conflict | None:
     # Runs that jitter less than was feared tell their common delay better.
     error = float(np.std(late, ddof=1)) / math.sqrt(len(late))
     half = float(stats.t.ppf(0.975, len(late) - 1)) * error  # of a few runs the scatter itself is hardly known
+    # What they have in common, such as the error of the natural frequency, does not scatter.
+    variance = float(stand.solution.covariance[np.ix_(places, places)].mean()) * stand.discrepancy
+    half = max(half, HALF_WIDTH * math.sqrt(max(variance, 0.0)))
     words = f"all runs began late, by {1e3 * mean:.3g} ms in the mean"
-    parameter = next(p for p in stand.model.parameters() if p.name == DELAY)
-    total = cast(AxisDynamics, stand.model).delay + mean
+    # Behind the stack only the sensor can be late.
+    effect, number = ("sensor_delay", SENSOR_DELAY) if setting.is_at_stack else ("transport_delay", DELAY)
+    parameter = next(p for p in stand.model.parameters() if p.name == number)
+    total = (parameter.start or 0.0) + mean
     interval = (total - half, total + half)
     if mean <= half:
         return None
-    named = Named("transport_delay", (Value(parameter, total, interval),), 0.0)
-    return Conflict(words, ("transport_delay",), named, lambda model: model.replace({DELAY: total}), TRIGGER)
+    named = Named(effect, (Value(parameter, total, interval),), 0.0)
+    return Conflict(words, (effect,), named, lambda model: model.replace({number: total}), TRIGGER)
 
 
 def _stepped(setting: Setting) -> Conflict | None:

@@ -256,7 +256,7 @@ class AxisDynamics:
         axis = loaded(self.first, self.axis, measured.payload)
         axis = axis if measured.command_is == "dac" else behind_amplifier(axis)
         chain = self._chain if axis is self.axis else self._chain_of(axis)
-        return axis_response.predicted(chain, measured, self.delay, frequencies)
+        return axis_response.predicted(chain, measured, self.delay, frequencies, axis.sensor.delay)
 
     def steps_for(self, run: Run) -> int:
         """Return the number of steps in a sample: with a margin what the first values need, but not too many."""
@@ -293,7 +293,7 @@ class AxisDynamics:
         stands = float(np.ptp(command[: period + 1])) <= STILL * reach
         if (abs(command[0]) <= 1e-3 * reach and not stands) or (stands and not rings):
             return 0
-        lasts = self._decay(1e-3, mode.damping_ratio) + self.delay
+        lasts = self._decay(1e-3, mode.damping_ratio) + self.delay + self.axis.sensor.delay
         return min(math.ceil(lasts / run.period), len(command) // 2)
 
     def comparable(self, run: Run) -> Run:
@@ -323,7 +323,9 @@ class AxisDynamics:
         own = self.own.get(run.name, {})
         at_stack = is_at_stack(run)
         # Where a stage came from before a record, which is all hysteresis, may lie beyond the limits of the record.
-        command, delay = self._limited(run), (0.0 if at_stack else self.delay) + own.get(TRIGGER, 0.0)
+        # A reading that is late is that of a command as late: what is between them does not change in time.
+        late = (0.0 if at_stack else self.delay) + self.axis.sensor.delay
+        command, delay = self._limited(run), late + own.get(TRIGGER, 0.0)
         lead, early = self._lead(run, own, float(command[0])), max(0, math.ceil(-delay / run.period))
         # A record that began early begins some samples later in a simulation with a longer delay.
         command, delay = np.concatenate([lead, command, np.full(early, command[-1])]), delay + early * run.period

@@ -16,6 +16,8 @@ from flexdesign.stage_model import fields as units_of
 Scale = Literal["linear", "log", "inverse"]
 #: How late commands act, as the stage model's file calls it; a number of the stage, not of the axis.
 DELAY = "controller.delay"
+#: How late readings are; a number of the axis.
+SENSOR_DELAY = "sensor.delay"
 #: How late a record began, as a number of its own.
 TRIGGER = "trigger"
 #: No controller is later than this [s].
@@ -102,7 +104,7 @@ def _electronics(first: AxisModel) -> list[Parameter]:
     for name, effect in (*acting, ("sensor.bandwidth", "sensor_bandwidth")):
         made.append(replace(effects.find(effect).parameters[0], name=name))
     late = Parameter(DELAY, "s", "ms", "how late commands act", 0.0, plausible=(0.0, LONGEST_DELAY), twin=TRIGGER)
-    return [*made, late]
+    return [*made, late, replace(late, name=SENSOR_DELAY, meaning="how late readings are")]
 
 
 def _hysteresis(stroke: float, volts: float, exponent: float) -> dict[str, dict[str, tuple[float, float, float]]]:

@@ -59,7 +59,11 @@ def _refuse_wrong_unit(response: FrequencyResponse, name: str, axis: AxisModel) 
 
 
 def predicted(
-    chain: AxisChain, measured: FrequencyResponse, delay: float, frequencies: Array | None = None
+    chain: AxisChain,
+    measured: FrequencyResponse,
+    delay: float,
+    frequencies: Array | None = None,
+    reading_delay: float = 0.0,
 ) -> NDArray[np.complex128]:
     """Return the response of a chain about the working point of a measured one [response/V].
 
@@ -73,13 +77,15 @@ def predicted(
         How late commands act [s]; they are late no more at the stack.
     frequencies
         Where [Hz]; by default its own.
+    reading_delay
+        How late readings are [s], wherever the command was measured.
     """
     at_stack = measured.command_is != "dac"
     stack = chain.amplifier if at_stack else 1.0  # of a voltage at the stack: per volt there
     about = WorkingPoint(
         bias=measured.bias / stack,
         amplitude=(measured.amplitude or 0.0) / abs(stack),
-        delay=0.0 if at_stack else delay,
+        delay=(0.0 if at_stack else delay) + reading_delay,
         period=measured.period,
     )
     return spectrum.response(chain, measured.frequencies if frequencies is None else frequencies, about) / stack

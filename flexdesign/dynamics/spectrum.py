@@ -21,8 +21,8 @@ from flexdesign.model.effect import Values
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-#: The effect that acts on commands without being a block of the chain.
-DELAY = "transport_delay"
+#: The effects that act on commands and readings without being blocks of the chain.
+DELAYS = ("transport_delay", "sensor_delay")
 #: Images of a held command that are counted to each side: what is left falls with the square of their number.
 IMAGES = 6
 #: Newton's steps to the position at which forces and drive are in balance, and the share of it below which one is last.
@@ -60,7 +60,7 @@ def shows(effect: Effect) -> bool:
     """
     passes = (isinstance(face, Block) and face.transfer is not None for face in effect.faces)
     adjusts = (isinstance(face, Resonance) or (isinstance(face, Adjust) and face.of == "axis") for face in effect.faces)
-    return effect.name == DELAY or any(passes) or any(adjusts)
+    return effect.name in DELAYS or any(passes) or any(adjusts)
 
 
 def response(chain: AxisChain, frequency: Array, about: WorkingPoint) -> Complex:

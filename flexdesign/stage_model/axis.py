@@ -87,6 +87,8 @@ class Sensor:
         Half-width of the calibration's error; not simulated, but used where measurements are compared.
     source
         Where these numbers come from.
+    delay
+        How late readings are [s].
     """
 
     bandwidth: float = math.inf
@@ -95,6 +97,7 @@ class Sensor:
     range: tuple[float, float] | None = None
     linearity: float = 0.0
     source: str = ""
+    delay: float = 0.0
 
 
 @dataclass(frozen=True)

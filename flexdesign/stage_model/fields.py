@@ -26,6 +26,7 @@ ELSEWHERE = {
     "driver_bandwidth": "driver.bandwidth",
     "driver_slew": "driver.slew",
     "sensor_bandwidth": "sensor.bandwidth",
+    "sensor_delay": "sensor.delay",
     "quantisation": "sensor.resolution",
 }
 
@@ -158,7 +159,8 @@ DRIVER: Fields = {
     "slew": Number("V/s", 0.0, 1e12, exclusive=True, unit="V/s", infinite=True),
     "limits": _VOLTS,
 }
-CONTROLLER: Fields = {"rate": _frequency(1e7), "delay": Number("s", 0.0, 10.0, unit="ms")}
+_DELAY = Number("s", 0.0, 10.0, unit="ms")
+CONTROLLER: Fields = {"rate": _frequency(1e7), "delay": _DELAY}
 RELATIVE = Number("1", 0.0, 1e4, unit="%")
 
 
@@ -209,6 +211,7 @@ def sensor(response: str) -> Fields:
     small, large = RESPONSES[response]
     return {
         "bandwidth": _frequency(infinite=True),
+        "delay": _DELAY,
         "noise": Number(response, 0.0, 1e3, unit=small),
         "resolution": Number(response, 0.0, 1e3, unit=small),
         "range": Span(response, -1e6, 1e6, unit=large),

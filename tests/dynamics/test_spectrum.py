@@ -149,6 +149,7 @@ def test_what_small_sines_cannot_show_is_no_matter_of_frequency_responses() -> N
     assert shown - {each[0] for each in SMALL} - {each[0] for each in LARGE} == {
         "driver_bandwidth",
         "sensor_bandwidth",
+        "sensor_delay",
         "transport_delay",
     }
     blocks = [face for name in effects.names() for face in effects.find(name).faces if isinstance(face, Block)]

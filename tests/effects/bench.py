@@ -56,6 +56,7 @@ def respond(given: Mapping[str, Values], command: Array = COMMAND, base: AxisMod
             base = replace(base, effects={**base.effects, name: values})
     time = PERIOD * np.arange(len(command))
     recorded = {name: column[: len(command)] for name, column in RECORDED.items()}
+    delay += base.sensor.delay  # without a loop it makes no difference where a signal is late
     added = stages.disturbance("x", base, recorded, time)
     if added is not None:
         options["disturbances"] = {"x": added}

@@ -38,6 +38,7 @@ PROMISED = {
     "rate_dependent_hysteresis",
     "second_mode",
     "sensor_bandwidth",
+    "sensor_delay",
     "sensor_drift",
     "sensor_gain",
     "sensor_misalignment",
