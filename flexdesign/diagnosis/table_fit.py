@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
-from scipy.stats import chi2, t
+from scipy.stats import chi2
 
 from flexdesign.diagnosis.findings import Value
 from flexdesign.effects import statics
-from flexdesign.errors import InputError
-from flexdesign.evidence.coordinates import Coordinates, coordinates, value
-from flexdesign.model import Parameter
+from flexdesign.evidence.coordinates import Coordinates, coordinate, coordinates, value
+from flexdesign.evidence.dataset import Suite
+from flexdesign.evidence.intervals import profiles_of
+from flexdesign.evidence.marquardt import Solution, solve
+from flexdesign.evidence.suite import Problem
+from flexdesign.evidence.uncertainty import uncertainty
+from flexdesign.model import Observation, Parameter
 from flexdesign.static_tables import StaticModel, StaticTable, Uncertainty
 
 Array = NDArray[np.float64]
@@ -25,6 +28,10 @@ Array = NDArray[np.float64]
 LEVEL, INADEQUATE = 0.01, 1e-3
 #: Where a strength has no size of its own, fits begin this many decades below and above its start.
 DECADES = (-3, -2, -1, 0, 1, 2, 3)
+#: The coordinates of a model without free numbers.
+NOTHING = Coordinates((), {}, np.zeros(0), np.zeros(0), np.zeros(0))
+#: A fit ends where a step promises to lower the sum of squares by less: a hundredth of a standard deviation.
+SMALL = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,29 +44,54 @@ class Trial:
         Of the effects.
     model
         With the fitted values.
-    residuals
-        Measured less predicted, whitened.
-    values
-        The fitted numbers with their 95 % intervals.
-    at_bound
-        Names of those that the fit pushes to the end of what is plausible.
+    cost
+        Sum of squares, whitened; infinite where the model gives no numbers.
+    rows
+        Number of measurements.
+    solution
+        The fit; None if nothing was free.
     """
 
     names: tuple[str, ...]
     model: StaticModel
-    residuals: Array
-    values: tuple[Value, ...] = ()
-    at_bound: tuple[str, ...] = ()
+    cost: float
+    rows: int
+    solution: Solution | None = None
 
     @property
-    def cost(self) -> float:
-        """Sum of squares, whitened."""
-        return float(self.residuals @ self.residuals)
+    def free(self) -> tuple[Parameter, ...]:
+        """The fitted parameters."""
+        return self.solution.problem.where.parameters if self.solution else ()
+
+    @cached_property
+    def values(self) -> tuple[Value, ...]:
+        """The fitted numbers with 95 % profile intervals; the plausible range where the table says nothing."""
+        if self.solution is None:
+            return ()
+        where, x = self.solution.problem.where, self.solution.x
+        found = profiles_of(self.solution, uncertainty(self.solution), range(len(x)))
+        made = []
+        for j, parameter in enumerate(where.parameters):
+            profile = found[j]
+            ends = (profile.low, profile.high) if profile else (where.lower[j], where.upper[j])
+            low, high = sorted(value(parameter, float(end)) for end in ends)
+            made.append(Value(parameter, value(parameter, float(x[j])), (low, high)))
+        return tuple(made)
+
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Names of the numbers that the fit pushes to the end of what is plausible."""
+        if self.solution is None:
+            return ()
+        where, x = self.solution.problem.where, self.solution.x
+        return tuple(
+            name for name, held in zip(where.names, (x == where.lower) | (x == where.upper), strict=True) if held
+        )
 
     @property
     def dof(self) -> int:
         """Measurements less fitted numbers."""
-        return len(self.residuals) - len(self.values)
+        return self.rows - len(self.free)
 
     @property
     def is_adequate(self) -> bool:
@@ -68,13 +100,14 @@ class Trial:
 
     def counts_beside(self, less: Trial, candidates: int) -> bool:
         """Tell whether the effects that another lacks lower the sum of squares by more than chance does."""
-        more = max(len(self.values) - len(less.values), 1)
+        more = max(len(self.free) - len(less.free), 1)
         return less.cost - self.cost > float(chi2.isf(LEVEL / max(candidates, 1), more))
 
 
-def as_it_is(model: StaticModel, table: StaticTable, noise: Uncertainty) -> Trial:
-    """Return the model without anything added."""
-    return Trial((), model, _residuals(model, table, noise))
+def as_it_is(model: StaticModel, table: StaticTable, noise: Uncertainty, names: Sequence[str] = ()) -> Trial:
+    """Return the model without anything fitted."""
+    problem = _problem(model, (), table, noise)
+    return Trial(tuple(names), model, problem.cost(np.zeros(0), problem.residuals(np.zeros(0))), len(table.rows))
 
 
 def fitted(
@@ -89,42 +122,31 @@ def fitted(
         with_them = with_them.with_effect(statics.find(name), name)
     theirs = [p for p in with_them.parameters() if p.name.rpartition(".")[0] in names]
     free = [p for p in theirs if not _is_switch(p)]
-    on = {p.name: 1.0 for p in theirs if _is_switch(p)}
-    with_them = with_them.replace(on)
+    with_them = with_them.replace({p.name: 1.0 for p in theirs if _is_switch(p)})
     if not free:
-        return Trial(tuple(names), with_them, _residuals(with_them, table, noise))
+        return as_it_is(with_them, table, noise, names)
     if len(free) >= len(table.rows):
         return None
-    starts = [{v.parameter.name: v.value for v in near.values}] if near else _starts(free)
-    begun = [(_cost(with_them.replace(start), table, noise), number, start) for number, start in enumerate(starts)]
-    lowest, _, best = min(begun)
-    if not math.isfinite(lowest):
-        return None
-    where = coordinates(with_them.replace(best), [p.name for p in free], {})
-    return _solved(with_them, where, tuple(names), table, noise)
+    problem = _problem(with_them, [p.name for p in free], table, noise)
+    starts = [_values_of(near)] if near else _starts(free)
+    points = [np.array([coordinate(p, start[p.name]) for p in problem.where.parameters]) for start in starts]
+    costs = [problem.cost(x, problem.residuals(x)) for x in points]
+    found = solve(problem, points[int(np.argmin(costs))], small=SMALL)
+    return None if found is None else Trial(tuple(names), problem.at(found.x), found.cost, len(table.rows), found)
 
 
-def _solved(
-    model: StaticModel, where: Coordinates, names: tuple[str, ...], table: StaticTable, noise: Uncertainty
-) -> Trial:
-    sizes = where.sizes(where.start)
+def _problem(model: StaticModel, free: Sequence[str], table: StaticTable, noise: Uncertainty) -> Problem:
+    return Problem(Suite([table], noise, _exact), model, coordinates(model, free, {}) if free else NOTHING)
 
-    def residuals(x: Array) -> Array:
-        found = _residuals(model.replace(where.values(x)), table, noise)
-        return np.where(np.isfinite(found), found, 1e6)
 
-    inside = np.clip(where.start, where.lower + 1e-9 * sizes, where.upper - 1e-9 * sizes)
-    ended = least_squares(residuals, inside, bounds=(where.lower, where.upper), x_scale=sizes)
-    curvature = ended.jac.T @ ended.jac
-    sigma = np.sqrt(np.maximum(np.diag(np.linalg.pinv(curvature)), 0.0))
-    factor = float(t.isf(0.025, max(len(table.rows) - len(ended.x), 1)))
-    values = []
-    for j, parameter in enumerate(where.parameters):
-        reach = np.clip(ended.x[j] + factor * sigma[j] * np.array([-1, 1]), where.lower[j], where.upper[j])
-        low, high = sorted(value(parameter, float(end)) for end in reach)
-        values.append(Value(parameter, value(parameter, float(ended.x[j])), (low, high)))
-    held = tuple(p.name for p, active in zip(where.parameters, ended.active_mask, strict=True) if active)
-    return Trial(names, model.replace(where.values(ended.x)), residuals(ended.x), tuple(values), held)
+def _exact(table: Observation) -> tuple[Array, Array]:
+    """Return no nuisance columns: a table has no offset."""
+    return np.zeros((len(table.measured()), 0)), np.zeros(0)
+
+
+def _values_of(trial: Trial) -> dict[str, float]:
+    assert trial.solution is not None  # only what was fitted is fitted again
+    return trial.solution.problem.where.values(trial.solution.x)
 
 
 def _is_switch(parameter: Parameter) -> bool:
@@ -145,18 +167,3 @@ def _starts(free: Sequence[Parameter]) -> Iterator[dict[str, float]]:
         grids.append([(parameter.name, s) for s in tried if parameter.is_plausible(s)])
     for starts in itertools.product(*grids):
         yield dict(starts)
-
-
-def _cost(model: StaticModel, table: StaticTable, noise: Uncertainty) -> float:
-    left = _residuals(model, table, noise)
-    return float(left @ left) if np.isfinite(left).all() else math.inf
-
-
-def _residuals(model: StaticModel, table: StaticTable, noise: Uncertainty) -> Array:
-    try:
-        difference = table.measured() - model.predict(table)
-    except (ArithmeticError, InputError):
-        return np.full(len(table.rows), np.inf)
-    if not np.isfinite(difference).all():
-        return np.full(len(table.rows), np.inf)
-    return noise.whiten(table, difference)
