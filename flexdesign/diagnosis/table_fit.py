@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,7 +133,9 @@ def fitted(
     points = [np.array([coordinate(p, start[p.name]) for p in problem.where.parameters]) for start in starts]
     costs = [problem.cost(x, problem.residuals(x)) for x in points]
     found = solve(problem, points[int(np.argmin(costs))], small=SMALL)
-    return None if found is None else Trial(tuple(names), problem.at(found.x), found.cost, len(table.rows), found)
+    if found is None:
+        return None
+    return Trial(tuple(names), cast(StaticModel, problem.at(found.x)), found.cost, len(table.rows), found)
 
 
 def _problem(model: StaticModel, free: Sequence[str], table: StaticTable, noise: Uncertainty) -> Problem:
