@@ -95,7 +95,7 @@ def document(found: Diagnosis, tellings: Sequence[Telling]) -> Document:
     """
     name, axis = found.before.title or found.before.name, found.before.axes[found.axis]
     before, after = compared(found, "calibrated"), compared(found, "found")
-    changed = found.verdict != "nothing-missing" and len(found.ladder) > 2
+    changed = any(rung.label.startswith("+ ") for rung in found.ladder)
     stands = [("recalibrated", before), (_stand_name(found), after)] if changed else [("recalibrated", before)]
     names = [named.name for named in found.effects] or list(found.near)
     kinds, bars = pictures(names), ladder_figure(found, found.ladder, found.noise_floor)
@@ -159,7 +159,7 @@ def by_run_table(by_run: Mapping[str, Value]) -> list[Table]:
 
 
 def _stand_name(found: Diagnosis) -> str:
-    names = [said.called(named.name) for named in found.effects] or [said.called(name) for name in found.near]
+    names = [said.called(named.name) for named in found.effects]
     return f"with {words.listed(names)}"
 
 

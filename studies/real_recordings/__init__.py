@@ -2,6 +2,6 @@
 
     python -m studies.real_recordings FOLDER      # FOLDER holds positioning-drive/, piezo-loops/, ...
 
-The recordings may not be kept with the project; each folder that is there is diagnosed. The table says what was named, and
-the error on validation runs before and after.
+The recordings may not be kept with the project; each folder that is there is diagnosed. The table says what was named,
+and the error on validation runs before and after.
 """
