@@ -34,8 +34,8 @@ class Fitting:
     moved
         How far a finite difference should move the data, relative.
     sparing
-        Whether simulations are saved that hardly change what is found: each run is fitted alone before all are fitted
-        together, and what effects do is not asked again at a stand nearby.
+        Whether simulations are saved that hardly change what is found: what effects do is not asked again at a stand
+        nearby.
     """
 
     share: float = SHARE

@@ -50,6 +50,8 @@ def grid_initial_states(
 ) -> Model:
     """Return a model whose runs begin where each fits best: where they do, or at a point of the grid of initial states.
 
+    Numbers of a run that have no grid are tried at their median over the runs.
+
     Parameters
     ----------
     suite, model
@@ -66,11 +68,12 @@ def grid_initial_states(
     grids = {_number(p): p.screen for parameters in own.values() for p in parameters if p.screen}
     if not grids:
         return model
+    usual = _usual([p for parameters in own.values() for p in parameters])
     places = [dict(zip(grids, values, strict=True)) for values in itertools.product(*grids.values())]
     tried = list[tuple[Record, dict[str, float]]]()
     for record in records:
         mine = [p for p in own[record.observation.name] if p.si != "rad"]
-        tried += [(record, {}), *((record, {p.name: place.get(_number(p), 0.0) for p in mine}) for place in places)]
+        tried += [(record, {}), *((record, {p.name: {**usual, **place}[_number(p)] for p in mine}) for place in places)]
     misfits = list(each(lambda trial: _misfit(suite, model.replace(trial[1]), trial[0]), tried))
     changed = dict[str, float]()
     for k in range(len(records)):
@@ -95,6 +98,14 @@ def _by_run(model: Model) -> dict[str, list[Parameter]]:
 
 def _number(parameter: Parameter) -> str:
     return parameter.name.rpartition(":")[2]
+
+
+def _usual(parameters: Sequence[Parameter]) -> dict[str, float]:
+    """Return the median over the runs of each number that runs have of their own."""
+    starts: dict[str, list[float]] = {}
+    for parameter in parameters:
+        starts.setdefault(_number(parameter), []).append(parameter.start or 0.0)
+    return {number: median(values) for number, values in starts.items()}
 
 
 def _misfit(suite: Suite, model: Model, record: Record) -> float:

@@ -102,6 +102,24 @@ def test_without_a_fit_the_best_point_of_the_grid_is_taken() -> None:
     assert grid_initial_states(case.identify, there, NAMES) is there  # no point is better
 
 
+def test_numbers_without_a_grid_are_tried_as_they_are_in_the_median_run() -> None:
+    """All runs are late by the same; at no delay no point of the grid would be better."""
+
+    def late(v: Mapping[str, float], run: Any) -> Array:
+        turn, angle = v[f"{run.name}:turn"], v[f"{run.name}:late"]
+        return np.asarray(turn * (np.cos(angle) * column(run, "start") + np.sin(angle) * column(run, "late")))
+
+    own = [parameter(f"{n}:turn", 1.0, -2.0, 2.0, run=n, screen=(-1.0, 1.0)) for n in NAMES]
+    own += [parameter(f"{n}:late", 1.5, -4.0, 4.0, run=n) for n in NAMES]
+    toy = Sum().plus(late, *own)
+    truth = toy.replace({"two:turn": -1.0})
+    observed = [Run(name, np.arange(N) / N, None) for name in NAMES]
+    whole = Suite([dataclasses.replace(r, data=truth.predict(r)) for r in observed], White(SIGMA), offset)
+    # Its delay went astray with its turn.
+    found = grid_initial_states(whole, toy.replace({"two:late": 0.1}), ["two"])
+    assert {p.name: p.start for p in found.parameters()} == {p.name: p.start for p in truth.parameters()}
+
+
 def test_a_run_is_fitted_alone_while_all_other_numbers_stay() -> None:
     """Its own amount of a column follows from linear algebra: that of what shared numbers leave, beside an offset."""
     own = [parameter(f"{n}:own", 0.0, -9.0, 9.0, run=n) for n in NAMES]

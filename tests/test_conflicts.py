@@ -1,0 +1,143 @@
+"""Whether a number beyond its prior explains much beside what remains: sums of columns, by linear algebra."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexdesign.diagnosis.conflicts import LARGE, Conflict, explains
+from flexdesign.dynamics.axis_parameters import TRIGGER
+from flexdesign.evidence.case import Case
+from flexdesign.evidence.noise import White
+from flexdesign.evidence.stand import Stand, fitted
+from flexdesign.evidence.suite import Suite
+from flexdesign.model import Parameter
+from tests.evidence.test_screening import NAMES, N, Shape, Sum, base, column, offset
+from tests.evidence.toys import Array, Run, parameter
+
+SIGMA, HELD, EVERY = 0.1, ("kept", "apart"), (*NAMES, "kept", "apart")
+#: What is known of the number p, whose true value is another.
+MIDDLE, SPREAD, TRUE = 1.0, 0.05, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Staged(Sum):
+    """A sum whose runs each begin late, by numbers of their own."""
+
+    @property
+    def apart(self) -> tuple[str, ...]:
+        return EVERY
+
+    def replace(self, values: Mapping[str, float]) -> Staged:
+        return Staged(self.shapes, super().replace(values).every)
+
+    def plus(self, shape: Shape, *more: Parameter) -> Staged:
+        return Staged((*self.shapes, shape), (*self.every, *more))
+
+
+def unknown(run: Any) -> Array:
+    """What no number explains: of mean square one, and normal to all that is fitted."""
+    others = np.column_stack([np.ones(N), *(column(run, name) for name in ("p", "q", "late"))])
+    left = column(run, "unknown") - others @ np.linalg.lstsq(others, column(run, "unknown"))[0]
+    return np.asarray(left / np.sqrt(np.mean(left**2)))
+
+
+def case_of(model: Sum, truth: Mapping[str, float], rest: float, known: Mapping[str, tuple[float, float]]) -> Case:
+    rng, true = np.random.default_rng(0), model.replace(truth)
+
+    def suite(names: tuple[str, ...]) -> Suite:
+        blank = [Run(name, np.arange(N) / N, None) for name in names]
+        noise = [SIGMA * rng.standard_normal(N) for _ in names]
+        made = [
+            dataclasses.replace(run, data=true.predict(run) + rest * unknown(run) + e)
+            for run, e in zip(blank, noise, strict=True)
+        ]
+        return Suite(made, White(SIGMA), offset)
+
+    return Case(suite(NAMES), suite(HELD), ("p", "q"), lambda _: known, 1e-3)
+
+
+def setting(known: Mapping[str, tuple[float, float]]) -> Any:
+    """What is asked of a setting: the prior, and the error of the validation runs with its noise."""
+    return SimpleNamespace(known=known, error=lambda stand: stand.rms(HELD), known_floor=SIGMA)
+
+
+def conflict(number: str) -> Conflict:
+    return Conflict("moved", (), None, lambda model: model, number)
+
+
+def final(case: Case, model: Sum) -> Stand:
+    found = fitted(case, model, (), {})
+    assert found is not None
+    return found
+
+
+def error_of(case: Case, held: float | None) -> float:
+    """Mean square on the validation runs where q, and p if it is not held, is fitted to the others, offsets aside."""
+
+    def centred(run: Any, values: Array) -> Array:
+        return np.asarray(values - np.mean(values))
+
+    def stacked(suite: Suite, name: str) -> Array:
+        runs: list[Any] = [record.observation for record in suite.records]
+        return np.concatenate([centred(r, r.data if name == "data" else column(r, name)) for r in runs])
+
+    names = ["q"] if held is not None else ["p", "q"]
+    left, new = (stacked(suite, "data") for suite in (case.identify, case.validate))
+    if held is not None:
+        left, new = (d - held * stacked(s, "p") for d, s in ((left, case.identify), (new, case.validate)))
+    amounts = np.linalg.lstsq(np.column_stack([stacked(case.identify, n) for n in names]), left)[0]
+    return float(np.mean((new - np.column_stack([stacked(case.validate, n) for n in names]) @ amounts) ** 2))
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.3, 0.6, 0.8, 1.2])
+def test_a_number_beyond_its_prior_must_explain_much_beside_what_remains(rest: float) -> None:
+    """Held at its prior it leaves the square of its move more, beside the square of the remainder."""
+    known = {"p": (MIDDLE, SPREAD)}
+    model = base("p", "q")
+    case = case_of(model, {"p": TRUE, "q": -1.0}, rest, known)
+    # In the fit itself the number is free of its prior, as strong data make it.
+    free = dataclasses.replace(case, known=lambda _: {})
+    after, before = error_of(case, None), error_of(case, MIDDLE)
+    ratio = (before - after) / max(after - SIGMA**2, 1e-300)
+    assert not 0.9 * LARGE < ratio < 1.1 * LARGE  # near the limit the fit's own tolerance would decide
+    assert explains(setting(known), case, final(free, model), conflict("p")) is (ratio > LARGE)
+    assert (ratio > LARGE) is (rest < 0.65)
+
+
+def test_what_was_read_off_the_recordings_needs_no_fit() -> None:
+    nothing: Any = None
+    assert explains(nothing, nothing, nothing, conflict(""))
+
+
+def test_where_the_model_cannot_be_simulated_at_the_prior_the_number_explains_all() -> None:
+    known = {"p": (MIDDLE, SPREAD)}
+    model = base("p", "q").plus(lambda v, run: np.full(N, np.nan if v["p"] == MIDDLE else 0.0))
+    case = dataclasses.replace(case_of(base("p", "q"), {"p": TRUE}, 1.2, known), known=lambda _: {})
+    assert explains(setting(known), case, final(case, model.replace({"p": 1.9})), conflict("p"))
+
+
+@pytest.mark.parametrize(("rest", "is_much"), [(0.3, True), (1.2, False)])
+def test_runs_that_began_late_are_held_within_one_standard_deviation(rest: float, is_much: bool) -> None:
+    """All of them began ten standard deviations late; nine of these are taken from the fit."""
+    sigma, late = 0.1, 1.0
+    own = [parameter(f"{n}:{TRIGGER}", 0.0, -9.0, 9.0, run=n) for n in EVERY]
+    model = Staged().plus(lambda v, run: v["p"] * column(run, "p") + v["q"] * column(run, "q"), *base("p", "q").every)
+    model = model.plus(lambda v, run: v[f"{run.name}:{TRIGGER}"] * column(run, "late"), *own)
+    known = {p.name: (0.0, sigma) for p in own}
+    case = case_of(model, {"p": TRUE, "q": -1.0, **{p.name: late for p in own}}, rest, known)
+    stand = final(case, model)
+    # Of a column of that variance all but one standard deviation is lost.
+    variance = np.mean([np.var(column(record.observation, "late")) for record in case.validate.records])
+    remains = setting(known).error(stand) ** 2 - SIGMA**2
+    assert bool((late - sigma) ** 2 * variance > LARGE * remains) is is_much
+    assert explains(setting(known), case, stand, conflict(TRIGGER)) is is_much
+    # The case itself believes whatever the data say.
+    values = {p.name: p.start or 0.0 for p in stand.model.parameters() if p.run}
+    assert all(value == pytest.approx(late, abs=0.1) for value in values.values())
