@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from flexdesign.evidence import calibration
 from flexdesign.evidence import stand as stands
 from flexdesign.evidence.noise import White
 from flexdesign.evidence.suite import Suite
@@ -29,7 +30,7 @@ def shared(run: Run, p: float, q: float) -> Array:
 def test_a_model_is_evaluated_with_nothing_but_initial_conditions_fitted() -> None:
     """By linear algebra; its own numbers stay, and the Jacobian holds them all the same."""
     about = case({})
-    found = stands.evaluated(about, stage().replace({"p": 1.5, "q": -0.7}))
+    found = calibration.evaluated(about, stage().replace({"p": 1.5, "q": -0.7}))
     assert found is not None
     values = {p.name: p.start for p in found.model.parameters()}
     assert (values["p"], values["q"]) == (1.5, -0.7)
@@ -38,7 +39,7 @@ def test_a_model_is_evaluated_with_nothing_but_initial_conditions_fitted() -> No
             run = record.observation
             expected = left_by_its_own(run, shared(run, 1.5, -0.7))  # type: ignore[arg-type]
             missed = float(np.sum((found.remainders[run.name] - expected) ** 2)) / SIGMA**2
-            assert missed < stands.CALIBRATION_SHARE * found.cost  # a fit ends where no step promises more
+            assert missed < calibration.CALIBRATION_SHARE * found.cost  # a fit ends where no step promises more
     assert {"p", "q"} <= set(found.solution.problem.where.names)
     assert set(found.solution.columns()) >= {"p", "q"}
 
