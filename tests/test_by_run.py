@@ -13,7 +13,7 @@ from scipy.signal import TransferFunction, lsim
 
 from flexdesign.diagnosis import Diagnosis, adding, diagnose
 from flexdesign.dynamics.axis_model import AxisDynamics
-from flexdesign.report import diagnosis_report, diagnosis_words
+from flexdesign.report import diagnosis_report, diagnosis_result, diagnosis_words
 from flexdesign.runs import Run
 from flexdesign.stage_model import AxisModel, StageModel
 
@@ -93,7 +93,7 @@ def test_a_random_walk_is_no_rate_of_each_run() -> None:
 
 def test_the_report_has_the_value_of_each_run() -> None:
     found = found_in((3.0e-7, 2.0e-7, 6.0e-7, 1.0e-7, 4.0e-7, 2.5e-7))
-    result = diagnosis_report.result(found, [])
+    result = diagnosis_result.result(found, [])
     assert set(result["effects"][0]["by_run"]) == {f"run{k}" for k in range(6)}
     json.dumps(result, allow_nan=False)
     document = diagnosis_report.document(found, [])

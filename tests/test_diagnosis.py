@@ -21,9 +21,20 @@ from scipy.signal import lfilter, lsim
 from flexdesign import effects
 from flexdesign.diagnosis import Diagnosis, adding, diagnose
 from flexdesign.diagnosis.candidates import candidates
+from flexdesign.diagnosis.conflicts import conflicts
 from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.findings import Course
-from flexdesign.diagnosis.judgement import ADEQUATE, ERRORS, LARGE, conclude, decide, ladder_of, levels, remainder
+from flexdesign.diagnosis.judgement import (
+    ADEQUATE,
+    ERRORS,
+    LARGE,
+    conclude,
+    decide,
+    is_adequate,
+    ladder_of,
+    levels,
+    remainder,
+)
 from flexdesign.diagnosis.periodic import frequencies
 from flexdesign.diagnosis.rounding import rounded
 from flexdesign.diagnosis.setting import Setting, settle
@@ -153,7 +164,10 @@ def concluded(about: Setting, course: Course, left: Rival | None = None, is_bett
     left = left or rival()
     verdict, named = decide(about, course, left, lambda *_: is_better_smooth)
     ladder = [course.designed, *ladder_of(course, named)]
-    return conclude(StageModel({"x": about.axis}), about, course, left, verdict, ladder, ())
+    moved = conflicts(about, named)
+    is_done = is_adequate(about, course.final, left)
+    implied = [each for each in moved if each.named is not None and is_done]
+    return conclude(StageModel({"x": about.axis}), about, course, left, verdict, ladder, (), moved, implied)
 
 
 def trial_of(before: Stand, after: Stand, names: tuple[str, ...] = ()) -> Trial:
@@ -494,7 +508,7 @@ def test_rounding_of_slow_motion_is_coloured_noise() -> None:
 def test_candidates_are_the_catalogue_without_what_the_axis_has() -> None:
     model = AxisDynamics("x", replace(AXIS, effects={"creep": {"per_decade": 0.01, "t0": 0.1}}), 100.0)
     names = [candidate.name for candidate in candidates(model)]
-    absent = {"creep", "payload_mass", "stiffness_loss", "sensor_gain", "quantisation"}
+    absent = {"creep", "payload_mass", "stiffness_loss", "sensor_gain", "sensor_delay", "quantisation"}
     assert set(effects.names()) - set(names) == absent
     assert len(names) == len(set(names))
     assert "payload_mass" in [c.name for c in candidates(model, loaded=True)]

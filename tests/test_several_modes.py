@@ -16,7 +16,7 @@ from flexdesign.diagnosis import Diagnosis, diagnose
 from flexdesign.diagnosis.candidates import candidates
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
-from flexdesign.report import diagnosis_report, diagnosis_words
+from flexdesign.report import diagnosis_result, diagnosis_words
 from flexdesign.runs import FrequencyResponse
 from flexdesign.stage_model import AxisModel, StageModel, to_toml
 
@@ -108,7 +108,7 @@ def test_a_further_mode_is_written_and_read_and_comes_after_the_first(tmp_path: 
     assert again.numbers["second_mode.2.frequency"] == pytest.approx(180.0, rel=1e-3)
     # In words and in numbers both are told apart.
     assert "another second mode (second_mode.2)" in diagnosis_words.verdict(found)
-    result = diagnosis_report.result(found, [])
+    result = diagnosis_result.result(found, [])
     assert [each["name"] for each in result["effects"]] == ["second_mode", "second_mode.2"]
     json.dumps(result, allow_nan=False)
 

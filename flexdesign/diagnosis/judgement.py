@@ -328,10 +328,7 @@ def values_of(stand: Stand, names: Sequence[str], known_variance: float | None =
     present = where.values(x)
     shown = [name for name in where.names if name in names]
     found = intervals(stand.solution, shown, known_variance=known_variance)
-    return tuple(
-        Value(e.parameter, present[e.name] if e.value is None else e.value, e.interval or e.parameter.plausible)
-        for e in found
-    )
+    return tuple(Value(e.parameter, present[e.name], e.interval or e.parameter.plausible) for e in found)
 
 
 def own_numbers(stand: Stand) -> list[str]:

@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 from flexdesign.evidence.case import Case
-from flexdesign.evidence.coordinates import coordinate
 from flexdesign.evidence.model_comparison import HALF_WIDTH, LEVEL
 from flexdesign.evidence.stand import Stand, fitted
 from flexdesign.model import Model
@@ -46,11 +45,11 @@ def hold_undetermined(case: Case, stand: Stand, base: Model) -> tuple[Stand, tup
 
 
 def _is_open(stand: Stand, name: str, default: float) -> bool:
-    """Tell whether the interval of a number holds the value of the catalogue, or nearly all that is plausible."""
+    """Tell whether the interval of a number holds zero where that is the catalogue's value, or nearly all that is plausible."""
     where, solution = stand.solution.problem.where, stand.solution
     j = where.names.index(name)
     parameter, span = where.parameters[j], float(where.span[j])
     half = HALF_WIDTH * math.sqrt(max(float(solution.covariance[j, j]) * stand.discrepancy, 0.0))
     if math.isfinite(span) and 2 * half > SHARE_OF_RANGE * span:
         return True
-    return (default > 0 or parameter.scale == "linear") and abs(solution.x[j] - coordinate(parameter, default)) < half
+    return default == 0 and parameter.scale == "linear" and abs(float(solution.x[j])) < half
