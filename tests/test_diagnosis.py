@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 from typing import Any, Literal
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter, lsim
 
 from flexdesign import effects
-from flexdesign.diagnosis import Diagnosis, adding, diagnose
+from flexdesign.diagnosis import Diagnosis, adding, diagnose, judgement
 from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.conflicts import conflicts
 from flexdesign.diagnosis.features import Features
@@ -43,6 +44,8 @@ from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_run import of_axis
 from flexdesign.errors import InputError
 from flexdesign.evidence.coloured import Coloured, Process
+from flexdesign.evidence.coordinates import value as value_at
+from flexdesign.evidence.identifiability import Estimate
 from flexdesign.evidence.marquardt import Solution
 from flexdesign.evidence.model_comparison import Step, Trial
 from flexdesign.evidence.rival import Rival
@@ -167,7 +170,20 @@ def concluded(about: Setting, course: Course, left: Rival | None = None, is_bett
     moved = conflicts(about, named)
     is_done = is_adequate(about, course.final, left)
     implied = [each for each in moved if each.named is not None and is_done]
-    return conclude(StageModel({"x": about.axis}), about, course, left, verdict, ladder, (), moved, implied)
+    with mock.patch.object(judgement, "intervals", quadratic):  # hand-made fits have no Jacobian to profile by
+        return conclude(StageModel({"x": about.axis}), about, course, left, verdict, ladder, (), moved, implied)
+
+
+def quadratic(solution: Solution, names: Sequence[str], **_: Any) -> tuple[Estimate, ...]:
+    """Intervals of 1.96 standard deviations of the coordinates, within the plausible range."""
+    where, made = solution.problem.where, []
+    for j, parameter in enumerate(where.parameters):
+        if parameter.name in names:
+            half = 1.96 * math.sqrt(max(float(solution.covariance[j, j]), 0.0))
+            ends = np.clip([solution.x[j] - half, solution.x[j] + half], where.lower[j], where.upper[j])
+            low, high = sorted(value_at(parameter, float(end)) for end in ends)
+            made.append(Estimate(parameter, value_at(parameter, float(solution.x[j])), None, (low, high), True))
+    return tuple(made)
 
 
 def trial_of(before: Stand, after: Stand, names: tuple[str, ...] = ()) -> Trial:

@@ -45,7 +45,7 @@ def hold_undetermined(case: Case, stand: Stand, base: Model) -> tuple[Stand, tup
 
 
 def _is_open(stand: Stand, name: str, default: float) -> bool:
-    """Tell whether the interval of a number holds zero where that is the catalogue's value, or nearly all that is plausible."""
+    """Tell whether the interval of a number holds a default of zero, or nearly all that is plausible."""
     where, solution = stand.solution.problem.where, stand.solution
     j = where.names.index(name)
     parameter, span = where.parameters[j], float(where.span[j])

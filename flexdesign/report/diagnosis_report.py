@@ -159,7 +159,7 @@ def by_run_table(by_run: Mapping[str, Value]) -> list[Table]:
 
 
 def _stand_name(found: Diagnosis) -> str:
-    names = [said.called(named.name) for named in found.effects]
+    names = [said.called(named.name) for named in found.effects] or [said.called(name) for name in found.near]
     return f"with {words.listed(names)}"
 
 

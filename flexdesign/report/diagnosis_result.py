@@ -143,7 +143,7 @@ def by_run_json(by_run: Mapping[str, Value]) -> dict[str, Any]:
 def _named(found: Diagnosis, named: Named) -> dict[str, Any]:
     effect = effects.find(named.name)
     return {
-        "name": effect.name,
+        "name": effect.name if named.name.endswith(".py") else named.name,
         "parameters": [value_json(value) for value in named.values],
         "by_run": by_run_json(named.by_run),
         "share": named.share,
