@@ -165,12 +165,13 @@ def judged(
 
 def concluded(about: Setting, course: Course, left: Rival | None = None, is_better_smooth: bool = False) -> Diagnosis:
     left = left or rival()
-    verdict, named = decide(about, course, left, lambda *_: is_better_smooth)
-    ladder = [course.designed, *ladder_of(course, named)]
-    moved = conflicts(about, named)
-    is_done = is_adequate(about, course.final, left)
-    implied = [each for each in moved if each.named is not None and is_done]
-    with mock.patch.object(judgement, "intervals", quadratic):  # hand-made fits have no Jacobian to profile by
+    # Hand-made fits have no Jacobian to profile by, and one sample for a residual, which looks white.
+    with mock.patch.object(judgement, "intervals", quadratic), mock.patch.object(Stand, "is_white", False):
+        verdict, named = decide(about, course, left, lambda *_: is_better_smooth)
+        ladder = [course.designed, *ladder_of(course, named)]
+        moved = conflicts(about, named)
+        is_done = is_adequate(about, course.final, left)
+        implied = [each for each in moved if each.named is not None and is_done]
         return conclude(StageModel({"x": about.axis}), about, course, left, verdict, ladder, (), moved, implied)
 
 
@@ -179,7 +180,8 @@ def quadratic(solution: Solution, names: Sequence[str], **_: Any) -> tuple[Estim
     where, made = solution.problem.where, []
     for j, parameter in enumerate(where.parameters):
         if parameter.name in names:
-            half = 1.96 * math.sqrt(max(float(solution.covariance[j, j]), 0.0))
+            scale = max(solution.cost / solution.problem.suite.samples, 1.0)
+            half = 1.96 * math.sqrt(max(float(solution.covariance[j, j]), 0.0) * scale)
             ends = np.clip([solution.x[j] - half, solution.x[j] + half], where.lower[j], where.upper[j])
             low, high = sorted(value_at(parameter, float(end)) for end in ends)
             made.append(Estimate(parameter, value_at(parameter, float(solution.x[j])), None, (low, high), True))
