@@ -22,8 +22,9 @@ from flexdesign.dynamics.axis_run import acts_ahead_of_stack
 from flexdesign.dynamics.stage import missing
 from flexdesign.errors import InputError
 from flexdesign.evidence.case import Case
+from flexdesign.evidence.model_comparison import HALF_WIDTH
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.stand import Stand, fitted, tested
+from flexdesign.evidence.stand import Stand, fit, predict_tests
 from flexdesign.experiments import AS_MODELLED
 from flexdesign.model import OTHER, Disturbance
 from flexdesign.noise_floor import LineNoise, NoiseFloor
@@ -31,8 +32,6 @@ from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.simulation import Simulation
 from flexdesign.stage_model import StageModel, fields
 
-#: Half-width of a 95 % interval, in standard deviations.
-HALF_WIDTH = 1.96
 #: What shows an effect in a closed loop: a step and a sine, under these controllers.
 SHOWN, CONTROLLERS = ("step", "sine"), ("robust", "feedforward + robust")
 #: From so many values an effect is fitted that promises nothing.
@@ -135,7 +134,7 @@ def add(
     setting = settle(model, runs, axis, None, noise)
     _check(setting, name, model)
     with task.simulating(threads) as each:
-        setting = task.with_better_between(model, setting, each, progress)
+        setting = task.choose_interpolation(model, setting, each, progress)
         dynamics, case = task.case_of(model, setting, each, progress)
 
         @cache
@@ -146,7 +145,7 @@ def add(
         case, gone = course.search(setting, case, dynamics, alone, seed)
         (candidate,) = alone(gone.calibrated)
         final, reason = _added(case, gone, candidate)
-        ladder = [tested(case, stand) for stand in (gone.designed, gone.calibrated, final)]
+        ladder = [predict_tests(case, stand) for stand in (gone.designed, gone.calibrated, final)]
         named = with_runs(Named(name, judgement.values_of(final, candidate.free), 0.0), of_runs(case, final))
         own_values = judgement.values_of(final, judgement.own_numbers(final))
     errors = [setting.test_error(stand) for stand in ladder]
@@ -183,7 +182,7 @@ def _added(case: Case, gone: Course, candidate: Candidate) -> tuple[Stand, str]:
         return best.stand, best.reason
     # It promises nothing; its value then says how large it may be at most.
     model = case.fine(candidate.add(gone.calibrated.model))
-    tried = [fitted(case, model, (candidate,), values) for values in candidate.trials[:TRIALS]]
+    tried = [fit(case, model.replace(values), (candidate,)) for values in candidate.trials[:TRIALS]]
     made = [stand for stand in tried if stand is not None]
     if made:
         return min(made, key=lambda stand: stand.cost), "no more than chance gives"

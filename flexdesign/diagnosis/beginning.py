@@ -100,8 +100,8 @@ def offset_residual(dynamics: AxisDynamics, run: Run) -> Array:
     return np.asarray(left - np.nanmean(left))
 
 
-def in_time(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
-    """Return the model with all runs as late as the data ask for, if that is more than slopes would find.
+def grid_delay(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
+    """Return the model with the common trigger delay that fits best on a grid, if that is more than one step.
 
     From half a period of the mode on, a fit that begins without delay goes the wrong way.
     """
@@ -112,13 +112,12 @@ def in_time(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
         return dynamics.replace({f"{run}:{TRIGGER}": late for run in dynamics.apart})
 
     step = IN_TIME / dynamics.first.natural_frequency
-    costs = {late: _cost(case, late_by(late)) for late in np.arange(0.0, LATEST, step).tolist()}
-    best = min(costs, key=lambda late: costs[late])
+    best = min(np.arange(0.0, LATEST, step).tolist(), key=lambda late: _cost(case, late_by(late)))
     return late_by(best) if best > step else dynamics
 
 
-def in_tune(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
-    """Return the model with the natural frequency that the data ask for, if that is farther than slopes would find."""
+def grid_frequency(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
+    """Return the model with the natural frequency that fits best on a grid, if that is more than one step away."""
     if "natural_frequency" not in case.free:  # the runs do not show it
         return dynamics
     designed = dynamics.first.natural_frequency
@@ -127,14 +126,12 @@ def in_tune(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
         return dynamics.replace({"natural_frequency": factor * designed})
 
     factors = (1 + np.arange(-OUT_OF_TUNE, OUT_OF_TUNE + IN_TUNE / 2, IN_TUNE)).tolist()
-    costs = {factor: _cost(case, tuned(factor)) for factor in factors}
-    best = min(costs, key=lambda factor: costs[factor])
+    best = min(factors, key=lambda factor: _cost(case, tuned(factor)))
     return tuned(best) if abs(best - 1) > 1.5 * IN_TUNE else dynamics
 
 
 def _cost(case: Case, model: AxisDynamics) -> float:
-    """Return what a model leaves of the runs that are fitted, nothing of it fitted but what may add to a record."""
+    """Return chi^2 of the fitted runs, of which only what enters linearly is fitted."""
     where = case.coordinates(model, (), case.identify)
-    problem = case.problem(case.identify, model, where)
-    left = problem.residuals(where.start)
-    return math.inf if left is None else float(sum(e @ e for e in left))
+    residuals = case.problem(case.identify, model, where).residuals(where.start)
+    return math.inf if residuals is None else float(sum(part @ part for part in residuals))

@@ -34,13 +34,11 @@ from flexdesign.evidence.model_comparison import (
     Step,
     Trial,
     best_of,
-    evaluate,
+    compare,
     explained_share,
-    is_alike,
 )
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.selection import backward, excess
-from flexdesign.evidence.stand import Stand, fitted
+from flexdesign.evidence.stand import Stand, fit
 from flexdesign.model import Disturbance, Model, Parameter
 from flexdesign.runs import Run
 
@@ -66,7 +64,7 @@ class ByRun:
 # --- selection ------------------------------------------------------------------------------------------------------
 
 
-def vary_by_run(case: Case, stand: Stand, names: Sequence[str]) -> Stand:
+def vary_by_run(case: Case, stand: Stand, names: Sequence[str] | None = None) -> Stand:
     """Return the fit in which strengths differ from run to run where the runs call for that; itself where they do not.
 
     Parameters
@@ -76,26 +74,28 @@ def vary_by_run(case: Case, stand: Stand, names: Sequence[str]) -> Stand:
     stand
         A fit with effects.
     names
-        Those that are asked about.
+        Effects that are asked about; by default all.
     """
-    runs, tested = _runs(case, stand), _varying(stand, names)
+    runs, tested = _runs(case, stand), _varying(stand, stand.names if names is None else names)
     level = LEVEL / max(len(tested), 1)
     for effect in tested if runs else ():
         score = _score_of(stand, effect.strength, runs)
-        if score.promise > max(float(chdtri(len(runs) - 1, level)), SHARE * excess(stand)):
-            made = _fitted(case, stand, stand.model, stand.effects, effect.strength, score)
+        if score.promise > max(float(chdtri(len(runs) - 1, level)), SHARE * stand.excess):
+            made = _fit(case, stand, stand.model, stand.effects, effect.strength, score)
             if made is not None and _is_needed(case, stand, made, effect.strength, level):
                 stand = made
     return stand
 
 
-def chosen_by_run(case: Case, before: Stand, step: Step, candidates: Sequence[Candidate]) -> Step:
+def vary_step(case: Case, before: Stand, step: Step, *, candidates: Sequence[Candidate]) -> Step:
     """Return a step of the selection in which strengths may differ from run to run, chosen anew where one does.
 
     An effect whose numbers differ explains less than it can while it has one for all runs, next to nothing where their
     mean is next to nothing, and another may be taken for it.
     """
     runs, varied = _runs(case, before), list[Trial]()
+    if step.chosen is not None and not step.chosen.stand.exceeds_noise:
+        return step
     for trial in step.trials if runs else ():
         promised = sum(
             _score_of(trial.stand, each.strength, runs).promise for each in _varying(trial.stand, trial.names)
@@ -104,34 +104,18 @@ def chosen_by_run(case: Case, before: Stand, step: Step, candidates: Sequence[Ca
             continue  # it cannot win
         stand = vary_by_run(case, trial.stand, trial.names)
         if stand is not trial.stand:
-            varied.append(evaluate(case, before, stand, trial.names, trial.score))
+            varied.append(compare(case, before, stand, trial.names, trial.score))
     least = step.trials[0].score if step.trials else float(chdtri(1, LEVEL))
+    known = {name for trial in (*step.trials, *varied) for name in trial.names if not trial.reason}
     for candidate in candidates if runs else ():
-        known = {name for trial in (*step.trials, *varied) for name in trial.names if not trial.reason}
         if candidate.name not in known and candidate.name not in before.names and _adds(candidate):
             made = _with(case, before, candidate, runs, LEVEL / len(candidates))
-            varied += [] if made is None else [evaluate(case, before, made, (candidate.name,), least)]
+            varied += [] if made is None else [compare(case, before, made, (candidate.name,), least)]
     if not varied:
         return step
     names = [trial.names for trial in varied]
     trials = sorted((*varied, *(t for t in step.trials if t.names not in names)), key=lambda trial: trial.stand.total)
-    best = best_of(case, trials)
-    if best is None or best.names not in names:
-        return replace(step, trials=tuple(trials))
-    fine = fitted(case, case.fine(best.stand.model), best.stand.effects, {}, old=best.stand.solution.columns())
-    best = best if fine is None else evaluate(case, before, fine, best.names, best.score)
-    others = tuple(trial for trial in trials if trial.names != best.names)
-    return Step(best, (best, *others), tuple(t for t in others if not t.reason and is_alike(best.stand, t.stand)))
-
-
-def needed_by_run(case: Case, stand: Stand, base: AxisDynamics, candidates: Sequence[Candidate]) -> Stand:
-    """Return the fit without effects that lost their place, in which strengths differ where the runs call for that.
-
-    Parameters are those of `flexdesign.evidence.selection.backward`.
-    """
-    by_run = cast(AxisDynamics, stand.model).by_run
-    stand = backward(case, stand, replace(base, by_run=by_run), candidates)
-    return vary_by_run(case, stand, stand.names)
+    return Step(best_of(case, trials), tuple(trials))
 
 
 def _varying(stand: Stand, names: Sequence[str]) -> list[Candidate]:
@@ -208,13 +192,13 @@ def _with(case: Case, stand: Stand, candidate: Candidate, runs: Sequence[str], l
         return None
     moves = [suite.whitened(record, np.where(record.present, moved, 0.0)) for record, moved in pairs]
     score = _score(stand, [-move / values[candidate.strength] for move in moves], runs, 0.0)
-    if score.promise < max(float(chdtri(len(runs), level)), SHARE * excess(stand)):
+    if score.promise < max(float(chdtri(len(runs), level)), SHARE * stand.excess):
         return None
-    made = _fitted(case, stand, case.fine(model), (*stand.effects, candidate), candidate.strength, score)
+    made = _fit(case, stand, case.fine(model), (*stand.effects, candidate), candidate.strength, score)
     return made if made is not None and _is_needed(case, stand, made, candidate.strength, level) else None
 
 
-def _fitted(
+def _fit(
     case: Case, stand: Stand, model: Model, together: tuple[Candidate, ...], name: str, score: _Score
 ) -> Stand | None:
     """Return the fit in which a number differs from run to run, by about its own size: a weak prior."""
@@ -225,7 +209,7 @@ def _fitted(
     low, high = _parameter(model, name).plausible
     start = {f"{run}:{name}": value - mean for run, value in score.values.items()}
     varied = replace(model.replace({name: min(max(mean, low), high)}), by_run={**model.by_run, name: size})
-    return fitted(case, varied.replace(start), together, {})
+    return fit(case, varied.replace(start), together)
 
 
 def _is_needed(case: Case, before: Stand, after: Stand, name: str, level: float) -> bool:

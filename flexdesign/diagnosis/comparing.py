@@ -20,8 +20,8 @@ from flexdesign.diagnosis.setting import settle
 from flexdesign.diagnosis.standing import compared
 from flexdesign.diagnosis.task import BELIEVED, case_of, simulating
 from flexdesign.errors import InputError
-from flexdesign.evidence.calibration import evaluated
-from flexdesign.evidence.stand import tested
+from flexdesign.evidence.calibration import evaluate_design
+from flexdesign.evidence.stand import predict_tests
 from flexdesign.noise_floor import LineNoise, NoiseFloor
 from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.stage_model import StageModel
@@ -82,10 +82,10 @@ def compare(
     setting = settle(model, every, plain.axis, None, noise)
     with simulating(threads) as each:
         dynamics, case = case_of(model, setting, each, progress)
-        stand = evaluated(replace(case, free=(), believed=BELIEVED), dynamics)
+        stand = evaluate_design(replace(case, free=(), believed=BELIEVED), dynamics)
     if stand is None:
         raise InputError("model", f"axis.{plain.axis}", None, "cannot be simulated at the values it has")
-    residuals = {name: np.asarray(rest) for name, rest in tested(case, stand).remainders.items()}
+    residuals = {name: np.asarray(rest) for name, rest in predict_tests(case, stand).remainders.items()}
     roles = {run.name: run.role for run in plain.runs}
     alone = {run.name: float(np.sqrt(np.nanmean(offset_residual(dynamics, run) ** 2))) for run in setting.runs}
     seen = tuple(replace(run, role=roles[run.name]) for run in setting.runs)

@@ -22,10 +22,11 @@ from flexdesign.diagnosis.findings import Named, Value
 from flexdesign.diagnosis.setting import Setting
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_parameters import DELAY, SENSOR_DELAY, TRIGGER
-from flexdesign.evidence.calibration import CALIBRATION_SHARE
+from flexdesign.evidence.calibration import STARTED
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.coordinates import value
-from flexdesign.evidence.stand import Stand, fitted
+from flexdesign.evidence.model_comparison import HALF_WIDTH
+from flexdesign.evidence.stand import Stand, fit
 from flexdesign.model import Parameter
 
 #: A number that the fit moves by more standard deviations of what was known than this is a finding.
@@ -33,8 +34,6 @@ CONFLICT = 3.0
 #: Beside a remainder an effect is named that explains this many times as much as remains, in mean squares: two thirds
 #: of what both are together.
 LARGE = 2.0
-#: Half-width of a 95 % interval, in standard deviations.
-HALF_WIDTH = 1.96
 #: A run shows how late it began where that is known better afterwards, by this factor.
 SHOWN = 0.5
 
@@ -109,7 +108,7 @@ def explains(setting: Setting, case: Case, stand: Stand, conflict: Conflict) -> 
     else:
         case = replace(case, free=tuple(name for name in case.free if name != conflict.number))
         held = model.replace({conflict.number: setting.known[conflict.number][0]})
-    without = fitted(case, held, stand.effects, {}, share=CALIBRATION_SHARE, exact=False)
+    without = fit(case, held, stand.effects, effort=STARTED)
     rest = setting.error(stand) ** 2 - setting.known_floor**2
     return without is None or setting.error(without) ** 2 - setting.error(stand) ** 2 >= LARGE * rest
 

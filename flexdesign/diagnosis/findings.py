@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from flexdesign.evidence.model_comparison import Step
@@ -91,20 +91,16 @@ class Rung:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """How a diagnosis went: the stands from the designed model to the last effect.
+    """The course of a selection, from the design to the last effect.
 
     Parameters
     ----------
     designed, calibrated
-        The model as it was, where runs began fitted; and with its own numbers fitted.
+        The design, with initial conditions fitted; and with its own numbers fitted.
     stands
-        With one more step of effects each.
+        The fit after each step that added effects.
     steps
         What was tried at each step, the last one without success.
-    final
-        The last stand, without effects that lost their place.
-    agreed
-        How many starts of the calibration ended at the best minimum.
     undetermined
         The model's own numbers that these runs cannot show: they keep their design values.
     is_refused
@@ -115,10 +111,17 @@ class Course:
     calibrated: Stand
     stands: tuple[Stand, ...]
     steps: tuple[Step, ...]
-    final: Stand
-    agreed: int
     undetermined: tuple[str, ...] = ()
     is_refused: bool = False
+
+    @property
+    def final(self) -> Stand:
+        """The last fit."""
+        return self.stands[-1] if self.stands else self.calibrated
+
+    def with_final(self, stand: Stand) -> Course:
+        """Return the course with another last fit of the same effects."""
+        return replace(self, stands=(*self.stands[:-1], stand))
 
 
 @dataclass(frozen=True, eq=False)

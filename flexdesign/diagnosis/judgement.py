@@ -14,7 +14,7 @@ from flexdesign.diagnosis.conflicts import LARGE, Conflict
 from flexdesign.diagnosis.findings import Course, Diagnosis, Named, Rung, Tried, Value, Verdict
 from flexdesign.diagnosis.setting import Setting
 from flexdesign.evidence.intervals import intervals
-from flexdesign.evidence.model_comparison import LESS, Step, Trial
+from flexdesign.evidence.model_comparison import Step, Trial
 from flexdesign.evidence.rival import Rival
 from flexdesign.evidence.stand import Stand
 from flexdesign.stage_model import StageModel
@@ -112,25 +112,8 @@ def _jumps(setting: Setting, stand: Stand) -> int:
 
 
 def levels(course: Course) -> list[Stand]:
-    """Return the fits from the calibrated model on, each with further effects.
-
-    Two effects that were added together enter one after the other where the better one was fitted alone.
-    """
-    found = [course.calibrated]
-    trials = [trial for step in course.steps for trial in step.trials]
-    for stand in course.stands:
-        before = {*found[-1].names}
-        new = {*stand.names} - before
-        halves = [
-            trial.stand
-            for trial in trials
-            if len(new) == 2 and len(trial.names) == 1 and {*trial.names} < new and {*trial.stand.names} - new == before
-        ]
-        best = min(halves, key=lambda half: half.total, default=None)
-        found += [stand] if best is None else [best, stand]
-    if course.stands and course.final.names == found[-1].names:
-        found[-1] = course.final
-    return found
+    """Return the fits from the calibrated model on, each with further effects."""
+    return [course.calibrated, *course.stands]
 
 
 def decide(
@@ -354,7 +337,7 @@ def _tried(steps: Sequence[Step]) -> tuple[Tried, ...]:
 
 def _not_chosen(step: Step, trial: Trial) -> str:
     is_alike = any(trial.names == other.names for other in step.alike)
-    return "these runs cannot tell it from what was added" if is_alike else LESS
+    return "these runs cannot tell it from what was added" if is_alike else "explains less"
 
 
 def _offset_rung(alone: Array | None) -> tuple[Rung, ...]:

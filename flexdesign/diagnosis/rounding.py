@@ -10,7 +10,6 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
 from flexdesign.evidence.coloured import Coloured, Process
-from flexdesign.evidence.stand import Stand
 from flexdesign.runs import Run
 
 Array = NDArray[np.float64]
@@ -41,7 +40,9 @@ def coarse_step(readings: Array, noise: float, resolution: float) -> float | Non
     return None if np.abs(gaps / step - np.round(gaps / step)).max() > ON_THE_GRID else step
 
 
-def rounded(runs: Mapping[str, Run], noise: Coloured, stand: Stand, step: float, seed: int = 0) -> Coloured:
+def rounded(
+    runs: Mapping[str, Run], noise: Coloured, residuals: Mapping[str, Array], step: float, seed: int = 0
+) -> Coloured:
     """Return noise with the rounding that the predicted motion goes through, run by run.
 
     Parameters
@@ -50,19 +51,19 @@ def rounded(runs: Mapping[str, Run], noise: Coloured, stand: Stand, step: float,
         By name.
     noise
         As it was found in the readings; of a sensor with coarse steps most of it is rounding.
-    stand
-        What is predicted of each run: measured less remainder.
+    residuals
+        Measured less predicted of each run, by name [response].
     step
         Of the readings [response].
     seed
         Of the noise beneath the steps.
     """
-    drawn = list(errors(runs, noise, stand, step, DRAWS, seed))
+    drawn = list(errors(runs, noise, residuals, step, DRAWS, seed))
     return Coloured({name: _process([each[name][np.isfinite(each[name])] for each in drawn]) for name in runs})
 
 
 def errors(
-    runs: Mapping[str, Run], noise: Coloured, stand: Stand, step: float, count: int, seed: int = 0
+    runs: Mapping[str, Run], noise: Coloured, residuals: Mapping[str, Array], step: float, count: int, seed: int = 0
 ) -> Iterator[dict[str, Array]]:
     """Yield by how much readings differ from the predicted motion that they are rounded from, run by run; NaN at gaps.
 
@@ -74,7 +75,7 @@ def errors(
         for name, run in runs.items():
             beneath = min(noise.rms(name), HIDDEN * step)
             # Where the grid lies beneath an unknown offset is drawn, too.
-            moved = run.measured() - stand.remainders[name] + rng.uniform(0, step)
+            moved = run.measured() - residuals[name] + rng.uniform(0, step)
             found[name] = step * np.round((moved + beneath * rng.standard_normal(len(moved))) / step) - moved
         yield found
 

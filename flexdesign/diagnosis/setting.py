@@ -119,19 +119,19 @@ class Setting:
         if self.coarse_step is None:
             return None
         seen = {run.name: run for run in self.runs if run.name in stand.remainders}
-        made = rounding.rounded(seen, self.noise.whitening, stand, self.coarse_step)
+        made = rounding.rounded(seen, self.noise.whitening, stand.remainders, self.coarse_step)
         noise = Coloured(
             {run.name: (made if run.name in seen else self.noise.whitening).process(run.name) for run in self.runs}
         )
         return Mixed(noise, self.lines) if self.lines else noise
 
-    def drawn(self, stand: Stand) -> Iterator[Mapping[str, Array]]:
-        """Yield what rounding makes of a prediction, where readings come in coarse steps; else nothing."""
+    def drawn(self, residuals: Mapping[str, Array]) -> Iterator[Mapping[str, Array]]:
+        """Yield errors of rounding beside the residuals of a fit, where readings come in coarse steps; else nothing."""
         if self.coarse_step is None:
             return
         runs = {run.name: run for run in self.of("identify")}
         rng = np.random.default_rng(0)
-        for error in rounding.errors(runs, self.noise.whitening, stand, self.coarse_step, ROUNDED):
+        for error in rounding.errors(runs, self.noise.whitening, residuals, self.coarse_step, ROUNDED):
             lines = {each.name: self.lines[each.name].of_values for each in self.responses}
             yield {**error, **{name: sigma * rng.standard_normal(len(sigma)) for name, sigma in lines.items()}}
 

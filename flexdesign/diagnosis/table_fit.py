@@ -17,7 +17,7 @@ from flexdesign.effects import statics
 from flexdesign.evidence.coordinates import Coordinates, coordinate, coordinates, value
 from flexdesign.evidence.dataset import Suite
 from flexdesign.evidence.intervals import profiles_of
-from flexdesign.evidence.marquardt import Solution, solve
+from flexdesign.evidence.marquardt import MINIMUM, Solution, solve
 from flexdesign.evidence.suite import Problem
 from flexdesign.evidence.uncertainty import uncertainty
 from flexdesign.model import Observation, Parameter
@@ -132,7 +132,7 @@ def fitted(
     starts = [_values_of(near)] if near else _starts(free)
     points = [np.array([coordinate(p, start[p.name]) for p in problem.where.parameters]) for start in starts]
     costs = [problem.cost(x, problem.residuals(x)) for x in points]
-    found = solve(problem, points[int(np.argmin(costs))], small=SMALL)
+    found = solve(problem, points[int(np.argmin(costs))], MINIMUM, small=SMALL)
     if found is None:
         return None
     return Trial(tuple(names), cast(StaticModel, problem.at(found.x)), found.cost, len(table.rows), found)

@@ -12,22 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from flexdesign.diagnosis.beginning import (
-    InitialConditions,
-    known_of_start,
-    relaxing,
-    with_initial_conditions,
-)
+from flexdesign.diagnosis.beginning import InitialConditions, known_of_start, relaxing, with_initial_conditions
 from flexdesign.diagnosis.setting import Setting, line_weights
 from flexdesign.dynamics.axis_model import AxisDynamics
+from flexdesign.evidence.calibration import STARTED
 from flexdesign.evidence.case import Case
+from flexdesign.evidence.dataset import Suite
+from flexdesign.evidence.model_comparison import INDISTINGUISHABLE
 from flexdesign.evidence.noise import Whitening
 from flexdesign.evidence.sharing import Shared, sharing
-from flexdesign.evidence.stand import (
-    fitted,
-    moved,
-)
-from flexdesign.evidence.suite import Suite
+from flexdesign.evidence.stand import Stand, difference, fit
 from flexdesign.identification import HYSTERESIS, LINEAR
 from flexdesign.model import Model
 from flexdesign.stage_model import AxisModel, StageModel
@@ -43,8 +37,6 @@ EXACT_AT_LAST, STEPS_AT_LAST = 0.002, 64
 #: A run is no later than so many standard deviations, in the model as it was designed and where one record is all there
 #: is: it would be late by many samples for the lag that the model lacks. Several that are all late share a delay.
 BELIEVED = 4.0
-#: A measured command is taken as smooth if that lowers the cost by so many times what a sample leaves on average.
-SMOOTHER = 20.0
 #: A plausible change of a number of which nothing is known, relative.
 CHANGE = 0.3
 #: What is said of such a run.
@@ -58,7 +50,7 @@ def simulating(threads: int) -> Iterator[Shared]:
         yield each
 
 
-def with_better_between(model: StageModel, setting: Setting, each: Any, progress: Callable[[str], None]) -> Setting:
+def choose_interpolation(model: StageModel, setting: Setting, each: Any, progress: Callable[[str], None]) -> Setting:
     """Return the setting with measured commands smooth between their samples, if nobody said and that fits better.
 
     Straight lines make a sine of frequency w smaller by (w h)^2 / 12, which would pass for a lag or a further mode.
@@ -71,16 +63,14 @@ def with_better_between(model: StageModel, setting: Setting, each: Any, progress
         replace(run, between_samples="smooth", remarks=(*run.remarks, SMOOTH)) if run in unsaid else run
         for run in setting.runs
     )
-    tried = [setting, replace(setting, runs=smooth)]
-    stands = []
-    for each_setting in tried:
-        dynamics, case = case_of(model, each_setting, each, lambda _: None)
-        stands.append(fitted(case, dynamics, (), {}, exact=False))
-    straight, curved = stands
-    if straight is None or curved is None:
-        return setting
-    scale = max(straight.scale, 1.0)
-    return tried[1] if curved.cost < straight.cost - SMOOTHER * scale else setting
+    curved, found = replace(setting, runs=smooth), list[Stand]()
+    for tried in (setting, curved):
+        dynamics, case = case_of(model, tried, each, lambda _: None)
+        if (stand := fit(case, dynamics, effort=STARTED)) is None:
+            return setting
+        found.append(stand)
+    needed = INDISTINGUISHABLE * max(found[0].scale, 1.0)
+    return curved if found[1].cost < found[0].cost - needed else setting
 
 
 def _from_rest(axis: AxisModel) -> AxisModel:
@@ -126,6 +116,7 @@ def case_of(
         test=Suite(kept, noise, shapes) if (kept := setting.observed("test")) else None,
         free=free,
         known=known,
+        bare=lambda of: replace(dynamics, by_run=cast(AxisDynamics, of).by_run),
         tolerance=setting.tolerance,
         coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=True),
         fine=lambda of: cast(AxisDynamics, of).with_steps(fine),
@@ -154,12 +145,12 @@ def undetermined(case: Case, dynamics: AxisDynamics) -> tuple[str, ...]:
         value = dynamics.axis.numbers[name]
         relative = min(known[name][1] / abs(value), CHANGE) if name in known else CHANGE
         after = dynamics.replace({name: value * (1 + relative)})
-        if moved(case.identify, dynamics, after, case.weights) < case.tolerance:
+        if difference(case.identify, dynamics, after, case.weights) < case.tolerance:
             found.append(name)
     return tuple(found)
 
 
-def begun(case: Case, model: AxisDynamics, noise: Whitening | None = None) -> Case:
+def with_beginnings(case: Case, model: AxisDynamics, noise: Whitening | None = None) -> Case:
     """Return the case with the initial conditions of a calibrated model, and of slow effects that are added to it."""
     calibrated_axis = model.axis
 

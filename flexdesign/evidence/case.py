@@ -1,101 +1,74 @@
-"""What a diagnosis is about: runs that a fit may see, runs kept apart, and what was known before."""
+"""What a diagnosis fits: identification and validation runs, free numbers, and their priors."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.evidence.coordinates import Coordinates, coordinate, coordinates
-from flexdesign.evidence.marquardt import SHARE
-from flexdesign.evidence.residuals import MOVED, Map
-from flexdesign.evidence.suite import Problem, Suite
+from flexdesign.evidence.dataset import Suite
+from flexdesign.evidence.suite import Map, Problem
 from flexdesign.model import Model
-
-if TYPE_CHECKING:
-    from flexdesign.evidence.stand import Stand
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Fitting:
-    """How fits are made.
-
-    Parameters
-    ----------
-    share, last
-        None goes on where a step promises to lower the cost by less than this share; and that of the last one, whose
-        numbers are told.
-    moved
-        How far a finite difference should move the data, relative.
-    sparing
-        Whether simulations are saved that hardly change what is found: what effects do is not asked again at a stand
-        nearby.
-    """
-
-    share: float = SHARE
-    last: float = SHARE
-    moved: float = MOVED
-    sparing: bool = False
-
-
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What a diagnosis is about.
+    """What a diagnosis fits, and to what.
 
     Parameters
     ----------
     identify, validate
-        Runs that a fit may see, and runs kept apart.
+        Runs that are fitted, and runs by which models are chosen.
     free
-        Names of the numbers of the model itself that are fitted.
+        Names of the fitted numbers of the model itself.
     known
-        Returns what was known of a model's numbers: value and standard deviation, SI, by name.
+        Returns the priors of a model's numbers: mean and standard deviation, SI, by name.
+    bare
+        Returns a model without the effects that were added to it.
     tolerance
-        What an effect must at least move a held-out prediction, rms [response].
+        How far an effect must move the prediction of a validation run, rms [response].
     coarse, fine, finest
-        Make a model that predicts less exactly and faster, for screening; one that predicts exactly; and one whose
-        errors are small beside those of values that many samples determine, which are far below the noise.
+        Make a model that is simulated less exactly and faster, for screening; exactly; and so exactly that its errors
+        are small beside those of fitted numbers, which are far below the noise.
     sloping
-        Makes a model whose slopes serve in the place of a model's own, and may be had sooner.
+        Makes a model whose Jacobian serves in the place of a model's own, and takes less time.
     each
         Maps simulations, over threads perhaps; and whole fits that map theirs by it, see `flexdesign.evidence.sharing`.
     progress
         Told what is being done.
     designed
-        Values of the free numbers before anything was fitted, SI.
+        Values of the free numbers in the design, SI.
     floor
-        Rms noise of what judges [response]; zero where it is unknown.
+        Rms noise of the runs by which models are chosen [response]; zero where it is unknown.
     test
-        Runs that neither fit nor choice has seen; None if there are none.
+        Runs that neither fit nor choose; None if there are none.
     prepared
         Returns the case with the initial conditions that the effects of a model have.
     believed
-        How many standard deviations from what is known of it a number of one run may be.
+        How many standard deviations of its prior a number of one run may be from its mean.
     drawn
-        Yields errors that readings of the runs in `identify` may have at a stand, by run [response], where these are no
-        Gaussian noise; nothing where they are.
+        Yields errors that readings of the runs in `identify` may have, by run [response], where these are no Gaussian
+        noise; nothing where they are. It is given the residuals of a fit.
     weights
-        By the name of an observation what a value of it counts, beside `tolerance`, when it is asked how far an effect
-        moves a prediction; one where it is not there.
+        Weights of the values of an observation, by its name, beside `tolerance`; one where it is not there.
     scales
-        By the name of an observation whose values are not equally noisy what these are multiplied with before their
-        root mean square is stated: typical noise over their own.
+        Factors of the values of an observation whose values are not equally noisy, by its name: typical noise over
+        their own. Its rms residual is stated with them.
     judging
-        Names of the observations whose error is stated; by default those kept apart, or all if there are none.
-    fitting
-        How fits are made.
+        Names of the observations whose rms residual counts; by default those of `validate`, or all if there are none.
     """
 
     identify: Suite
     validate: Suite
     free: tuple[str, ...]
     known: Callable[[Model], Mapping[str, tuple[float, float]]]
+    bare: Callable[[Model], Model]
     tolerance: float
     coarse: Callable[[Model], Model] = lambda model: model
     fine: Callable[[Model], Model] = lambda model: model
@@ -108,20 +81,14 @@ class Case:
     test: Suite | None = None
     prepared: Callable[[Case, Model], Case] = lambda case, _: case
     believed: float = math.inf
-    drawn: Callable[[Stand], Iterable[Mapping[str, Array]]] = lambda _: ()
+    drawn: Callable[[Mapping[str, Array]], Iterable[Mapping[str, Array]]] = lambda _: ()
     weights: Mapping[str, Array] = field(default_factory=dict)
     scales: Mapping[str, Array] = field(default_factory=dict)
     judging: tuple[str, ...] = ()
-    fitting: Fitting = Fitting()
-
-    @property
-    def at_last(self) -> Case:
-        """The case as the last fit is made."""
-        return replace(self, fitting=replace(self.fitting, share=self.fitting.last))
 
     def problem(self, suite: Suite, model: Model, where: Coordinates) -> Problem:
-        """Return a model with free numbers, to be laid beside a suite."""
-        return Problem(suite, model, where, self.each, self.fitting.moved, self.sloping)
+        """Return the least-squares problem of a model with free numbers and a suite."""
+        return Problem(suite, model, where, self.each, self.sloping)
 
     def coordinates(self, model: Model, free: Sequence[str], suite: Suite) -> Coordinates:
         """Return free numbers and those of each run as coordinates."""
@@ -135,7 +102,7 @@ class Case:
 
 
 def _near(where: Coordinates, believed: float) -> Coordinates:
-    """Return coordinates with numbers of one run no more than so many standard deviations from what is known."""
+    """Return coordinates with numbers of one run no farther from their priors than so many standard deviations."""
     lower, upper = where.lower.copy(), where.upper.copy()
     for j, parameter in enumerate(where.parameters):
         if parameter.run and parameter.name in where.known:

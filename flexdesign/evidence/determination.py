@@ -7,27 +7,15 @@ from dataclasses import replace
 
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.model_comparison import HALF_WIDTH, LEVEL
-from flexdesign.evidence.stand import Stand, fitted
-from flexdesign.model import Model
+from flexdesign.evidence.stand import Stand, fit, with_effects
 
 #: A number is undetermined if its 95 % interval is wider than this share of the plausible range.
 SHARE_OF_RANGE = 0.5
 
 
-def hold_undetermined(case: Case, stand: Stand, base: Model) -> tuple[Stand, tuple[str, ...]]:
-    """Return the fit with undetermined numbers of its effects held, and their names; the same fit if there are none.
-
-    Parameters
-    ----------
-    case, stand
-        What is fitted, and the fit.
-    base
-        The model without effects, which with an effect has the values of the catalogue.
-    """
-    blank = base
-    for effect in stand.effects:
-        blank = effect.add(blank)
-    present = {parameter.name: parameter.start for parameter in blank.parameters()}
+def hold_undetermined(case: Case, stand: Stand) -> tuple[Stand, tuple[str, ...]]:
+    """Return the fit with undetermined numbers of its effects held, and their names; the same fit if there are none."""
+    present = {p.name: p.start for p in with_effects(case.bare(stand.model), stand.effects).parameters()}
     defaults = {
         name: float(present[name] or 0.0)
         for effect in stand.effects
@@ -37,8 +25,8 @@ def hold_undetermined(case: Case, stand: Stand, base: Model) -> tuple[Stand, tup
     if not defaults:
         return stand, ()
     effects = tuple(replace(e, free=tuple(n for n in e.free if n not in defaults)) for e in stand.effects)
-    made = fitted(case, stand.model.replace(defaults), effects, {}, old=None)
-    # An old value that contradicts the runs is none to hold.
+    made = fit(case, stand.model.replace(defaults), effects)
+    # A default that contradicts the runs is none to hold.
     if made is None or made.cost - stand.cost > -2.0 * math.log(LEVEL) * stand.discrepancy:
         return stand, ()
     return made, tuple(defaults)

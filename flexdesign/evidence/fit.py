@@ -16,7 +16,7 @@ from flexdesign.evidence.coordinates import coordinates
 from flexdesign.evidence.dataset import Shapes, Suite, channels
 from flexdesign.evidence.identifiability import Estimate, estimates
 from flexdesign.evidence.intervals import better_point, profiles_of
-from flexdesign.evidence.marquardt import Solution, solve
+from flexdesign.evidence.marquardt import MINIMUM, Effort, Solution, solve
 from flexdesign.evidence.multistart import Starts, multistart
 from flexdesign.evidence.noise import Noise, White, Whitening
 from flexdesign.evidence.sharing import sharing
@@ -212,7 +212,7 @@ def fit(
             if (better := better_point(intervals.values())) is None:
                 break
             progress("a better point was met: fitting again")
-            best, found = _balanced(solve(problem.anew(), better) or best, noise is not None)
+            best, found = _balanced(solve(problem.anew(), better, MINIMUM) or best, noise is not None)
             ended = Starts(ended.asked, ended.polished, 0)
             intervals = profiles_of(best, found, range(len(free)), profiles)
         return Fit(
@@ -239,7 +239,7 @@ def _balanced(solution: Solution, noise_is_known: bool) -> tuple[Solution, Uncer
     for _ in range(BALANCED):
         problem = solution.problem.anew(suite.scaled(scale) if scale != 1 else suite, central=True)
         small = ROUNDED * problem.suite.floor
-        solution = solve(problem, solution.x, share=POLISHED, small=small) or solution
+        solution = solve(problem, solution.x, Effort(30, POLISHED), small=small) or solution
         found = uncertainty(solution, scale**-2 if noise_is_known else None)
         if not problem.where.known or not found.variance:
             break

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.evidence.identifiability import Estimate, estimates
-from flexdesign.evidence.marquardt import Solution, polish, solve
+from flexdesign.evidence.marquardt import MINIMUM, Solution, polish, solve
 from flexdesign.evidence.profile_likelihood import Profile, profile, quadratic
 from flexdesign.evidence.uncertainty import Uncertainty, uncertainty
 
@@ -55,7 +55,7 @@ def intervals(
         checked = profiles_of(solution, found, places, profiles)
         if (better := better_point(checked.values())) is None:
             break
-        solution = solve(solution.problem.anew(), better) or solution
+        solution = solve(solution.problem.anew(), better, MINIMUM) or solution
     return estimates(solution, found, checked, reveal=reveal)
 
 

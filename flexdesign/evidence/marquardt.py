@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from flexdesign.evidence.suite import Problem, Slopes
 
 Array = NDArray[np.float64]
-#: A step that lowers the cost by less than this, or by this share of it, is the last.
-SMALL, SHARE = 0.1, 1e-6
+#: A step that promises to lower chi^2 by less than this is the last: it moves no number by a third of its deviation.
+SMALL = 0.1
 #: Slopes that were carried along serve while a step lowers the cost by this share of what they promise, and for so many
 #: steps; they say that nothing is left to be gained if the last one kept its promise so closely.
 LEAST_KEPT, LONGEST, KEPT_PROMISE = 0.1, 12, (0.7, 1.5)
@@ -27,6 +27,31 @@ DAMPING, EASED, RAISED, LARGEST_DAMPING = 1e-3, 0.2, 8.0, 1e8
 UNDAMPED = 1e-9
 #: Where slopes that were found so often at one point lead nowhere, the search ends.
 TWICE = 2
+
+
+@dataclass(frozen=True)
+class Effort:
+    """When a fit ends.
+
+    Parameters
+    ----------
+    jacobians
+        Largest number of times that the Jacobian is computed; with none, the fit goes as far as the known one leads.
+    share
+        A step that promises to lower chi^2 by less than this share of it is the last.
+    is_exact
+        Whether the Jacobian is computed once more at the end.
+    """
+
+    jacobians: int = 20
+    share: float = 1e-5
+    is_exact: bool = True
+
+
+#: A fit to its end; one that tells whether it is worth its time; and what the Jacobian known promises.
+FULL, ROUGH, QUICK = Effort(), Effort(3, 1e-3, is_exact=False), Effort(0, 1e-3, is_exact=False)
+#: The same without regard for time: to the minimum, and as far as one Jacobian leads.
+MINIMUM, FOLLOWING = Effort(30, 1e-6), Effort(0, 0.0, is_exact=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,39 +115,33 @@ Columns = Mapping[str, Sequence[Array | None]]
 
 
 def solve(
-    problem: Problem,
-    start: Array,
-    *,
-    most: int = 30,
-    share: float = SHARE,
-    old: Columns | None = None,
-    exact: bool = True,
-    small: float = SMALL,
+    problem: Problem, start: Array, effort: Effort = FULL, old: Columns | None = None, *, small: float = SMALL
 ) -> Solution | None:
     """Return the minimum near a point; None where the model fails there.
 
     Parameters
     ----------
     problem
-        Residuals and slopes.
+        Residuals and their Jacobian.
     start
         Coordinates; moved into the bounds.
-    most
-        Largest number of times that slopes are found.
-    share
-        A step that promises to lower the cost by less than this share of it is the last.
+    effort
+        When the search ends.
     old
-        Columns of slopes from a fit nearby, see `Problem.slopes`; the search begins with them.
-    exact
-        Whether slopes are found once more at the end.
+        Columns of the Jacobian of a fit nearby, see `Problem.slopes`; the search begins with them.
     small
         A step that promises to lower the cost by less than this is the last, too.
     """
-    if (search := _begun(problem, start, old, small)) is None:
+    x = np.clip(start, problem.where.lower, problem.where.upper)
+    if (residuals := problem.residuals(x)) is None:
         return None
-    for _ in range(most):
-        # Slopes that were carried along may promise too little: where it counts, those found here have the last word.
-        if search.descend(share) and (search.fresh or not exact):
+    search = _Search(problem, x, residuals, old, small)
+    if not effort.jacobians:
+        search.fresh = True  # where a step fails it is made shorter
+        search.descend(effort.share)
+    for _ in range(effort.jacobians):
+        # A Jacobian that was carried along may promise too little: where it counts, one computed here decides.
+        if search.descend(effort.share) and (search.fresh or not effort.is_exact):
             return search.solution(True)
         if search.looked == TWICE:
             break
@@ -130,13 +149,10 @@ def solve(
     return search.solution(False)
 
 
-def follow(problem: Problem, start: Array, *, old: Columns | None = None, small: float = SMALL) -> Solution | None:
-    """Return where steps lead that need one Jacobian, known or found at the start; None where the model fails there."""
-    if (search := _begun(problem, start, old, small)) is None:
-        return None
-    search.fresh = True  # no other Jacobian is found: where a step fails it is made shorter
-    search.descend(0.0)
-    return search.solution(False)
+def linearise(problem: Problem, x: Array) -> Solution | None:
+    """Return a point as it is, with the Jacobian there; None where the model fails."""
+    residuals = problem.residuals(x)
+    return None if residuals is None else _Search(problem, x, residuals, None, SMALL).solution(False)
 
 
 def polish(solution: Solution, small: float) -> Solution:
@@ -145,12 +161,6 @@ def polish(solution: Solution, small: float) -> Solution:
     search.fresh = True
     search.descend(0.0)
     return search.solution(solution.is_settled)
-
-
-def _begun(problem: Problem, start: Array, old: Columns | None, small: float) -> _Search | None:
-    x = np.clip(start, problem.where.lower, problem.where.upper)
-    residuals = problem.residuals(x)
-    return None if residuals is None else _Search(problem, x, residuals, old, small)
 
 
 class _Search:

@@ -1,4 +1,4 @@
-"""Whether an effect earns its place in a model: the one criterion of selection.
+"""Whether an effect is added to a model: the one criterion of selection.
 
 An effect is accepted if it passes four checks.
 
@@ -15,15 +15,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import chdtri
 
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.coordinates import coordinate
-from flexdesign.evidence.screening import Candidate, Moves
-from flexdesign.evidence.stand import Stand, at_null, moved
+from flexdesign.evidence.screening import Candidate
+from flexdesign.evidence.stand import Stand, at_null, difference
 
 #: Family-wise probability of a false effect in one step. Half of it or twice it moves the critical value by 1.4.
 LEVEL = 1e-3
@@ -33,10 +33,6 @@ SHARE = 0.05
 INDISTINGUISHABLE = 10.0
 #: Standard deviations of a 95 % interval.
 HALF_WIDTH = 1.96
-#: Reason for refusing an effect that may be there and does not matter.
-SMALL = "moves the prediction by less than the tolerance"
-#: Reason for refusing one that passes all checks, but is not the best.
-LESS = "explains less"
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +47,6 @@ class Trial:
         The fit.
     gain
         Fall of chi^2 of the fitted runs, less what the freedom of further initial conditions explains by chance.
-    held_gain
-        Fall of chi^2 of the validation runs.
-    moved
-        By how much it moves the prediction of the validation runs, rms [response].
     share
         Share of the unexplained mean square of the validation runs that it removes.
     error
@@ -63,18 +55,19 @@ class Trial:
         Critical value of the gain, discrepancy counted; and of the largest score of the catalogue.
     reason
         Why it is not accepted; empty if it is.
+    is_small
+        Whether it is refused because it moves the prediction by less than the tolerance.
     """
 
     names: tuple[str, ...]
     stand: Stand
     gain: float
-    held_gain: float
-    moved: float
     share: float
     error: float
     needed: float
     score: float
     reason: str
+    is_small: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,17 +79,19 @@ class Step:
     chosen
         The trial whose effects were added; None at the last step, where none was accepted.
     trials
-        All that were fitted, best first.
-    alike
-        Trials that these runs cannot tell from the chosen one.
-    moves
-        What effects do, where nothing was chosen and that may be asked again.
+        All that were evaluated, best first.
     """
 
     chosen: Trial | None
     trials: tuple[Trial, ...]
-    alike: tuple[Trial, ...] = ()
-    moves: Moves | None = field(default=None, repr=False)
+
+    @property
+    def alike(self) -> tuple[Trial, ...]:
+        """Accepted trials that these runs cannot tell from the chosen one."""
+        if self.chosen is None:
+            return ()
+        others = (trial for trial in self.trials if trial.names != self.chosen.names and not trial.reason)
+        return tuple(trial for trial in others if is_alike(self.chosen.stand, trial.stand))
 
 
 def critical_value(score: float, effects: Sequence[Candidate]) -> float:
@@ -113,34 +108,32 @@ def critical_value(score: float, effects: Sequence[Candidate]) -> float:
     return score + float(chdtri(max(free, 1), LEVEL) - chdtri(1, LEVEL))
 
 
-def evaluate(case: Case, before: Stand, after: Stand, names: tuple[str, ...], score: float) -> Trial:
+def compare(case: Case, before: Stand, after: Stand, names: tuple[str, ...], score: float) -> Trial:
     """Return the trial of effects that one fit has and the one before has not; see `critical_value` for `score`."""
     # Judged by the data alone: an effect is not needed because it lets a number stay at its prior.
     gain = before.seen_cost - after.seen_cost - max(after.nuisance_dof - before.nuisance_dof, 0.0)
-    held = before.held_cost - after.held_cost
     new = case.validate if case.validate.records else case.identify
-    judges = case.judging or [record.observation.name for record in new.records]
-    errors = [stand.rms(judges, case.scales) for stand in (before, after)]
+    errors = [stand.rms(case.judging or new.names, case.scales) for stand in (before, after)]
     added = [effect for effect in after.effects if effect.name in names]
     needed = critical_value(score, added) * after.discrepancy
-    far = moved(new, before.model, after.model, case.weights)
-    alone = min(moved(new, at_null(after.model, effect), after.model, case.weights) for effect in added)
-    share = explained_share(case, *errors)
-    reason = ""
+    far = difference(new, before.model, after.model, case.weights)
+    alone = min(difference(new, at_null(after.model, effect), after.model, case.weights) for effect in added)
+    share, is_small, reason = explained_share(case, *errors), False, ""
     if gain < needed:
         reason = "no more than chance gives"
-    elif case.validate.records and held <= 0:
+    elif case.validate.records and after.held_cost >= before.held_cost:
         reason = "does not help on the validation runs"
     elif case.validate.records and share < SHARE:
         reason = f"explains less than {100 * SHARE:.0f} % of what is unexplained"
     elif min(far, alone) < case.tolerance:
-        reason = SMALL if far < case.tolerance else f"itself {SMALL}"
+        is_small = far < case.tolerance
+        reason = f"{'' if is_small else 'itself '}moves the prediction by less than the tolerance"
     elif ends := [effect.strength for effect in added if effect.strength in after.at_bound()]:
         # Other numbers may come back as further effects are added.
         reason = f"{' and '.join(ends)} at the end of what is plausible"
     elif open_ := [effect.strength for effect in added if not is_determined(after, effect)]:
         reason = f"{' and '.join(open_)} is not determined: its 95 % interval includes the null"
-    return Trial(names, after, gain, held, far, share, errors[1], needed, score, reason)
+    return Trial(names, after, gain, share, errors[1], needed, score, reason, is_small)
 
 
 def is_determined(stand: Stand, effect: Candidate) -> bool:
@@ -166,36 +159,29 @@ def is_determined(stand: Stand, effect: Candidate) -> bool:
     return False
 
 
-def overruled(trials: Sequence[Trial]) -> list[Trial]:
-    """Return trials, best first, without those that explain no more than one that hardly moves the prediction."""
-    first = next((trial for trial in trials if trial.reason == SMALL), None)
-    if first is None:
-        return list(trials)
-    reason = f"explains no more than {' and '.join(first.names)}, which {SMALL}"
-    place = trials.index(first)
-    weaker = [trial if trial.reason else replace(trial, reason=reason) for trial in trials[place:]]
-    return [*trials[:place], *weaker]
-
-
 def best_of(case: Case, trials: Sequence[Trial]) -> Trial | None:
-    """Return the best accepted trial; a pair must beat the best single effect as an effect beside it would have to."""
-    accepted = sorted((trial for trial in trials if not trial.reason), key=lambda trial: trial.stand.total)
+    """Return the best accepted trial, or None.
+
+    What explains no more than an effect that hardly moves the prediction is no finding. A pair must beat the best
+    single effect as an effect beside it would have to.
+    """
+    accepted = list[Trial]()
+    for trial in sorted(trials, key=lambda trial: trial.stand.total):
+        if trial.is_small:
+            break
+        accepted += [] if trial.reason else [trial]
     single = next((trial for trial in accepted if len(trial.names) == 1), None)
     if not accepted or single is None or len(accepted[0].names) == 1:
         return accepted[0] if accepted else None
     pair = accepted[0]
     explained = explained_share(case, single.error, pair.error) if case.validate.records else 1.0
-    return single if behind(single, pair) < pair.needed or explained < SHARE else pair
+    is_more = single.stand.total - pair.stand.total >= pair.needed and explained >= SHARE
+    return pair if is_more else single
 
 
 def explained_share(case: Case, before: float, after: float) -> float:
     """Return the share of the unexplained mean square that goes where an rms residual falls."""
     return (before**2 - after**2) / max(before**2 - case.floor**2, 1e-300)
-
-
-def behind(trial: Trial, best: Trial) -> float:
-    """Return by how much a trial is worse than the best."""
-    return trial.stand.total - best.stand.total
 
 
 def is_alike(a: Stand, b: Stand) -> bool:

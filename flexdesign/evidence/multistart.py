@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.errors import InputError
-from flexdesign.evidence.marquardt import Solution, follow, solve
+from flexdesign.evidence.marquardt import FOLLOWING, MINIMUM, Solution, solve
 from flexdesign.evidence.suite import Problem
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ def multistart(
     found: list[Solution] = []
     agreed = 0
     for point in _points(problem, starts, seed):
-        if (ended := solve(problem.anew(), point, small=problem.suite.floor)) is not None:
+        if (ended := solve(problem.anew(), point, MINIMUM, small=problem.suite.floor)) is not None:
             found.append(ended)
         agreed = _agreed(problem, found)
         progress(f"start {len(found)} of {starts}: {agreed} at the best minimum")
@@ -107,7 +107,7 @@ def _points(problem: Problem, starts: int, seed: int) -> Iterator[Array]:
     early = sampled[: min(left, ENOUGH - 1)]
     yield from early
     if left := left - len(early):
-        stepped = list(problem.each(lambda x: follow(problem.anew(), x, small=problem.suite.floor), sampled))
+        stepped = list(problem.each(lambda x: solve(problem.anew(), x, FOLLOWING, small=problem.suite.floor), sampled))
         for solution in sorted(filter(None, stepped), key=lambda solution: solution.cost)[:left]:
             yield solution.x
 

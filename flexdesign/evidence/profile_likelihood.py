@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.evidence.coordinates import value
-from flexdesign.evidence.marquardt import Columns, Solution, follow, solve
+from flexdesign.evidence.marquardt import FOLLOWING, Columns, Effort, Solution, solve
 from flexdesign.evidence.uncertainty import Uncertainty
 
 Array = NDArray[np.float64]
@@ -135,11 +135,11 @@ class _Walk:
         x = np.clip(self.minimum.x + guess, where.lower, where.upper)
         x[self.j] = np.clip(self.minimum.x[self.j] + displacement, where.lower[self.j], where.upper[self.j])
         others = self.problem.fixed(self.j, float(x[self.j]), x)
-        found = follow(others, x[self.others], old=self.columns, small=small)
+        found = solve(others, x[self.others], FOLLOWING, self.columns, small=small)
         if found is None:
             return math.inf, x - self.minimum.x
         if self.rise_to(found, x) > TRUSTED[1] ** 2 * self.rise and self.others.size:
-            found = solve(others, found.x, share=0.0, small=small, old=found.columns(), exact=False) or found
+            found = solve(others, found.x, Effort(30, 0.0, is_exact=False), found.columns(), small=small) or found
             self.columns = found.columns()
         x[self.others] = found.x
         rise = self.rise_to(found, x)

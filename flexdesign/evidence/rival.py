@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from flexdesign.evidence.case import Case
-from flexdesign.evidence.stand import Stand, free_part
-from flexdesign.evidence.suite import Suite
+from flexdesign.evidence.dataset import Suite
+from flexdesign.evidence.stand import Stand, without_offset
 from flexdesign.model import Observation
 
 Array = NDArray[np.float64]
@@ -159,7 +159,7 @@ def _held(
             return 0.0, 0.0
         gained += float(before @ before - after @ after)
         whole = record.basis.shape[0] - record.columns.shape[1]
-        free = free_part(record, added, case.weights)
+        free = without_offset(record, added, case.weights)
         squares, count = sizes[record.observation.name in case.weights]
         sizes[record.observation.name in case.weights] = squares + float(free @ free), count + min(whole, len(free))
     return gained, max(float(np.sqrt(squares / count)) for squares, count in sizes.values() if count)

@@ -1,14 +1,14 @@
-"""Which of many effects could explain a residual: the score of each, without fitting any of them.
+"""Score of every effect that might explain a residual, without fitting any of them.
 
-An effect at a trial strength moves the prediction by d (whitened). What the free numbers of the model can imitate of
-that is taken out, d' = d - J (J'J)^-1 J'd, and what is left is laid beside the residual e. The cost promises to fall by
-(d'e)^2 / d'd', the score statistic of Rao (1948) with the slope at the null replaced by a secant, so that effects with
-a threshold, which have no slope there, are found as well. Hidden constants are tried over a grid. A sinusoid has two
-such columns in each run, as its phase is another in each.
+An effect at a trial strength moves the prediction by d (whitened). What the free numbers of the model can imitate is
+projected out, d' = d - J (J'J)^-1 J'd. chi^2 promises to fall by (d'e)^2 / d'd', with the residual e: the score
+statistic of Rao (1948) with a secant in the place of the derivative, so that effects with a threshold, whose derivative
+is zero at the null, are found as well. Hidden constants are tried on a grid. A sinusoid has two such columns in each
+run, as its phase is another in each.
 
-How large a promise chance makes follows from the correlations between all d': with nothing missing, the scaled promises
-are Gaussian with these correlations, so that the largest of them can be drawn (a bootstrap over the whole catalogue).
-Errors that are no such noise, as those of rounding, which hang on the motion, are drawn themselves.
+The critical value of the largest score follows from the correlations between all d': without any effect the scaled
+scores are Gaussian with these correlations, so that the largest of them can be drawn (a bootstrap over the catalogue).
+Errors that are no Gaussian noise, as those of rounding, are drawn themselves.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,22 +27,16 @@ from flexdesign.evidence.marquardt import Solution
 from flexdesign.model import Model
 
 Array = NDArray[np.float64]
-#: Where in the grid of its hidden constants a candidate is tried.
-Place = tuple[int, ...]
-#: By how much effects with some numbers move what is predicted of each record (n values each, response).
-Moves = Mapping[tuple[str, frozenset[tuple[str, float]]], Sequence[Array]]
 #: An effect of which the free numbers leave less than this, in squares, is one that they can imitate.
 OWN = 1e-8
 #: A move smaller than this, in shares of the data, is rounding.
 ROUNDING = 1e-12
-#: A promise counts only if the strength that it needs is no more than this many times the trial's.
+#: A promise counts only if the strength that it needs is no more than this many times that of the catalogue.
 FARTHEST = 300.0
-#: A move larger than this, in standard deviations of the noise, is made smaller where the free numbers imitate it and
-#: leave less than this share of its square.
-LARGE, IMITATED = 3.0, 0.2
-#: A move is straight in its strength that bends by less than this share of what the free numbers leave of it.
-BENT = 0.01
-#: Draws of chance, and the share of them above which a promise is more than chance.
+#: Trial strengths move the prediction by no more than so many standard deviations of the noise, rms: what the free
+#: numbers imitate is taken out to first order.
+LARGE = 3.0
+#: Draws of chance, and the share of them whose largest score is the critical value that is continued to rarer ones.
 DRAWS, LEVEL = 4000, 0.01
 
 
@@ -86,18 +79,6 @@ class Candidate:
     like: tuple[str, ...] = ()
     after: str = ""
 
-    @cached_property
-    def grid(self) -> dict[Place, Mapping[str, float]]:
-        """The trials by their places: for each number that has several values the rank of the one tried."""
-        axes = {name: sorted({values[name] for values in self.trials}) for name in self.trials[0]}
-        several = [(name, axis) for name, axis in axes.items() if len(axis) > 1]
-        return {tuple(axis.index(values[name]) for name, axis in several): values for values in self.trials}
-
-    @property
-    def scattered(self) -> list[Place]:
-        """Places that are tried first: every other one of a grid in two or more numbers, as on a chessboard."""
-        return [place for place in self.grid if len(place) < 2 or sum(place) % 2 == 0]
-
     @property
     def hidden(self) -> tuple[str, ...]:
         """Names of the constants that do nothing at null strength and are tried at several positive values."""
@@ -121,6 +102,8 @@ class Direction:
         d'd' and d'e.
     columns
         How many columns stand behind it: two in each run for a sinusoid.
+    scale
+        The trial's strength over that of the catalogue.
     """
 
     candidate: Candidate
@@ -130,6 +113,7 @@ class Direction:
     own: float
     promise: float
     columns: int = 1
+    scale: float = 1.0
 
     @property
     def amount(self) -> float:
@@ -146,20 +130,10 @@ class Direction:
     @property
     def drop(self) -> float:
         """By how much the cost would fall, as if one column did it; zero where the strength cannot be had."""
-        if (self.amount <= 0 and not self.candidate.signed) or abs(self.amount) > FARTHEST:
+        if (self.amount <= 0 and not self.candidate.signed) or abs(self.amount) * self.scale > FARTHEST:
             return 0.0
         more = chdtri(self.columns, LEVEL) - chdtri(1, LEVEL)
         return max(self.promise * self.amount - float(more), 0.0)
-
-
-def _between(candidate: Candidate, made: Mapping[tuple[str, Place], float]) -> list[Place]:
-    """Return the places of a candidate next to the one that promised most, which none of the first trials was at."""
-    first = [place for place in candidate.scattered if made.get((candidate.name, place), 0.0) > 0]
-    if not first:
-        return []
-    best = max(first, key=lambda place: made[candidate.name, place])
-    left = set(candidate.grid) - set(candidate.scattered)
-    return sorted(place for place in left if sum(abs(a - b) for a, b in zip(place, best, strict=True)) == 1)
 
 
 class Screening:
@@ -168,13 +142,11 @@ class Screening:
     Parameters
     ----------
     solution
-        Where the model stands.
+        The fit.
     candidates
-        What might be missing.
+        Effects that might be missing.
     coarse
         Makes a model that predicts less exactly and faster.
-    moves
-        What effects do at a solution nearby, where that is known.
     """
 
     def __init__(
@@ -182,74 +154,46 @@ class Screening:
         solution: Solution,
         candidates: Sequence[Candidate],
         coarse: Callable[[Model], Model] = lambda model: model,
-        moves: Moves | None = None,
     ) -> None:
         self.solution, self.coarse = solution, coarse
-        self.moves = dict(moves or {})
         problem = solution.problem
         self.model = coarse(problem.at(solution.x))
         self.inverse = solution.covariance
         self.residual = np.concatenate(solution.residuals)
         self.here = [np.asarray(self.model.predict(record.observation)) for record in problem.suite.records]
-        self.directions = list[Direction]()
-        made = self._add([(candidate, place) for candidate in candidates for place in candidate.scattered])
-        self._add([(candidate, place) for candidate in candidates for place in _between(candidate, made)])
+        trials = [(candidate, values) for candidate in candidates for values in candidate.trials]
+        found = problem.each(lambda trial: self._try(*trial), trials)
+        self.directions = [direction for direction in found if direction is not None]
 
-    def _add(self, trials: Sequence[tuple[Candidate, Place]]) -> dict[tuple[str, Place], float]:
-        """Try candidates at places of their grids, keep the directions, and return what each promises."""
-        found = self.solution.problem.each(lambda trial: self._tried(trial[0], trial[0].grid[trial[1]]), trials)
-        made = {trial: direction for trial, direction in zip(trials, found, strict=True) if direction is not None}
-        self.directions += made.values()
-        return {(candidate.name, place): direction.drop for (candidate, place), direction in made.items()}
-
-    def _tried(self, candidate: Candidate, values: Mapping[str, float], small: bool = False) -> Direction | None:
+    def _try(self, candidate: Candidate, values: Mapping[str, float]) -> Direction | None:
+        """Return the direction of a trial; None where it cannot be simulated, or the free numbers imitate it."""
         try:
             with np.errstate(all="ignore"):
                 model = self.coarse(candidate.add(self.model))
                 if candidate.phase:
                     return self._sinusoid(candidate, model, values)
-                move = self._move(candidate, model, values)
+                move = self._move(model, values)
+                if move is None or candidate.is_limit:
+                    return None if move is None else self._direction(candidate, values, move)
+                scale = min(LARGE / max(float(np.sqrt(np.mean(move**2))), 1e-300), 1.0)
+                if scale < 1:
+                    values = {**values, candidate.strength: values[candidate.strength] * scale}
+                    move = self._move(model, values)
+                found = None if move is None else self._direction(candidate, values, move)
+                return None if found is None else replace(found, scale=scale)
         except (ArithmeticError, InputError):
             return None
-        if move is None:
-            return None
-        whole = np.concatenate(move)
-        size = math.sqrt(float(whole @ whole) / len(whole))
-        if size > LARGE and not candidate.is_limit and candidate.strength in values and not small:
-            # What the free numbers imitate is taken out to first order: for that the move must be small.
-            less = {**values, candidate.strength: values[candidate.strength] * LARGE / size}
-            found = self._direction(candidate, values, whole)
-            if found is not None and found.own >= IMITATED * float(whole @ whole):
-                return found
-            if found is not None and self._is_straight(model.replace(less), move, LARGE / size, found.own):
-                return found  # a smaller move says the same
-            return self._tried(candidate, less, small=True)
-        return self._direction(candidate, values, whole)
 
-    def _is_straight(self, model: Model, move: Sequence[Array], share: float, own: float) -> bool:
-        """Tell whether a share of the strength makes that share of a move, by the record that it moves most."""
-        suite, k = self.solution.problem.suite, int(np.argmax([part @ part for part in move]))
-        record = suite.records[k]
-        moved = np.asarray(model.predict(record.observation)) - self.here[k]
-        if not np.isfinite(moved).all():
-            return False
-        bent = suite.whitened(record, np.where(record.present, moved, 0.0)) - share * move[k]
-        return float(bent @ bent) < BENT**2 * share**2 * own
-
-    def _move(self, candidate: Candidate, model: Model, values: Mapping[str, float]) -> list[Array] | None:
-        """Return by how much a candidate moves each record, whitened; None where that is not finite."""
-        suite, asked = self.solution.problem.suite, (candidate.name, frozenset(values.items()))
-        if asked not in self.moves:
-            there, moved = model.replace(values), list[Array]()
-            for record, before in zip(suite.records, self.here, strict=True):
-                moved.append(np.asarray(there.predict(record.observation)) - before)
-                if not np.isfinite(moved[-1]).all():
-                    return None
-            self.moves[asked] = moved
-        return [
-            suite.whitened(record, np.where(record.present, moved, 0.0))
-            for record, moved in zip(suite.records, self.moves[asked], strict=True)
-        ]
+    def _move(self, model: Model, values: Mapping[str, float]) -> Array | None:
+        """Return by how much an effect moves the prediction, whitened, record after record; None where not finite."""
+        suite, there = self.solution.problem.suite, model.replace(values)
+        parts = list[Array]()
+        for record, before in zip(suite.records, self.here, strict=True):
+            moved = np.asarray(there.predict(record.observation)) - before
+            if not np.isfinite(moved).all():
+                return None
+            parts.append(suite.whitened(record, np.where(record.present, moved, 0.0)))
+        return np.concatenate(parts)
 
     def _direction(self, candidate: Candidate, values: Mapping[str, float], move: Array) -> Direction | None:
         """Return a direction; None where the model can imitate it."""
@@ -266,12 +210,12 @@ class Screening:
         ends = np.cumsum([record.rows for record in self.solution.problem.suite.records])
         columns = []
         for phase in (0.0, math.pi / 2):
-            moves = self._move(candidate, model, {**values, **{f"{n}:{candidate.phase}": phase for n in names}})
-            if moves is None:
+            move = self._move(model, {**values, **{f"{n}:{candidate.phase}": phase for n in names}})
+            if move is None:
                 return None
-            for end, part in zip(ends, moves, strict=True):
+            for begin, end in zip((0, *ends[:-1]), ends, strict=True):
                 column = np.zeros(ends[-1])
-                column[end - len(part) : end] = part
+                column[begin:end] = move[begin:end]
                 columns.append(column)
         matrix = np.column_stack(columns)
         imitated = self._imitated(matrix)
@@ -360,7 +304,7 @@ class Screening:
                 continue
             p, q = a.promise / math.sqrt(a.own), b.promise / math.sqrt(b.own)
             of_a, of_b = (p - cosine * q) / (1 - cosine**2), (q - cosine * p) / (1 - cosine**2)
-            far = max(abs(of_a) / math.sqrt(a.own), abs(of_b) / math.sqrt(b.own)) > FARTHEST
+            far = max(abs(of_a) / math.sqrt(a.own) * a.scale, abs(of_b) / math.sqrt(b.own) * b.scale) > FARTHEST
             if not far and (of_a > 0 or a.candidate.signed) and (of_b > 0 or b.candidate.signed):
                 made.append((of_a * p + of_b * q, a, b))
         made.sort(key=lambda pair: -pair[0])

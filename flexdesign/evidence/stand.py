@@ -1,4 +1,4 @@
-"""How a model stands beside the runs: fitted to those that a fit may see, judged on those kept apart."""
+"""A model with some effects: fitted to the identification runs, evaluated on the validation runs."""
 
 from __future__ import annotations
 
@@ -11,39 +11,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.evidence.case import Case
-from flexdesign.evidence.local_minima import Refine, grid_initial_states, outlier_runs
-from flexdesign.evidence.marquardt import SHARE, Columns, Solution, solve
+from flexdesign.evidence.local_minima import grid_initial_states
+from flexdesign.evidence.marquardt import FULL, ROUGH, Columns, Effort, Solution, solve
 from flexdesign.evidence.noise import colour
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.suite import Record, Suite
 from flexdesign.model import Model
 
 Array = NDArray[np.float64]
-#: Where a run kept apart began is found when a step lowers the cost by less than this share.
-HELD_SHARE = 1e-5
-#: A model misses the runs by far where it leaves this many times the mean square of the noise.
-GROSS = 30.0
-#: A fit begins again with each threshold times these, so often while that lowers chi^2 by more than this.
-#: It is carried to the end where a rough fit comes as close as this to the best.
-FACTORS, ROUNDS, IMPROVED, CLOSE = (1.1, 0.9), 6, 2.0, 1.05
+#: Standard deviations by which chi^2 may exceed that of white noise: one fit in a thousand does.
+EXCEEDED = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Stand:
-    """A model with some effects, fitted and judged.
+    """A model with some effects, fitted and evaluated.
 
     Parameters
     ----------
     effects
-        What was added, in this order.
+        The effects, in the order in which they were added.
     solution
-        The fit to the runs that it may see.
+        The fit to the identification runs.
     model
-        The fitted model; where each held-out run began is fitted as well.
+        The fitted model, with the initial conditions of the validation runs.
     held_cost
-        Sum of squares of the held-out runs, whitened.
-    predictions, remainders
-        Of every run, by name: prediction with the run's own offset, and measured less that; n values, SI.
+        chi^2 of the validation runs.
+    remainders
+        Residual of every run by name, offsets taken out; n values [response].
     """
 
     effects: tuple[Candidate, ...]
@@ -54,27 +49,37 @@ class Stand:
 
     @property
     def cost(self) -> float:
-        """Sum of squares of what the fit saw, whitened, and of what was known."""
+        """chi^2 of the fitted runs and of the priors."""
         return self.solution.cost
 
     @property
     def seen_cost(self) -> float:
-        """Sum of squares of what the fit saw, whitened, and of how oddly runs began; not of the model's own numbers."""
+        """chi^2 of the fitted runs and of their initial conditions, without the priors of the model's own numbers."""
         problem = self.solution.problem
         of_runs = {parameter.name for parameter in problem.where.parameters if parameter.run}
         odd = problem.before(self.solution.x)[[name in of_runs for name in problem.where.known]]
         return float(sum(part @ part for part in self.solution.residuals) + odd @ odd)
 
     @property
+    def excess(self) -> float:
+        """By how much chi^2 of the fitted runs exceeds the number of samples."""
+        return max(self.seen_cost - self.solution.problem.suite.samples, 0.0)
+
+    @property
+    def exceeds_noise(self) -> bool:
+        """Whether chi^2 of the fitted runs is larger than white noise makes it."""
+        return self.excess > EXCEEDED * math.sqrt(2.0 * self.solution.problem.suite.samples)
+
+    @property
     def scale(self) -> float:
-        """Mean square of what the fit leaves, whitened: one where only noise is left."""
+        """Reduced chi^2 of the fitted runs."""
         return self.cost / self.solution.problem.suite.samples
 
     @cached_property
     def discrepancy(self) -> float:
         """Factor by which evidence is discounted: reduced chi^2 times the number of samples that count as one.
 
-        One where only white noise is left. What no model explains is taken as coloured noise.
+        One where the residual is white noise. What no model explains is taken as coloured noise.
         """
         pairs = zip(self.solution.problem.suite.records, self.solution.residuals, strict=True)
         parts = [part[: len(record.measured)] for record, part in pairs]
@@ -99,32 +104,29 @@ class Stand:
         return tuple(effect.name for effect in self.effects)
 
     def rms(self, runs: Sequence[str], scales: Mapping[str, Array] | None = None) -> float:
-        """Return the root mean square of what is left of some runs [response].
+        """Return the rms residual of some runs [response].
 
         Parameters
         ----------
         runs
             Names of observations.
         scales
-            By name what values are multiplied with, where they are not alike; see `Case.scales`.
+            Factors of the values of an observation, by its name; see `Case.scales`.
         """
-        left = np.concatenate([self._scaled(name, scales or {}) for name in runs])
-        return float(np.sqrt(np.nanmean(left**2)))
-
-    def _scaled(self, name: str, scales: Mapping[str, Array]) -> Array:
-        return self.remainders[name] * scales[name] if name in scales else self.remainders[name]
+        residual = np.concatenate([self.remainders[name] * (scales or {}).get(name, 1.0) for name in runs])
+        return float(np.sqrt(np.nanmean(residual**2)))
 
     @property
     def total(self) -> float:
-        """What candidates are ranked by: cost of all runs, and the price of the numbers (Schwarz 1978)."""
+        """Criterion by which candidates are ranked: BIC over all runs (Schwarz 1978), divided by the discrepancy."""
         free = {name for effect in self.effects for name in effect.free}
-        # One that differs from run to run counts once more for each run.
+        # A number that differs from run to run counts once for each run.
         numbers = sum(p.name.rpartition(":")[2] in free for p in self.solution.problem.where.parameters)
         price = numbers * math.log(self.solution.problem.suite.samples)
         return self.cost + self.held_cost + price * self.discrepancy
 
     def at_bound(self) -> list[str]:
-        """Return the numbers of effects that the fit pushes to the end of what is plausible."""
+        """Return the numbers of effects that the fit moved to the end of their plausible range."""
         where, free = self.solution.problem.where, {name for effect in self.effects for name in effect.free}
         found = []
         for j, parameter in enumerate(where.parameters):
@@ -137,210 +139,187 @@ class Stand:
         return found
 
 
-def fitted(
+# --- fits -----------------------------------------------------------------------------------------------------------
+
+
+def fit(
     case: Case,
     model: Model,
-    effects: tuple[Candidate, ...],
-    start: Mapping[str, float],
+    effects: tuple[Candidate, ...] = (),
     *,
     old: Columns | None = None,
-    most: int = 20,
-    share: float = SHARE,
-    exact: bool = True,
+    effort: Effort = FULL,
 ) -> Stand | None:
-    """Fit a model that has some effects, and judge it on the runs kept apart; None where it cannot be simulated.
+    """Fit a model with effects and evaluate it on the validation runs; None where it cannot be simulated.
 
-    Parameters are those of `solved`.
+    Parameters are those of `solve_case`.
     """
-    solution = solved(case, model, effects, start, old=old, most=most, share=share, exact=exact)
-    if solution is None:
-        return None
-    stand = judged(case, solution, effects, share)
-    if stand is None or stand.scale > GROSS:
-        return stand
-    return begun_elsewhere(case, stand, outlier_runs(solution.problem.suite, solution.residuals), share)
+    solution = solve_case(case, model, effects, old=old, effort=effort)
+    return None if solution is None else evaluate_fit(case, solution, effects)
 
 
-def begun_elsewhere(case: Case, stand: Stand, runs: Sequence[str], share: float = SHARE) -> Stand:
-    """Return a fit begun again with some runs in other initial states; the fit itself if that is no better."""
-    solution = stand.solution
-    suite = solution.problem.suite
-    moved = grid_initial_states(suite, stand.model, runs, case.each, _alone(case, suite)) if runs else stand.model
-    if moved is stand.model:
-        return stand
-    again = solved(case, moved, stand.effects, {}, old=solution.columns(), share=share)
-    made = None if again is None or again.cost >= solution.cost else judged(case, again, stand.effects, share)
-    return stand if made is None else made
-
-
-def _alone(case: Case, suite: Suite) -> Refine:
-    """Return what fits the initial state of one run while all other numbers stay."""
-
-    def refine(model: Model, record: Record) -> tuple[float, dict[str, float]]:
-        alone = suite.part([record.observation.name])
-        where = case.coordinates(model, (), alone)
-        found = solve(case.problem(alone, model, where), where.start, most=6, share=1e-3, exact=False)
-        return (math.inf, {}) if found is None else (found.misfit, where.values(found.x))
-
-    return refine
-
-
-def escape(case: Case, stand: Stand) -> Stand:
-    """Return the best of fits begun again near one that may be in a local minimum: initial states, then thresholds."""
-    stand = begun_elsewhere(case, stand, case.identify.names)
-    for name in (name for effect in stand.effects for name in effect.hidden):
-        for _ in range(ROUNDS):
-            case.progress(f"fitting with other values of {name}")
-            better = next((made for factor in FACTORS if (made := _begun_beside(case, stand, name, factor))), None)
-            if better is None:
-                break
-            stand = better
-    return stand
-
-
-def _begun_beside(case: Case, stand: Stand, name: str, factor: float) -> Stand | None:
-    """Return the fit that begins with a number times a factor, first roughly; None if it is no better."""
-    value = stand.solution.problem.where.values(stand.solution.x)[name]
-    rough = solved(
-        case,
-        case.coarse(stand.model.replace({name: factor * value})),
-        stand.effects,
-        {},
-        most=4,
-        share=1e-3,
-        exact=False,
-    )
-    if rough is None or rough.cost > CLOSE * stand.cost:
-        return None
-    made = fitted(case, case.fine(rough.problem.at(rough.x)), stand.effects, {}, old=rough.columns())
-    return made if made is not None and made.cost < stand.cost - IMPROVED * stand.discrepancy else None
-
-
-def solved(
+def solve_case(
     case: Case,
     model: Model,
-    effects: tuple[Candidate, ...],
-    start: Mapping[str, float],
+    effects: tuple[Candidate, ...] = (),
     *,
     old: Columns | None = None,
-    most: int = 20,
-    share: float = SHARE,
-    exact: bool = True,
+    effort: Effort = FULL,
 ) -> Solution | None:
-    """Fit a model that has some effects; None where it cannot be simulated.
+    """Fit a model with effects to the identification runs; None where it cannot be simulated.
 
     Parameters
     ----------
-    start
-        Values from which it begins, where they are not those of the model.
-    old, most, share, exact
-        See `flexdesign.evidence.marquardt.solve`; the share is at least that of the case.
+    case, model, effects
+        The runs; the model at the values from which the fit starts; and the effects that it has.
+    old
+        Columns of the Jacobian of a fit nearby.
+    effort
+        When the fit ends.
     """
-    begun = model.replace(start)
-    case = case.prepared(case, begun)
+    case = case.prepared(case, model)
     free = [*case.free, *(name for effect in effects for name in effect.free)]
-    where = case.coordinates(begun, free, case.identify)
-    problem = case.problem(case.identify, begun, where)
-    old = old if old and _suits(old, case.identify) else None
-    return solve(problem, where.start, most=most, share=max(share, case.fitting.share), old=old, exact=exact)
+    where = case.coordinates(model, free, case.identify)
+    problem = case.problem(case.identify, model, where)
+    return solve(problem, where.start, effort, old if old and _fits(old, case.identify) else None)
 
 
-def _suits(old: Columns, suite: Suite) -> bool:
-    """Tell whether a Jacobian found before has the rows of a suite, whose initial conditions may have become others."""
+def _fits(old: Columns, suite: Suite) -> bool:
+    """Tell whether columns of a Jacobian have the rows of a suite, whose initial conditions may be others now."""
     rows = [record.rows for record in suite.records]
     return all(c is None or len(c) == n for parts in old.values() for c, n in zip(parts, rows, strict=True))
 
 
-def judged(case: Case, solution: Solution, effects: tuple[Candidate, ...], share: float = SHARE) -> Stand | None:
-    """Judge a fit on the runs kept apart: where each began is found, and what is left of all."""
-    model, held, share = solution.problem.at(solution.x), 0.0, max(share, case.fitting.share)
+def evaluate_fit(case: Case, solution: Solution, effects: tuple[Candidate, ...]) -> Stand | None:
+    """Predict the validation runs with a fitted model, whose initial conditions there are fitted first."""
+    model, held = solution.problem.at(solution.x), 0.0
     case = replace(case.prepared(case, model), identify=solution.problem.suite)
     if case.validate.records:
-        where = case.coordinates(model, (), case.validate)
-        # What is known of these numbers comes from nowhere else, so that their slopes are not asked for again.
-        problem = case.problem(case.validate, model, where)
-        beginning = solve(problem, where.start, share=max(share, HELD_SHARE), exact=False)
-        if beginning is None:
+        begun = fit_initial_states(case, case.validate, grid_initial_states(case.validate, model, case.each))
+        if begun is None:
             return None
-        beginning = _with_outliers_elsewhere(case, beginning, solution, share)
-        model, held = beginning.problem.at(beginning.x), beginning.cost
+        model, held = begun.problem.at(begun.x), begun.cost
     records = [(suite, record) for suite in (case.identify, case.validate) for record in suite.records]
-    left = case.each(lambda pair: pair[0].remainder(pair[1], np.asarray(model.predict(pair[1].observation))), records)
+    residuals = case.each(lambda pair: pair[0].remainder(pair[1], model.predict(pair[1].observation)), records)
     names = [record.observation.name for _, record in records]
-    return Stand(effects, solution, model, held, dict(zip(names, left, strict=True)))
+    return Stand(effects, solution, model, held, dict(zip(names, residuals, strict=True)))
 
 
-def tested(case: Case, stand: Stand) -> Stand:
-    """Return a fit with its residuals on the test runs, whose initial conditions are fitted; itself without them."""
+def fit_initial_states(case: Case, suite: Suite, model: Model, effort: Effort = FULL) -> Solution | None:
+    """Fit the initial states of the runs of a suite, while all other numbers stay; None where the model fails."""
+    where = case.coordinates(model, (), suite)
+    # These numbers are known from nowhere else, so that no Jacobian is needed at the end.
+    return solve(case.problem(suite, model, where), where.start, replace(effort, is_exact=False))
+
+
+def predict_tests(case: Case, stand: Stand) -> Stand:
+    """Return a fit with the residuals of the test runs, whose initial conditions are fitted."""
     if case.test is None:
         return stand
-    made = judged(replace(case, validate=case.test), stand.solution, stand.effects)
+    made = evaluate_fit(replace(case, validate=case.test), stand.solution, stand.effects)
     return stand if made is None else replace(stand, remainders={**made.remainders, **stand.remainders})
 
 
-def _with_outliers_elsewhere(case: Case, begun: Solution, solution: Solution, share: float) -> Solution:
-    """Return the initial conditions of validation runs, sought anew for those that fit worse than the fitted runs."""
-    usual = solution.cost / solution.problem.suite.samples
-    odd = outlier_runs(case.validate, begun.residuals, usual) if usual < GROSS else []
-    model = begun.problem.at(begun.x)
-    suite = case.validate
-    moved = grid_initial_states(suite, model, odd, case.each, _alone(case, suite)) if odd else model
-    if moved is model:
-        return begun
-    where = case.coordinates(moved, (), case.validate)
-    problem = case.problem(case.validate, moved, where)
-    anew = solve(problem, where.start, share=max(share, HELD_SHARE), exact=False)
-    return begun if anew is None or anew.cost > begun.cost else anew
-
-
-def refitted(case: Case, stand: Stand, base: Model, effects: tuple[Candidate, ...]) -> Stand | None:
-    """Fit the model with some of a stand's effects, from the values that it has."""
-    model = base
-    for effect in effects:
-        model = effect.add(model)
-    present = {parameter.name: parameter.start for parameter in stand.model.parameters()}
+def refit(case: Case, stand: Stand, effects: tuple[Candidate, ...]) -> Stand | None:
+    """Fit a model with some of the effects of a fit, from the values that it has."""
+    model = with_effects(case.bare(stand.model), effects)
     dropped = {name for effect in stand.effects if effect not in effects for name in effect.free}
-    names = {parameter.name for parameter in model.parameters()} - dropped
-    values = {name: value for name, value in present.items() if name in names and value is not None}
-    return fitted(case, model, effects, values)
+    return fit(case, with_values(model, stand.model, dropped), effects)
 
 
-def like(model: Model, stand: Stand) -> Model:
-    """Return a model at the values of a stand that has its numbers."""
-    values = {parameter.name: parameter.start for parameter in stand.model.parameters()}
-    return model.replace({p.name: start for p in model.parameters() if (start := values.get(p.name)) is not None})
+def refine(case: Case, stand: Stand) -> Stand:
+    """Return a fit whose simulations are so exact that their errors are small beside those of the fitted numbers.
 
-
-def finished(case: Case, stand: Stand) -> Stand:
-    """Return a stand with values that do not hang on how exactly the model is simulated.
-
-    N samples of noise s leave an error of s / root N in a value; a prediction that is off by a small share of the noise
-    everywhere moves it by as much. The slopes of the fit serve: they need not be so exact.
+    N samples of noise s leave an error of s / root N in a value. A prediction that is off by a small share of the noise
+    everywhere moves it by as much. The Jacobian of the fit serves: it need not be so exact.
     """
-    model, old = case.finest(stand.model), stand.solution.columns()
-    made = None if model is stand.model else fitted(case, model, stand.effects, {}, old=old, most=2, exact=False)
+    model = case.finest(stand.model)
+    effort = Effort(2, FULL.share, is_exact=False)
+    made = fit(case, model, stand.effects, old=stand.solution.columns(), effort=effort)
     return stand if made is None else made
 
 
-def moved(suite: Suite, before: Model, after: Model, weights: Mapping[str, Array] | None = None) -> float:
-    """Return by how much two models differ in what they predict of new runs, rms [response]; offsets are free.
+def with_effects(model: Model, effects: Sequence[Candidate]) -> Model:
+    """Return a model with effects added, at the values of the catalogue."""
+    for effect in effects:
+        model = effect.add(model)
+    return model
 
-    New runs begin where the old ones did, but in time: a delay that every run has is not the runs' own. Observations
-    with weights, see `Case`, count on their own: the larger of both differences is returned.
+
+def with_values(model: Model, source: Model, but: set[str] | frozenset[str] = frozenset()) -> Model:
+    """Return a model at the values of another one that has its numbers, but for some."""
+    values = {parameter.name: parameter.start for parameter in source.parameters() if parameter.name not in but}
+    return model.replace({p.name: start for p in model.parameters() if (start := values.get(p.name)) is not None})
+
+
+# --- local minima ---------------------------------------------------------------------------------------------------
+
+#: Factors by which thresholds are moved, and chi^2 of a rough fit there over that of the present fit from which on it
+#: is not continued.
+FACTORS, WORTH = (1.1, 0.9), 1.05
+
+
+def escape(case: Case, stand: Stand) -> Stand:
+    """Return the best of fits restarted near one that may be in a local minimum (multistart).
+
+    Hysteresis is not differentiable where a threshold is met or a voltage turns, so that chi^2 has local minima. Fits
+    restart from other initial states, then with larger and smaller thresholds, while chi^2 falls by more than one.
+    """
+    suite = stand.solution.problem.suite
+
+    def refine_state(model: Model, record: Record) -> tuple[float, Model]:
+        found = fit_initial_states(case, suite.part([record.observation.name]), model, Effort(6, 1e-3))
+        return (math.inf, model) if found is None else (found.misfit, found.problem.at(found.x))
+
+    moved = grid_initial_states(suite, stand.model, case.each, refine_state)
+    if moved is not stand.model:
+        stand = _better(stand, fit(case, moved, stand.effects, old=stand.solution.columns()))
+    for name in (name for effect in stand.effects for name in effect.hidden):
+        case.progress(f"fitting with other values of {name}")
+        before = None
+        while before is not stand:
+            before = stand
+            for factor in FACTORS:
+                stand = _better(stand, _restart(case, stand, name, factor))
+    return stand
+
+
+def _better(stand: Stand, other: Stand | None) -> Stand:
+    return other if other is not None and other.cost < stand.cost - stand.discrepancy else stand
+
+
+def _restart(case: Case, stand: Stand, name: str, factor: float) -> Stand | None:
+    """Return the fit that starts with a number times a factor, first roughly; None where that is not worth it."""
+    value = stand.solution.problem.where.values(stand.solution.x)[name]
+    rough = solve_case(case, case.coarse(stand.model.replace({name: factor * value})), stand.effects, effort=ROUGH)
+    if rough is None or rough.cost > WORTH * stand.cost:
+        return None
+    return fit(case, case.fine(rough.problem.at(rough.x)), stand.effects, old=rough.columns())
+
+
+# --- differences of predictions -------------------------------------------------------------------------------------
+
+
+def difference(suite: Suite, before: Model, after: Model, weights: Mapping[str, Array] | None = None) -> float:
+    """Return by how much two models differ in their prediction of new runs, rms [response]; offsets are free.
+
+    New runs begin as the old ones did, but for their trigger delay. Observations with weights, see `Case`, count on
+    their own: the larger of both differences is returned.
     """
     weights = weights or {}
     weighted = [record for record in suite.records if record.observation.name in weights]
     plain = [record for record in suite.records if record.observation.name not in weights]
-    return max(_moved(records, before, after, weights) for records in (plain, weighted) if records)
+    return max(_rms_difference(records, before, after, weights) for records in (plain, weighted) if records)
 
 
-def _moved(records: Sequence[Record], before: Model, after: Model, weights: Mapping[str, Array]) -> float:
+def _rms_difference(records: Sequence[Record], before: Model, after: Model, weights: Mapping[str, Array]) -> float:
     squares, count = 0.0, 0
-    models = [model.replace(_in_time(model)) for model in (before, after)]
+    own = [{p.name: p.null for p in model.parameters() if p.run and p.null is not None} for model in (before, after)]
+    models = [model.replace(nulls) for model, nulls in zip((before, after), own, strict=True)]
     for record in records:
         first, second = (np.asarray(model.predict(record.observation)) for model in models)
-        difference = free_part(record, (second - first), weights)
-        squares, count = squares + float(np.sum(difference**2)), count + len(difference)
+        apart = without_offset(record, second - first, weights)
+        squares, count = squares + float(np.sum(apart**2)), count + len(apart)
     return math.sqrt(squares / count)
 
 
@@ -352,14 +331,10 @@ def at_null(model: Model, effect: Candidate) -> Model:
     return model.replace({effect.strength: null, **deviations})
 
 
-def free_part(record: Record, difference: Array, weights: Mapping[str, Array]) -> Array:
-    """Return what of a difference is no offset, where there are values; or these with their weights."""
+def without_offset(record: Record, values: Array, weights: Mapping[str, Array]) -> Array:
+    """Return the values present less their mean; or, where there are weights, the values with these."""
     weight = weights.get(record.observation.name)
     if weight is not None:
-        return np.asarray((difference * weight)[record.present])
-    there = difference[record.present]
-    return np.asarray(there - np.mean(there))
-
-
-def _in_time(model: Model) -> dict[str, float]:
-    return {p.name: p.null for p in model.parameters() if p.run and p.null is not None}
+        return np.asarray((values * weight)[record.present])
+    present = values[record.present]
+    return np.asarray(present - np.mean(present))

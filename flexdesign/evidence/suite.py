@@ -72,8 +72,6 @@ class Problem:
         Its free numbers as coordinates; those that act on one run alone carry its name.
     each
         Maps simulations, over threads perhaps.
-    moved
-        How far a finite difference should move the data, relative.
     sloping
         Makes a model whose slopes serve in the place of a model's own: how far a number moves what is predicted need
         not be known as exactly as where it is.
@@ -88,12 +86,11 @@ class Problem:
         model: Model,
         where: Coordinates,
         each: Map = map,
-        moved: float = MOVED,
         sloping: Made = _itself,
         central: bool = False,
         count: _Count | None = None,
     ) -> None:
-        self.suite, self.model, self.where, self.each, self.moved = suite, model, where, each, moved
+        self.suite, self.model, self.where, self.each = suite, model, where, each
         self.sloping, self.central = sloping, central
         self._count = count or _Count()
         runs = [parameter.run for parameter in where.parameters]
@@ -117,9 +114,7 @@ class Problem:
     def anew(self, suite: Suite | None = None, central: bool | None = None) -> Problem:
         """Return the problem with steps of its own for differences; perhaps beside another suite, or with another."""
         central = self.central if central is None else central
-        return Problem(
-            suite or self.suite, self.model, self.where, self.each, self.moved, self.sloping, central, self._count
-        )
+        return Problem(suite or self.suite, self.model, self.where, self.each, self.sloping, central, self._count)
 
     def fixed(self, j: int, coordinate: float, x: Array) -> Problem:
         """Return the problem of the other coordinates, which start from `x`, with one of them held."""
@@ -134,7 +129,7 @@ class Problem:
             x[left],
         )
         model = self.model.replace({held.name: value(held, coordinate)})
-        return Problem(self.suite, model, others, self.each, self.moved, self.sloping, self.central, self._count)
+        return Problem(self.suite, model, others, self.each, self.sloping, self.central, self._count)
 
     def at(self, x: Array) -> Model:
         """Return the model at a point."""
@@ -261,7 +256,7 @@ class Problem:
                 if column is not None:
                     columns[r, j] = column
         # The next steps move the whitened response by a small share of it.
-        sizes, wanted = self.where.sizes(x), (MOVED_CENTRAL if self.central else self.moved) * self.suite.size
+        sizes, wanted = self.where.sizes(x), (MOVED_CENTRAL if self.central else MOVED) * self.suite.size
         by = np.where(moved > 0, np.clip(wanted / np.maximum(np.sqrt(moved), 1e-300), 0.1, 10.0), 1.0)
         self.steps = np.clip(self.steps * by, SMALLEST * sizes, LARGEST * sizes)
         return [
