@@ -49,7 +49,7 @@ LONGEST_LEAD = 1000.0
 CAME_FROM = {"turn.1": 0.75, "turn.2": 0.1}
 #: Where a search tries them, where commands have one sign, and where they have both.
 TRIED = {"turn.1": (0.5, 0.75, 0.95), "turn.2": (-0.25, 0.0, 0.1, 0.25)}
-TRIED_BOTH = {"turn.1": (-0.95, -0.5, 0.5, 0.95), "turn.2": (-0.25, 0.0, 0.25)}
+TRIED_BOTH = {"turn.1": (-0.95, -0.5, 0.5, 0.95), "turn.2": (-0.95, -0.25, 0.25, 0.95)}
 #: Periods of the mode that a way before a record takes.
 PERIODS_OF_A_WAY = 6.0
 #: A mode that was known to be beyond what the samples show may be this much higher still.

@@ -147,9 +147,10 @@ def is_determined(stand: Stand, effect: Candidate) -> bool:
     parameter = where.parameters[j]
     null = 0.0 if parameter.scale == "inverse" else parameter.null
     assert null is not None  # that is what makes it the strength
-    if parameter.scale == "log":
-        return True  # its null is infinitely far away
-    null = null if parameter.scale == "inverse" else coordinate(parameter, null)
+    if parameter.scale == "log":  # its null is infinitely far away; zero is one relative unit away
+        null = float(solution.x[j]) - 1.0
+    elif parameter.scale == "linear":
+        null = coordinate(parameter, null)
     deviations = [k for k, name in enumerate(where.names) if name.endswith(f":{effect.strength}")]
     covariance = solution.covariance * stand.discrepancy
     for places in [[j, k] for k in deviations] or [[j]]:

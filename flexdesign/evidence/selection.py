@@ -79,7 +79,9 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate], origins: 
     singles, pairs = _compete(case, stand, starts)
     trials = _trials(case, stand, singles, score)
     best = best_of(case, trials)
-    if best is None or best.stand.exceeds_noise:  # else two effects have nothing to explain that one does not
+    if best is None or best.stand.exceeds_noise:
+        # Fits in local minima would be refused, and call for effects that are not there.
+        trials = [_escaped(case, stand, trial) for trial in trials]
         trials += _trials(case, stand, pairs, score)
     trials.sort(key=lambda trial: trial.stand.total)
     return Step(best_of(case, trials), tuple(trials))
@@ -103,8 +105,9 @@ def _compete(case: Case, stand: Stand, starts: Sequence[_Start]) -> tuple[list[_
 
     def roughly(entry: _Entry) -> _Entry | None:
         case.progress(f"fitting roughly with {' and '.join((*stand.names, *entry.start.names))}")
-        model, old = entry.solution.problem.at(entry.solution.x), entry.solution.columns()
-        found = solve_case(case, model, entry.start.effects, old=old, effort=ROUGH)
+        solution = entry.solution
+        model = grid_initial_states(solution.problem.suite, solution.problem.at(solution.x), case.each)
+        found = solve_case(case, model, entry.start.effects, old=solution.columns(), effort=ROUGH)
         return None if found is None else replace(entry, solution=found)
 
     entries = _best_by_names(case.each(quickly, starts))
@@ -165,6 +168,12 @@ def _trial(case: Case, stand: Stand, entry: _Entry, score: float) -> Trial | Non
     return None if made is None else compare(case, stand, made, entry.start.names, score)
 
 
+def _escaped(case: Case, stand: Stand, trial: Trial) -> Trial:
+    """Return a trial with more evidence than chance gives, its fit restarted elsewhere."""
+    better = escape(case, trial.stand) if trial.gain > trial.needed else trial.stand
+    return trial if better is trial.stand else compare(case, stand, better, trial.names, trial.score)
+
+
 def backward(case: Case, stand: Stand, tested: Sequence[str]) -> Stand:
     """Return the fit without those effects of some that have lost their evidence beside the others.
 
@@ -218,8 +227,6 @@ def select(
             break
         doubtful = stand.names if len(chosen.names) == 1 else chosen.stand.names
         made = vary(backward(case, chosen.stand, doubtful))
-        if made.exceeds_noise:  # a fit in a local minimum would call for effects that are not there
-            made = escape(case, made)
         if {*made.names} == {*stand.names}:  # what was added made itself superfluous
             break
         stand = made

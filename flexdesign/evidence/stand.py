@@ -195,7 +195,7 @@ def evaluate_fit(case: Case, solution: Solution, effects: tuple[Candidate, ...])
     model, held = solution.problem.at(solution.x), 0.0
     case = replace(case.prepared(case, model), identify=solution.problem.suite)
     if case.validate.records:
-        begun = fit_initial_states(case, case.validate, grid_initial_states(case.validate, model, case.each))
+        begun = fit_initial_states(case, case.validate, search_initial_states(case, case.validate, model))
         if begun is None:
             return None
         model, held = begun.problem.at(begun.x), begun.cost
@@ -210,6 +210,16 @@ def fit_initial_states(case: Case, suite: Suite, model: Model, effort: Effort = 
     where = case.coordinates(model, (), suite)
     # These numbers are known from nowhere else, so that no Jacobian is needed at the end.
     return solve(case.problem(suite, model, where), where.start, replace(effort, is_exact=False))
+
+
+def search_initial_states(case: Case, suite: Suite, model: Model) -> Model:
+    """Return a model whose runs begin where each fits best, fitted from the best points of a grid."""
+
+    def fit_state(model: Model, record: Record) -> tuple[float, Model]:
+        found = fit_initial_states(case, suite.part([record.observation.name]), model, Effort(6, 1e-3))
+        return (math.inf, model) if found is None else (found.misfit, found.problem.at(found.x))
+
+    return grid_initial_states(suite, model, case.each, fit_state)
 
 
 def predict_tests(case: Case, stand: Stand) -> Stand:
@@ -265,13 +275,7 @@ def escape(case: Case, stand: Stand) -> Stand:
     Hysteresis is not differentiable where a threshold is met or a voltage turns, so that chi^2 has local minima. Fits
     restart from other initial states, then with larger and smaller thresholds, while chi^2 falls by more than one.
     """
-    suite = stand.solution.problem.suite
-
-    def refine_state(model: Model, record: Record) -> tuple[float, Model]:
-        found = fit_initial_states(case, suite.part([record.observation.name]), model, Effort(6, 1e-3))
-        return (math.inf, model) if found is None else (found.misfit, found.problem.at(found.x))
-
-    moved = grid_initial_states(suite, stand.model, case.each, refine_state)
+    moved = search_initial_states(case, stand.solution.problem.suite, stand.model)
     if moved is not stand.model:
         stand = _better(stand, fit(case, moved, stand.effects, old=stand.solution.columns()))
     for name in (name for effect in stand.effects for name in effect.hidden):
