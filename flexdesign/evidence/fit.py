@@ -116,10 +116,6 @@ class Fit:
         """Names of the parameters that the data do not determine."""
         return tuple(e.name for e in self.estimates if not e.determined)
 
-    def table(self) -> list[tuple[str, str, str, str]]:
-        """Return a row for each parameter: name, value with unit, 95 % interval with unit, remark."""
-        return [(e.name, e.value_text, e.interval_text, e.reason) for e in self.estimates]
-
 
 def fit(
     model: Model,
@@ -139,35 +135,27 @@ def fit(
     """Fit free parameters of a model to what was measured, and say which of them the data determine.
 
     The offsets are linear and are eliminated exactly (Golub and Pereyra 1973), so that the parameters carry their
-    uncertainty. What was known before enters as further residuals. A model that fails at some values (numbers that
-    are not finite, an ArithmeticError) is taken to fit infinitely badly there.
+    uncertainty. A model that fails at some values (numbers that are not finite, an ArithmeticError) is taken to fit
+    infinitely badly there.
 
     Parameters
     ----------
-    model
-        Its parameters' `start` are the present values.
-    observations
-        What was measured, for identification.
-    free
-        Names of the parameters to be fitted.
+    model, observations, free
+        The model, whose parameters' `start` are the present values; what was measured, for identification; and the
+        names of the parameters to be fitted.
     known
-        Values known before with their standard deviations, SI, Gaussian; those of parameters that are not free are
-        passed over.
+        Prior knowledge, Gaussian: values with standard deviations, SI; of parameters that are not free it is ignored.
     noise
         The noise of the observations, SI. Unknown by default: white, alike in all observations, its level taken from
         the residual.
     offsets
-        Whether each channel of each observation has an unknown constant added to it; or the names of the observations
-        where it has.
-    starts
-        How many starts may be followed.
-    seed
-        Of the sample of starts.
+        Whether each channel of each observation has an unknown offset; or the names of the observations where it has.
+    starts, seed
+        How many starts may be followed, and the seed of their sample.
     threads
         How many simulations run at a time; two by default, if there are two processors.
     profiles
-        Whether intervals are checked by profile likelihood, at the price of about five simulations per parameter where
-        they prove right.
+        Whether intervals are checked by profile likelihood: about five simulations per parameter where they are right.
     reveal
         The experiment that would show a parameter, by its name, for the reasons given.
     progress
@@ -195,7 +183,7 @@ def fit(
         best, found, intervals, is_better = checked(first, range(len(free)), refine, profiles)
         return Fit(
             model=problem.at(best.x),
-            estimates=estimates(best, found, intervals, minima, reveal),
+            estimates=tuple(_advised(e, reveal or {}) for e in estimates(best, found, intervals, minima)),
             correlation=found.correlation,
             matches=_matches(best, found),
             cost=best.cost,
@@ -224,6 +212,13 @@ def _converged(suite: Suite, noise_is_known: bool, solution: Solution) -> tuple[
             break
         scale *= factor
     return solution, found
+
+
+def _advised(estimate: Estimate, reveal: Mapping[str, str]) -> Estimate:
+    """Return an estimate that names the experiment which would show a parameter that is not determined."""
+    if estimate.determined or estimate.name not in reveal:
+        return estimate
+    return replace(estimate, reason=f"{estimate.reason}; would show it: {reveal[estimate.name]}")
 
 
 def _matches(solution: Solution, found: Uncertainty) -> tuple[Match, ...]:

@@ -78,7 +78,6 @@ def estimates(
     uncertainty: Uncertainty,
     profiles: Mapping[int, Profile | None],
     minima: Sequence[Array] = (),
-    reveal: Mapping[str, str] | None = None,
 ) -> tuple[Estimate, ...]:
     """Return what the fit says about some parameters, in the order of `profiles`.
 
@@ -90,8 +89,6 @@ def estimates(
         The intervals of these coordinates, by their place; None in the null space.
     minima
         Where all starts ended.
-    reveal
-        The experiment that would show a parameter, by name.
     """
     check = _Check(solution, uncertainty, profiles, minima)
     made = []
@@ -99,8 +96,7 @@ def estimates(
         parameter = solution.problem.where.parameters[j]
         reason, interval, confounded = check.reason(j)
         if reason or profile is None:
-            advice = f"; would show it: {reveal[parameter.name]}" if reveal and parameter.name in reveal else ""
-            made.append(Estimate(parameter, None, None, interval, False, reason + advice, confounded))
+            made.append(Estimate(parameter, None, None, interval, False, reason, confounded))
             continue
         note, interval, sigma = "", check.interval(j, profile), check.sigma(j)
         if profile.corrected:

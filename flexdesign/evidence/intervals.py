@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 from flexdesign.evidence.identifiability import Estimate, estimates
 from flexdesign.evidence.marquardt import Solution, polish, solve
@@ -19,7 +19,6 @@ def intervals(
     *,
     known_variance: float | None = 1.0,
     profiles: bool = True,
-    reveal: Mapping[str, str] | None = None,
 ) -> tuple[Estimate, ...]:
     """Return what a fit says about some of its parameters: value, standard deviation, 95 % interval, identifiability.
 
@@ -38,8 +37,6 @@ def intervals(
         Of the whitened residual where the noise is given; None where it is unknown.
     profiles
         Whether the ends are checked by the profile likelihood.
-    reveal
-        The experiment that would show a parameter, by its name, for the reasons given.
     """
 
     def refine(near: Solution) -> tuple[Solution, Uncertainty]:
@@ -50,7 +47,7 @@ def intervals(
 
     places = [solution.problem.where.names.index(name) for name in names]
     solution, found, made, _ = checked(solution, places, refine, profiles)
-    return estimates(solution, found, made, reveal=reveal)
+    return estimates(solution, found, made)
 
 
 def checked(

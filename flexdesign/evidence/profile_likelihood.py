@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.evidence.coordinates import value
 from flexdesign.evidence.marquardt import Columns, Solution, follow, solve
 from flexdesign.evidence.uncertainty import Uncertainty
 
@@ -131,17 +130,15 @@ class _Path:
         found = follow(others, x[self.others], old=self.columns, small=small)
         if found is None:
             return math.inf, x - self.minimum.x
-        if self._above_minimum(found, x) > (1 + TRUSTED) ** 2 * self.expected and self.others.size:
+        if self._above_minimum(x, found) > (1 + TRUSTED) ** 2 * self.expected and self.others.size:
             found = solve(others, found.x, share=0.0, small=small, old=found.columns(), exact=False) or found
             self.columns = found.columns()
-        x[self.others] = found.x
-        rise = self._above_minimum(found, x)
+        rise = self._above_minimum(x, found)
         if -rise > small:
             self.better = x
         return rise, x - self.minimum.x
 
-    def _above_minimum(self, found: Solution, x: Array) -> float:
-        """Return the cost less the minimum's, with that of what is known of the fixed parameter."""
-        parameter = self.problem.where.parameters[self.j]
-        middle, sigma = self.problem.where.known.get(parameter.name, (0.0, math.inf))
-        return found.cost + ((value(parameter, float(x[self.j])) - middle) / sigma) ** 2 - self.minimum.cost
+    def _above_minimum(self, x: Array, found: Solution) -> float:
+        """Move the others to where they were fitted, and return the cost there less the minimum's."""
+        x[self.others] = found.x
+        return self.problem.cost(x, list(found.residuals)) - self.minimum.cost

@@ -367,7 +367,7 @@ def test_a_parameter_without_influence_is_refused() -> None:
     for profiles in (True, False):
         found = fit(idle, [noisy(OSCILLATION, TRUTH, 0.1)], [*TRUTH, "idle"], profiles=profiles)
         assert found.undetermined == ("idle",) and found["idle"].reason == "does not show in these runs"
-        assert found.table()[-1] == ("idle", "", "", "does not show in these runs")
+        assert found["idle"].value_text == found["idle"].interval_text == ""
 
 
 def _narrowed(p: Any, name: str, plausible: tuple[float, float]) -> Any:
@@ -378,7 +378,7 @@ def _narrowed(p: Any, name: str, plausible: tuple[float, float]) -> Any:
 
 
 def same(one: Fit, other: Fit) -> bool:
-    return one.table() == other.table() and one.values == other.values and one.sigmas == other.sigmas
+    return one.estimates == other.estimates and one.values == other.values and one.sigmas == other.sigmas
 
 
 def test_the_same_seed_gives_the_same_result_on_any_number_of_threads() -> None:
@@ -434,14 +434,14 @@ def test_progress_is_told() -> None:
     assert said[0].startswith("start 1 of 2") and said[-1] == "checking the intervals"
 
 
-def test_table_carries_units() -> None:
+def test_estimates_carry_units() -> None:
     every = tuple(
         dataclasses.replace(p, plausible=(1e-7, 1e-5), start=1e-6) if p.name == "a" else p for p in OSCILLATION.every
     )
     micro = Toy(oscillation, every)
     found = fit(micro, [noisy(micro, {**TRUTH, "a": 2e-6}, 0.1e-6)], list(TRUTH))
-    name, value, interval, remark = found.table()[0]
-    assert name == "a" and value.endswith(" um") and remark == ""
+    value, interval = found["a"].value_text, found["a"].interval_text
+    assert value.endswith(" um") and found["a"].reason == ""
     assert float(value.split()[0]) == pytest.approx(found.values["a"] * 1e6, rel=1e-3)
     low, high = (float(end) for end in interval.removesuffix(" um").split(" to "))
     assert low < 2.0 < high
