@@ -30,7 +30,8 @@ Array = NDArray[np.float64]
 #: What is fitted if nothing is asked for: the linear axis, and hysteresis where the model has it.
 LINEAR = ("gain", "damping_ratio", "natural_frequency")
 HYSTERESIS = ("bouc_wen.a", "bouc_wen.b", "bouc_wen.c", "bouc_wen.rest")
-#: An old value contradicts the runs if it makes a residual larger than this, against the best fit: what tables show.
+#: An old value contradicts the runs if their residual is larger by this factor than that of the best fit: more than the
+#: rms of a thousand samples scatters, 1 / sqrt(2 * 1250).
 CONTRADICTED = 1.02
 
 
@@ -45,10 +46,8 @@ class RunMatch:
     time, command, measured, predicted
         n values each [s], [V], [response]; the offset of the sensor is added to the prediction. `measured` is NaN
         where it was not compared.
-    rms
-        Root mean square of measured less predicted [response].
-    span
-        Of what was measured [response].
+    rms, span
+        Root mean square of measured less predicted, and the range of what was measured [response].
     remarks
         What to keep in mind about this run.
     """
@@ -95,10 +94,8 @@ class Identification:
         The axis that was identified.
     estimates
         The verdict on each parameter, in the order asked for. Where some are held, intervals hold for their values.
-    held
-        Parameters that the runs do not determine.
-    known
-        Prior knowledge that took part: value and standard deviation, SI.
+    held, known
+        Parameters that the runs do not determine; and prior knowledge, value and standard deviation, SI.
     fit
         The last fit, of the determined parameters; None if there are none.
     starts
@@ -107,8 +104,8 @@ class Identification:
         All runs, those for validation among them.
     before_errors
         Root mean square error of the model as it was, by run [response].
-    seconds
-        How long it took.
+    evaluations, seconds
+        Number of simulations, and how long it took.
     doubts
         What is doubtful about the units of runs, in sentences.
     """
@@ -142,23 +139,19 @@ def identify(
     starts: int = 8,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Identification:
-    """Fit free numbers of one axis to the runs that may be seen, and judge it by all.
+    """Fit free numbers of one axis to the runs of role ``identify``, and predict all.
 
     Parameters
     ----------
-    model
-        Its values are where the fit begins.
-    runs
-        Those of role ``identify`` are fitted; those of role ``validate`` or ``test`` are only predicted.
+    model, runs
+        The model, from whose values the fit begins, and the runs.
     axis
-        Which one; may be left out where model and runs leave no choice.
+        May be left out where model and runs leave no choice.
     free
         Names of numbers, as in `AxisModel.numbers`, or ``controller.delay``; by default gain, damping ratio and
         natural frequency, with a, b, c and rest of a Bouc-Wen hysteresis where the model has one.
-    starts
-        How many starts the fit may follow.
-    progress
-        Told what is being done.
+    starts, progress
+        How many starts the fit may follow; and what is told what is being done.
 
     Raises
     ------
@@ -221,7 +214,7 @@ def prior(axis: AxisModel, names: Sequence[str]) -> dict[str, tuple[float, float
 
 
 class _Search:
-    """Fits, and holds what turns out to be undetermined, until all that is free is determined."""
+    """The fits of an identification: what turns out undetermined is held, until all that is free is determined."""
 
     def __init__(
         self,
@@ -235,7 +228,7 @@ class _Search:
         self.known = prior(start.axis, asked)
         self.held: dict[str, Held] = {}
         self.evaluations = 0
-        # Simulations a hundred times less accurate, still better than a sensor, tell which minimum is the best.
+        # Which minimum is the best, simulations of 1e-5 of the span tell: they are faster, and still below any noise.
         self.dynamics = start.refined(100 * start.tolerance)
         self.starts = self._fit(self.asked, starts, profiles=False).starts
         progress("fitting from the best minimum, and checking the intervals")
@@ -295,9 +288,8 @@ def _remarks(full: Run, run: Run, dynamics: AxisDynamics) -> tuple[str, ...]:
     response = full.columns[dynamics.name]
     skipped = int((np.isnan(run.measured()) & ~np.isnan(response)).sum())
     if skipped:
-        said.append(
-            f"the command was moving as the record began: the first {skipped * run.period:.3g} s are not compared"
-        )
+        seconds = f"{skipped * run.period:.3g} s"
+        said.append(f"the command was moving as the record began: the first {seconds} are not compared")
     said += run.remarks
     if full.closed_loop or any(name in full.columns for name in ("r", f"r{dynamics.name}")):
         said.append("recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit")
@@ -320,8 +312,7 @@ def _match(dynamics: AxisDynamics, run: Run, remarks: tuple[str, ...]) -> RunMat
 
 def _updated(axis: AxisModel, search: _Search, runs: Sequence[str]) -> AxisModel:
     """Return the fitted axis with what the fit says of how well its numbers are known, and from where."""
-    more = f" and {len(runs) - 4} more" if len(runs) > 4 else ""
-    listed = ", ".join(runs[:4]) + more
+    listed = ", ".join(runs[:4]) + (f" and {len(runs) - 4} more" if len(runs) > 4 else "")
     values = {name: v for name, v in search.last.values.items() if name != DELAY} if search.last else {}
     sigmas = search.last.sigmas if search.last else {}
     guessed = [name for name, held in search.held.items() if not held.is_old and name != DELAY]

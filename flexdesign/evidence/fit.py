@@ -36,12 +36,10 @@ class Match:
     ----------
     name
         Name of the observation.
-    residual
-        Measured less predicted less offset, SI, shaped as measured; NaN at gaps.
+    residual, rms
+        Measured less predicted less offset, SI, shaped as measured, NaN at gaps; and its root mean square.
     offset
         The offset of each channel, SI; zeros if none was taken out.
-    rms
-        Root mean square of the residual, SI.
     inflation
         How many samples count as one because neighbours are correlated; 1 if the residual is white.
     """
@@ -77,7 +75,7 @@ class Fit:
     starts
         How the starts ended.
     evaluations, failures
-        Number of simulations, and of those that gave no numbers.
+        Number of simulations, and of those without finite values.
     """
 
     model: Model
@@ -92,13 +90,7 @@ class Fit:
     failures: int
 
     def __getitem__(self, name: str) -> Estimate:
-        """Return the verdict on one parameter.
-
-        Raises
-        ------
-        KeyError
-            If the parameter was not free.
-        """
+        """Return the verdict on one parameter that was free."""
         return {estimate.name: estimate for estimate in self.estimates}[name]
 
     @property
@@ -249,10 +241,9 @@ def _offsets(wanted: bool | Collection[str]) -> Shapes:
 
     def shapes(observation: Observation) -> tuple[Array, Array]:
         values, count = channels(np.asarray(observation.measured()))
-        has = wanted if isinstance(wanted, bool) else observation.name in wanted
-        columns = np.asarray(np.kron(np.eye(count), np.ones((len(values) // count, 1))), dtype=np.float64)
-        columns = columns[:, : count * has]
-        return columns, np.full(int(columns.shape[1]), math.inf)
+        has_offsets = wanted if isinstance(wanted, bool) else observation.name in wanted
+        columns = np.kron(np.eye(count), np.ones((len(values) // count, 1)))[:, : count * has_offsets]
+        return np.asarray(columns, dtype=np.float64), np.full(count * has_offsets, math.inf)
 
     return shapes
 

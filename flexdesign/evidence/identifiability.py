@@ -33,15 +33,13 @@ class Estimate:
     parameter
         The parameter.
     value, sigma
-        The number and its standard deviation in SI; None if the data do not determine it. Where the covariance is not
-        to be trusted the standard deviation is that of a normal interval as wide as the one stated.
+        The number and its standard deviation in SI; None if the data do not determine it. Where the interval is from
+        the profile likelihood, the standard deviation is that of a normal interval as wide.
     interval
         95 % interval in SI. Where the data only bound a parameter the other end is that of the plausible range; None
         if they say nothing.
-    determined
-        Whether the data determine it.
-    reason
-        Why it has no number, or what its interval rests on; may be empty.
+    determined, reason
+        Whether the data determine it; and why not, or what its interval rests on, perhaps empty.
     confounded
         The parameters with which it is confounded.
     """
@@ -83,12 +81,10 @@ def estimates(
 
     Parameters
     ----------
-    solution, uncertainty
-        The fit.
+    solution, uncertainty, minima
+        The fit, and where all its starts ended.
     profiles
         The intervals of these coordinates, by their place; None in the null space.
-    minima
-        Where all starts ended.
     """
     check = _Check(solution, uncertainty, profiles, minima)
     made = []

@@ -19,11 +19,9 @@ from flexdesign.evidence.marquardt import Columns, Solution, follow, solve
 from flexdesign.evidence.uncertainty import Uncertainty
 
 Array = NDArray[np.float64]
-#: An end from the covariance is kept if the root of the relative rise there is one to this: intervals are then wrong by
-#: a tenth of their width at most, less than the covariance of a coloured residual is.
-TRUSTED = 0.1
-#: Relative accuracy of an end that is searched for, and of the rise there: well within `TRUSTED`.
-ACCURACY = 0.03
+#: An end from the covariance is kept if it is right to this share of its distance; of an end that is searched for, and
+#: of the rise there, the relative accuracy. One sees no tenth of an interval, and the search must be better than that.
+TRUSTED, ACCURACY = 0.1, 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +105,12 @@ class _Path:
                 met[distance] = (found if abs(found) > ACCURACY else 0.0, displacement / distance)
             return met[distance][0]
 
-        if self.half <= room and abs(excess(self.half)) <= TRUSTED:
-            return x + side * self.half, False, False
+        # A long way is gone in steps, so that the others can follow where the valley bends.
+        step = min(self.half, where.span[self.j] / 8)
+        if step == self.half <= room and abs(excess(step)) <= TRUSTED:
+            return x + side * step, False, False
         inside = 0.0
-        for outside in [d for k in range(7) if (d := 2.0**k * self.half) < room] + [room] * math.isfinite(room):
+        for outside in [d for k in range(7) if (d := 2.0**k * step) < room] + [room] * math.isfinite(room):
             if excess(outside) >= 0:
                 return x + side * float(brentq(excess, inside, outside, rtol=ACCURACY)), False, True
             inside = outside

@@ -20,7 +20,9 @@ The correlation estimated from a residual is too small where few independent sam
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,28 +98,15 @@ class Uncertainty:
         return [i for i in np.flatnonzero(shared).tolist() if i != j and self.in_null_space(i)]
 
 
-@dataclass(frozen=True, eq=False)
-class _Channel:
-    """The residual of one channel of a record, and its part of the sandwich: J' R J, and the nuisance columns' dof."""
+class _Channel(NamedTuple):
+    """The residual of one channel of a record: J' R J, and the degrees of freedom that the fit takes from it."""
 
+    record: int
     colour: Colour
     chi2: float
     samples: int
     meat: Array
     fitted: float
-
-    @property
-    def dof(self) -> float:
-        """Degrees of freedom of the residual; a tenth of the samples at least, so that variances stay finite.
-
-        The fit of a slowly varying residual seems to take every sample.
-        """
-        return max(self.samples - self.fitted, 0.1 * self.samples)
-
-    @property
-    def variance(self) -> float:
-        """Variance of the residual."""
-        return self.chi2 / self.dof
 
 
 def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncertainty:
@@ -132,30 +121,30 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
     """
     from scipy.special import chdtri, ndtri, stdtrit
 
-    records = solution.problem.suite.records
+    records, given = solution.problem.suite.records, known_variance or 0.0
     prior = solution.problem.before_slopes(solution.x)
-    data, meat = np.zeros((len(solution.x), len(solution.x))), prior.T @ prior
+    data = np.zeros((len(solution.x), len(solution.x)))
     for part in solution.slopes:
         data[np.ix_(part.places, part.places)] += part.matrix.T @ part.matrix
     projection, bread, null_space = _decomposed(data, prior)
-    channels = list[list[_Channel]]()
-    for r, (record, slopes) in enumerate(zip(records, solution.slopes, strict=True)):
-        jacobian = slopes.matrix @ projection[slopes.places]
-        channels.append(_channels(solution, r, jacobian, bread))
-        # What is known of nuisance columns, as of parameters, counts with the variance that it states.
-        known = jacobian[len(record.measured) :]
-        meat = meat + known.T @ known
-    every = [channel for own in channels for channel in own]
-    given = known_variance or 0.0
-    pooled = sum(channel.chi2 for channel in every) / sum(channel.dof for channel in every)
+    jacobians = [part.matrix @ projection[part.places] for part in solution.slopes]
+    channels = _channels(solution, jacobians, bread)
+    inflation = np.array([channel.colour.inflation for channel in channels])
+    samples = np.array([channel.samples for channel in channels])
+    chi2 = np.array([channel.chi2 for channel in channels])
+    # A slowly varying residual seems to be fitted altogether; a tenth of the samples keeps variances finite.
+    left = np.maximum(samples - [channel.fitted for channel in channels], 0.1 * samples)
+    pooled = float(chi2.sum() / left.sum())
     nuisance = sum(float(np.sum(record.basis[: len(record.measured)] ** 2)) for record in records)
     fitted = float(np.sum(bread * (projection.T @ data @ projection))) + nuisance
-    dof = max(sum(channel.samples / channel.colour.inflation for channel in every) - fitted, 1.0)
-    is_white = all(channel.colour.is_white for channel in every)
+    dof = max(float(np.sum(samples / inflation)) - fitted, 1.0)
+    is_white = all(channel.colour.is_white for channel in channels)
     is_explained = is_white and pooled * dof < given * float(chdtri(dof, LEVEL))
     variance = given if is_explained else pooled
-    for channel in every:
-        meat = meat + (variance if is_white else max(channel.variance, given)) * channel.meat
+    variances = np.full(len(channels), variance) if is_white else np.maximum(chi2 / left, given)
+    # What is known of nuisance columns and of parameters counts with the variance that it states.
+    known = np.vstack([prior, *(j[len(record.measured) :] for j, record in zip(jacobians, records, strict=True))])
+    meat = known.T @ known + sum(v * channel.meat for v, channel in zip(variances, channels, strict=True))
     upper = (1 + CONFIDENCE) / 2
     return Uncertainty(
         covariance=bread @ meat @ bread,
@@ -165,32 +154,29 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
         dof=math.inf if is_explained else dof,
         variance=variance,
         reduced_chi2=pooled / (given or 1.0),
-        inflation=tuple(float(np.mean([channel.colour.inflation for channel in own])) for own in channels),
+        inflation=tuple(
+            float(np.mean(inflation[[channel.record == r for channel in channels]])) for r in range(len(records))
+        ),
     )
 
 
-def _channels(solution: Solution, r: int, jacobian: Array, bread: Array) -> list[_Channel]:
-    """Return the channels of record `r`, whose Jacobian has no null directions."""
-    record, residual = solution.problem.suite.records[r], solution.residuals[r]
+def _channels(solution: Solution, jacobians: Sequence[Array], bread: Array) -> list[_Channel]:
+    """Return the channels of all records; the Jacobians have no null directions."""
     made = []
-    for rows, present in zip(record.series(), record.present.reshape(record.channels, -1), strict=True):
-        found = colour(residual[rows])
-        meat = found.quadratic(jacobian[rows])
-        nuisance = float(np.trace(found.quadratic(record.basis[rows])))
-        chi2 = float(residual[rows] @ residual[rows])
-        made.append(_Channel(found, chi2, int(present.sum()), meat, float(np.sum(bread * meat)) + nuisance))
+    for r, record in enumerate(solution.problem.suite.records):
+        for rows, present in zip(record.series(), record.present.reshape(record.channels, -1), strict=True):
+            residual = solution.residuals[r][rows]
+            found = colour(residual)
+            meat, nuisance = found.quadratic(jacobians[r][rows]), float(np.trace(found.quadratic(record.basis[rows])))
+            fitted = float(np.sum(bread * meat)) + nuisance
+            made.append(_Channel(r, found, float(residual @ residual), int(present.sum()), meat, fitted))
     return made
 
 
 def _decomposed(data: Array, prior: Array) -> tuple[Array, Array, Array]:
     """Return the projection that takes null directions out of a Jacobian, (J'J + P)^-1, and the null space.
 
-    Parameters
-    ----------
-    data
-        J'J of the data, whose columns are scaled to length one first, so that units do not matter.
-    prior
-        Rows of prior knowledge.
+    The columns of J are scaled to length one, so that units do not matter; `prior` are rows of prior knowledge.
     """
     length = np.sqrt(np.diag(data))
     length = np.where(length > 0, length, 1.0)
