@@ -27,20 +27,12 @@ from flexdesign.runs import Role, Run
 from flexdesign.stage_model import AxisModel, StageModel
 
 Array = NDArray[np.float64]
-#: How cycled the actuator was as a record began: of one record nothing is known from those before.
-REST = "bouc_wen.rest"
 #: What is fitted if nothing is asked for: the linear axis, and hysteresis where the model has it.
 LINEAR = ("gain", "damping_ratio", "natural_frequency")
-HYSTERESIS = ("bouc_wen.a", "bouc_wen.b", "bouc_wen.c", REST)
-#: An integration error calls for smaller steps where it could move an estimate by this many standard deviations: its
-#: share of what the fit leaves of a run, times the root of the number of samples.
-DISTURBING = 0.1
-#: Error of the simulations among which the best minimum is sought, relative to the span.
-COARSE = 1e-5
-#: An old value that makes the residual larger than this, against the best fit, contradicts the runs.
+HYSTERESIS = ("bouc_wen.a", "bouc_wen.b", "bouc_wen.c", "bouc_wen.rest")
+#: An old value contradicts the runs if their residual is larger by this factor than that of the best fit: more than the
+#: rms of a thousand samples scatters, 1 / sqrt(2 * 1250).
 CONTRADICTED = 1.02
-#: Not more names of runs than these are written into a source.
-NAMED = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +46,8 @@ class RunMatch:
     time, command, measured, predicted
         n values each [s], [V], [response]; the offset of the sensor is added to the prediction. `measured` is NaN
         where it was not compared.
-    rms
-        Root mean square of measured less predicted [response].
-    span
-        Of what was measured [response].
+    rms, span
+        Root mean square of measured less predicted, and the range of what was measured [response].
     remarks
         What to keep in mind about this run.
     """
@@ -104,10 +94,8 @@ class Identification:
         The axis that was identified.
     estimates
         The verdict on each parameter, in the order asked for. Where some are held, intervals hold for their values.
-    held
-        Parameters that the runs do not determine.
-    known
-        Prior knowledge that took part: value and standard deviation, SI.
+    held, known
+        Parameters that the runs do not determine; and prior knowledge, value and standard deviation, SI.
     fit
         The last fit, of the determined parameters; None if there are none.
     starts
@@ -116,8 +104,8 @@ class Identification:
         All runs, those for validation among them.
     before_errors
         Root mean square error of the model as it was, by run [response].
-    seconds
-        How long it took.
+    evaluations, seconds
+        Number of simulations, and how long it took.
     doubts
         What is doubtful about the units of runs, in sentences.
     """
@@ -151,23 +139,19 @@ def identify(
     starts: int = 8,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Identification:
-    """Fit free numbers of one axis to the runs that may be seen, and judge it by all.
+    """Fit free numbers of one axis to the runs of role ``identify``, and predict all.
 
     Parameters
     ----------
-    model
-        Its values are where the fit begins.
-    runs
-        Those of role ``identify`` are fitted; those of role ``validate`` or ``test`` are only predicted.
+    model, runs
+        The model, from whose values the fit begins, and the runs.
     axis
-        Which one; may be left out where model and runs leave no choice.
+        May be left out where model and runs leave no choice.
     free
         Names of numbers, as in `AxisModel.numbers`, or ``controller.delay``; by default gain, damping ratio and
         natural frequency, with a, b, c and rest of a Bouc-Wen hysteresis where the model has one.
-    starts
-        How many starts the fit may follow.
-    progress
-        Told what is being done.
+    starts, progress
+        How many starts the fit may follow; and what is told what is being done.
 
     Raises
     ------
@@ -187,7 +171,6 @@ def identify(
     asked = usual if free is None else checked_numbers(start, free)
     observed = [start.comparable(run) for run in seen]
     search = _Search(start, [run for run in observed if run.role == "identify"], asked, starts, progress)
-    search.settle()
     progress("predicting all runs")
     fitted = search.dynamics
     matches = tuple(_match(fitted, run, _remarks(full, run, fitted)) for full, run in zip(runs, observed, strict=True))
@@ -196,11 +179,11 @@ def identify(
         before=model,
         model=replace(model, axes=axes, controller=replace(model.controller, delay=fitted.delay)),
         axis=name,
-        estimates=search.estimates(),
+        estimates=tuple(search.verdicts[name] for name in asked),
         held=search.held,
         known=search.known,
         fit=search.last,
-        starts=search.starts_of_first,
+        starts=search.starts,
         runs=matches,
         before_errors={run.name: _match(start, run, ()).rms for run in observed},
         evaluations=search.evaluations,
@@ -226,12 +209,12 @@ def prior(axis: AxisModel, names: Sequence[str]) -> dict[str, tuple[float, float
     return {
         name: (value, abs(value) * sigma)
         for name, (value, sigma) in known.items()
-        if value and sigma and name not in axis.assumed and name != REST
+        if value and sigma and name not in axis.assumed and not name.endswith(".rest")  # each record begins elsewhere
     }
 
 
 class _Search:
-    """Fits, and holds what turns out to be undetermined, until all that is free is determined."""
+    """The fits of an identification: what turns out undetermined is held, until all that is free is determined."""
 
     def __init__(
         self,
@@ -241,57 +224,43 @@ class _Search:
         starts: int,
         progress: Callable[[str], None],
     ) -> None:
-        self.start, self.runs, self.asked, self.starts, self.progress = start, runs, tuple(asked), starts, progress
+        self.start, self.runs, self.asked, self.progress = start, runs, tuple(asked), progress
         self.known = prior(start.axis, asked)
-        self.dynamics = start
         self.held: dict[str, Held] = {}
-        self.verdicts: dict[str, Estimate] = {}
-        self.last: Fit | None = None
         self.evaluations = 0
-
-    def settle(self) -> None:
-        """Fit until every free parameter is determined; at best that is once."""
-        self.dynamics = self.start.refined(COARSE)
-        found = self._fitted(self.asked, self.starts, profiles=False)
-        self.starts_of_first = found.starts
-        if self._is_disturbed(found):
-            self.dynamics = self.dynamics.refined(self.start.tolerance)
-        self.progress("fitting from the best minimum, and checking the intervals")
-        self.last = self._fit(self.asked)
+        # Which minimum is the best, simulations of 1e-5 of the span tell: they are faster, and still below any noise.
+        self.dynamics = start.refined(100 * start.tolerance)
+        self.starts = self._fit(self.asked, starts, profiles=False).starts
+        progress("fitting from the best minimum, and checking the intervals")
+        self.last: Fit | None = self._accurate_fit(self.asked)
+        self.verdicts: dict[str, Estimate] = {}  # of a parameter that is held the first one stays
         while self.last is not None and self.last.undetermined:
-            for estimate in self.last.estimates:
-                if not estimate.determined:
-                    self.verdicts.setdefault(estimate.name, estimate)
+            self.verdicts = {name: self.last[name] for name in self.last.undetermined} | self.verdicts
             self.last = self._without(self.last.undetermined[-1], self.last)
+        self.verdicts |= {estimate.name: estimate for estimate in self.last.estimates} if self.last else {}
 
     def _without(self, name: str, best: Fit) -> Fit | None:
-        """Hold a parameter, at its old value if the runs allow it, and fit those that are left; None if none is."""
-        left = [estimate.name for estimate in best.estimates if estimate.name != name]
-        values = {"old": _present(self.start, name), "best": _present(self.dynamics, name)}
+        """Hold a parameter, at its old value if the runs allow it, and fit the others; None if there are none."""
+        others = [estimate.name for estimate in best.estimates if estimate.name != name]
         fitted = self.dynamics
-        for which, value in values.items():
+        for which, model in {"old": self.start, "best": fitted}.items():
+            value = _present(model, name)
             self.dynamics = fitted.replace({name: value})
             self.held[name] = Held(value, which == "old")
             self.progress(f"{name} is held at its {which} value; fitting the others again")
-            found = self._fit(left) if left else None
+            found = self._accurate_fit(others) if others else None
             rms = [m.rms for m in found.matches] if found else [_match(self.dynamics, run, ()).rms for run in self.runs]
             if all(r <= CONTRADICTED * m.rms for r, m in zip(rms, best.matches, strict=True)):
                 break
         return found
 
-    def _fit(self, free: Sequence[str]) -> Fit:
-        found = self._fitted(free)
-        if self._is_disturbed(found):  # the steps were found at values from which the fit has moved away
-            self.dynamics = self.dynamics.refined(self.start.tolerance)
-            found = self._fitted(free)
-        return found
+    def _accurate_fit(self, free: Sequence[str]) -> Fit:
+        self.dynamics = self.dynamics.refined(self.start.tolerance)
+        return self._fit(free)
 
-    def _is_disturbed(self, found: Fit) -> bool:
-        errors = [self.dynamics.integration_error(run) * math.sqrt(len(run.time)) for run in self.runs]
-        return any(error > DISTURBING * match.rms for error, match in zip(errors, found.matches, strict=True))
-
-    def _fitted(self, free: Sequence[str], starts: int = 1, profiles: bool = True) -> Fit:
-        reveal = {p: effects.find(p.partition(".")[0]).reveal for p in free if p.partition(".")[0] in effects.names()}
+    def _fit(self, free: Sequence[str], starts: int = 1, profiles: bool = True) -> Fit:
+        owners = {name: name.partition(".")[0] for name in free}
+        reveal = {name: effects.find(owner).reveal for name, owner in owners.items() if owner in effects.names()}
         found = evidence.fit(
             self.dynamics,
             self.runs,
@@ -307,11 +276,6 @@ class _Search:
         self.evaluations += found.evaluations
         return found
 
-    def estimates(self) -> tuple[Estimate, ...]:
-        """Return the verdict on every parameter asked for; on one that is held, that of the fit that gave it up."""
-        final = {estimate.name: estimate for estimate in self.last.estimates} if self.last else {}
-        return tuple(final.get(name) or self.verdicts[name] for name in self.asked)
-
 
 def _present(dynamics: AxisDynamics, name: str) -> float:
     """Return the value of a parameter; what the model does not say is as in the catalogue."""
@@ -324,9 +288,8 @@ def _remarks(full: Run, run: Run, dynamics: AxisDynamics) -> tuple[str, ...]:
     response = full.columns[dynamics.name]
     skipped = int((np.isnan(run.measured()) & ~np.isnan(response)).sum())
     if skipped:
-        said.append(
-            f"the command was moving as the record began: the first {skipped * run.period:.3g} s are not compared"
-        )
+        seconds = f"{skipped * run.period:.3g} s"
+        said.append(f"the command was moving as the record began: the first {seconds} are not compared")
     said += run.remarks
     if full.closed_loop or any(name in full.columns for name in ("r", f"r{dynamics.name}")):
         said.append("recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit")
@@ -349,7 +312,7 @@ def _match(dynamics: AxisDynamics, run: Run, remarks: tuple[str, ...]) -> RunMat
 
 def _updated(axis: AxisModel, search: _Search, runs: Sequence[str]) -> AxisModel:
     """Return the fitted axis with what the fit says of how well its numbers are known, and from where."""
-    listed = ", ".join(runs[:NAMED]) + (f" and {len(runs) - NAMED} more" if len(runs) > NAMED else "")
+    listed = ", ".join(runs[:4]) + (f" and {len(runs) - 4} more" if len(runs) > 4 else "")
     values = {name: v for name, v in search.last.values.items() if name != DELAY} if search.last else {}
     sigmas = search.last.sigmas if search.last else {}
     guessed = [name for name, held in search.held.items() if not held.is_old and name != DELAY]

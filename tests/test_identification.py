@@ -21,7 +21,7 @@ from flexdesign.dynamics.axis_model import DELAY, AxisDynamics
 from flexdesign.dynamics.simulate import Loop, simulate
 from flexdesign.errors import InputError
 from flexdesign.evidence import fit
-from flexdesign.identification import HYSTERESIS, LINEAR, REST, identify, prior
+from flexdesign.identification import HYSTERESIS, LINEAR, identify, prior
 from flexdesign.report import identification_report
 from flexdesign.runs import Run
 from flexdesign.stage_model import AxisModel, ControllerTiming, Driver, StageModel
@@ -38,6 +38,7 @@ START = replace(
     effects={"bouc_wen": {"a": 0.2e-6, "b": 0.02, "c": 0.0, "n": 1.0}},
 )
 FREE = (*LINEAR, *HYSTERESIS)
+REST = "bouc_wen.rest"
 #: Recordings by others, which do not come with the project: beside the checkout, if anywhere.
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,8 @@ from flexdesign.errors import InputError
 from flexdesign.evidence.coordinates import coordinates
 from flexdesign.evidence.dataset import Shapes, Suite, channels
 from flexdesign.evidence.identifiability import Estimate, estimates
-from flexdesign.evidence.intervals import better_point, profiles_of
-from flexdesign.evidence.marquardt import MINIMUM, Effort, Solution, solve
+from flexdesign.evidence.intervals import checked
+from flexdesign.evidence.marquardt import Solution, solve
 from flexdesign.evidence.multistart import Starts, multistart
 from flexdesign.evidence.noise import Noise, White, Whitening
 from flexdesign.evidence.sharing import sharing
@@ -25,13 +26,6 @@ from flexdesign.evidence.uncertainty import Uncertainty, uncertainty
 from flexdesign.model import Model, Observation
 
 Array = NDArray[np.float64]
-#: How often a fit begins again when a profile meets a better point, and how often prior and data are balanced.
-AGAIN, BALANCED = 3, 6
-#: The scale of the noise is found to this share of itself, far below what 95 % intervals show.
-SETTLED = 0.02
-#: A minimum is found where a step promises to lower the cost by less than this share of it: for 10 000 samples to a
-#: thousandth of a standard deviation. Without noise it ends at this share of `Suite.floor`, where numbers are rounded.
-POLISHED, ROUNDED = 1e-10, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,18 +36,10 @@ class Match:
     ----------
     name
         Name of the observation.
-    residual
-        Measured less predicted less offset, SI, shaped as measured; NaN at gaps.
+    residual, rms
+        Measured less predicted less offset, SI, shaped as measured, NaN at gaps; and its root mean square.
     offset
         The offset of each channel, SI; zeros if none was taken out.
-    rms
-        Root mean square of the residual, SI.
-    error
-        The same over the largest range that a channel covers; a ratio.
-    r2
-        Share of the measured variance that the model explains.
-    sigma
-        Standard deviation of what the model leaves, the fit's degrees of freedom counted; SI.
     inflation
         How many samples count as one because neighbours are correlated; 1 if the residual is white.
     """
@@ -62,9 +48,6 @@ class Match:
     residual: NDArray[Any]
     offset: tuple[float, ...]
     rms: float
-    error: float
-    r2: float
-    sigma: float
     inflation: float
 
 
@@ -84,15 +67,15 @@ class Fit:
         How well each observation is matched.
     cost
         Sum of squares of whitened residuals and of what was known.
-    reduced
-        Reduced chi^2; None where the noise was not given.
+    reduced_chi2
+        None where the noise was not given.
     dof
         Degrees of freedom behind the intervals, correlated samples counted as fewer; infinite where the noise was
         given and explains the residual.
     starts
         How the starts ended.
     evaluations, failures
-        Number of simulations, and of those that gave no numbers.
+        Number of simulations, and of those without finite values.
     """
 
     model: Model
@@ -100,20 +83,14 @@ class Fit:
     correlation: Array
     matches: tuple[Match, ...]
     cost: float
-    reduced: float | None
+    reduced_chi2: float | None
     dof: float
     starts: Starts
     evaluations: int
     failures: int
 
     def __getitem__(self, name: str) -> Estimate:
-        """Return the verdict on one parameter.
-
-        Raises
-        ------
-        KeyError
-            If the parameter was not free.
-        """
+        """Return the verdict on one parameter that was free."""
         return {estimate.name: estimate for estimate in self.estimates}[name]
 
     @property
@@ -130,10 +107,6 @@ class Fit:
     def undetermined(self) -> tuple[str, ...]:
         """Names of the parameters that the data do not determine."""
         return tuple(e.name for e in self.estimates if not e.determined)
-
-    def table(self) -> list[tuple[str, str, str, str]]:
-        """Return a row for each parameter: name, value with unit, 95 % interval with unit, remark."""
-        return [(e.name, e.value_text, e.interval_text, e.reason) for e in self.estimates]
 
 
 def fit(
@@ -154,35 +127,27 @@ def fit(
     """Fit free parameters of a model to what was measured, and say which of them the data determine.
 
     The offsets are linear and are eliminated exactly (Golub and Pereyra 1973), so that the parameters carry their
-    uncertainty. What was known before enters as further residuals. A model that fails at some values (numbers that
-    are not finite, an ArithmeticError) is taken to fit infinitely badly there.
+    uncertainty. A model that fails at some values (numbers that are not finite, an ArithmeticError) is taken to fit
+    infinitely badly there.
 
     Parameters
     ----------
-    model
-        Its parameters' `start` are the present values.
-    observations
-        What was measured, for identification.
-    free
-        Names of the parameters to be fitted.
+    model, observations, free
+        The model, whose parameters' `start` are the present values; what was measured, for identification; and the
+        names of the parameters to be fitted.
     known
-        Values known before with their standard deviations, SI, Gaussian; those of parameters that are not free are
-        passed over.
+        Prior knowledge, Gaussian: values with standard deviations, SI; of parameters that are not free it is ignored.
     noise
         The noise of the observations, SI. Unknown by default: white, alike in all observations, its level taken from
         the residual.
     offsets
-        Whether each channel of each observation has an unknown constant added to it; or the names of the observations
-        where it has.
-    starts
-        How many starts may be followed.
-    seed
-        Of the sample of starts.
+        Whether each channel of each observation has an unknown offset; or the names of the observations where it has.
+    starts, seed
+        How many starts may be followed, and the seed of their sample.
     threads
         How many simulations run at a time; two by default, if there are two processors.
     profiles
-        Whether intervals are checked by profile likelihood, at the price of about five simulations per parameter where
-        they prove right.
+        Whether intervals are checked by profile likelihood: about five simulations per parameter where they are right.
     reveal
         The experiment that would show a parameter, by its name, for the reasons given.
     progress
@@ -205,75 +170,58 @@ def fit(
     with sharing(_counted(threads)) as each:
         problem = Problem(suite, model, where, each)
         first, ended, minima = multistart(problem, starts, seed, progress)
-        best, found = _balanced(first, noise is not None)
         progress("checking the intervals")
-        intervals = profiles_of(best, found, range(len(free)), profiles)
-        for _ in range(AGAIN):
-            if (better := better_point(intervals.values())) is None:
-                break
-            progress("a better point was met: fitting again")
-            best, found = _balanced(solve(problem.anew(), better, MINIMUM) or best, noise is not None)
-            ended = Starts(ended.asked, ended.polished, 0)
-            intervals = profiles_of(best, found, range(len(free)), profiles)
+        refine = partial(_converged, suite, noise is not None)
+        best, found, intervals, is_better = checked(first, range(len(free)), refine, profiles)
         return Fit(
             model=problem.at(best.x),
-            estimates=estimates(best, found, intervals, minima, reveal),
+            estimates=tuple(_advised(e, reveal or {}) for e in estimates(best, found, intervals, minima)),
             correlation=found.correlation,
             matches=_matches(best, found),
             cost=best.cost,
-            reduced=None if noise is None else found.reduced_chi2,
+            reduced_chi2=None if noise is None else found.reduced_chi2,
             dof=found.dof,
-            starts=ended,
+            starts=replace(ended, agreed=0) if is_better else ended,
             evaluations=problem.evaluations,
             failures=problem.failures,
         )
 
 
-def _balanced(solution: Solution, noise_is_known: bool) -> tuple[Solution, Uncertainty]:
-    """Return the minimum to full accuracy and its uncertainty, prior knowledge balanced against the residual.
+def _converged(suite: Suite, noise_is_known: bool, solution: Solution) -> tuple[Solution, Uncertainty]:
+    """Return the minimum to full accuracy and its uncertainty, prior knowledge weighed against the residual.
 
-    Prior knowledge is weighed against the scatter of the data. Where that shows only in the residual, or where
-    correlated samples count as fewer, the weight follows from the fit itself, so that both are found in turn.
+    Where the noise is unknown, or correlated samples count as fewer, the weight follows from the residual of the fit
+    itself, so that both are found in turn.
     """
-    suite, scale = solution.problem.suite, 1.0
-    for _ in range(BALANCED):
+    scale = 1.0
+    for _ in range(6):
         problem = solution.problem.anew(suite.scaled(scale) if scale != 1 else suite, central=True)
-        small = ROUNDED * problem.suite.floor
-        solution = solve(problem, solution.x, Effort(30, POLISHED), small=small) or solution
+        # To a thousandth of a standard deviation for 10 000 samples; without noise to where values are rounded.
+        solution = solve(problem, solution.x, share=1e-10, small=1e-6 * problem.suite.floor) or solution
         found = uncertainty(solution, scale**-2 if noise_is_known else None)
-        if not problem.where.known or not found.variance:
-            break
         factor = math.sqrt(found.variance * float(np.mean(found.inflation)))
-        if abs(factor - 1) < SETTLED:
+        if not problem.where.known or not factor or abs(factor - 1) < 0.02:  # 95 % intervals show no 2 %
             break
         scale *= factor
     return solution, found
 
 
+def _advised(estimate: Estimate, reveal: Mapping[str, str]) -> Estimate:
+    """Return an estimate that names the experiment which would show a parameter that is not determined."""
+    if estimate.determined or estimate.name not in reveal:
+        return estimate
+    return replace(estimate, reason=f"{estimate.reason}; would show it: {reveal[estimate.name]}")
+
+
 def _matches(solution: Solution, found: Uncertainty) -> tuple[Match, ...]:
-    made = []
-    problem, suite = solution.problem, solution.problem.suite
-    model = problem.at(solution.x)
-    for record, inflation, dof in zip(suite.records, found.inflation, found.effective_dof, strict=True):
-        difference = record.difference(np.asarray(model.predict(record.observation)))
-        offset = suite.amounts(record, difference)
-        residual = np.where(record.present, difference - record.columns @ offset, np.nan)
-        measured = np.where(record.present, record.measured, np.nan).reshape(record.channels, -1)
-        energy, count = float(np.nansum(residual**2)), int(record.present.sum())
-        variance = float(np.nansum((measured - np.nanmean(measured, axis=1)[:, None]) ** 2))
-        rms, reach = math.sqrt(energy / count), float(np.max(np.nanmax(measured, axis=1) - np.nanmin(measured, axis=1)))
-        made.append(
-            Match(
-                name=record.observation.name,
-                residual=record.restored(residual),
-                offset=tuple(float(o) for o in offset) or (0.0,) * record.channels,
-                rms=rms,
-                error=rms / reach if reach else math.nan,
-                r2=1 - energy / variance if variance else math.nan,
-                sigma=math.sqrt(energy / max(count - dof, 0.1 * count)),
-                inflation=inflation,
-            )
-        )
+    suite, model, made = solution.problem.suite, solution.problem.at(solution.x), []
+    for record, inflation in zip(suite.records, found.inflation, strict=True):
+        predicted = np.asarray(model.predict(record.observation))
+        offset = tuple(float(o) for o in suite.amounts(record, record.difference(predicted)))
+        residual = suite.remainder(record, predicted)
+        rms = math.sqrt(float(np.nanmean(residual**2)))
+        name, shaped = record.observation.name, record.restored(residual)
+        made.append(Match(name, shaped, offset or (0.0,) * record.channels, rms, inflation))
     return tuple(made)
 
 
@@ -293,10 +241,9 @@ def _offsets(wanted: bool | Collection[str]) -> Shapes:
 
     def shapes(observation: Observation) -> tuple[Array, Array]:
         values, count = channels(np.asarray(observation.measured()))
-        has = wanted if isinstance(wanted, bool) else observation.name in wanted
-        columns = np.asarray(np.kron(np.eye(count), np.ones((len(values) // count, 1))), dtype=np.float64)
-        columns = columns[:, : count * has]
-        return columns, np.full(int(columns.shape[1]), math.inf)
+        has_offsets = wanted if isinstance(wanted, bool) else observation.name in wanted
+        columns = np.kron(np.eye(count), np.ones((len(values) // count, 1)))[:, : count * has_offsets]
+        return np.asarray(columns, dtype=np.float64), np.full(count * has_offsets, math.inf)
 
     return shapes
 

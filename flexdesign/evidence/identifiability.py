@@ -17,9 +17,10 @@ from flexdesign.evidence.uncertainty import Uncertainty
 from flexdesign.model import Parameter
 
 Array = NDArray[np.float64]
-#: An interval this wide, relative to what was plausible or known, says nothing that was not believed before.
+#: An interval that covers this share of the plausible range, or of what was known, says nothing new: nearly all.
 TOO_WIDE = 0.9
-#: Parameters correlated more than this are named together when one of them is undetermined.
+#: Parameters correlated more than this are named together when one of them is undetermined: the others, if they were
+#: known, would more than halve its interval, by sqrt(1 - 0.9^2).
 CORRELATED = 0.9
 
 
@@ -32,17 +33,15 @@ class Estimate:
     parameter
         The parameter.
     value, sigma
-        The number and its standard deviation in SI; None if the data do not determine it. Where the covariance is not
-        to be trusted the standard deviation is that of a normal interval as wide as the one stated.
+        The number and its standard deviation in SI; None if the data do not determine it. Where the interval is from
+        the profile likelihood, the standard deviation is that of a normal interval as wide.
     interval
         95 % interval in SI. Where the data only bound a parameter the other end is that of the plausible range; None
         if they say nothing.
-    determined
-        Whether the data determine it.
-    reason
-        Why it has no number, or what its interval rests on; may be empty.
-    entangled
-        The other parameters with which it is entangled.
+    determined, reason
+        Whether the data determine it; and why not, or what its interval rests on, perhaps empty.
+    confounded
+        The parameters with which it is confounded.
     """
 
     parameter: Parameter
@@ -51,7 +50,7 @@ class Estimate:
     interval: tuple[float, float] | None
     determined: bool
     reason: str = ""
-    entangled: tuple[str, ...] = ()
+    confounded: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -61,9 +60,7 @@ class Estimate:
     @property
     def value_text(self) -> str:
         """The value with its unit, to two digits of its standard deviation; empty if there is none."""
-        if self.value is None:
-            return ""
-        return _text(self.parameter, self.value, self.sigma)
+        return "" if self.value is None else _text(self.parameter, self.value, self.sigma)
 
     @property
     def interval_text(self) -> str:
@@ -71,7 +68,7 @@ class Estimate:
         if self.interval is None:
             return ""
         width = self.interval[1] - self.interval[0]
-        return _spanned(self.parameter, self.interval, sigma=width / 4)
+        return _pair_text(self.parameter, self.interval, sigma=width / 4)
 
 
 def estimates(
@@ -79,32 +76,26 @@ def estimates(
     uncertainty: Uncertainty,
     profiles: Mapping[int, Profile | None],
     minima: Sequence[Array] = (),
-    reveal: Mapping[str, str] | None = None,
 ) -> tuple[Estimate, ...]:
     """Return what the fit says about some parameters, in the order of `profiles`.
 
     Parameters
     ----------
-    solution, uncertainty
-        The fit.
+    solution, uncertainty, minima
+        The fit, and where all its starts ended.
     profiles
         The intervals of these coordinates, by their place; None in the null space.
-    minima
-        Where all starts ended.
-    reveal
-        The experiment that would show a parameter, by name.
     """
     check = _Check(solution, uncertainty, profiles, minima)
     made = []
-    for j in profiles:
+    for j, profile in profiles.items():
         parameter = solution.problem.where.parameters[j]
-        reason, interval, entangled = check.reason(j)
-        if reason:
-            advice = f"; would show it: {reveal[parameter.name]}" if reveal and parameter.name in reveal else ""
-            made.append(Estimate(parameter, None, None, interval, False, reason + advice, entangled))
+        reason, interval, confounded = check.reason(j)
+        if reason or profile is None:
+            made.append(Estimate(parameter, None, None, interval, False, reason, confounded))
             continue
-        note, interval, sigma = "", check.interval(j), check.sigma(j)
-        if _of(profiles, j).corrected:
+        note, interval, sigma = "", check.interval(j, profile), check.sigma(j)
+        if profile.corrected:
             note = "interval from the profile likelihood"
             sigma = (interval[1] - interval[0]) / (2 * uncertainty.quantile)
         made.append(Estimate(parameter, check.values[parameter.name], sigma, interval, True, note))
@@ -127,69 +118,60 @@ class _Check:
         self.values = self.where.values(solution.x)
         self.correlation = uncertainty.correlation
         self.floor = solution.problem.suite.floor
-        self.rivals = [other for other in minima if self._fits_alike(other)]
+        self.equal_minima = [other for other in minima if self._is_equal_minimum(other)]
 
     def reason(self, j: int) -> tuple[str, tuple[float, float] | None, tuple[str, ...]]:
         """Return why there is no number (empty if there is one), the interval if any, and the confounded parameters."""
-        parameter = self.parameters[j]
-        profile = self.profiles[j]
+        parameter, profile = self.parameters[j], self.profiles[j]
         if profile is None or (self.uncertainty.in_null_space(j) and profile.open_low and profile.open_high):
             others, null = self.uncertainty.confounded_with(j), self.uncertainty.null_space
-            reason = self.entangled([j, *others], null.T @ null[:, j]) if others else "does not show in these runs"
+            reason = self.confounded([j, *others], null.T @ null[:, j]) if others else "does not show in these runs"
             return reason, None, tuple(self.names[i] for i in others)
-        for rival in self.rivals:
-            if self._is_outside(rival[j], j):
-                other = _text(parameter, value(parameter, float(rival[j])))
-                here = _text(parameter, self.values[parameter.name])
-                return f"{here} and {other} fit alike", None, ()
+        width = profile.high - profile.low
+        for other in self.equal_minima:
+            if not profile.low - width <= other[j] <= profile.high + width:
+                here, there = (_text(parameter, value(parameter, float(x[j]))) for x in (self.solution.x, other))
+                return f"{here} and {there} fit alike", None, ()
         others = [i for i in range(len(self.names)) if i != j and abs(self.correlation[i, j]) > CORRELATED]
-        reason, interval = self.too_wide(j)
-        names = tuple(self.names[i] for i in others)
-        if not others or not (reason or self._rests_on_unknowns(j, others)):
+        reason, interval = self.too_wide(j, profile)
+        if not others or not (reason or (profile.corrected and self._are_undetermined(others))):
             return reason, interval, ()
-        sentence = self.entangled([j, *others], self.correlation[:, j])
-        if profile.corrected:
-            return sentence, None, names
-        return f"{reason}; {sentence}", interval, names
+        sentence, names = self.confounded([j, *others], self.correlation[:, j]), tuple(self.names[i] for i in others)
+        # The end of a bent valley is not the end of the interval: another branch of it may lead further.
+        return (sentence, None, names) if profile.corrected else (f"{reason}; {sentence}", interval, names)
 
-    def too_wide(self, j: int) -> tuple[str, tuple[float, float] | None]:
+    def too_wide(self, j: int, profile: Profile) -> tuple[str, tuple[float, float] | None]:
         """Return why an interval says too little, and what it says nevertheless."""
-        parameter, profile = self.parameters[j], _of(self.profiles, j)
-        interval = self.interval(j)
-        falling = parameter.scale == "inverse"
-        open_low, open_high = (profile.open_low, profile.open_high)[:: -1 if falling else 1]
+        parameter, interval = self.parameters[j], self.interval(j, profile)
         known = self.where.known.get(parameter.name)
         if known and self.sigma(j) > TOO_WIDE * known[1]:
-            return f"these runs add nothing to what was known, {_spanned(parameter, known, ' ± ', known[1])}", None
-        if open_low and open_high:
-            return f"these runs allow all that is plausible, {_spanned(parameter, parameter.plausible)}", None
-        if profile.high - profile.low > TOO_WIDE * self.where.span[j]:
-            return (
-                f"these runs allow nearly all that is plausible, {_spanned(parameter, parameter.plausible)}",
-                interval,
-            )
-        if open_low or open_high:
-            end = interval[1] if open_low else interval[0]
-            limit = f"{'at most' if open_low else 'at least'} {_text(parameter, end, digits=2)}"
-            bound = interval[0] if open_low else interval[1]
+            return f"these runs add nothing to what was known, {_pair_text(parameter, known, ' ± ', known[1])}", None
+        is_all = profile.open_low and profile.open_high
+        if is_all or profile.high - profile.low > TOO_WIDE * self.where.span[j]:
+            nearly, plausible = "" if is_all else "nearly ", _pair_text(parameter, parameter.plausible)
+            return f"these runs allow {nearly}all that is plausible, {plausible}", None if is_all else interval
+        if profile.open_low or profile.open_high:
+            # The value falls as its coordinate rises on an inverse scale.
+            has_upper = profile.open_low != (parameter.scale == "inverse")
+            bound, end = interval if has_upper else interval[::-1]
+            limit = f"{'at most' if has_upper else 'at least'} {_text(parameter, end, digits=2)}"
             if parameter.null is not None and bound == parameter.null:
                 return f"{limit}: these runs do not tell it from {_text(parameter, bound)}", interval
-            where = f"the {'lower' if open_low else 'upper'} end of what is plausible, {_text(parameter, bound)}"
-            return f"{limit}: the interval runs into {where}", interval
+            side = "lower" if has_upper else "upper"
+            return f"{limit}: it may be at the {side} end of what is plausible, {_text(parameter, bound)}", interval
         return ("any value in the interval fits alike" if self.uncertainty.in_null_space(j) else ""), interval
 
     def sigma(self, j: int) -> float:
         """Return the standard deviation in SI from the covariance."""
         return abs(float(self.where.slopes(self.solution.x)[j])) * math.sqrt(self.uncertainty.covariance[j, j])
 
-    def interval(self, j: int) -> tuple[float, float]:
+    def interval(self, j: int, profile: Profile) -> tuple[float, float]:
         """Return the interval in SI."""
-        profile = _of(self.profiles, j)
         low, high = sorted(value(self.parameters[j], end) for end in (profile.low, profile.high))
         return low, high
 
-    def entangled(self, group: list[int], direction: Array) -> str:
-        """Return a sentence on parameters that stand in for one another along a direction."""
+    def confounded(self, group: list[int], direction: Array) -> str:
+        """Return a sentence on parameters that replace one another along a direction."""
         names = [self.names[i] for i in group]
         listed = f"{', '.join(names[:-1])} and {names[-1]}"
         relation = self._relation(*group) if len(group) == 2 else ""
@@ -197,10 +179,10 @@ class _Check:
             return f"{listed}: only their {relation} shows in these runs"
         length = np.linalg.norm(direction[group])
         weights = ", ".join(f"{self.names[i]} {direction[i] / length:+.2f}" for i in group)
-        return f"{listed} stand in for one another in these runs (weights {weights})"
+        return f"{listed} are confounded in these runs (weights {weights})"
 
     def _relation(self, i: int, j: int) -> str:
-        """Return what of two parameters stays fixed while both move without a trace, found by moving them."""
+        """Return the only combination of two parameters that changes the prediction, found by changing both."""
         first, second = self.parameters[i], self.parameters[j]
         a, b = self.values[first.name], self.values[second.name]
         if not (a and b and math.isfinite(a) and math.isfinite(b)):
@@ -209,53 +191,38 @@ class _Check:
         if first.si == second.si:
             shift = 0.1 * min(abs(a), abs(b))
             moves |= {"sum": (a + shift, b - shift), "difference": (a + shift, b + shift)}
-        traces = {}
         for name, (to_a, to_b) in moves.items():
-            alone, both = self._rise({i: to_a}), self._rise({i: to_a, j: to_b})
-            traces[name] = both / alone if self.floor < alone < math.inf else math.inf
-        best = min(traces, key=lambda name: traces[name])
-        return best if traces[best] < 1e-3 else ""
+            alone, both = self._change({i: to_a}), self._change({i: to_a, j: to_b})
+            if self.floor < alone < math.inf and both < 1e-3 * alone:
+                return name
+        return ""
 
-    def _rise(self, changed: Mapping[int, float]) -> float:
+    def _change(self, values: Mapping[int, float]) -> float:
         """Return the squared change of the data's residual when some values change; infinite where the model fails."""
         x = self.solution.x.copy()
-        for i, number in changed.items():
+        for i, number in values.items():
             x[i] = coordinate(self.parameters[i], number)
         if (found := self.solution.problem.residuals(x)) is None:
             return math.inf
         return sum(float(np.sum((a - b) ** 2)) for a, b in zip(found, self.solution.residuals, strict=True))
 
-    def _rests_on_unknowns(self, j: int, others: list[int]) -> bool:
-        """Tell whether an interval rests on parameters without a number, and not on the covariance.
+    def _are_undetermined(self, places: list[int]) -> bool:
+        """Tell whether some of these parameters have no number, and nothing was known of them."""
+        unknown = (
+            (i, self.profiles[i]) for i in places if i in self.profiles and self.names[i] not in self.where.known
+        )
+        return any(profile is None or self.too_wide(i, profile)[0] for i, profile in unknown)
 
-        Its ends were then found along a bent valley that is not closed, and another branch of it may lead further.
-        """
-        if not _of(self.profiles, j).corrected:
-            return False
-        unknown = [i for i in others if self.names[i] not in self.where.known and i in self.profiles]
-        return any(self.profiles[i] is None or self.too_wide(i)[0] for i in unknown)
-
-    def _fits_alike(self, other: Array) -> bool:
+    def _is_equal_minimum(self, other: Array) -> bool:
+        """Tell whether a minimum fits alike although the parabola about this one says that it cannot."""
         allowed = self.uncertainty.quantile**2 * self.uncertainty.variance + self.floor
-        apart = other - self.solution.x
-        if float(apart @ self.uncertainty.information @ apart) <= 25 * allowed:
+        distance, problem = other - self.solution.x, self.solution.problem
+        if distance @ self.solution.normal @ distance <= 25 * allowed:
             return False
-        problem = self.solution.problem
         return problem.cost(other, problem.residuals(other)) - self.solution.cost < allowed
 
-    def _is_outside(self, x: float, j: int) -> bool:
-        profile = _of(self.profiles, j)
-        width = profile.high - profile.low
-        return not profile.low - width <= x <= profile.high + width
 
-
-def _of(profiles: Mapping[int, Profile | None], j: int) -> Profile:
-    profile = profiles[j]
-    assert profile is not None  # only asked of coordinates with an interval
-    return profile
-
-
-def _spanned(parameter: Parameter, pair: tuple[float, float], word: str = " to ", sigma: float | None = None) -> str:
+def _pair_text(parameter: Parameter, pair: tuple[float, float], word: str = " to ", sigma: float | None = None) -> str:
     """Write two values in the parameter's unit, which is named once."""
     first, second = (_text(parameter, number, sigma) for number in pair)
     return f"{first.removesuffix(parameter.unit).rstrip()}{word}{second}"

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Callable, Sequence
 
 from flexdesign.evidence.identifiability import Estimate, estimates
 from flexdesign.evidence.marquardt import MINIMUM, Solution, polish, solve
 from flexdesign.evidence.profile_likelihood import Profile, profile, quadratic
 from flexdesign.evidence.uncertainty import Uncertainty, uncertainty
 
-Array = NDArray[np.float64]
-#: How often profiles are made; again where the first met a better point.
-PASSES = 2
-#: The middle of an interval is found to this many standard deviations.
-CENTRED = 0.05
+#: By place of the coordinate; None in the null space.
+Profiles = dict[int, Profile | None]
 
 
 def intervals(
@@ -25,7 +19,6 @@ def intervals(
     *,
     known_variance: float | None = 1.0,
     profiles: bool = True,
-    reveal: Mapping[str, str] | None = None,
 ) -> tuple[Estimate, ...]:
     """Return what a fit says about some of its parameters: value, standard deviation, 95 % interval, identifiability.
 
@@ -44,32 +37,52 @@ def intervals(
         Of the whitened residual where the noise is given; None where it is unknown.
     profiles
         Whether the ends are checked by the profile likelihood.
-    reveal
-        The experiment that would show a parameter, by its name, for the reasons given.
     """
+
+    def refine(near: Solution) -> tuple[Solution, Uncertainty]:
+        # The middle of an interval to 0.05 standard deviations.
+        accuracy = 0.05**2 * uncertainty(near, known_variance).variance
+        polished = polish(near, accuracy + near.problem.suite.floor)
+        return polished, uncertainty(polished, known_variance)
+
     places = [solution.problem.where.names.index(name) for name in names]
-    for _ in range(PASSES):
-        accuracy = CENTRED**2 * uncertainty(solution, known_variance).variance
-        solution = polish(solution, accuracy + solution.problem.suite.floor)
-        found = uncertainty(solution, known_variance)
-        checked = profiles_of(solution, found, places, profiles)
-        if (better := better_point(checked.values())) is None:
+    solution, found, made, _ = checked(solution, places, refine, profiles)
+    return estimates(solution, found, made)
+
+
+def checked(
+    solution: Solution,
+    places: Sequence[int],
+    refine: Callable[[Solution], tuple[Solution, Uncertainty]],
+    check: bool = True,
+) -> tuple[Solution, Uncertainty, Profiles, bool]:
+    """Return a fit, its uncertainty, the intervals of some coordinates, and whether a better fit was met on the way.
+
+    From a better point that a profile meets the fit is repeated, twice at most.
+
+    Parameters
+    ----------
+    solution, places
+        The fit, and the coordinates.
+    refine
+        Converges a fit, and finds its uncertainty.
+    check
+        Whether ends are checked by a profile.
+    """
+    for refits in range(3):
+        solution, found = refine(solution)
+        made = profiles_of(solution, found, places, check)
+        better = next((p.better for p in made.values() if p is not None and p.better is not None), None)
+        if better is None or refits == 2:
             break
-        solution = solve(solution.problem.anew(), better, MINIMUM) or solution
-    return estimates(solution, found, checked, reveal=reveal)
+        solution = solve(solution.problem.anew(), better) or solution
+    return solution, found, made, refits > 0
 
 
-def profiles_of(
-    solution: Solution, found: Uncertainty, places: Sequence[int], check: bool = True
-) -> dict[int, Profile | None]:
+def profiles_of(solution: Solution, found: Uncertainty, places: Sequence[int], check: bool = True) -> Profiles:
     """Return the intervals of some coordinates, each end checked by a profile or not; None in the null space."""
     # A coordinate that shows in no small step may show in a large one: a limit that the runs stay far below.
     shown = [j for j in places if not found.in_null_space(j) or (check and not found.confounded_with(j))]
     make = profile if check else quadratic
     made = dict(zip(shown, solution.problem.each(lambda j: make(solution, found, j), shown), strict=True))
     return {j: made.get(j) for j in places}
-
-
-def better_point(profiles: Iterable[Profile | None]) -> Array | None:
-    """Return a point that fits better than the minimum that the profiles began at, if one was met."""
-    return next((each.better for each in profiles if each is not None and each.better is not None), None)

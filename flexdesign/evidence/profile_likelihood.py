@@ -3,7 +3,8 @@
 The covariance supposes that the cost is a parabola. To check it, a parameter is displaced to the end of its interval
 and the others are fitted again; the cost must then have risen by the square of the quantile (Venzon and Moolgavkar
 1988; Raue et al. 2009, Bioinformatics 25, 1923-1929). Where the residual is coloured that rise is scaled by the ratio
-of the sandwich variance to the bread (Rotnitzky and Jewell 1990).
+of the sandwich variance to the bread (Rotnitzky and Jewell 1990). Elsewhere the end is a root of the profile, which is
+bracketed and found by Brent's method.
 """
 
 from __future__ import annotations
@@ -14,20 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.evidence.coordinates import value
-from flexdesign.evidence.marquardt import FOLLOWING, Columns, Effort, Solution, solve
+from flexdesign.evidence.marquardt import Columns, Solution, follow, solve
 from flexdesign.evidence.uncertainty import Uncertainty
 
 Array = NDArray[np.float64]
-#: Bounds on the root of the rise over the expected rise within which an end of the interval is kept as it is: intervals
-#: are then wrong by a tenth of their width at most.
-TRUSTED = (0.9, 1.1)
-#: How close that root must come to one where an end is searched for.
-CLOSE = 0.03
-#: Accuracy of the cost along a profile, as a share of the expected rise: it moves an end by half of that.
-SHARE_OF_RISE = 0.02
-#: Steps on the way to an end, outwards and back; share of the plausible range that the first may cover.
-OUTWARD, BACK, LEGS = 6, 6, 8
+#: An end from the covariance is kept if it is right to this share of its distance; of an end that is searched for, and
+#: of the rise there, the relative accuracy. One sees no tenth of an interval, and the search must be better than that.
+TRUSTED, ACCURACY = 0.1, 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,92 +57,88 @@ def quadratic(solution: Solution, uncertainty: Uncertainty, j: int) -> Profile:
 
 def profile(solution: Solution, uncertainty: Uncertainty, j: int) -> Profile:
     """Return the interval of coordinate `j`, each end checked by fitting the others again."""
-    walk = _Walk(solution, uncertainty, j)
-    low, open_low, corrected_low = walk.end(-1.0)
-    high, open_high, corrected_high = walk.end(1.0)
-    return Profile(low, high, open_low, open_high, corrected_low or corrected_high, walk.better)
+    path = _Path(solution, uncertainty, j)
+    low, open_low, corrected_low = path.end(-1.0)
+    high, open_high, corrected_high = path.end(1.0)
+    return Profile(low, high, open_low, open_high, corrected_low or corrected_high, path.better)
 
 
-class _Walk:
-    """The way from the minimum along one coordinate, the others following."""
+class _Path:
+    """The profile of one coordinate: the best fit of the others at each of its values."""
 
     def __init__(self, solution: Solution, uncertainty: Uncertainty, j: int) -> None:
         self.minimum, self.problem, self.j = solution, solution.problem, j
         self.others = np.array([i for i in range(len(solution.x)) if i != j], dtype=int)
         where, variance = self.problem.where, uncertainty.bread[j, j]
-        if uncertainty.in_null_space(j):  # without influence nearby nothing follows, and the whole range is searched
-            self.direction = np.eye(len(solution.x))[j]
+        if uncertainty.in_null_space(j):  # without influence nearby: no other follows, and the whole range is searched
+            self.tangent = np.eye(len(solution.x))[j]
             self.half = math.inf if math.isfinite(where.span[j]) else float(where.sizes(solution.x)[j])
-            self.rise = uncertainty.quantile**2 * uncertainty.variance
+            self.expected = uncertainty.quantile**2 * uncertainty.variance
         else:
-            # Numbers of one run stay: where a record began is not smooth, and what little they gain is found later.
+            # Parameters of one run stay: the response is not smooth in its initial state.
             shared = [parameter.run in ("", where.parameters[j].run) for parameter in where.parameters]
-            self.direction = np.where(shared, uncertainty.bread[:, j] / variance, 0.0)
+            self.tangent = np.where(shared, uncertainty.bread[:, j] / variance, 0.0)
             self.half = float(uncertainty.half_width[j])
-            self.rise = float(self.half**2 / variance)
+            self.expected = float(self.half**2 / variance)
         self.floor = self.problem.suite.floor
         self.columns: Columns = {k: parts for k, parts in solution.columns().items() if k != where.names[j]}
         self.better: Array | None = None
 
     def end(self, side: float) -> tuple[float, bool, bool]:
         """Return the end of the interval on one side, whether it is open, and whether the covariance erred."""
-        at = float(self.minimum.x[self.j])
-        where = self.problem.where
-        bound = float((where.lower if side < 0 else where.upper)[self.j])
-        room = abs(bound - at)
-        if room == 0:
-            return bound, True, False
-        if self.rise <= self.floor:  # nothing but rounding is left to compare
-            return at + side * min(self.half, room), self.half >= room, False
-        # A long way is gone in steps, so that the others can follow where the valley bends.
-        way = min(self.half, room, where.span[self.j] / LEGS)
-        height, follows = self.height(side * way, self.direction * side * way)
-        if way == self.half and TRUSTED[0] <= height <= TRUSTED[1]:
-            return at + side * way, False, False
-        low, high = (0.0, 0.0, self.direction * side), (way, height, follows / way)
-        for leg in range(1, OUTWARD + 1):
-            if high[1] >= 1 or high[0] == room:
-                break
-            low, way = high, room if leg == OUTWARD and math.isfinite(room) else min(2 * high[0], room)
-            height, follows = self.height(side * way, high[2] * way)
-            high = way, height, follows / way
-        if high[1] < 1:
-            return (bound if high[0] == room else side * math.inf), True, self.half < room
-        for _ in range(BACK):
-            # False position, kept off the ends so that a steep rise on one side does not stall it.
-            share = (1 - low[1]) / (high[1] - low[1]) if math.isfinite(high[1]) else 0.5
-            way = low[0] + float(np.clip(share, 0.1, 0.9)) * (high[0] - low[0])
-            height, follows = self.height(side * way, low[2] * way)
-            if abs(height - 1) < CLOSE:
-                break
-            low, high = ((way, height, follows / way), high) if height < 1 else (low, (way, height, follows / way))
-        return at + side * way, False, True
+        from scipy.optimize import brentq
 
-    def height(self, displacement: float, guess: Array) -> tuple[float, Array]:
-        """Return the root of the rise over the expected rise, and how the others have followed.
+        x, where = float(self.minimum.x[self.j]), self.problem.where
+        bound = float((where.lower if side < 0 else where.upper)[self.j])
+        room = abs(bound - x)
+        if room == 0 or self.expected <= self.floor:  # only rounding is left to compare
+            return x + side * min(self.half, room), self.half >= room, False
+        # By distance from the minimum: the root of the relative rise, less one, and the slopes of all coordinates.
+        met = {0.0: (-1.0, side * self.tangent)}
+
+        def excess(distance: float) -> float:
+            if distance not in met:
+                nearest = max(d for d in met if d < distance)
+                rise, displacement = self.rise(side * distance, met[nearest][1] * distance)
+                # Limited to one, so that the way is halved where the model fails; zero ends the search.
+                found = min(math.sqrt(max(rise, 0.0) / self.expected) - 1, 1.0)
+                met[distance] = (found if abs(found) > ACCURACY else 0.0, displacement / distance)
+            return met[distance][0]
+
+        # A long way is gone in steps, so that the others can follow where the valley bends.
+        step = min(self.half, where.span[self.j] / 8)
+        if step == self.half <= room and abs(excess(step)) <= TRUSTED:
+            return x + side * step, False, False
+        inside = 0.0
+        for outside in [d for k in range(7) if (d := 2.0**k * step) < room] + [room] * math.isfinite(room):
+            if excess(outside) >= 0:
+                return x + side * float(brentq(excess, inside, outside, rtol=ACCURACY)), False, True
+            inside = outside
+        return bound, True, self.half < room
+
+    def rise(self, displacement: float, guess: Array) -> tuple[float, Array]:
+        """Return how far the profile rises above the minimum, and the displacement of all coordinates.
 
         The others take steps with the Jacobian of the minimum, each at the price of one simulation. Where they end
-        the cost can only be too high: if it is not, they are there; if it is, they are fitted with a Jacobian of the
-        place, which then serves further on.
+        the cost can only be too high: if it is, they are fitted with a Jacobian found there, which then serves further
+        on.
         """
-        where, small = self.problem.where, SHARE_OF_RISE * self.rise + self.floor
+        where, small = self.problem.where, ACCURACY * self.expected + self.floor
         x = np.clip(self.minimum.x + guess, where.lower, where.upper)
         x[self.j] = np.clip(self.minimum.x[self.j] + displacement, where.lower[self.j], where.upper[self.j])
         others = self.problem.fixed(self.j, float(x[self.j]), x)
         found = solve(others, x[self.others], FOLLOWING, self.columns, small=small)
         if found is None:
             return math.inf, x - self.minimum.x
-        if self.rise_to(found, x) > TRUSTED[1] ** 2 * self.rise and self.others.size:
-            found = solve(others, found.x, Effort(30, 0.0, is_exact=False), found.columns(), small=small) or found
+        if self._above_minimum(x, found) > (1 + TRUSTED) ** 2 * self.expected and self.others.size:
+            found = solve(others, found.x, share=0.0, small=small, old=found.columns(), exact=False) or found
             self.columns = found.columns()
-        x[self.others] = found.x
-        rise = self.rise_to(found, x)
+        rise = self._above_minimum(x, found)
         if -rise > small:
             self.better = x
-        return math.sqrt(max(rise, 0.0) / self.rise), x - self.minimum.x
+        return rise, x - self.minimum.x
 
-    def rise_to(self, found: Solution, x: Array) -> float:
-        """Return how far the cost is above the minimum's, that of the held parameter's prior knowledge among it."""
-        parameter = self.problem.where.parameters[self.j]
-        middle, sigma = self.problem.where.known.get(parameter.name, (0.0, math.inf))
-        return found.cost + ((value(parameter, float(x[self.j])) - middle) / sigma) ** 2 - self.minimum.cost
+    def _above_minimum(self, x: Array, found: Solution) -> float:
+        """Move the others to where they were fitted, and return the cost there less the minimum's."""
+        x[self.others] = found.x
+        return self.problem.cost(x, list(found.residuals)) - self.minimum.cost

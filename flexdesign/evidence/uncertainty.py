@@ -20,7 +20,9 @@ The correlation estimated from a residual is too small where few independent sam
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +31,13 @@ from flexdesign.evidence.marquardt import Solution
 from flexdesign.evidence.noise import Colour, colour
 
 Array = NDArray[np.float64]
-#: A direction in which the scaled Jacobian is below this share of its largest is lost in the simulator's error.
+#: Confidence of intervals; a residual is larger than the given noise explains at this level. Both by convention.
+CONFIDENCE, LEVEL = 0.95, 0.01
+#: A singular value of the scaled Jacobian below this share of the largest counts as zero: the simulator's error of
+#: 1e-7 over the relative change of 1e-3 by which central differences move the response.
 RANK = 1e-4
-#: A parameter takes part in a direction with more than this weight.
+#: A parameter takes part in a null direction with more than this weight: far above `RANK`, the error of a direction.
 TAKES_PART = 0.03
-#: A residual larger than the given noise explains is noticed at this level.
-LEVEL = 0.01
-#: Confidence of intervals.
-CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +50,6 @@ class Uncertainty:
         Of the coordinates, without the null space.
     bread
         (J'J + P)^-1: what the covariance would be if the residual were white of variance one.
-    information
-        J'J + P, the null space taken out.
     null_space
         Directions that neither data nor prior knowledge determine, one a row: weights in coordinates scaled by their
         influence, unit length.
@@ -64,20 +63,16 @@ class Uncertainty:
         The cost of the data over its degrees of freedom, in units of the given noise.
     inflation
         How many samples count as one, for each record.
-    effective_dof
-        Degrees of freedom that the fit takes from each record.
     """
 
     covariance: Array
     bread: Array
-    information: Array
     null_space: Array
     quantile: float
     dof: float
     variance: float
     reduced_chi2: float
     inflation: tuple[float, ...]
-    effective_dof: tuple[float, ...]
 
     @property
     def half_width(self) -> Array:
@@ -103,24 +98,15 @@ class Uncertainty:
         return [i for i in np.flatnonzero(shared).tolist() if i != j and self.in_null_space(i)]
 
 
-@dataclass(frozen=True, eq=False)
-class _Channel:
-    """One channel of one record: its residual, and the sandwich's part of it."""
+class _Channel(NamedTuple):
+    """The residual of one channel of a record: J' R J, and the degrees of freedom that the fit takes from it."""
 
     record: int
     colour: Colour
-    energy: float
+    chi2: float
     samples: int
     meat: Array
-    taken: float
-
-    @property
-    def left(self) -> float:
-        """Degrees of freedom of the residual.
-
-        A colour so red that the fit seems to take every sample leaves a tenth of them, so that variances stay finite.
-        """
-        return max(self.samples - self.taken, 0.1 * self.samples)
+    fitted: float
 
 
 def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncertainty:
@@ -133,99 +119,76 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
     known_variance
         Of the whitened residual where the noise is given; None where it is unknown, and is taken from the residual.
     """
-    where, records = solution.problem.where, solution.problem.suite.records
+    from scipy.special import chdtri, ndtri, stdtrit
+
+    records, given = solution.problem.suite.records, known_variance or 0.0
     prior = solution.problem.before_slopes(solution.x)
     data = np.zeros((len(solution.x), len(solution.x)))
     for part in solution.slopes:
         data[np.ix_(part.places, part.places)] += part.matrix.T @ part.matrix
-    cleaning, root, bread, null = _decomposed(data, prior)
-    channels = _channels(solution, cleaning, bread)
-    given = known_variance or 0.0
-    pooled = sum(c.energy for c in channels) / sum(c.left for c in channels)
-    is_coloured = any(not c.colour.is_white for c in channels)
+    projection, bread, null_space = _decomposed(data, prior)
+    jacobians = [part.matrix @ projection[part.places] for part in solution.slopes]
+    channels = _channels(solution, jacobians, bread)
+    inflation = np.array([channel.colour.inflation for channel in channels])
+    samples = np.array([channel.samples for channel in channels])
+    chi2 = np.array([channel.chi2 for channel in channels])
+    # A slowly varying residual seems to be fitted altogether; a tenth of the samples keeps variances finite.
+    left = np.maximum(samples - [channel.fitted for channel in channels], 0.1 * samples)
+    pooled = float(chi2.sum() / left.sum())
     nuisance = sum(float(np.sum(record.basis[: len(record.measured)] ** 2)) for record in records)
-    fitted = float(np.sum(bread * (cleaning.T @ data @ cleaning))) + nuisance
-    dof = max(sum(c.samples / c.colour.inflation for c in channels) - fitted, 1.0)
-    is_explained = not is_coloured and pooled * dof < given * _chi2(dof)
+    fitted = float(np.sum(bread * (projection.T @ data @ projection))) + nuisance
+    dof = max(float(np.sum(samples / inflation)) - fitted, 1.0)
+    is_white = all(channel.colour.is_white for channel in channels)
+    is_explained = is_white and pooled * dof < given * float(chdtri(dof, LEVEL))
+    variance = given if is_explained else pooled
+    variances = np.full(len(channels), variance) if is_white else np.maximum(chi2 / left, given)
     # What is known of nuisance columns and of parameters counts with the variance that it states.
-    meat = prior.T @ prior + sum((_nuisance_prior(solution, cleaning)), np.zeros_like(data))
-    for c in channels:
-        common = given if is_explained else pooled
-        meat = meat + (max(c.energy / c.left, given) if is_coloured else common) * c.meat
-    own = [[c for c in channels if c.record == r] for r in range(len(records))]
+    known = np.vstack([prior, *(j[len(record.measured) :] for j, record in zip(jacobians, records, strict=True))])
+    meat = known.T @ known + sum(v * channel.meat for v, channel in zip(variances, channels, strict=True))
+    upper = (1 + CONFIDENCE) / 2
     return Uncertainty(
         covariance=bread @ meat @ bread,
         bread=bread,
-        information=root.T @ root,
-        null_space=null if len(null) else np.zeros((0, len(where.names))),
-        quantile=_student(math.inf if is_explained else dof),
+        null_space=null_space,
+        quantile=float(ndtri(upper) if is_explained else stdtrit(dof, upper)),
         dof=math.inf if is_explained else dof,
-        variance=given if is_explained else pooled,
+        variance=variance,
         reduced_chi2=pooled / (given or 1.0),
-        inflation=tuple(float(np.mean([c.colour.inflation for c in each])) for each in own),
-        effective_dof=tuple(sum(c.taken for c in each) for each in own),
+        inflation=tuple(
+            float(np.mean(inflation[[channel.record == r for channel in channels]])) for r in range(len(records))
+        ),
     )
 
 
-def _decomposed(data: Array, prior: Array) -> tuple[Array, Array, Array, Array]:
-    """Return what takes lost directions out of a Jacobian, a root of J'J + P, its inverse, and the null space.
+def _channels(solution: Solution, jacobians: Sequence[Array], bread: Array) -> list[_Channel]:
+    """Return the channels of all records; the Jacobians have no null directions."""
+    made = []
+    for r, record in enumerate(solution.problem.suite.records):
+        for rows, present in zip(record.series(), record.present.reshape(record.channels, -1), strict=True):
+            residual = solution.residuals[r][rows]
+            found = colour(residual)
+            meat, nuisance = found.quadratic(jacobians[r][rows]), float(np.trace(found.quadratic(record.basis[rows])))
+            fitted = float(np.sum(bread * meat)) + nuisance
+            made.append(_Channel(r, found, float(residual @ residual), int(present.sum()), meat, fitted))
+    return made
 
-    Parameters
-    ----------
-    data
-        J'J of the data, whose columns are scaled to length one first, so that units do not matter.
-    prior
-        Rows of prior knowledge.
+
+def _decomposed(data: Array, prior: Array) -> tuple[Array, Array, Array]:
+    """Return the projection that takes null directions out of a Jacobian, (J'J + P)^-1, and the null space.
+
+    The columns of J are scaled to length one, so that units do not matter; `prior` are rows of prior knowledge.
     """
     length = np.sqrt(np.diag(data))
     length = np.where(length > 0, length, 1.0)
     strength, axes = np.linalg.eigh(data / np.outer(length, length))
-    seen = strength > RANK**2 * max(strength[-1], 1e-300) if len(strength) else strength > 0
+    seen = strength > RANK**2 * strength.max(initial=1e-300)
     strength, axes = strength[seen], np.where(np.abs(axes) < 1e-9, 0.0, axes)[:, seen]
-    cleaning = (axes / length[:, None]) @ (axes * length[:, None]).T
+    projection = (axes / length[:, None]) @ (axes * length[:, None]).T
     root = np.vstack([np.sqrt(strength)[:, None] * (axes * length[:, None]).T, prior])
     scale = np.linalg.norm(root, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     _, singular, right = np.linalg.svd(root / scale)
     singular = np.concatenate([singular, np.zeros(len(right) - len(singular))])
     good = singular > 1e-9
-    spreads = right[good] / scale / singular[good, None]
-    return cleaning, root, spreads.T @ spreads, right[~good]
-
-
-def _channels(solution: Solution, cleaning: Array, bread: Array) -> list[_Channel]:
-    made = []
-    parts = zip(solution.problem.suite.records, solution.residuals, solution.slopes, strict=True)
-    for index, (record, residual, slopes) in enumerate(parts):
-        columns = slopes.matrix @ cleaning[slopes.places]
-        present = record.present.reshape(record.channels, -1)
-        for rows, there in zip(record.series(), present, strict=True):
-            found = colour(residual[rows])
-            meat = found.quadratic(columns[rows])
-            offsets = float(np.trace(found.quadratic(record.basis[rows]))) if record.basis.size else 0.0
-            energy = float(residual[rows] @ residual[rows])
-            taken = float(np.sum(bread * meat)) + offsets
-            made.append(_Channel(index, found, energy, int(there.sum()), meat, taken))
-    return made
-
-
-def _nuisance_prior(solution: Solution, cleaning: Array) -> list[Array]:
-    """Return what the rows add that state how large nuisance columns may be."""
-    made = []
-    for record, slopes in zip(solution.problem.suite.records, solution.slopes, strict=True):
-        rows = slopes.matrix[len(record.measured) :] @ cleaning[slopes.places]
-        made.append(rows.T @ rows)
-    return made
-
-
-def _student(dof: float) -> float:
-    from scipy.special import ndtri, stdtrit
-
-    return float(ndtri((1 + CONFIDENCE) / 2) if math.isinf(dof) else stdtrit(dof, (1 + CONFIDENCE) / 2))
-
-
-def _chi2(dof: float) -> float:
-    """Return what chi^2 exceeds with the probability `LEVEL`."""
-    from scipy.special import chdtri
-
-    return float(chdtri(dof, LEVEL))
+    inverse = right[good] / scale / singular[good, None]
+    return projection, inverse.T @ inverse, right[~good]

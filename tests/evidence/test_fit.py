@@ -33,7 +33,7 @@ def test_parameters_are_recovered_without_noise() -> None:
     found = fit(OSCILLATION, [run(OSCILLATION, TRUTH, T, 0.7)], list(TRUTH))
     assert found.values == pytest.approx(TRUTH, rel=1e-9)
     assert found.matches[0].offset == pytest.approx((0.7,), abs=1e-9)
-    assert found.matches[0].r2 == pytest.approx(1.0, abs=1e-12)
+    assert found.matches[0].rms < 1e-6 * np.std(oscillation(TRUTH, T))
     assert found.model.predict(Run("again", T, None)) == pytest.approx(oscillation(TRUTH, T), abs=1e-8)
 
 
@@ -172,7 +172,6 @@ def test_white_noise_gives_the_classical_covariance() -> None:
     )
     low, high = np.exp(np.log(best[2]) + quantile * sigma[2] / best[2] * np.array([-1, 1]))  # zeta moves as log
     assert found["zeta"].interval == pytest.approx((low, high), rel=1e-3)
-    assert found.matches[0].sigma == pytest.approx(np.sqrt(np.sum(found.matches[0].residual ** 2) / (len(T) - 5)))
     # Coordinates are monotonic in the values, so that correlations agree to first order.
     assert found.correlation == pytest.approx((covariance / np.outer(sigma, sigma))[:-1, :-1], abs=2e-3)
 
@@ -180,14 +179,15 @@ def test_white_noise_gives_the_classical_covariance() -> None:
 def test_given_noise_gives_normal_intervals_unless_the_residual_is_larger() -> None:
     observed = noisy(OSCILLATION, TRUTH, 0.1, seed=2)
     right = fit(OSCILLATION, [observed], list(TRUTH), noise=0.1, starts=1)
-    assert right.reduced == pytest.approx(1.0, abs=4 * math.sqrt(2 / 395)) and math.isinf(right.dof)
+    assert right.reduced_chi2 == pytest.approx(1.0, abs=4 * math.sqrt(2 / 395)) and math.isinf(right.dof)
     low, high = right["a"].interval or (0, 0)
     assert high - low == pytest.approx(2 * norm.ppf(0.975) * right.sigmas["a"], rel=1e-6)
     unknown = fit(OSCILLATION, [observed], list(TRUTH), starts=1)
-    assert unknown.reduced is None
-    assert right.sigmas["a"] / unknown.sigmas["a"] == pytest.approx(0.1 / unknown.matches[0].sigma, rel=1e-4)
+    assert unknown.reduced_chi2 is None
+    deviation = np.sqrt(np.sum(unknown.matches[0].residual ** 2) / (len(T) - 5))
+    assert right.sigmas["a"] / unknown.sigmas["a"] == pytest.approx(0.1 / deviation, rel=1e-4)
     low_noise = fit(OSCILLATION, [observed], list(TRUTH), noise={"run": 0.02}, starts=1)
-    assert low_noise.reduced == pytest.approx(25 * right.reduced, rel=1e-6)
+    assert low_noise.reduced_chi2 == pytest.approx(25 * right.reduced_chi2, rel=1e-6)
     assert low_noise.sigmas["a"] == pytest.approx(unknown.sigmas["a"], rel=1e-4)
 
 
@@ -216,7 +216,7 @@ def test_an_operator_can_whiten() -> None:
     observed = run(ramp, {"slope": 2.0}, t, ar1(np.random.default_rng(3), len(t), 0.1, 0.9))
     found = fit(ramp, [observed], ["slope"], noise=Filter())
     naive = fit(ramp, [observed], ["slope"], noise=White(0.1))
-    assert found.reduced == pytest.approx(1.0, abs=4 * math.sqrt(2 / len(t)))
+    assert found.reduced_chi2 == pytest.approx(1.0, abs=4 * math.sqrt(2 / len(t)))
     assert found.sigmas["slope"] == pytest.approx(naive.sigmas["slope"], rel=0.15)  # the sandwich agrees with it
 
 
@@ -259,7 +259,7 @@ def test_entangled_parameters_are_refused_and_their_relation_named(relation: str
     assert found.undetermined == ("gain", "a") and found.values.keys() == {"drift"}
     assert found["gain"].reason == f"gain and a: only their {relation} shows in these runs"
     assert found["a"].reason == f"a and gain: only their {relation} shows in these runs; would show it: a slow triangle"
-    assert found["gain"].entangled == ("a",) and found["gain"].interval is None
+    assert found["gain"].confounded == ("a",) and found["gain"].interval is None
     assert found["drift"].value == pytest.approx(0.3, abs=4 * found.sigmas["drift"])
     fitted = found.model.values()  # type: ignore[attr-defined]
     assert combine(fitted["gain"], fitted["a"]) == pytest.approx(combine(3.0, 0.7), rel=0.02)  # noise: 0.05 / 14 of 2.1
@@ -273,7 +273,7 @@ def test_two_entangled_pairs_are_told_apart() -> None:
         tuple(parameter(name, 1.5, 0.1, 10.0, scale="log") for name in names),
     )
     found = fit(toy, [noisy(toy, {}, 0.05)], list(names))
-    assert [estimate.entangled for estimate in found.estimates] == [("q",), ("p",), ("s",), ("r",)]
+    assert [estimate.confounded for estimate in found.estimates] == [("q",), ("p",), ("s",), ("r",)]
 
 
 def test_what_is_known_breaks_an_entanglement() -> None:
@@ -367,7 +367,7 @@ def test_a_parameter_without_influence_is_refused() -> None:
     for profiles in (True, False):
         found = fit(idle, [noisy(OSCILLATION, TRUTH, 0.1)], [*TRUTH, "idle"], profiles=profiles)
         assert found.undetermined == ("idle",) and found["idle"].reason == "does not show in these runs"
-        assert found.table()[-1] == ("idle", "", "", "does not show in these runs")
+        assert found["idle"].value_text == found["idle"].interval_text == ""
 
 
 def _narrowed(p: Any, name: str, plausible: tuple[float, float]) -> Any:
@@ -378,7 +378,7 @@ def _narrowed(p: Any, name: str, plausible: tuple[float, float]) -> Any:
 
 
 def same(one: Fit, other: Fit) -> bool:
-    return one.table() == other.table() and one.values == other.values and one.sigmas == other.sigmas
+    return one.estimates == other.estimates and one.values == other.values and one.sigmas == other.sigmas
 
 
 def test_the_same_seed_gives_the_same_result_on_any_number_of_threads() -> None:
@@ -434,14 +434,14 @@ def test_progress_is_told() -> None:
     assert said[0].startswith("start 1 of 2") and said[-1] == "checking the intervals"
 
 
-def test_table_carries_units() -> None:
+def test_estimates_carry_units() -> None:
     every = tuple(
         dataclasses.replace(p, plausible=(1e-7, 1e-5), start=1e-6) if p.name == "a" else p for p in OSCILLATION.every
     )
     micro = Toy(oscillation, every)
     found = fit(micro, [noisy(micro, {**TRUTH, "a": 2e-6}, 0.1e-6)], list(TRUTH))
-    name, value, interval, remark = found.table()[0]
-    assert name == "a" and value.endswith(" um") and remark == ""
+    value, interval = found["a"].value_text, found["a"].interval_text
+    assert value.endswith(" um") and found["a"].reason == ""
     assert float(value.split()[0]) == pytest.approx(found.values["a"] * 1e6, rel=1e-3)
     low, high = (float(end) for end in interval.removesuffix(" um").split(" to "))
     assert low < 2.0 < high
