@@ -10,10 +10,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.evidence.autoregressive import colour
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.local_minima import Refine, grid_initial_states, outlier_runs
 from flexdesign.evidence.marquardt import SHARE, Columns, Solution, solve
-from flexdesign.evidence.noise import colour
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.suite import Record, Suite
 from flexdesign.model import Model

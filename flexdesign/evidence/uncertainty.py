@@ -25,8 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.evidence.autoregressive import Colour, colour
 from flexdesign.evidence.marquardt import Solution
-from flexdesign.evidence.noise import Colour, colour
 
 Array = NDArray[np.float64]
 #: A direction in which the scaled Jacobian is below this share of its largest is lost in the simulator's error.

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.special import digamma
 
-from flexdesign.evidence.coloured import Coloured
-from flexdesign.evidence.noise import Whitening
+from flexdesign.evidence.noise import Coloured, Whitening
 from flexdesign.model import Observation
 from flexdesign.noise_floor.floor import NoiseFloor
 from flexdesign.runs import FrequencyResponse

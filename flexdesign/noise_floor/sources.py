@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.stats import f as ratio_of_variances
 
-from flexdesign.evidence.coloured import stretches as where_up
-from flexdesign.evidence.noise import colour
-from flexdesign.evidence.quiet import Stretch
+from flexdesign.evidence.autoregressive import colour
+from flexdesign.evidence.noise import stretches as where_up
+from flexdesign.evidence.restricted_likelihood import Stretch
 from flexdesign.runs import Run
 
 Array = NDArray[np.float64]
