@@ -138,18 +138,17 @@ def noise_floor(
 
 def _level(source: Source, runs: Sequence[Run], smallest: float, remove_lines: bool) -> _Level:
     """Return what a source says of every run, those of other sampling periods among them."""
-    periods = {run.name: run.period for run in runs}
+    periods: dict[str, float] = {}  # clocks that differ by less than a thousandth have one period
+    for run in runs:
+        alike = (known for known in periods.values() if math.isclose(known, run.period, rel_tol=1e-3))
+        periods[run.name] = next(alike, run.period)
     processes: dict[str, Process] = {}
+    pooled: dict[float, Process] = {}
     lines: list[Sinusoid] = []
     remarks: list[str] = []
     dof = 0.0
-    by_period: dict[float, list[Stretch]] = {}
-    left: Sequence[Stretch]
-    for stretch in source.stretches:
-        period = next((p for p in by_period if math.isclose(p, periods[stretch.run], rel_tol=1e-3)), None)
-        by_period.setdefault(period or periods[stretch.run], []).append(stretch)
-    pooled: dict[float, Process] = {}
-    for period, left in by_period.items():
+    for period in dict.fromkeys(periods[s.run] for s in source.stretches):
+        left: Sequence[Stretch] = [s for s in source.stretches if periods[s.run] == period]
         if remove_lines:
             found, left = remove_sinusoids(left, period)
             lines += [replace(line, amplitude=line.amplitude * source.amplitude(line.frequency)) for line in found]
@@ -158,7 +157,7 @@ def _level(source: Source, runs: Sequence[Run], smallest: float, remove_lines: b
         if process.rms <= smallest:
             remarks.append("the record shows no noise of its own; taken is what readings in steps have")
         dof += effective
-        for name in (name for name, p in periods.items() if math.isclose(p, period, rel_tol=1e-3)):
+        for name in (name for name, own_period in periods.items() if own_period == period):
             own = [s for s in left if s.run == name]
             factor = _own_level(process, own) if process.rms > smallest else 1.0
             processes[name] = replace(process, sigma=process.sigma * factor)
