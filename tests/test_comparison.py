@@ -19,7 +19,8 @@ from flexdesign.cli import app
 from flexdesign.comparison import Comparison, compare, holds, where
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
-from flexdesign.evidence.coloured import Coloured, Process
+from flexdesign.evidence.autoregressive import Process
+from flexdesign.evidence.noise import Coloured
 from flexdesign.noise_floor import NoiseFloor
 from flexdesign.report import comparison_report, comparison_words, render
 from flexdesign.runs import Run, write_run

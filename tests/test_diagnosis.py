@@ -43,11 +43,12 @@ from flexdesign.diagnosis.task import case_of
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_run import of_axis
 from flexdesign.errors import InputError
-from flexdesign.evidence.coloured import Coloured, Process
+from flexdesign.evidence.autoregressive import Process
 from flexdesign.evidence.coordinates import value as value_at
 from flexdesign.evidence.identifiability import Estimate
 from flexdesign.evidence.marquardt import Solution
 from flexdesign.evidence.model_comparison import Step, Trial
+from flexdesign.evidence.noise import Coloured
 from flexdesign.evidence.rival import Rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.stand import Stand

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.signal import find_peaks
 
-from flexdesign.evidence import lines
-from flexdesign.evidence.quiet import Stretch
+from flexdesign.evidence.restricted_likelihood import Stretch
+from flexdesign.evidence.sinusoids import remove_sinusoids
 from flexdesign.evidence.stand import Stand
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def frequencies(setting: Setting, stand: Stand) -> tuple[float, ...]:
         parts = [_longest(name, stand.remainders[name]) for name, own in periods.items() if own == period]
         stretches = [part for part in parts if len(part.values) >= FEWEST and np.ptp(part.values) > 0]
         if stretches:
-            found |= {line.frequency for line in lines.remove(stretches, period)[0]}
+            found |= {line.frequency for line in remove_sinusoids(stretches, period)[0]}
     return tuple(sorted(found))
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
 
-from flexdesign.evidence.coloured import Coloured, Process
+from flexdesign.evidence.autoregressive import Process
+from flexdesign.evidence.noise import Coloured
 from flexdesign.runs import Run
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ def errors(
     for _ in range(count):
         found = dict[str, Array]()
         for name, run in runs.items():
-            beneath = min(noise.rms(name), HIDDEN * step)
+            beneath = min(noise.process(name).rms, HIDDEN * step)
             # Where the grid lies beneath an unknown offset is drawn, too.
             moved = run.measured() - residuals[name] + rng.uniform(0, step)
             found[name] = step * np.round((moved + beneath * rng.standard_normal(len(moved))) / step) - moved
@@ -81,11 +81,11 @@ def errors(
 
 
 def _process(drawn: list[Array]) -> Process:
-    """Return the autoregressive process with the correlations of some records (Yule and Walker)."""
+    """Return the autoregressive process with the correlations of some records, and the innovations that they show."""
     count = sum(len(record) for record in drawn)
     mean = sum(float(record.sum()) for record in drawn) / count
     centred = [record - mean for record in drawn]
     lags = [sum(float(e[k:] @ e[: len(e) - k]) for e in centred) / count for k in range(ORDER + 1)]
-    coefficients = np.concatenate([[1.0], -solve_toeplitz(lags[:-1], lags[1:])])
-    left = np.concatenate([lfilter(coefficients, [1.0], e)[ORDER:] for e in centred])
-    return Process.from_coefficients(coefficients, float(np.sqrt(np.mean(left**2))))
+    process = Process.from_covariances(np.array(lags))
+    innovations = np.concatenate([process.whiten(e[:, None])[ORDER:] for e in centred])
+    return replace(process, sigma=process.sigma * float(np.sqrt(np.mean(innovations**2))))

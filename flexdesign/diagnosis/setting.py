@@ -16,8 +16,8 @@ from flexdesign.dynamics import stage as stages
 from flexdesign.dynamics.axis_choice import choose_axis
 from flexdesign.dynamics.axis_run import is_at_stack, of_axis
 from flexdesign.errors import InputError
-from flexdesign.evidence.coloured import Coloured, Process
-from flexdesign.evidence.noise import Whitening
+from flexdesign.evidence.autoregressive import Process
+from flexdesign.evidence.noise import Coloured, Whitening
 from flexdesign.evidence.stand import Stand
 from flexdesign.identification import HYSTERESIS, LINEAR, prior
 from flexdesign.noise_floor import LineNoise, Mixed, NoiseFloor, line_noise, noise_floor

@@ -17,7 +17,7 @@ from flexdesign.evidence.coordinates import coordinates
 from flexdesign.evidence.dataset import Shapes, Suite, channels
 from flexdesign.evidence.identifiability import Estimate, estimates
 from flexdesign.evidence.intervals import checked
-from flexdesign.evidence.marquardt import Solution, solve
+from flexdesign.evidence.marquardt import Effort, Solution, solve
 from flexdesign.evidence.multistart import Starts, multistart
 from flexdesign.evidence.noise import Noise, White, Whitening
 from flexdesign.evidence.sharing import sharing
@@ -197,7 +197,7 @@ def _converged(suite: Suite, noise_is_known: bool, solution: Solution) -> tuple[
     for _ in range(6):
         problem = solution.problem.anew(suite.scaled(scale) if scale != 1 else suite, central=True)
         # To a thousandth of a standard deviation for 10 000 samples; without noise to where values are rounded.
-        solution = solve(problem, solution.x, share=1e-10, small=1e-6 * problem.suite.floor) or solution
+        solution = solve(problem, solution.x, Effort(30, 1e-10), small=1e-6 * problem.suite.floor) or solution
         found = uncertainty(solution, scale**-2 if noise_is_known else None)
         factor = math.sqrt(found.variance * float(np.mean(found.inflation)))
         if not problem.where.known or not factor or abs(factor - 1) < 0.02:  # 95 % intervals show no 2 %

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.errors import InputError
-from flexdesign.evidence.marquardt import Solution, solve
+from flexdesign.evidence.marquardt import MINIMUM, Solution, solve
 from flexdesign.evidence.suite import Problem
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ def multistart(
     found: list[Solution] = []
     ended = Starts(starts, 0, 0)
     for point in _points(problem, starts, seed):
-        if (minimum := solve(problem.anew(), point, small=problem.suite.floor)) is not None:
+        if (minimum := solve(problem.anew(), point, MINIMUM, small=problem.suite.floor)) is not None:
             found.append(minimum)
         ended = Starts(starts, len(found), _agreed(problem, found))
         progress(f"start {len(found)} of {starts}: {ended.agreed} at the best minimum")

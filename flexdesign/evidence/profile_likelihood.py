@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.evidence.marquardt import Columns, Solution, follow, solve
+from flexdesign.evidence.marquardt import FOLLOWING, Columns, Effort, Solution, solve
 from flexdesign.evidence.uncertainty import Uncertainty
 
 Array = NDArray[np.float64]
@@ -131,7 +131,7 @@ class _Path:
         if found is None:
             return math.inf, x - self.minimum.x
         if self._above_minimum(x, found) > (1 + TRUSTED) ** 2 * self.expected and self.others.size:
-            found = solve(others, found.x, share=0.0, small=small, old=found.columns(), exact=False) or found
+            found = solve(others, found.x, Effort(30, 0.0, is_exact=False), found.columns(), small=small) or found
             self.columns = found.columns()
         rise = self._above_minimum(x, found)
         if -rise > small:

@@ -10,10 +10,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.evidence.autoregressive import colour
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.local_minima import grid_initial_states
 from flexdesign.evidence.marquardt import FULL, ROUGH, Columns, Effort, Solution, solve
-from flexdesign.evidence.noise import colour
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.suite import Record, Suite
 from flexdesign.model import Model

@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.evidence.autoregressive import Colour, colour
 from flexdesign.evidence.marquardt import Solution
-from flexdesign.evidence.noise import Colour, colour
 
 Array = NDArray[np.float64]
 #: Confidence of intervals; a residual is larger than the given noise explains at this level. Both by convention.

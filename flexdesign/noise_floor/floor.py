@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from flexdesign.errors import InputError
-from flexdesign.evidence.coloured import Coloured, Process
-from flexdesign.evidence.lines import Line, remove
-from flexdesign.evidence.quiet import Stretch, estimate
+from flexdesign.evidence.autoregressive import Process
+from flexdesign.evidence.noise import Coloured
+from flexdesign.evidence.restricted_likelihood import HIGHEST_ORDER, Stretch, estimate
+from flexdesign.evidence.sinusoids import Sinusoid, remove_sinusoids
 from flexdesign.noise_floor.sources import Source, differences_of_periods, differences_of_repeats, quiet_stretches
 from flexdesign.runs import Run
 
@@ -58,7 +59,7 @@ class NoiseFloor:
     rms: Mapping[str, float]
     source: str
     known: bool
-    lines: tuple[Line, ...]
+    lines: tuple[Sinusoid, ...]
     dof: float
     remarks: tuple[str, ...] = field(default=())
 
@@ -78,7 +79,7 @@ class _Level:
 
     source: Source
     processes: Mapping[str, Process]
-    lines: tuple[Line, ...]
+    lines: tuple[Sinusoid, ...]
     dof: float
     remarks: tuple[str, ...]
 
@@ -137,27 +138,26 @@ def noise_floor(
 
 def _level(source: Source, runs: Sequence[Run], smallest: float, remove_lines: bool) -> _Level:
     """Return what a source says of every run, those of other sampling periods among them."""
-    periods = {run.name: run.period for run in runs}
+    periods: dict[str, float] = {}  # clocks that differ by less than a thousandth have one period
+    for run in runs:
+        alike = (known for known in periods.values() if math.isclose(known, run.period, rel_tol=1e-3))
+        periods[run.name] = next(alike, run.period)
     processes: dict[str, Process] = {}
-    lines: list[Line] = []
+    pooled: dict[float, Process] = {}
+    lines: list[Sinusoid] = []
     remarks: list[str] = []
     dof = 0.0
-    by_period: dict[float, list[Stretch]] = {}
-    left: Sequence[Stretch]
-    for stretch in source.stretches:
-        period = next((p for p in by_period if math.isclose(p, periods[stretch.run], rel_tol=1e-3)), None)
-        by_period.setdefault(period or periods[stretch.run], []).append(stretch)
-    pooled: dict[float, Process] = {}
-    for period, left in by_period.items():
+    for period in dict.fromkeys(periods[s.run] for s in source.stretches):
+        left: Sequence[Stretch] = [s for s in source.stretches if periods[s.run] == period]
         if remove_lines:
-            found, left = remove(left, period)
+            found, left = remove_sinusoids(left, period)
             lines += [replace(line, amplitude=line.amplitude * source.amplitude(line.frequency)) for line in found]
         process, left, effective = _process(left, smallest)
         pooled[period] = process
         if process.rms <= smallest:
             remarks.append("the record shows no noise of its own; taken is what readings in steps have")
         dof += effective
-        for name in (name for name, p in periods.items() if math.isclose(p, period, rel_tol=1e-3)):
+        for name in (name for name, own_period in periods.items() if own_period == period):
             own = [s for s in left if s.run == name]
             factor = _own_level(process, own) if process.rms > smallest else 1.0
             processes[name] = replace(process, sigma=process.sigma * factor)
@@ -179,23 +179,20 @@ def _process(stretches: Sequence[Stretch], smallest: float) -> tuple[Process, Se
     """
     straight = [replace(s, trend=s.trend[:, :2]) for s in stretches]
     if max(float(np.abs(s.residual).max()) for s in straight) < smallest:
-        return Process(np.zeros(0), smallest), straight, float(sum(s.freedom for s in straight))
+        return Process.white(smallest), straight, float(sum(s.freedom for s in straight))
     curved, effective = estimate(stretches)
     gain = sum(_squares(curved, s) - _squares(curved, bent) for s, bent in zip(straight, stretches, strict=True))
     extra = sum(s.trend.shape[1] - 2 for s in stretches)
     bends = gain > extra + CHANCE * math.sqrt(2 * extra)
     process, effective = (curved, effective) if bends else estimate(straight)
     if process.rms <= smallest:
-        process = Process(np.zeros(0), smallest)
+        process = Process.white(smallest)
     return process, stretches if bends else straight, effective
 
 
 def _squares(process: Process, stretch: Stretch) -> float:
     """Return the sum of squares of a whitened stretch, its trend taken out."""
-    whitened = process.whiten(np.column_stack([stretch.trend, stretch.residual]))
-    basis = np.linalg.qr(whitened[:, :-1])[0]
-    left = whitened[:, -1] - basis @ (basis.T @ whitened[:, -1])
-    return float(left @ left)
+    return float(np.sum(stretch.whitened(process, stretch.residual) ** 2))
 
 
 def _own_level(process: Process, own: Sequence[Stretch]) -> float:
@@ -213,21 +210,15 @@ def resampled(process: Process, period: float, to: float) -> Process:
 
     Its correlation is taken as linear between the lags that are known, which is a correlation, too.
     """
-    correlation = process.autocorrelation()
-    order = min(16, max(int(len(correlation) * period / to), 1))
-    lags = np.interp(np.arange(order + 1) * to / period, np.arange(len(correlation)), correlation, right=0.0)
-    reflections, coefficients, left = [], np.ones(1), 1.0
-    for k in range(1, order + 1):  # Levinson's recursion
-        reflection = float(np.clip(-(coefficients @ lags[k:0:-1]) / left, -0.9999, 0.9999))
-        longer = np.append(coefficients, 0.0)
-        coefficients, left = longer + reflection * longer[::-1], left * (1 - reflection**2)
-        reflections.append(reflection)
-    return Process(np.array(reflections), process.rms * math.sqrt(left))
+    lags = np.arange(HIGHEST_ORDER + 1) * to / period
+    known = np.arange(math.ceil(lags[-1]) + 1)
+    correlation = np.interp(lags, known, process.autocorrelation(len(known)))
+    return Process.from_covariances(process.rms**2 * correlation)
 
 
-def _merged(lines: Sequence[Line]) -> tuple[Line, ...]:
+def _merged(lines: Sequence[Sinusoid]) -> tuple[Sinusoid, ...]:
     """Return lines without those that another sampling period shows again."""
-    kept: list[Line] = []
+    kept: list[Sinusoid] = []
     for line in sorted(lines, key=lambda line: line.frequency):
         if not kept or line.frequency - kept[-1].frequency > 0.01 * line.frequency:
             kept.append(line)
@@ -263,9 +254,9 @@ def _smallest(runs: Sequence[Run], axis: str) -> float:
 
 def _without_source(runs: Sequence[Run], axis: str, stated: float, smallest: float) -> NoiseFloor:
     if stated > 0:
-        process, source, known, dof = Process(np.zeros(0), stated), "the sensor's stated noise", True, math.inf
+        process, source, known, dof = Process.white(stated), "the sensor's stated noise", True, math.inf
     else:
-        process = Process(np.zeros(0), max(min(_quietest_band(run, axis) for run in runs), smallest))
+        process = Process.white(max(min(_quietest_band(run, axis) for run in runs), smallest))
         source, known, dof = "unknown", False, 0.0
     return NoiseFloor(Coloured(process), {run.name: process.rms for run in runs}, source, known, (), dof)
 

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.special import digamma
 
-from flexdesign.evidence.coloured import Coloured
-from flexdesign.evidence.noise import Whitening
+from flexdesign.evidence.noise import Coloured, Whitening
 from flexdesign.model import Observation
 from flexdesign.noise_floor.floor import NoiseFloor
 from flexdesign.runs import FrequencyResponse
@@ -30,9 +29,8 @@ OF_LINE, OF_LARGEST = 1e-4, 1e-6
 TOGETHER = 64
 #: Coherences below this are one: nothing is known of the line.
 LOWEST = 1e-3
-#: Without coherence: a line less the cubic through two lines to each side, of which so many neighbours are taken
-#: together; over the root of the median of a chi-square with two degrees of freedom.
-STENCIL, NEIGHBOURS, MEDIAN = np.array([-1.0, 4.0, -6.0, 4.0, -1.0]), 15, 2 * math.log(2)
+#: Without coherence: neighbouring lines whose scatter is taken together, so that its median is known to a quarter.
+NEIGHBOURS = 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,27 +103,23 @@ def _scatter(response: FrequencyResponse) -> Array:
 
     The response itself bends, most at a resonance, so that this is too large rather than too small.
     """
-    x = np.log(response.frequencies)
-    values = response.response
+    x, values = np.log(response.frequencies), response.response
     squares = np.empty(len(x))
     for k in range(len(x)):
-        first = min(max(k - 2, 0), len(x) - len(STENCIL))
-        at = np.arange(first, first + len(STENCIL))
+        first = min(max(k - 2, 0), len(x) - 5)
+        at = np.arange(first, first + 5)
         # Weights that take out a cubic through unevenly spaced lines: those of the fourth divided difference.
-        gaps = x[at][:, None] - x[at][None, :] + np.eye(len(at))
+        gaps = x[at][:, None] - x[at][None, :] + np.eye(5)
         weights = 1 / np.prod(gaps, axis=1)
-        weights = weights / np.linalg.norm(weights)
-        squares[k] = abs(weights @ values[at]) ** 2
-    shape = np.ones(len(x))
+        squares[k] = abs(weights @ values[at]) ** 2 / (weights @ weights)
+    median = 2 * math.log(2)  # of a chi-square with two degrees of freedom
     if response.coherence is not None:  # how the noise goes from line to line, if not how large it is
         share = np.clip(response.coherence, LOWEST, 1 - 1e-9)
         shape = np.abs(values) * np.sqrt((1 - share) / share)
-    scaled = squares / shape**2
-    if response.coherence is not None:
-        return np.asarray(shape * math.sqrt(float(np.median(scaled)) / MEDIAN))
+        return np.asarray(shape * math.sqrt(float(np.median(squares / shape**2)) / median))
     half = NEIGHBOURS // 2
-    local = [np.median(scaled[max(k - half, 0) : k + half + 1]) for k in range(len(x))]
-    return np.sqrt(np.array(local) / MEDIAN)
+    local = [np.median(squares[max(k - half, 0) : k + half + 1]) for k in range(len(x))]
+    return np.sqrt(np.array(local) / median)
 
 
 def noise_of_lines(responses: Sequence[FrequencyResponse], lines: Mapping[str, LineNoise]) -> NoiseFloor:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.stats import f as ratio_of_variances
 
-from flexdesign.evidence.coloured import stretches as where_up
-from flexdesign.evidence.noise import colour
-from flexdesign.evidence.quiet import Stretch
+from flexdesign.evidence.autoregressive import colour
+from flexdesign.evidence.noise import stretches as where_up
+from flexdesign.evidence.restricted_likelihood import Stretch
 from flexdesign.runs import Run
 
 Array = NDArray[np.float64]
@@ -31,8 +31,8 @@ BY_CHANCE_TOGETHER = 0.05
 LONGER, KEPT = 1.25, 0.3
 #: Most samples that count as one in differences of noise.
 NARROWEST = 8.0
-#: Most lags that are tried for a period, and how alike a command must be there to itself.
-LAGS, ALIKE = 40, 0.5
+#: Most lags that are tried for a period: the lag of a periodic command is among the first few.
+LAGS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ def quiet_stretches(runs: Sequence[Run], axis: str, settle: float) -> Source:
     """
     found = _quiet(runs, axis, settle)
     fewest = KEPT * sum(len(s.values) for s in found)
-    while _decay_together([s for s in found if s.first]):
+    while (later := [s.values for s in found if s.first]) and _decay(later, BY_CHANCE_TOGETHER):
         settle *= LONGER
         fewer = _quiet(runs, axis, settle)
         left = sum(len(s.values) for s in fewer)
@@ -181,7 +181,7 @@ def _settled(run: Run, first: int, values: Array, moved: int | None) -> list[Str
         Index at which a command came to rest or a period began: from there creep goes with the logarithm of time.
     """
     fewest = max(FEWEST, math.ceil(SHORTEST / run.period))
-    while len(values) >= fewest and _decays(values):
+    while len(values) >= fewest and _decay([values], BY_CHANCE):
         dropped = len(values) // 4
         first, values = first + dropped, values[dropped:]
     if len(values) < fewest:
@@ -203,20 +203,14 @@ def _is_louder(one: Array, other: Array) -> bool:
     return powers[0] > ratio_of_variances.isf(BY_CHANCE**0.5, *counted) * powers[1]
 
 
-def _decays(values: Array) -> bool:
-    """Tell whether the first third of a stretch moves more than the last one does, beyond chance."""
-    early, late, counted = _moves(values)
-    return early > ratio_of_variances.isf(BY_CHANCE, counted, counted) * late
+def _decay(records: Sequence[Array], chance: float) -> bool:
+    """Tell whether the first thirds of records move more than the last ones do, beyond chance.
 
-
-def _decay_together(stretches: Sequence[Stretch]) -> bool:
-    """Tell the same of many stretches: what is too small to be seen in one of them may be seen in all."""
-    if not stretches:
-        return False
-    moves = np.array([_moves(s.values) for s in stretches])
-    counted = moves[:, 2].sum()
-    early, late = moves[:, 2] @ moves[:, 0], moves[:, 2] @ moves[:, 1]
-    return bool(early > ratio_of_variances.isf(BY_CHANCE_TOGETHER, counted, counted) * late)
+    What is too small to be seen in one of them may be seen in all.
+    """
+    early, late, counted = np.array([_moves(values) for values in records]).T
+    freedom = counted.sum()
+    return bool(counted @ early > ratio_of_variances.isf(chance, freedom, freedom) * (counted @ late))
 
 
 def _moves(values: Array) -> tuple[float, float, float]:
@@ -254,7 +248,7 @@ def _candidates(commands: Array) -> list[int]:
     lags = np.arange(n // 2 + 2)
     overlap = np.sqrt((energy[-1] - energy[lags]) * energy[n - lags])  # what the two shifted parts have
     alike = correlation / np.maximum(overlap, 1e-300 + 1e-12 * energy[-1])
-    peaks = 1 + np.flatnonzero((alike[1:-1] >= alike[:-2]) & (alike[1:-1] > alike[2:]) & (alike[1:-1] > ALIKE))
+    peaks = 1 + np.flatnonzero((alike[1:-1] >= alike[:-2]) & (alike[1:-1] > alike[2:]))
     peaks = peaks[peaks > 3]
     return [int(lag) for lag in peaks[np.argsort(alike[peaks])[::-1][:LAGS]]]
 

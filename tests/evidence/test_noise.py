@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 
-from flexdesign.evidence.noise import Colour, White, colour
+from flexdesign.evidence.autoregressive import Colour, colour
+from flexdesign.evidence.noise import White
 from tests.evidence.toys import Run, ar1
 
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from flexdesign.evidence.coloured import Coloured, Process
+from flexdesign.evidence.autoregressive import Process
 from flexdesign.evidence.coordinates import coordinates
 from flexdesign.evidence.marquardt import Solution, solve
-from flexdesign.evidence.noise import White, Whitening
+from flexdesign.evidence.noise import Coloured, White, Whitening
 from flexdesign.evidence.screening import FARTHEST, LEVEL, OWN, Candidate, Screening
 from flexdesign.evidence.suite import Problem, Suite
 from flexdesign.model import Effect, Observation, Parameter

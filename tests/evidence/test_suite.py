@@ -11,9 +11,9 @@ from scipy.linalg import block_diag, toeplitz
 from scipy.signal import lfilter
 
 from flexdesign.errors import InputError
-from flexdesign.evidence.coloured import Coloured, Process
+from flexdesign.evidence.autoregressive import Process
 from flexdesign.evidence.coordinates import coordinates
-from flexdesign.evidence.noise import White
+from flexdesign.evidence.noise import Coloured, White
 from flexdesign.evidence.suite import Problem, Shapes, Suite
 from flexdesign.model import Observation
 from tests.evidence.toys import OSCILLATION, TRUTH, Array, Run, Toy, oscillation, parameter
