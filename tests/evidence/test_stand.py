@@ -9,6 +9,7 @@ import pytest
 
 from flexdesign.evidence import calibration
 from flexdesign.evidence import stand as stands
+from flexdesign.evidence.marquardt import FULL
 from flexdesign.evidence.noise import White
 from flexdesign.evidence.suite import Suite
 from tests.evidence.test_screening import NAMES, N, column, offset
@@ -30,7 +31,7 @@ def shared(run: Run, p: float, q: float) -> Array:
 def test_a_model_is_evaluated_with_nothing_but_initial_conditions_fitted() -> None:
     """By linear algebra; its own numbers stay, and the Jacobian holds them all the same."""
     about = case({})
-    found = calibration.evaluated(about, stage().replace({"p": 1.5, "q": -0.7}))
+    found = calibration.evaluate_design(about, stage().replace({"p": 1.5, "q": -0.7}))
     assert found is not None
     values = {p.name: p.start for p in found.model.parameters()}
     assert (values["p"], values["q"]) == (1.5, -0.7)
@@ -39,7 +40,7 @@ def test_a_model_is_evaluated_with_nothing_but_initial_conditions_fitted() -> No
             run = record.observation
             expected = left_by_its_own(run, shared(run, 1.5, -0.7))  # type: ignore[arg-type]
             missed = float(np.sum((found.remainders[run.name] - expected) ** 2)) / SIGMA**2
-            assert missed < calibration.CALIBRATION_SHARE * found.cost  # a fit ends where no step promises more
+            assert missed < FULL.share * found.cost  # a fit ends where no step promises more
     assert {"p", "q"} <= set(found.solution.problem.where.names)
     assert set(found.solution.columns()) >= {"p", "q"}
 
@@ -52,11 +53,11 @@ def test_test_runs_are_predicted_in_the_end_and_change_nothing() -> None:
         parameter("later:own", 0.0, -10.0, 10.0, run="later"),
     )
     with_test = dataclasses.replace(about, test=Suite(unseen, White(SIGMA), offset))
-    plain, stand = (stands.fitted(each, model, (), {}) for each in (about, with_test))
+    plain, stand = (stands.fit(each, model) for each in (about, with_test))
     assert plain is not None and stand is not None and "later" not in stand.remainders
     assert (stand.cost, stand.held_cost) == (plain.cost, plain.held_cost)
-    assert stands.tested(about, plain) is plain
-    last = stands.tested(with_test, stand)
+    assert stands.predict_tests(about, plain) is plain
+    last = stands.predict_tests(with_test, stand)
     assert set(last.remainders) == {*NAMES, *HELD, "later"}
     assert (last.cost, last.held_cost, last.effects) == (stand.cost, stand.held_cost, stand.effects)
     for name in (*NAMES, *HELD):
