@@ -152,7 +152,7 @@ def test_a_run_is_fitted_alone_while_all_other_numbers_stay() -> None:
     rng = np.random.default_rng(0)
     observed = [Run(name, np.arange(N) / N, rng.standard_normal(N)) for name in NAMES]
     case = Case(Suite(observed, White(SIGMA), offset), suite([]), ("p",), lambda _: {}, lambda _: start, 1e-3)
-    for run, record in zip(observed, case.identify.records, strict=True):
+    for run in observed:
         made = fit_initial_states(case, case.identify.part([run.name]), start)
         assert made is not None
         misfit, found = made.misfit, made.problem.where.values(made.x)
