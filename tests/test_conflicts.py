@@ -18,7 +18,7 @@ from flexdesign.evidence.noise import White
 from flexdesign.evidence.stand import Stand, fit
 from flexdesign.evidence.suite import Suite
 from flexdesign.model import Parameter
-from tests.evidence.test_screening import NAMES, N, Shape, Sum, base, column, offset
+from tests.evidence.sums import NAMES, N, Shape, Sum, base, column, offset
 from tests.evidence.toys import Array, Run, parameter
 
 SIGMA, HELD, EVERY = 0.1, ("kept", "apart"), (*NAMES, "kept", "apart")

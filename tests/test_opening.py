@@ -19,8 +19,7 @@ from flexdesign.evidence.selection import forward
 from flexdesign.evidence.stand import Stand
 from flexdesign.runs import Run, read_runs
 from flexdesign.stage_model import StageModel
-from tests.evidence.test_screening import NAMES, candidate
-from tests.evidence.test_selection import calibrated_stand, case, effects
+from tests.evidence.sums import NAMES, calibrated_stand, candidate, case, effects
 
 ROOT = Path(__file__).parents[1]
 DEMO = ROOT / "studies" / "hidden_effect_demo"

@@ -11,8 +11,7 @@ from flexdesign.evidence.case import Case
 from flexdesign.evidence.determination import hold_undetermined
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.stand import Stand
-from tests.evidence.test_screening import Sum, _sum, column, strength
-from tests.evidence.test_selection import case, fit_with
+from tests.evidence.sums import Sum, as_sum, candidate, case, column, fit_with, strength
 from tests.evidence.toys import Array, parameter
 
 #: The noise is 0.1, of 180 values: an amount of a column is known to 0.0075, its 95 % interval is 0.03 wide.
@@ -28,7 +27,7 @@ def effect(share: float, default: float, low: float, high: float) -> Candidate:
     more = parameter("d.more", default, low, high)
 
     def add(model: Any) -> Sum:
-        return _sum(model).plus(shape, strength("d"), more)
+        return as_sum(model).plus(shape, strength("d"), more)
 
     return Candidate("d", add, "d", ("d", "d.more"), ({"d": 0.1, "d.more": default},), signed=True)
 
@@ -78,8 +77,6 @@ def test_a_default_that_contradicts_the_runs_is_not_held() -> None:
 def test_a_strength_is_never_held() -> None:
     """Whether it is there at all was decided when the effect was added."""
     about = case({})
-    alone = Candidate(
-        "d", lambda m: _sum(m).plus(lambda v, run: v["d"] * column(run, "d"), strength("d")), "d", ("d",), ({"d": 0.1},)
-    )
+    alone = candidate("d")
     found = fit_with(about, [alone])
     assert hold_undetermined(about, found) == (found, ())

@@ -20,7 +20,7 @@ from flexdesign.evidence.noise import White
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.stand import escape, fit
 from flexdesign.evidence.suite import Suite
-from tests.evidence.test_screening import NAMES, Sum, _sum, offset, strength
+from tests.evidence.sums import NAMES, Sum, as_sum, offset, strength
 from tests.evidence.toys import Array, Run, parameter
 
 HELD, VALUES, SEEDS = "kept", 120, 20
@@ -92,7 +92,7 @@ def problem(seed: int, sigma: float) -> Problem:
     own = [parameter(f"{name}:state", 0.0, -1.0, 1.0, run=name, screen=screen) for name in voltages]
     effect = Candidate(
         "play",
-        lambda model: _sum(model).plus(
+        lambda model: as_sum(model).plus(
             lambda v, run: v["w"] * play(voltages[run.name], v["r"], v[f"{run.name}:state"]),
             strength("w"),
             parameter("r", 0.2, LEAST, MOST, scale="log"),
@@ -116,7 +116,7 @@ def problem(seed: int, sigma: float) -> Problem:
     case = Case(suite(*NAMES), suite(HELD), ("p",), lambda _: {}, lambda _: full, 1e-3)
     # Up to a factor of two off, as a screening with thresholds at every factor of four would leave it.
     begun = full.replace({"w": 0.3, "r": threshold * 2 ** rng.uniform(-1, 1)})
-    return Problem(case, _sum(begun), effect, voltages, sigma)
+    return Problem(case, as_sum(begun), effect, voltages, sigma)
 
 
 @cache

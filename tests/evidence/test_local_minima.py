@@ -17,7 +17,7 @@ from flexdesign.evidence.noise import White
 from flexdesign.evidence.stand import Stand, escape, fit, fit_initial_states, solve_case
 from flexdesign.evidence.suite import Record, Suite
 from flexdesign.model import Model
-from tests.evidence.test_screening import NAMES, N, Sum, base, column, least, offset
+from tests.evidence.sums import NAMES, N, Sum, base, column, least, offset
 from tests.evidence.toys import Array, Run, parameter
 
 SIGMA = 0.1
@@ -193,6 +193,27 @@ def test_validation_runs_begin_where_each_fits_best() -> None:
     # Fitted from where the model begins it stays in the wrong minimum.
     made = fit_initial_states(case, case.validate, found.model.replace({"apart:turn": 0.0}))
     assert made is not None and made.cost > 1.5 * found.held_cost
+
+
+def test_a_run_begins_where_it_fits_best() -> None:
+    """The prediction hangs on the start of each run by a cosine, so that a fit of it ends in a local minimum."""
+
+    def from_start(v: Mapping[str, float], run: Any) -> Array:
+        return np.asarray(np.cos(2 * math.pi * v[f"{run.name}:turn"]) * column(run, "p"))
+
+    screen = (0.1, 0.5, 0.9)
+    own = [
+        parameter(f"{n}:turn", start, 0.0, 1.0, run=n, screen=screen)
+        for n, start in zip(NAMES, (0.0, 0.45, 0.9), strict=True)
+    ]
+    model = Sum().plus(from_start, *own)
+    truth = model.replace({"one:turn": 0.5, "two:turn": 0.4, "three:turn": 0.9})
+    observed = [Run(name, np.arange(N) / N, None) for name in NAMES]
+    observed = [dataclasses.replace(run, data=truth.predict(run)) for run in observed]
+    suite = Suite(observed, White(SIGMA), offset)
+    begun = grid_initial_states(suite, model)
+    assert {p.name: p.start for p in begun.parameters()} == {"one:turn": 0.5, "two:turn": 0.45, "three:turn": 0.9}
+    assert grid_initial_states(suite, truth) is truth
 
 
 def test_strong_data_do_not_tell_twins_apart() -> None:

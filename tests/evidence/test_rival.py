@@ -16,7 +16,7 @@ from flexdesign.evidence.rival import MOST, cost_of_terms, rival
 from flexdesign.evidence.stand import Stand, fit
 from flexdesign.evidence.suite import Suite
 from flexdesign.model import Observation
-from tests.evidence.test_screening import NAMES, Sum, columns, least, offset
+from tests.evidence.sums import NAMES, Sum, columns, least, offset
 from tests.evidence.toys import Array, Run, parameter
 
 N, SIGMA = 120, 0.02

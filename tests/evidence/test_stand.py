@@ -13,8 +13,23 @@ from flexdesign.evidence import stand as stands
 from flexdesign.evidence.marquardt import FULL, linearise
 from flexdesign.evidence.noise import White
 from flexdesign.evidence.suite import Suite
-from tests.evidence.test_screening import NAMES, N, base, candidate, column, offset, strength
-from tests.evidence.test_selection import HELD, SIGMA, calibrated_stand, case, effects, fit_with, recorded, stage
+from tests.evidence.sums import (
+    HELD,
+    NAMES,
+    SIGMA,
+    N,
+    base,
+    calibrated_stand,
+    candidate,
+    case,
+    column,
+    effects,
+    fit_with,
+    offset,
+    recorded,
+    stage,
+    strength,
+)
 from tests.evidence.toys import Array, Run, parameter
 
 
