@@ -15,10 +15,10 @@ from flexdesign.diagnosis.conflicts import LARGE, Conflict, explains
 from flexdesign.dynamics.axis_parameters import TRIGGER
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.noise import White
-from flexdesign.evidence.stand import Stand, fitted
+from flexdesign.evidence.stand import Stand, fit
 from flexdesign.evidence.suite import Suite
 from flexdesign.model import Parameter
-from tests.evidence.test_screening import NAMES, N, Shape, Sum, base, column, offset
+from tests.evidence.sums import NAMES, N, Shape, Sum, base, column, offset
 from tests.evidence.toys import Array, Run, parameter
 
 SIGMA, HELD, EVERY = 0.1, ("kept", "apart"), (*NAMES, "kept", "apart")
@@ -60,7 +60,7 @@ def case_of(model: Sum, truth: Mapping[str, float], rest: float, known: Mapping[
         ]
         return Suite(made, White(SIGMA), offset)
 
-    return Case(suite(NAMES), suite(HELD), ("p", "q"), lambda _: known, 1e-3)
+    return Case(suite(NAMES), suite(HELD), ("p", "q"), lambda _: known, lambda _: model, 1e-3)
 
 
 def setting(known: Mapping[str, tuple[float, float]]) -> Any:
@@ -73,7 +73,7 @@ def conflict(number: str) -> Conflict:
 
 
 def final(case: Case, model: Sum) -> Stand:
-    found = fitted(case, model, (), {})
+    found = fit(case, model)
     assert found is not None
     return found
 

@@ -1,4 +1,4 @@
-"""Long recordings: what is searched first is the opening of each run, and the answer is that of all of them."""
+"""Long recordings: their first part is searched first, and what it shows is confirmed by the whole runs."""
 
 from __future__ import annotations
 
@@ -10,11 +10,16 @@ import numpy as np
 import pytest
 
 from flexdesign import stage_model
-from flexdesign.diagnosis import diagnose, opening
+from flexdesign.diagnosis import course, diagnose, opening
 from flexdesign.diagnosis.setting import Setting, settle
+from flexdesign.evidence.case import Case
 from flexdesign.evidence.local_minima import BETTER
+from flexdesign.evidence.model_comparison import Step
+from flexdesign.evidence.selection import forward
+from flexdesign.evidence.stand import Stand
 from flexdesign.runs import Run, read_runs
 from flexdesign.stage_model import StageModel
+from tests.evidence.sums import NAMES, calibrated_stand, candidate, case, effects
 
 ROOT = Path(__file__).parents[1]
 DEMO = ROOT / "studies" / "hidden_effect_demo"
@@ -59,6 +64,35 @@ def test_runs_are_cut_at_one_length_and_short_ones_stay_whole(monkeypatch: pytes
         assert (part.name, part.role) == (whole.name, whole.role)
 
 
+@pytest.mark.parametrize(
+    ("lengths", "enough", "cut"),
+    [
+        ([1_000, 30_000, 30_000], 21_000, 10_000),
+        ([30_000, 1_000, 30_000], 21_000, 10_000),
+        ([10_000, 10_000, 10_000], 12_000, 4_000),
+        ([1_000, 2_000, 60_000], 12_000, 9_000),
+        ([1_000, 1_000, 1_000], 12_000, 1_000),
+        ([40_000], 12_000, 12_000),
+        ([5, 5, 5], 2, 1),
+    ],
+)
+def test_all_runs_are_cut_at_the_same_length(
+    lengths: list[int], enough: int, cut: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that as many values are left as are searched: short runs give what is theirs to longer ones."""
+    monkeypatch.setattr(opening, "ENOUGH", enough)
+    monkeypatch.setattr(opening, "LONG", 0)
+    about = settle(*demo(), None, None)
+    (name,) = about.runs[0].responses
+    runs = [
+        Run(f"run{k}", np.arange(float(n)), {"u": np.zeros(n), name: np.zeros(n)}, {"u": "V", name: "m"}, "hold")
+        for k, n in enumerate(lengths)
+    ]
+    short = opening.opening(replace(about, runs=tuple(runs)))
+    assert short is not None
+    assert [len(run.time) for run in short.runs] == [min(n, max(cut, 2)) for n in lengths]
+
+
 def test_a_run_that_begins_with_a_gap_is_cut_behind_it(monkeypatch: pytest.MonkeyPatch) -> None:
     setting = long(monkeypatch, 6_000)
     gone = setting.runs[0].measured().copy()
@@ -74,7 +108,7 @@ def test_what_the_openings_show_is_fitted_to_the_whole_runs(monkeypatch: pytest.
     model, runs = demo()
     said = list[str]()
     found = diagnose(model, runs, progress=said.append)
-    assert "searching in the opening of each run" in said
+    assert "searching in the first part of each run" in said
     whole = said.index("fitting with stress_stiffening, the whole runs")
     # With it the openings leave but noise; what is fainter is asked of all.
     assert "screening beside stress_stiffening" in said[whole:]
@@ -87,6 +121,48 @@ def test_what_the_openings_show_is_fitted_to_the_whole_runs(monkeypatch: pytest.
     assert effect.name == kept["name"]
     assert value.value == pytest.approx(expected["value"], abs=0.05 * (high - low))
     assert value.interval == pytest.approx((low, high), abs=0.05 * (high - low))
-    # A validation run begins elsewhere only where that lowers its squares by two percent (`local_minima.BETTER`).
+    # A run begins elsewhere only where that lowers its squares by two percent (`local_minima.BETTER`).
     assert found.validation_error == pytest.approx(KEPT["validation_error"]["value"], rel=1 - BETTER)
     assert [rung.label for rung in found.ladder] == [rung["label"] for rung in KEPT["ladder"]]
+
+
+# --- what the first part showed, asked of the whole runs -------------------------------------------------------------
+
+
+def confirmed(about: Case, steps: list[Step]) -> tuple[list[Step], list[Stand]]:
+    return course._confirm(about, calibrated_stand(about), steps)
+
+
+def test_what_a_part_of_the_runs_chose_is_confirmed_by_all_of_them() -> None:
+    about = case({"d": 0.3})
+    part = replace(about, identify=about.identify.part(NAMES[:2]))
+    seen, right = (forward(each, calibrated_stand(each), effects()) for each in (part, about))
+    (step,), (made,) = confirmed(about, [seen, Step(None, ())])
+    assert step.chosen is not None and right.chosen is not None
+    assert step.chosen.names == made.names == ("d",)
+    # Of all runs: the same fit as that of a search in all of them, to a fraction of what one value of noise costs.
+    assert step.chosen.gain == pytest.approx(right.chosen.gain, abs=0.05)
+    assert step.chosen.error == pytest.approx(right.chosen.error, rel=1e-4)
+    assert step.trials == seen.trials
+
+
+def test_what_a_part_of_the_runs_chose_is_refused_where_the_others_know_better() -> None:
+    part, whole = case({"d": 0.3}), case({}, seed=1)
+    seen = forward(part, calibrated_stand(part), effects())
+    assert seen.chosen is not None and seen.chosen.names == ("d",)
+    assert confirmed(whole, [seen]) == ([], [])
+    assert confirmed(whole, [forward(whole, calibrated_stand(whole), effects())]) == ([], [])
+
+
+def test_a_part_is_believed_up_to_its_first_refused_step() -> None:
+    """Two effects of the part, one after the other, of which the whole runs have the first, the second, or both."""
+    part = case({"b": 0.4, "d": 0.3})
+    one, other = (candidate(name, signed=True) for name in "bd")
+    first = forward(part, calibrated_stand(part), [one])
+    assert first.chosen is not None
+    steps = [first, forward(part, first.chosen.stand, [other])]
+    assert [step.chosen.names for step in steps if step.chosen] == [("b",), ("d",)]
+    for truth, names in (({"b": 0.4, "d": 0.3}, ["b", "d"]), ({"b": 0.4}, ["b"]), ({"d": 0.3}, [])):
+        found, stands = confirmed(case(truth, seed=1), steps)
+        assert [name for step in found for name in step.chosen.names] == names  # type: ignore[union-attr]
+        assert [stand.names for stand in stands] == [tuple(names[: k + 1]) for k in range(len(names))]

@@ -18,13 +18,14 @@ from scipy.optimize import differential_evolution
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.noise import White
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.stand import IMPROVED, Stand, escape, solved
-from flexdesign.evidence.stand import fitted as fitted_with_outliers
+from flexdesign.evidence.stand import escape, fit
 from flexdesign.evidence.suite import Suite
-from tests.evidence.test_screening import NAMES, Sum, _sum, offset, strength
+from tests.evidence.sums import NAMES, Sum, as_sum, offset, strength
 from tests.evidence.toys import Array, Run, parameter
 
 HELD, VALUES, SEEDS = "kept", 120, 20
+#: A minimum is missed if chi^2 is larger by this.
+MISSED = 2.0
 #: Bounds of the threshold.
 LEAST, MOST = 0.02, 1.0
 
@@ -91,7 +92,7 @@ def problem(seed: int, sigma: float) -> Problem:
     own = [parameter(f"{name}:state", 0.0, -1.0, 1.0, run=name, screen=screen) for name in voltages]
     effect = Candidate(
         "play",
-        lambda model: _sum(model).plus(
+        lambda model: as_sum(model).plus(
             lambda v, run: v["w"] * play(voltages[run.name], v["r"], v[f"{run.name}:state"]),
             strength("w"),
             parameter("r", 0.2, LEAST, MOST, scale="log"),
@@ -112,46 +113,45 @@ def problem(seed: int, sigma: float) -> Problem:
         made = [dataclasses.replace(r, data=truth.predict(r) + e) for r, e in zip(blank, noise, strict=True)]
         return Suite(made, White(sigma), offset)
 
-    case = Case(suite(*NAMES), suite(HELD), ("p",), lambda _: {}, 1e-3)
+    case = Case(suite(*NAMES), suite(HELD), ("p",), lambda _: {}, lambda _: full, 1e-3)
     # Up to a factor of two off, as a screening with thresholds at every factor of four would leave it.
     begun = full.replace({"w": 0.3, "r": threshold * 2 ** rng.uniform(-1, 1)})
-    return Problem(case, _sum(begun), effect, voltages, sigma)
+    return Problem(case, as_sum(begun), effect, voltages, sigma)
 
 
 @cache
 def ends(sigma: float) -> Array:
-    """Chi^2 less that of the global minimum: after one fit, with outliers begun elsewhere, and after `escape`.
+    """Chi^2 less that of the global minimum, after one fit and after `escape`; and the threshold over the best one.
 
-    And the threshold after `escape`, over that of the global minimum; seeds by these four.
+    Seeds by these three.
     """
     found = []
     for seed in range(SEEDS):
         about = problem(seed, sigma)
         least, threshold = about.least(seed)
-        once = solved(about.case, about.model, (about.effect,), {})
-        fitted = fitted_with_outliers(about.case, about.model, (about.effect,), {})
-        assert once is not None and fitted is not None
-        last: Stand = escape(about.case, fitted)
+        once = fit(about.case, about.model, (about.effect,))
+        assert once is not None
+        last = escape(about.case, once)
         reached = last.solution.problem.where.values(last.solution.x)["r"]
-        found.append([once.cost - least, fitted.cost - least, last.cost - least, reached / threshold])
+        found.append([once.cost - least, last.cost - least, reached / threshold])
     return np.array(found)
 
 
 @pytest.mark.parametrize("sigma", [0.05, 0.01])
-def test_fits_that_escape_miss_one_global_minimum_in_four_at_most(sigma: float) -> None:
-    """Of a hundred problems 15 are missed with noise of a tenth of the effect, and 20 with a fiftieth.
+def test_fits_that_escape_miss_one_global_minimum_in_five_at_most(sigma: float) -> None:
+    """Of these twenty none is missed with noise of a tenth of the effect, and three with a fiftieth.
 
-    One fit from the same start misses half of them; with its outliers begun elsewhere a half and a third.
+    One fit from the same start misses a third to a half of them.
     """
     found = ends(sigma)
-    assert found[:, :3].min() > -1e-3  # no fit is better than the reference
-    once, fitted, escaped = (found[:, :3] > IMPROVED).sum(axis=0)
+    assert found[:, :2].min() > -1e-3  # no fit is better than the reference
+    once, escaped = (found[:, :2] > MISSED).sum(axis=0)
     assert once >= SEEDS / 3  # else the problems are too easy to tell anything
-    assert escaped <= SEEDS / 4
-    assert escaped < fitted <= once
+    assert escaped <= SEEDS / 5
+    assert escaped < once
 
 
 @pytest.mark.parametrize("sigma", [0.05, 0.01])
 def test_a_miss_leaves_the_threshold_near_its_best(sigma: float) -> None:
     """A fit in a local minimum is in the one beside the global minimum, less than a tenth away."""
-    assert np.all(np.abs(np.log(ends(sigma)[:, 3])) < math.log(1.1))
+    assert np.all(np.abs(np.log(ends(sigma)[:, 2])) < math.log(1.1))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.optimize import least_squares, lsq_linear
 
 from flexdesign.errors import InputError
 from flexdesign.evidence.coordinates import coordinates, value
-from flexdesign.evidence.marquardt import SMALL, Solution, solve
+from flexdesign.evidence.marquardt import FOLLOWING, FULL, QUICK, ROUGH, SMALL, Effort, Solution, linearise, solve
 from flexdesign.evidence.noise import White
 from flexdesign.evidence.suite import Problem, Suite
 from flexdesign.model import Observation
@@ -121,7 +122,7 @@ def test_covariance_is_the_inverse_of_the_normal_matrix(exact: bool) -> None:
     )
     rng = np.random.default_rng(0)
     data = model.formula(truth, T) + sigma * rng.standard_normal(len(T))
-    found = solved(problem(model, data, sigma, a=(2.02, 0.005)), exact=exact)
+    found = solved(problem(model, data, sigma, a=(2.02, 0.005)), effort=replace(FULL, is_exact=exact))
     v = values(found)
     decay = np.exp(-v["k"] * T)
     jacobian = np.column_stack([decay, -v["k"] * v["a"] * T * decay]) / sigma
@@ -157,13 +158,17 @@ def test_a_narrow_valley_is_followed_to_its_end(cosine: float) -> None:
     assert np.all(np.abs(found.x - truth) < CLOSE * np.sqrt(np.diag(found.covariance)))
 
 
-def test_a_bent_valley_is_followed_to_its_end() -> None:
+def bent_valley() -> Problem:
     """Rosenbrock's function from his own start (1960, Computer Journal 3, 175-184)."""
     model = Toy(
         lambda v, t: np.array([10 * (v["y"] - v["x"] ** 2), v["x"]]),
         (parameter("x", -1.2, -10.0, 10.0), parameter("y", 1.0, -10.0, 10.0)),
     )
-    found = solved(problem(model, np.array([0.0, 1.0]), 1e-2, t=T[:2]))
+    return problem(model, np.array([0.0, 1.0]), 1e-2, t=T[:2])
+
+
+def test_a_bent_valley_is_followed_to_its_end() -> None:
+    found = solved(bent_valley())
     assert found.cost < SMALL
     assert values(found)["x"] == pytest.approx(1.0, abs=CLOSE * 1e-2)
 
@@ -287,7 +292,7 @@ def test_slopes_of_a_model_nearby_lead_to_the_same_minimum(seed: int) -> None:
 
 def test_want_of_trials_is_told() -> None:
     case = problem(bumpy(np.random.default_rng(0))[0], np.sin(9 * T), 1e-3)
-    found = solve(case, case.where.start, most=1)
+    found = solve(case, case.where.start, Effort(1))
     assert found is not None and not found.is_settled
 
 
@@ -302,9 +307,92 @@ def test_slopes_from_a_fit_nearby_save_predictions_and_change_nothing() -> None:
     columns = first.columns()
     assert list(columns) == ["a", "k", "b", "m", "s"]
     wrong = {name: [None if c is None else 0.5 * c for c in parts] for name, parts in columns.items()}
-    ends = [solved(anew), solved(carried, old=columns, exact=False), solved(misled, old=wrong, exact=False)]
+    effort = replace(FULL, is_exact=False)
+    ends = [solved(anew), solved(carried, effort=effort, old=columns), solved(misled, effort=effort, old=wrong)]
     sigmas = np.sqrt(np.diag(ends[0].covariance))
     for end in ends[1:]:
         assert abs(end.cost - ends[0].cost) < SMALL
         assert np.all(np.abs(end.x - ends[0].x) <= CLOSE * sigmas)
     assert carried.evaluations <= anew.evaluations - 5  # five columns less, at least once
+
+
+# --- efforts --------------------------------------------------------------------------------------------------------
+
+
+def decay() -> tuple[Toy, Array]:
+    """A decay whose numbers start far off, and its data."""
+    model = Toy(
+        lambda v, t: v["a"] * np.exp(-v["k"] * t),
+        (parameter("a", 1.0, 0.1, 10.0), parameter("k", 1.0, 0.1, 100.0, scale="log")),
+    )
+    return model, model.formula({"a": 2.0, "k": 3.0}, T)
+
+
+def looks(case: Problem, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """Note the columns that are computed, each time that a Jacobian is."""
+    made, slopes = list[list[str]](), case.slopes
+
+    def counted(x: Array, residuals: Any, old: Any = None) -> Any:
+        made.append([name for name in case.where.names if name not in (old or {})])
+        return slopes(x, residuals, old)
+
+    monkeypatch.setattr(case, "slopes", counted)
+    return made
+
+
+def test_more_effort_ends_nearer_to_the_minimum(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Along a bent valley, with as many Jacobians as are allowed beside that at the start."""
+    costs, counts = [], []
+    for effort in (QUICK, ROUGH, FULL):
+        case = bent_valley()
+        made = looks(case, monkeypatch)
+        found = solve(case, case.where.start, effort)
+        assert found is not None
+        costs.append(found.cost)
+        counts.append(len(made))
+        assert len(made) <= 1 + effort.jacobians
+    assert costs[0] > 1.5 * costs[1] > 1e3 * SMALL > costs[2]
+    assert counts[:2] == [1, 1 + ROUGH.jacobians] and counts[2] > counts[1]
+
+
+@pytest.mark.parametrize("effort", [QUICK, FOLLOWING])
+def test_without_further_jacobians_the_known_one_is_followed(effort: Effort, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a straight model it leads to the minimum, and what is known of it is not computed again."""
+    basis = np.column_stack([np.ones_like(T), T, T**2])
+    model = Toy(
+        lambda v, t: basis @ np.array([v["p"], v["q"], v["r"]]), tuple(parameter(n, 0.0, -99.0, 99.0) for n in "pqr")
+    )
+    data, sigma = basis @ [3.0, -2.0, 1.0], 0.1
+    old = {name: [-basis[:, j] / sigma] for j, name in enumerate("pq")}
+    case = problem(model, data, sigma)
+    made = looks(case, monkeypatch)
+    found = solve(case, case.where.start, effort, old)
+    assert found is not None and made == [["r"]]
+    assert found.cost < SMALL
+    assert found.x == pytest.approx([3.0, -2.0, 1.0], abs=0.01)
+
+
+def test_a_share_of_the_cost_ends_a_fit() -> None:
+    """No number more precise than a share of the residual allows, where much is left that no number explains."""
+    model, data = decay()
+    data = data + np.cos(20 * T)
+    ends = {share: solved(problem(model, data, 1e-3), effort=Effort(20, share)) for share in (1e-2, 1e-9)}
+    least = ends[1e-9].cost
+    assert least < ends[1e-2].cost < 1.03 * least
+    assert ends[1e-2].problem.evaluations < ends[1e-9].problem.evaluations
+
+
+def test_a_point_is_linearised_where_it_is() -> None:
+    """Its Jacobian from derivatives by hand; it is no minimum, and no step is taken."""
+    model, data = decay()
+    case = problem(model, data, 0.1, a=(1.5, 0.05))
+    found = linearise(case, case.where.start)
+    assert found is not None and not found.is_settled
+    assert found.x == pytest.approx(case.where.start, abs=0.0)
+    assert found.cost == case.cost(found.x, case.residuals(found.x))
+    wave = np.exp(-T)
+    jacobian = np.column_stack([wave, -T * wave]) / 0.1
+    expected = jacobian.T @ jacobian + np.diag([1 / 0.05**2, 0.0])
+    assert found.normal == pytest.approx(expected, rel=1e-3)
+    fails = problem(Toy(lambda v, t: np.full(len(t), np.nan), model.every), data, 0.1)
+    assert linearise(fails, fails.where.start) is None

@@ -13,10 +13,10 @@ from flexdesign.evidence.case import Case
 from flexdesign.evidence.marquardt import SMALL
 from flexdesign.evidence.noise import White
 from flexdesign.evidence.rival import MOST, cost_of_terms, rival
-from flexdesign.evidence.stand import Stand, fitted
+from flexdesign.evidence.stand import Stand, fit
 from flexdesign.evidence.suite import Suite
 from flexdesign.model import Observation
-from tests.evidence.test_screening import NAMES, Sum, columns, least, offset
+from tests.evidence.sums import NAMES, Sum, columns, least, offset
 from tests.evidence.toys import Array, Run, parameter
 
 N, SIGMA = 120, 0.02
@@ -65,8 +65,8 @@ def recorded(names: tuple[str, ...], seed: int, **amounts: float) -> list[Run]:
 def stand(seed: int = 0, *, held: Mapping[str, float] | None = None, **amounts: float) -> tuple[Case, Stand]:
     kept = recorded(HELD, seed, **(amounts if held is None else held))
     suites = [Suite(made, White(SIGMA), offset) for made in (recorded(NAMES, seed, **amounts), kept)]
-    case = Case(suites[0], suites[1], ("gain",), lambda _: {}, 1e-3)
-    found = fitted(case, stage(), (), {})
+    case = Case(suites[0], suites[1], ("gain",), lambda _: {}, lambda _: stage(), 1e-3)
+    found = fit(case, stage())
     assert found is not None
     return case, found
 
@@ -161,8 +161,8 @@ def test_terms_are_few() -> None:
 
 def test_without_runs_kept_apart_nothing_is_gained_on_them() -> None:
     case, _ = stand(x2=0.1)
-    case = Case(case.identify, Suite([], White(SIGMA), offset), ("gain",), lambda _: {}, 1e-3)
-    found = fitted(case, stage(), (), {})
+    case = Case(case.identify, Suite([], White(SIGMA), offset), ("gain",), lambda _: {}, lambda _: stage(), 1e-3)
+    found = fit(case, stage())
     assert found is not None
     made = rival(case, found, features)
     assert "position^2" in made.terms
