@@ -131,7 +131,7 @@ class _Path:
         if found is None:
             return math.inf, x - self.minimum.x
         if self._above_minimum(x, found) > (1 + TRUSTED) ** 2 * self.expected and self.others.size:
-            found = solve(others, found.x, Effort(30, 0.0, is_exact=False), found.columns(), small=small) or found
+            found = solve(others, found.x, Effort(4, 0.0, is_exact=False), found.columns(), small=small) or found
             self.columns = found.columns()
         rise = self._above_minimum(x, found)
         if -rise > small:

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from flexdesign.evidence.case import Case
-from flexdesign.evidence.local_minima import BETTER, FitState, grid_initial_states
+from flexdesign.evidence.local_minima import BETTER, grid_initial_states
 from flexdesign.evidence.marquardt import FULL, Effort
 from flexdesign.evidence.noise import White
-from flexdesign.evidence.stand import Stand, escape, fit, fit_initial_states, solve_case
-from flexdesign.evidence.suite import Record, Suite
+from flexdesign.evidence.stand import Stand, escape, fit, fit_initial_states, search_initial_states, solve_case
+from flexdesign.evidence.suite import Suite
 from flexdesign.model import Model
 from tests.evidence.sums import NAMES, N, Sum, base, column, least, offset
 from tests.evidence.toys import Array, Run, parameter
@@ -57,17 +57,6 @@ def about(more: Mapping[str, float] | None = None) -> Case:
     return Case(suite(NAMES, more), suite(HELD, more), ("p", "q"), lambda _: {}, lambda _: model(), 1e-3)
 
 
-def alone(case: Case, whole: Suite) -> FitState:
-    """Fit the initial state of one run."""
-
-    def refine(of: Model, record: Record) -> tuple[float, Model]:
-        found = fit_initial_states(case, whole.part([record.observation.name]), of)
-        assert found is not None
-        return found.misfit, found.problem.at(found.x)
-
-    return refine
-
-
 def turns_of(model: Model) -> dict[str, float]:
     return {p.run: p.start or 0.0 for p in model.parameters() if p.run}
 
@@ -92,12 +81,11 @@ def begun() -> Sum:
 def test_a_run_in_a_wrong_minimum_begins_elsewhere() -> None:
     """Only its own number moves: of the others no point of the grid is better by the share that counts."""
     case, start = about(), begun()
-    found = turns_of(grid_initial_states(case.identify, start, fit_state=alone(case, case.identify)))
+    found = turns_of(search_initial_states(case, case.identify, start))
     # The ripple is known to SIGMA over the root of N.
     assert ripple(found.pop("two")) == pytest.approx(ripple(0.82), abs=0.05)
     assert found == {run: turn for run, turn in turns_of(start).items() if run != "two"}
-    part = case.identify.part(["one", "three"])
-    assert grid_initial_states(part, start, fit_state=alone(case, part)) is start
+    assert search_initial_states(case, case.identify.part(["one", "three"]), start) is start
 
 
 def test_without_a_fit_the_best_point_of_the_grid_is_taken() -> None:

@@ -15,6 +15,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from flexdesign.evidence.case import Case
+from flexdesign.evidence.marquardt import linearise
 from flexdesign.evidence.model_comparison import (
     LEVEL,
     SHARE,
@@ -177,6 +178,23 @@ def test_what_is_explained_as_well_by_an_effect_that_hardly_moves_anything_needs
     assert step.chosen is None
     assert reasons(step) == {("d",): "moves the prediction by less than the tolerance", ("loud",): ""}
     assert [(trial.names, trial.is_small) for trial in step.trials] == [(("d",), True), (("loud",), False)]
+
+
+@pytest.mark.parametrize(("error", "is_one"), [(0.7, False), (0.35, True), (0.05, True)])
+def test_a_strength_of_a_log_scale_is_determined_where_its_interval_is_smaller_than_itself(
+    error: float, is_one: bool
+) -> None:
+    """Its null is infinitely far away: 1.96 times its relative deviation must be less than one."""
+    size = SIGMA / math.sqrt(3 * N) / error  # of 180 values a strength of one is then known to this error
+    shape = lambda v, run: size * v["d"] * column(run, "d")  # noqa: E731
+    number = parameter("d", 1.0, 1e-3, 1e3, scale="log", null=0.0)
+    effect = Candidate("d", lambda model: as_sum(model).plus(shape, number), "d", ("d",), ({"d": 1.0},))
+    about = case({})
+    made = fit(about, effect.add(stage()), (effect,))
+    assert made is not None
+    at_one = np.where(np.array(made.solution.problem.where.names) == "d", 0.0, made.solution.x)
+    there = linearise(made.solution.problem, at_one)
+    assert there is not None and is_determined(dataclasses.replace(made, solution=there), effect) is is_one
 
 
 # --- model discrepancy ------------------------------------------------------------------------------------------------
