@@ -85,6 +85,7 @@ def diagnose(
     tables.refuse_bare(bare)
     from flexdesign import diagnosis, runs, stage_model
     from flexdesign.diagnosis import adding, telling
+    from flexdesign.diagnosis.progress import Progress
     from flexdesign.report import diagnosis_report, diagnosis_result, identification_report, render, terminal
 
     with progress() as say:
@@ -97,7 +98,8 @@ def diagnose(
         render.prepare(folder)
         if model_file:
             identification_report.write_model(model_file, None)
-        found = diagnosis.diagnose(stage, seen, axis=axis, more=more, tolerance=least, noise=stated, progress=say)
+        told = Progress(say)
+        found = diagnosis.diagnose(stage, seen, axis=axis, more=more, tolerance=least, noise=stated, progress=told)
         apart = telling.tellings(found, say)
         say("writing")
         better = adding.with_knowledge(found.model, found.axis, adding.values(found), (*found.runs, *found.responses))

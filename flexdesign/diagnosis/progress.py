@@ -1,0 +1,98 @@
+"""Progress of a diagnosis: what is tried, and about how long is left.
+
+How long is left depends on what is found, so that it is an estimate from other diagnoses: the typical time of each
+stage over that of the first screening, which makes about as many simulations in every diagnosis. Before the end of that
+screening nothing is known, and nothing is said. A stage that lasts longer than usual is taken to need as long again as
+it has taken so far: few do, and those by far. The report is written after all that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from threading import Lock
+from time import perf_counter
+
+#: Stages. Until the catalogue is screened nothing is known of the time that follows.
+BEGINNING, SCREENING, FITS, BESIDE, ENDING = "beginning", "screening", "fits", "beside", "ending"
+#: Typical time of each stage over that of the first screening: of the fits, of screening and fits beside an effect that
+#: was added, and of the last fit with test runs and intervals. Medians of ten diagnoses, where they were 1.2 to 20, 1.4
+#: to 15 and 0.5 to 16; `python -m studies.benchmarks.progress` measures them.
+TYPICAL = {FITS: 4.0, BESIDE: 1.9, ENDING: 0.85}
+#: What follows a stage, if an effect is added.
+FOLLOWS = {FITS: (BESIDE, ENDING), BESIDE: (ENDING,)}
+#: How the words of `flexdesign.diagnosis` begin where a stage does.
+WORDS = {
+    "searching in the opening": BEGINNING,
+    "predicting with the model as it is": BEGINNING,
+    "screening the catalogue": SCREENING,
+    "screening beside": BESIDE,
+    "fitting once more": ENDING,
+    "looking at what is left": ENDING,
+}
+#: Words of a fit.
+FIT = ("trying", "fitting with")
+#: Numbers of seconds that are said, each for what is nearest; less than the first is a few seconds.
+SAID = (5, 10, 15, 20, 30, 45, 60, 90, 120, 180, 300, 600, 1200, 1800, 3600)
+
+
+class Progress:
+    """Takes the words of a diagnosis, and says them with about how long is left.
+
+    Parameters
+    ----------
+    say
+        Takes what is said.
+    clock
+        Returns the time [s].
+    """
+
+    def __init__(self, say: Callable[[str], None], clock: Callable[[], float] = perf_counter) -> None:
+        self.say, self.clock = say, clock
+        self.stage, self.fits = BEGINNING, 0
+        self._begun: dict[str, float] = {}  # when each stage began
+        self._lock = Lock()  # fits run side by side
+
+    def __call__(self, text: str) -> None:
+        """Say what is being done."""
+        with self._lock:
+            self._enter(self._stage_of(text))
+            self.fits += text.startswith(FIT)
+            count = f"fit {self.fits}: " if text.startswith(FIT) else ""
+            left = "last stage" if self.stage == ENDING else in_words(self.left())
+        self.say(f"{count}{text}{', ' if left else ''}{left}")
+
+    def left(self) -> float | None:
+        """Return about how long is left [s]; None where nothing is known of it, and in the last stage."""
+        if self.stage not in FOLLOWS or not {SCREENING, FITS} <= self._begun.keys():
+            return None
+        unit = self._begun[FITS] - self._begun[SCREENING]
+        usual, so_far = unit * TYPICAL[self.stage], self.clock() - self._begun[self.stage]
+        return max(usual - so_far, so_far) + unit * sum(TYPICAL[stage] for stage in FOLLOWS[self.stage])
+
+    def _stage_of(self, text: str) -> str:
+        if text.startswith(FIT) and self.stage == SCREENING:
+            return FITS
+        return next((stage for words, stage in WORDS.items() if text.startswith(words)), self.stage)
+
+    def _enter(self, stage: str) -> None:
+        if stage == BEGINNING:  # of all runs, after a search in a part of them
+            self._begun.clear()
+        if stage != self.stage:
+            self._begun[stage] = self.clock()
+        self.stage = stage
+
+
+def in_words(seconds: float | None) -> str:
+    """Return a time in words, no finer than it is known.
+
+    >>> in_words(2.0), in_words(17.0), in_words(100.0)
+    ('a few seconds left', 'about 15 s left', 'about 90 s left')
+    >>> in_words(290.0), in_words(None)
+    ('about 5 min left', '')
+    """
+    if seconds is None:
+        return ""
+    if seconds < SAID[0]:
+        return "a few seconds left"
+    nearest = min(SAID, key=lambda number: abs(number - seconds))
+    return f"about {nearest} s left" if nearest < 120 else f"about {nearest // 60} min left"

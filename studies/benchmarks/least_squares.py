@@ -1,0 +1,347 @@
+"""Marquardt's method of `flexdesign.evidence.marquardt` beside SciPy's trust-region method, on the same problems::
+
+    python -m studies.benchmarks.least_squares              # cases of the trial, and formulas: three minutes
+    python -m studies.benchmarks.least_squares 20004 20101  # these cases of `studies.hidden_effect_trial` only
+
+Of every case the calibration is solved, and the fit with the hidden effect. Both methods begin at the same point, have
+the same bounds and the same Jacobian, found by the same differences record by record, and stop where a step lowers the
+cost by the same share. SciPy's is `least_squares` with `method="trf"`, coordinates scaled by the Jacobian. A simulation
+is one of all fitted runs. Every solver runs twice, in turn, in one process; the shorter time counts.
+
+Fits are made as the diagnosis makes them: to the end, with a Jacobian found there for the intervals; and roughly, as
+most of its fits are, which begin with the Jacobian of the calibration and need none at the end.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from flexdesign import runs
+from flexdesign.diagnosis import periodic
+from flexdesign.diagnosis.beginning import in_time, in_tune
+from flexdesign.diagnosis.candidates import candidates
+from flexdesign.diagnosis.setting import settle
+from flexdesign.diagnosis.task import begun, case_of, simulating, undetermined
+from flexdesign.dynamics.axis_model import AxisDynamics
+from flexdesign.evidence import marquardt
+from flexdesign.evidence.calibration import CALIBRATION_SHARE, calibrated
+from flexdesign.evidence.case import Case
+from flexdesign.evidence.coordinates import coordinates
+from flexdesign.evidence.marquardt import SHARE, SMALL, Columns
+from flexdesign.evidence.noise import White
+from flexdesign.evidence.screening import Candidate
+from flexdesign.evidence.stand import fitted
+from flexdesign.evidence.suite import Problem, Suite
+from flexdesign.model import Model
+from flexdesign.report import render
+from flexdesign.report.document import Document, Section, Table
+from flexdesign.report.terminal import plain
+from flexdesign.stage_model import reading
+from studies.hidden_effect_trial import cases, folder
+from tests.evidence.toys import OSCILLATION, TRUTH, Toy, ar1, parameter, run
+
+Array = NDArray[np.float64]
+#: Cases of the trial, each of another kind of effect: friction and loops, lags, statics, slow ones, and none.
+CASES = (10002, 10010, 20004, 20101, 20300, 20502, 20800, 21101, 21403, 21802, 22101)
+#: Costs differ where they do by more than a step that no solver need take, and by this share.
+SAME = 1e-3
+#: How often each solver runs.
+REPEATS = 2
+#: SciPy's own test of steps stays out of the way: both methods are to end by what a step gains.
+TIGHT = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A problem to be solved.
+
+    Parameters
+    ----------
+    name
+        What it is.
+    make
+        Returns the problem, its count of simulations at zero.
+    old
+        Columns of a Jacobian that are known before.
+    """
+
+    name: str
+    make: Callable[[], Problem]
+    old: Columns = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How a fit is made.
+
+    Parameters
+    ----------
+    share
+        A step that lowers the cost by less than this share of it is the last.
+    exact
+        Whether the Jacobian is found at the end.
+    begins
+        Whether the Jacobian of the calibration serves at the start.
+    """
+
+    share: float
+    exact: bool
+    begins: bool
+
+
+@dataclass(frozen=True)
+class Ended:
+    """Where a solver ended.
+
+    Parameters
+    ----------
+    cost
+        Sum of squares.
+    simulations
+        Of all fitted runs.
+    seconds
+        Time.
+    """
+
+    cost: float
+    simulations: float
+    seconds: float
+
+
+# --- the solvers ----------------------------------------------------------------------------------------------------
+
+
+def own(problem: Problem, manner: Manner, old: Columns) -> float:
+    """Return the cost that the package's own method reaches."""
+    found = marquardt.solve(problem, problem.where.start, share=manner.share, old=old or None, exact=manner.exact)
+    return math.inf if found is None else found.cost
+
+
+def scipys(problem: Problem, manner: Manner, old: Columns) -> float:
+    """Return the cost that SciPy's method reaches; its last Jacobian is that of where it ends."""
+    where, places = problem.where, problem.places
+    rows = [record.rows for record in problem.suite.records]
+    last, known = dict[bytes, list[Array] | None](), [old]
+
+    def residuals(x: Array) -> Array:
+        last.clear()
+        last[x.tobytes()] = parts = problem.residuals(x)
+        # A point at which the model fails is no step for SciPy.
+        return np.concatenate([*(parts or [np.full(n, np.nan) for n in rows]), problem.before(x)])
+
+    def jacobian(x: Array) -> Array:
+        parts = last.get(x.tobytes()) or problem.residuals(x)
+        assert parts is not None  # SciPy takes no step to where it is
+        slopes = problem.slopes(x, parts, known.pop() if known else None)
+        problem.even(slopes)
+        blocks = [np.zeros((n, len(x))) for n in rows]
+        for block, columns, part in zip(blocks, places, slopes, strict=True):
+            block[:, columns] = part.matrix
+        return np.vstack([*blocks, problem.before_slopes(x)])
+
+    ends = max(manner.share, SMALL / problem.suite.samples)
+    bounds = (where.lower, where.upper)
+    found = least_squares(
+        residuals, where.start, jacobian, bounds, "trf", x_scale="jac", ftol=ends, xtol=TIGHT, gtol=TIGHT
+    )
+    return float(2.0 * found.cost)
+
+
+SOLVERS: dict[str, Callable[[Problem, Manner, Columns], float]] = {"own": own, "SciPy": scipys}
+MANNERS = {"to the end": Manner(SHARE, True, False), "roughly": Manner(CALIBRATION_SHARE, False, True)}
+
+
+def compared(task: Task, manner: Manner) -> dict[str, Ended]:
+    """Return where each solver ends."""
+    found = dict[str, Ended]()
+    for _ in range(REPEATS):
+        for name, solver in SOLVERS.items():
+            problem = task.make()
+            began = time.perf_counter()
+            cost = solver(problem, manner, task.old if manner.begins else {})
+            seconds = time.perf_counter() - began
+            before = found[name].seconds if name in found else math.inf
+            simulations = problem.evaluations / len(problem.suite.records)
+            found[name] = Ended(cost, simulations, min(seconds, before))
+    return found
+
+
+# --- the problems ---------------------------------------------------------------------------------------------------
+
+
+def of_case(number: int, seed: int) -> Iterator[Task]:
+    """Yield the calibration of a case of the trial, and the fit with what is hidden, if a fit can show it."""
+    with tempfile.TemporaryDirectory() as scratch, simulating(1) as each:
+        here = Path(scratch)
+        case = cases.make(number, seed)
+        folder.write(case, here, here / "answer.toml")
+        model = reading.read(here / folder.MODEL)
+        setting = settle(model, runs.read_runs([here / folder.RUNS]), None, None)
+        dynamics, task = case_of(model, setting, each, lambda _: None)
+        held = undetermined(task, dynamics)
+        task = replace(task, free=tuple(name for name in task.free if name not in held))
+        start = in_tune(task, in_time(task, dynamics))
+        yield Task(f"{case.name}: calibration", _making(task, start, ()))
+        stand, _ = calibrated(task, start)
+        if stand is None:
+            return
+        task = begun(task, cast(AxisDynamics, stand.model), setting.rounded(stand))
+        if (stand := fitted(task, stand.model, (), {})) is None:
+            return
+        every = candidates(dynamics, (), periodic.frequencies(setting, stand))
+        for effect in (each for each in every if each.name in case.effects):
+            making = _making(task, _begun(task, stand.model, effect), (effect,))
+            yield Task(f"{case.name}: with {effect.name}", making, _known(stand.solution.columns(), making()))
+
+
+def _known(columns: Columns, problem: Problem) -> Columns:
+    """Return columns of a Jacobian if they have the rows of a problem: effects may add initial conditions."""
+    rows = [record.rows for record in problem.suite.records]
+    fits = all(c is None or len(c) == n for parts in columns.values() for c, n in zip(parts, rows, strict=True))
+    return columns if fits else {}
+
+
+def _begun(case: Case, model: Model, effect: Candidate) -> Model:
+    """Return a model with an effect at the trial that fits best."""
+    added = effect.add(model)
+    tried = [added.replace(values) for values in effect.trials]
+    problems = [_making(case, each, (effect,))() for each in tried]
+    costs = [problem.cost(problem.where.start, problem.residuals(problem.where.start)) for problem in problems]
+    return tried[int(np.argmin(costs))]
+
+
+def _making(case: Case, model: Model, effects: Sequence[Candidate]) -> Callable[[], Problem]:
+    """Return what makes the problem of a fit, as `flexdesign.evidence.stand.solved` does."""
+    case = case.prepared(case, model)
+    where = case.coordinates(model, [*case.free, *(n for effect in effects for n in effect.free)], case.identify)
+    return lambda: case.problem(case.identify, model, where)
+
+
+def formulas() -> Iterator[Task]:
+    """Yield fits of formulas: oscillations from starts up to 30 % off, and Rosenbrock's valley (1960)."""
+    t = np.linspace(0.0, 2.0, 400)
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        seen = run(OSCILLATION, TRUTH, t, ar1(rng, len(t), 0.05, 0.5))
+        start = OSCILLATION.replace({name: value * rng.uniform(0.7, 1.3) for name, value in TRUTH.items()})
+        if seed % 2:  # the frequency is known to a twentieth
+            yield Task(f"oscillation {seed}, f known", _formula(start, seen, 0.05, {"f": (3.0, 0.15)}))
+        else:
+            yield Task(f"oscillation {seed}", _formula(start, seen, 0.05, {}))
+    valley = Toy(
+        lambda v, _: np.array([10.0 * (v["y"] - v["x"] ** 2), v["x"]]),
+        (parameter("x", -1.2, -10.0, 10.0), parameter("y", 1.0, -10.0, 10.0)),
+    )
+    yield Task("Rosenbrock's valley", _formula(valley, run(valley, {"x": 1.0, "y": 1.0}, t[:2]), 1e-2, {}))
+
+
+def _formula(model: Toy, seen: Any, sigma: float, known: dict[str, tuple[float, float]]) -> Callable[[], Problem]:
+    where = coordinates(model, [p.name for p in model.every], known)
+    suite = Suite([seen], White(sigma), lambda each: (np.zeros((len(each.measured()), 0)), np.zeros(0)))
+    return lambda: Problem(suite, model, where)
+
+
+# --- the table ------------------------------------------------------------------------------------------------------
+
+
+def row(name: str, found: dict[str, Ended]) -> list[str]:
+    """Return a row of the table."""
+    mine, other = found["own"], found["SciPy"]
+    return [
+        name,
+        f"{mine.cost:.2f}",
+        f"{other.cost - mine.cost:+.2g}",
+        f"{mine.simulations:.0f}",
+        f"{other.simulations:.0f}",
+        f"{mine.seconds:.2f}",
+        f"{other.simulations / mine.simulations:.2f}",
+        f"{other.seconds / mine.seconds:.2f}",
+    ]
+
+
+#: Parts of the report: formulas and fits to runs.
+PARTS = ("Formulas", "Fits to runs")
+HEADS = (
+    "problem",
+    "cost, own",
+    "SciPy's less own",
+    "simulations, own",
+    "SciPy",
+    "seconds, own",
+    "simulations, SciPy / own",
+    "seconds, SciPy / own",
+)
+
+
+def is_lower(a: Ended, b: Ended) -> bool:
+    """Tell whether one cost is lower than another by more than solvers may leave."""
+    return b.cost - a.cost > max(SMALL, SAME * a.cost)
+
+
+def summary(found: dict[str, dict[str, Ended]]) -> list[str]:
+    """Return what the table comes to."""
+    pairs = [(each["own"], each["SciPy"]) for each in found.values()]
+    same = [(a, b) for a, b in pairs if not is_lower(a, b) and not is_lower(b, a)]
+    lines = [
+        f"{len(pairs)} problems: both methods reach the same cost in {len(same)}; own is lower in "
+        f"{sum(is_lower(a, b) for a, b in pairs)}, SciPy's in {sum(is_lower(b, a) for a, b in pairs)}."
+    ]
+    if same:
+        simulations = math.exp(float(np.mean([math.log(b.simulations / a.simulations) for a, b in same])))
+        seconds = math.exp(float(np.mean([math.log(b.seconds / a.seconds) for a, b in same])))
+        lines.append(
+            f"Where they do, SciPy's takes {simulations:.2f} times the simulations and {seconds:.2f} times the seconds "
+            "(geometric means)."
+        )
+    return lines
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Solve all problems by both, print the table and write it."""
+    parser = argparse.ArgumentParser(prog="python -m studies.benchmarks.least_squares", description="Two solvers")
+    parser.add_argument("numbers", nargs="*", type=int, help="cases of the trial [default: eleven, and formulas]")
+    parser.add_argument("--seed", type=int, default=cases.SEED, help="of the trial's cases [default: %(default)s]")
+    parser.add_argument("--out", type=Path, default=Path("reports/least_squares"), help="folder of the report")
+    given = parser.parse_args(arguments)
+    tasks = (task for number in given.numbers or CASES for task in of_case(number, given.seed))
+    found = {(part, how): dict[str, dict[str, Ended]]() for how in MANNERS for part in PARTS}
+    for task in (*(() if given.numbers else formulas()), *tasks):
+        part = PARTS[": " in task.name]
+        for how, manner in MANNERS.items():
+            found[part, how][task.name] = compared(task, manner)
+            print(how, *row(task.name, found[part, how][task.name]), sep="  ", file=sys.stderr, flush=True)
+    sections = [
+        Section(f"{part}, {how}", summary(ended), [Table(HEADS, [row(*each) for each in ended.items()])])
+        for (part, how), ended in found.items()
+        if ended
+    ]
+    result = {
+        "seed": given.seed,
+        "problems": [
+            {"problem": name, "manner": how, **{solver: vars(each) for solver, each in pair.items()}}
+            for (_, how), ended in found.items()
+            for name, pair in ended.items()
+        ],
+    }
+    text = ["Marquardt's method of the package beside SciPy's trust-region method, on the same problems."]
+    render.write(given.out, Document("Two methods of least squares", text, sections), result, {})
+    for section in sections:
+        print(plain(section.tables[0]), *section.paragraphs, sep="\n")
+    print(given.out / "report.html")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
