@@ -28,8 +28,8 @@ LONGEST, GIVEN_UP = 10.0, 6
 LETTERS = 400
 #: Words of libraries and of Python that mean nothing to an engineer.
 JARGON = re.compile(
-    r"Traceback|pydantic|Input should|NoneType|\bdict\b|dtype|ndarray|Errno|\b[A-Z]\w+(Error|Exception|Warning)\b|<class"
-    r"|0x[0-9a-f]{6,}|subscriptable|unpack|codec|invalid literal|\bint\(|\bfloat\(|\bstr\b|__\w+__|set_int_max|iterable"
+    r"Traceback|pydantic|Input should|NoneType|\bdict\b|dtype|ndarray|Errno|\b[A-Z]\w+(Error|Exception|Warning)\b"
+    r"|<class|0x[0-9a-f]{6,}|subscriptable|unpack|codec|invalid literal|\bint\(|\bfloat\(|\bstr\b|__\w+__|set_int_max|iterable"
     r"|object at|argument|operand|broadcast|callable|recursion|regex|NumPy|numpy|pyarrow|h5py|errno|pickle|thrift"
 )
 
@@ -176,13 +176,16 @@ def _heard(said: io.StringIO, warned: list[warnings.WarningMessage]) -> Iterator
     handler = logging.StreamHandler(said)
     logging.getLogger().addHandler(handler)
     try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-            with warnings.catch_warnings(record=True) as found:
-                warnings.simplefilter("always")
-                yield
+        with (
+            contextlib.redirect_stdout(said),
+            contextlib.redirect_stderr(said),
+            warnings.catch_warnings(record=True) as found,
+        ):
+            warnings.simplefilter("always")
+            yield
+        warned += found
     finally:
         logging.getLogger().removeHandler(handler)
-        warned += found
 
 
 @contextlib.contextmanager

@@ -166,6 +166,7 @@ def _binary(name: str, content: Make, u: str, x: str, channels: tuple[int, int] 
 
 
 _STAGE, _MODEL = _shipped("studies/lin2019_stage.toml"), _text(b"format = 1\n" + seeds.AXIS)
+_RUN, _LINES = _text(seeds.RUN), _text(seeds.LINES)
 READERS: dict[str, Reader] = {
     "design": _of(_design, "design.toml", "toml", _text(seeds.DESIGN)),
     "stage-design": _of(_design, "design.toml", "toml", _shipped("geometry/lin2019_xyz_stage.toml")),
@@ -195,9 +196,9 @@ READERS: dict[str, Reader] = {
         },
         {"measurements.toml": "toml"},
     ),
-    "run": _of(_recordings, "run.csv", "table", _text(seeds.RUN)),
+    "run": _of(_recordings, "run.csv", "table", _RUN),
     "run-parquet": _of(_recordings, "run.parquet", "binary", seeds.parquet),
-    "frequency-response": _of(_recordings, "response.csv", "table", _text(seeds.LINES)),
+    "frequency-response": _of(_recordings, "response.csv", "table", _LINES),
     "static-table": _of(_static, "table.csv", "table", _text(seeds.STATIC)),
     "map": Reader(_by_map, {"map.toml": _text(seeds.MAP), "data.txt": _text(seeds.TEXT)}, {"map.toml": "toml"}),
     "import-text": _of(_imported("data.txt"), "data.txt", "table", _text(seeds.TEXT), map=_map("u", "x")),
