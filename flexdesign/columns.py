@@ -313,17 +313,26 @@ def _text(path: Path) -> list[str]:
 def _from_parquet(path: Path) -> tuple[list[str], Array]:
     """Return header cells, and rows by columns as they are written; what is null is NaN."""
     pyarrow = _pyarrow(path)
+    damaged = "cannot be read as Parquet: it is damaged, cut short or something else; save it again"
     try:
-        with path.open("rb") as file:
-            table = pyarrow.parquet.read_table(file)
-        if not table.num_rows or not table.num_columns:
-            raise InputError(path, "", None, "has no rows; add rows of numbers")
-        numbers = [column.cast(pyarrow.float64(), safe=False).to_numpy() for column in table.columns]
+        data = path.read_bytes()
     except OSError as error:
-        raise InputError(path, "", None, f"cannot be read: {error.strerror or error}") from error
-    except pyarrow.ArrowException as error:
-        raise InputError(path, "", None, f"cannot be read as Parquet with a number in every cell: {error}") from error
-    return table.column_names, np.column_stack(numbers)
+        raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
+    try:
+        table = pyarrow.parquet.read_table(pyarrow.BufferReader(data))
+        names = list(table.column_names)
+    except Exception as error:  # a damaged file ends in errors of every kind
+        raise InputError(path, "", None, damaged) from error
+    if not table.num_rows or not table.num_columns:
+        raise InputError(path, "", None, "has no rows; add rows of numbers")
+    numbers = []
+    for name, column in zip(names, table.columns, strict=True):
+        try:
+            numbers.append(column.cast(pyarrow.float64(), safe=False).to_numpy())
+        except Exception as error:
+            remedy = "cannot be read as Parquet with a number in every cell; write numbers alone"
+            raise InputError(path, f"column {name}", None, remedy) from error
+    return names, np.column_stack(numbers)
 
 
 def _to_parquet(path: Path, cells: Sequence[str], table: Array, comment: str) -> None:
@@ -379,6 +388,8 @@ def _wrong(names: Sequence[str], cells: Sequence[str], gaps: bool) -> Iterator[t
     for name, cell in zip(names, (cell.strip() for cell in cells), strict=True):
         may_be_missing = gaps and name != "t"
         try:
+            if "_" in cell:  # which Python reads and no other program
+                raise ValueError
             if not (np.isfinite(float(cell)) or may_be_missing):
                 yield name, cell, "is not a finite number"
         except ValueError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -85,7 +86,12 @@ def hdf5(path: Path, of_matlab: bool = False) -> dict[str, Variable]:
 
 def tdms(path: Path) -> dict[str, Variable]:
     """Read a .tdms file: channels as ``group/channel``; time stamps become seconds since the first."""
-    content = library("nptdms", path).TdmsFile.read(path)
+    library("nptdms", path)
+    from nptdms import TdmsFile
+    from nptdms.log import log_manager
+
+    log_manager.set_level(logging.CRITICAL)  # it writes on the terminal what it thinks of a file
+    content = TdmsFile.read(path)
     found = {}
     for group in content.groups():
         for channel in group.channels():

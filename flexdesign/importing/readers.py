@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import tokenize
-import zipfile
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from flexdesign.errors import InputError
 from flexdesign.importing import binary, delimited
 from flexdesign.importing.contents import Contents, Variable
 from flexdesign.importing.delimited import Dialect
 
+T = TypeVar("T")
 #: By the ending of the file; what has another one is read as a table in text.
 READERS: dict[str, Callable[[Path], dict[str, Variable]]] = {
     ".mat": binary.matlab,
@@ -64,27 +66,18 @@ def _opened(path: Path, dialect: Dialect) -> tuple[dict[str, Variable], tuple[st
         raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
     if ending not in READERS:
         return delimited.read(path, dialect)
+    found = _intact(lambda: READERS[ending](path), path)
+    # Some read the numbers only when they are asked for them.
+    return {name: replace(each, read=partial(_intact, each.read, path)) for name, each in found.items()}, ()
+
+
+def _intact(read: Callable[[], T], path: Path) -> T:
+    """Return what a library reads; each has errors of its own for files that are cut short or are something else."""
     try:
-        return READERS[ending](path), ()
+        return read()
     except InputError:
         raise
-    except _BROKEN as error:
-        why = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(path, "", None, f"cannot be read as a {ending} file ({why}); save it again") from error
-
-
-#: What the readers raise at files that are cut short or are something else; few have an error of their own.
-_BROKEN = (
-    ArithmeticError,
-    AttributeError,
-    EOFError,
-    LookupError,
-    MemoryError,
-    OSError,
-    RuntimeError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-)
+    except Exception as error:
+        ending = path.suffix.lower()
+        remedy = f"cannot be read as a {ending} file: it is damaged, cut short or something else; save it again"
+        raise InputError(path, "", None, remedy) from error

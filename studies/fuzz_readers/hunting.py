@@ -29,7 +29,7 @@ LETTERS = 400
 #: Words of libraries and of Python that mean nothing to an engineer.
 JARGON = re.compile(
     r"Traceback|pydantic|Input should|NoneType|\bdict\b|dtype|ndarray|Errno|\b[A-Z]\w+(Error|Exception|Warning)\b"
-    r"|<class|0x[0-9a-f]{6,}|subscriptable|unpack|codec|invalid literal|\bint\(|\bfloat\(|\bstr\b|__\w+__|set_int_max|iterable"
+    r"|<class|subscriptable|unpack|codec|invalid literal|\bint\(|\bfloat\(|\bstr\b|__\w+__|set_int_max|iterable"
     r"|object at|argument|operand|broadcast|callable|recursion|regex|NumPy|numpy|pyarrow|h5py|errno|pickle|thrift"
 )
 
