@@ -34,6 +34,9 @@ class InputError(Exception):
         self.remedy = remedy
         super().__init__(str(self))
 
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, object, str]]:  # from one process to another
+        return InputError, (self.file, self.field, self.value, self.remedy)
+
     def __str__(self) -> str:
         file, name = printable(self.file), printable(Path(self.file).name)
         field = f": {shortened(printable(self.field), FIELD)}" if self.field else ""

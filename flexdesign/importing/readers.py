@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 from flexdesign.errors import InputError
 from flexdesign.importing import binary, delimited
-from flexdesign.importing.contents import Contents, Variable
+from flexdesign.importing.apart import apart, intact
+from flexdesign.importing.contents import Contents, Variable, library
 from flexdesign.importing.delimited import Dialect
 
-T = TypeVar("T")
 #: By the ending of the file; what has another one is read as a table in text.
 READERS: dict[str, Callable[[Path], dict[str, Variable]]] = {
     ".mat": binary.matlab,
@@ -27,6 +24,11 @@ READERS: dict[str, Callable[[Path], dict[str, Variable]]] = {
     ".npy": binary.numpy_array,
     ".npz": binary.numpy_archive,
 }
+#: Those whose libraries can take the whole process with them, and the package that is needed; SciPy is always there.
+APART = {
+    ".mat": "scipy", ".h5": "h5py", ".hdf5": "h5py", ".hdf": "h5py",
+    ".tdms": "nptdms", ".uff": "pyuff", ".unv": "pyuff",
+}  # fmt: skip
 
 
 def look(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Contents:  # noqa: B008
@@ -66,18 +68,8 @@ def _opened(path: Path, dialect: Dialect) -> tuple[dict[str, Variable], tuple[st
         raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
     if ending not in READERS:
         return delimited.read(path, dialect)
-    found = _intact(lambda: READERS[ending](path), path)
-    # Some read the numbers only when they are asked for them.
-    return {name: replace(each, read=partial(_intact, each.read, path)) for name, each in found.items()}, ()
-
-
-def _intact(read: Callable[[], T], path: Path) -> T:
-    """Return what a library reads; each has errors of its own for files that are cut short or are something else."""
-    try:
-        return read()
-    except InputError:
-        raise
-    except Exception as error:
-        ending = path.suffix.lower()
-        remedy = f"cannot be read as a {ending} file: it is damaged, cut short or something else; save it again"
-        raise InputError(path, "", None, remedy) from error
+    read = READERS[ending]
+    if ending not in APART:
+        return intact(path, read, path), ()
+    library(APART[ending], path)
+    return apart(path, read, path.absolute()), ()
