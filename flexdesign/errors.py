@@ -59,10 +59,10 @@ def shortened(text: str, longest: int) -> str:
 
 
 def printable(text: str) -> str:
-    """Return a text in one line, and what would move the cursor or hide in it by its code.
+    r"""Return a text in one line, and what would move the cursor or hide in it by its code.
 
-    >>> printable("an\\nend" + chr(27))
-    'an end\\\\x1b'
+    >>> printable("an\nend" + chr(27))
+    'an end\\x1b'
     """
     line = " ".join(text.split())
     return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode("ascii") for sign in line)

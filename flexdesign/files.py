@@ -247,6 +247,22 @@ def way(file: Path, folder: Path) -> str:
     return Path(os.path.relpath(file, here)).as_posix() if within else str(file)
 
 
+def is_file(path: Path) -> bool:
+    """Tell whether `path` is a file; a name that no file system would take is none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def is_folder(path: Path) -> bool:
+    """Tell whether `path` is a folder; a name that no file system would take is none."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
 def as_written(value: object) -> object:
     """Return a value as a message shows it: text that would pass for another thing in quotes, tables not at all."""
     if isinstance(value, bool):

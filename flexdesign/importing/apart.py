@@ -12,7 +12,7 @@ from flexdesign.errors import InputError
 P = ParamSpec("P")
 T = TypeVar("T")
 #: Reading takes no longer than this [s], and so long for each byte besides.
-LONGEST, PER_BYTE = 10.0, 1e-7
+LONGEST, PER_BYTE = 6.0, 1e-7
 
 
 def apart(path: Path, read: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:

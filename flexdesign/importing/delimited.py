@@ -131,7 +131,7 @@ def _is_numbers(row: Sequence[str], decimal: str) -> bool:
 
 def _names(headers: Sequence[Sequence[str]], width: int) -> tuple[list[str], list[str]]:
     """Return names and units of the columns from at most two lines above the numbers."""
-    titles = list(headers[0]) if headers else [""] * width
+    titles = [*(headers[0] if headers else ()), *[""] * width][:width]
     below = list(headers[1]) if len(headers) > 1 else [""] * width
     names, units = [], []
     for k, (title, unit) in enumerate(zip(titles, below, strict=True)):
