@@ -29,6 +29,8 @@ _CELL = re.compile(r"([^\[\]]*?)\s*\[\s*([^\[\]]*?)\s*\]$")
 _ANGLE = re.compile("rad|deg|°|arc")
 #: What stands in a cell, in small letters, where there is no number.
 _MISSING = frozenset(("", "-", "--", "na", "n/a", "null", "none"))
+#: No header cell has more letters.
+LONGEST = 200
 #: Not more stretches of rows than these are named in one sentence.
 NAMED = 4
 #: The ending of files that are read and written as Parquet.
@@ -219,7 +221,8 @@ def split(cell: str) -> tuple[str, str]:
     >>> split("x [um]")
     ('x', 'um')
     """
-    match = _CELL.match(cell.strip().strip('"').strip())
+    cell = cell.strip().strip('"').strip()
+    match = _CELL.match(cell) if len(cell) <= LONGEST else None
     if not match or not match[1] or not match[2]:
         raise ValueError("write name and unit, for example x [um]; [1] for a pure number")
     return match[1], match[2]

@@ -17,6 +17,8 @@ from flexdesign.errors import shortened
 
 #: No unit has more letters, and no product of all powers in one is higher.
 LONGEST, HIGHEST = 100, 1000
+#: No number with its unit has more letters.
+LONGEST_NUMBER = 500
 #: How each kind of number is shown to people: SI unit -> display unit.
 DISPLAY = {
     "m": "mm",
@@ -203,6 +205,8 @@ def _si_of(unit: str) -> str:
 def _split(text: str) -> tuple[float, str]:
     import re
 
+    if len(text) > LONGEST_NUMBER:
+        raise ValueError(f"is no number of at most {LONGEST_NUMBER} letters, with its unit")
     match = re.match(
         r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)(?:inity)?)\s*(.*?)\s*$", text, re.I
     )

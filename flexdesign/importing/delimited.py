@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from flexdesign import columns
 from flexdesign.errors import InputError
 from flexdesign.importing.contents import Array, Variable, stored
 
@@ -135,7 +136,7 @@ def _names(headers: Sequence[Sequence[str]], width: int) -> tuple[list[str], lis
     below = list(headers[1]) if len(headers) > 1 else [""] * width
     names, units = [], []
     for k, (title, unit) in enumerate(zip(titles, below, strict=True)):
-        match = _WHOLE_CELL.match(title)
+        match = _WHOLE_CELL.match(title) if len(title) <= columns.LONGEST else None
         name = match[1] if match else title
         unit = (match[2] if match else "") or unit.strip("[]() ")
         if not name or name in names:
