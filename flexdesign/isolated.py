@@ -15,9 +15,11 @@ import sys
 import tempfile
 import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, ParamSpec, TypeVar
+
+from flexdesign.errors import InputError
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -41,12 +43,12 @@ def call(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
     ProcessDied
         If the process ended without an answer.
     """
-    with tempfile.TemporaryDirectory(prefix="flexdesign-") as name:
-        place = Path(name)
-        (place / FOLDER).mkdir()
-        (place / GIVEN).write_bytes(pickle.dumps((function, args, kwargs)))
+    with _scratch() as place:
+        with _kept():
+            (place / FOLDER).mkdir()
+            (place / GIVEN).write_bytes(pickle.dumps((function, args, kwargs)))
         paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
-        command = [sys.executable, "-m", __name__, name]
+        command = [sys.executable, "-m", __name__, str(place)]
         ended = subprocess.run(command, cwd=place / FOLDER, env={**os.environ, "PYTHONPATH": paths}, check=False)
         if ended.returncode == -signal.SIGINT:
             raise KeyboardInterrupt
@@ -147,6 +149,27 @@ def _help(asked: IO[bytes], answers: IO[bytes]) -> None:
         while True:
             answers.write(_answered(pickle.load(asked)))
             answers.flush()
+
+
+@contextlib.contextmanager
+def _kept() -> Iterator[None]:
+    """Say what to do where no file can be kept for a while."""
+    try:
+        yield
+    except OSError as error:
+        remedy = (
+            f"no file can be kept there for a while ({error.strerror}); free space, or set TMPDIR to another folder"
+        )
+        raise InputError("environment", "TMPDIR", os.environ.get("TMPDIR"), remedy) from error
+
+
+@contextlib.contextmanager
+def _scratch() -> Iterator[Path]:
+    """Make a folder, and remove it."""
+    with _kept():
+        folder = tempfile.TemporaryDirectory(prefix="flexdesign-")
+    with folder as name:
+        yield Path(name)
 
 
 def _serve(place: Path) -> None:

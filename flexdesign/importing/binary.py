@@ -147,7 +147,7 @@ def numpy_array(path: Path) -> dict[str, Variable]:
 
 def numpy_archive(path: Path) -> dict[str, Variable]:
     """Read a .npz file: its arrays by their names."""
-    with np.load(path) as archive:
+    with path.open("rb") as file, np.load(file) as archive:
         arrays = {name: archive[name] for name in archive.files}
     return {name: stored(values) for name, values in arrays.items() if is_numeric(values.dtype) and values.size}
 
