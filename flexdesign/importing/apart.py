@@ -24,13 +24,13 @@ def apart(path: Path, read: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -
         If it cannot be read.
     """
     seconds = LONGEST + PER_BYTE * path.stat().st_size
-    return intact(path, isolated.ask, seconds, read, *args, **kwargs)
+    return intact(path, lambda: isolated.ask(seconds, read, *args, **kwargs))
 
 
-def intact(path: Path, read: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+def intact(path: Path, read: Callable[[], T]) -> T:
     """Return what a function reads from a file; whatever it raises is an InputError."""
     try:
-        return read(*args, **kwargs)
+        return read()
     except InputError as error:
         raise InputError(path, error.field, error.value, error.remedy) from error
     except Exception as error:

@@ -70,6 +70,6 @@ def _opened(path: Path, dialect: Dialect) -> tuple[dict[str, Variable], tuple[st
         return delimited.read(path, dialect)
     read = READERS[ending]
     if ending not in APART:
-        return intact(path, read, path), ()
+        return intact(path, lambda: read(path)), ()
     library(APART[ending], path)
     return apart(path, read, path.absolute()), ()

@@ -77,12 +77,12 @@ def below(figure: Any, axes: Any, columns: int) -> None:
 def _as_written(figure: Any) -> None:
     """Let names with $ in them stand as they are; numbers on axes keep their powers of ten."""
     from matplotlib.text import Text
-    from matplotlib.ticker import FixedFormatter
+    from matplotlib.ticker import FixedFormatter, FuncFormatter
 
     numbers = set[Text]()
     for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
         numbers.add(axis.get_offset_text())
-        if not isinstance(axis.get_major_formatter(), FixedFormatter):
+        if not isinstance(axis.get_major_formatter(), (FixedFormatter, FuncFormatter)):
             numbers |= {*axis.get_ticklabels(), *axis.get_ticklabels(minor=True)}
     for text in figure.findobj(Text):
         text.set_parse_math(text in numbers)
