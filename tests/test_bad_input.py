@@ -488,9 +488,8 @@ def test_a_bad_part_is_refused(
 def test_two_circles_cut_from_a_solid_are_cylinders(tmp_path: Path) -> None:
     """Where the circles meet, the kernel keeps a trimmed surface."""
     cut = """\
-        for place in (0.0, 0.5):
-            body = body.cut(cq.Solid.makeCylinder(1, 4, cq.Vector(place, 0, -2)))
-        return body.Solids()[0]"""
+        hole = cq.Workplane().circle(1).extrude(10, both=True)
+        return cq.Workplane(body).cut(hole).cut(hole.translate((0.5, 0, 0))).val()"""
     (tmp_path / "leaf.py").write_text(changed(changed(PART, SOLID, cut), 'SymmetryPlane("x", {"left": "right"}),', ""))
     (tmp_path / "leaf.toml").write_text(USES_PART)
     body = domain.of_part(study.read(tmp_path / "leaf.toml").design.part(), chord=1e-5)

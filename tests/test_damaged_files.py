@@ -252,6 +252,13 @@ def test_damaged_parquet_says_no_words_of_a_library(tmp_path: Path) -> None:
     assert DAMAGED in said
 
 
+def test_a_run_with_a_name_that_no_file_system_takes_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "data.txt").write_bytes(seeds.TEXT)
+    text = changed(seeds.MAP, b'name = "one"', b'name = "' + b"x" * 300 + b'"')
+    read = lambda path: importing.bring_in([tmp_path / "data.txt"], path, tmp_path / "out")  # noqa: E731
+    assert "more than 100 letters" in message_of(tmp_path, text, read)
+
+
 # --- a folder where a file is expected, and a place that is full
 
 

@@ -73,7 +73,7 @@ def beside(name: str, folder: Path, known: Collection[str]) -> str:
     for path in tried:
         if is_file(path):
             return str(path.resolve())
-    raise ValueError(f"is no Python file; tried {' and '.join(str(path.parent) for path in tried)}")
+    raise ValueError(f"is no Python file; tried {' and '.join(map(str, tried))}")
 
 
 @cache
