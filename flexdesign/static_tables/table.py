@@ -282,6 +282,6 @@ def _number(path: Path, line: int, column: str, text: str, unit: str, si: str, o
         scale = units.factor(unit, si)
     except ValueError as error:
         raise InputError(path, f"line {line}, column unit", unit, str(error)) from None
-    if not math.isfinite(number):
+    if not math.isfinite(number * scale):
         raise InputError(path, place, text, "is not finite; leave the row out")
     return number * scale

@@ -6,8 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from studies.fuzz_readers import seeds
+
+if TYPE_CHECKING:
+    from flexdesign.static_tables import StaticModel
 
 #: Makes the content of a file, once.
 Make = Callable[[], bytes]
@@ -103,15 +107,17 @@ def _recordings(folder: Path) -> object:
 
 def _static(folder: Path) -> object:
     from flexdesign import static_tables
+    from flexdesign.comparison import tables
 
-    return static_tables.read([folder / "table.csv"], _bridge())
+    model = _bridge()
+    return tables.compare(model, static_tables.read([folder / "table.csv"], model.design))
 
 
 @cache
-def _bridge() -> object:
-    from flexdesign import design
+def _bridge() -> StaticModel:
+    from flexdesign import design, static_tables
 
-    return design.read(design.find("bridge_amplifier"))
+    return static_tables.of_design(design.read(design.find("bridge_amplifier")))
 
 
 def _imported(name: str) -> Callable[[Path], object]:
