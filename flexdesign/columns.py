@@ -29,6 +29,8 @@ _CELL = re.compile(r"([^\[\]]*?)\s*\[\s*([^\[\]]*?)\s*\]$")
 _ANGLE = re.compile("rad|deg|°|arc")
 #: What stands in a cell, in small letters, where there is no number.
 _MISSING = frozenset(("", "-", "--", "na", "n/a", "null", "none"))
+#: No number is larger [SI]; squares of larger ones would have no end.
+LARGEST = 1e100
 #: No header cell has more letters.
 LONGEST = 200
 #: Not more stretches of rows than these are named in one sentence.
@@ -153,6 +155,11 @@ def read(path: Path, allowed: Mapping[str, Sequence[str]], *, gaps: bool = False
         if unusable.size and (name == "t" or not gaps):
             row = int(unusable[0])
             raise sheet.refusal(row, name, "nan", "is not a finite number; correct the cell or remove the rows")
+        large = np.flatnonzero(np.abs(np.nan_to_num(column)) > LARGEST)
+        if large.size:
+            row = int(large[0])
+            value = f"{column[row]:g} {of_si[name]}".removesuffix(" 1")
+            raise sheet.refusal(row, name, value, "is more than anything measures; correct the cell")
     return sheet
 
 

@@ -172,6 +172,12 @@ def test_gaps_that_are_longer_together_than_a_record_are_refused(tmp_path: Path)
     assert "split the file there" in message_of(tmp_path, text, runs.read_run, "run.csv")
 
 
+def test_a_reading_that_nothing_measures_is_refused(tmp_path: Path) -> None:
+    text = "t [s],u [V],x [um]\n" + "".join(f"{0.001 * k},{k % 7},{'1e300' if k == 5 else k % 5}\n" for k in range(40))
+    said = message_of(tmp_path, text, runs.read_run, "run.csv")
+    assert "line 7, column x = 1e+294 m: is more than anything measures" in said
+
+
 def test_a_line_that_csv_does_not_take_is_refused(tmp_path: Path) -> None:
     text = seeds.STATIC.decode() + f'"{"x" * 200_000}",1\n'
     bridge = design.read(design.find("bridge_amplifier"))
