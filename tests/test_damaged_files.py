@@ -178,6 +178,13 @@ def test_a_reading_that_nothing_measures_is_refused(tmp_path: Path) -> None:
     assert "line 7, column x = 1e+294 m: is more than anything measures" in said
 
 
+def test_two_rows_at_one_time_are_refused(tmp_path: Path) -> None:
+    """The slope between them has no end, and rows at odd times are interpolated by splines."""
+    moments = [0.0, 1e-320, *(1e-3 * np.arange(1, 40) + 1e-4 * np.sin(np.arange(39)))]
+    text = "t [s],u [V],x [um]\n" + "".join(f"{t:.9g},{k % 7},{k % 5}\n" for k, t in enumerate(moments))
+    assert "remove one of the two" in message_of(tmp_path, text, runs.read_run, "run.csv")
+
+
 def test_a_line_that_csv_does_not_take_is_refused(tmp_path: Path) -> None:
     text = seeds.STATIC.decode() + f'"{"x" * 200_000}",1\n'
     bridge = design.read(design.find("bridge_amplifier"))

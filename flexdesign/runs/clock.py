@@ -18,6 +18,8 @@ GAP = 2.0
 RARE = 0.1
 #: A record is no longer than so many times all its rows at their median period; else its times cannot be right.
 LONGEST = 10.0
+#: Rows that are closer than this are at one time, in periods.
+SAME = 1e-9
 #: The share of the resampled times at which there may be no reading.
 MOSTLY = 0.5
 
@@ -114,7 +116,7 @@ def grid_of(sheet: Sheet) -> tuple[Grid, list[str]]:
     Raises
     ------
     InputError
-        If a gap is longer than all rows together, or all gaps together are much longer.
+        If a gap is longer than all rows together, all gaps together are much longer, or two rows are at one time.
     """
     time = sheet.time()
     steps = np.diff(time)
@@ -122,6 +124,10 @@ def grid_of(sheet: Sheet) -> tuple[Grid, list[str]]:
     if steps[row - 1] > len(time) * usual or not _is_one_record(time, usual):
         apart = f"comes {steps[row - 1]:.6g} s after the row before, where {usual:.6g} s is usual"
         raise sheet.refusal(row, "t", f"{time[row]:.9g} s", f"{apart}; split the file there into two recordings")
+    if steps.min() < SAME * usual:
+        row = int(np.argmin(steps)) + 1
+        apart = f"comes {steps[row - 1]:.3g} s after the row before, where {usual:.6g} s is usual"
+        raise sheet.refusal(row, "t", f"{time[row]:.9g} s", f"{apart}; remove one of the two")
     grid = fitted(time)
     if grid is None:
         made = time[0] + usual * np.arange(int((time[-1] - time[0]) / usual + 1e-9) + 1)
