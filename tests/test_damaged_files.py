@@ -143,6 +143,12 @@ def test_a_number_without_end_is_refused_at_once() -> None:
         units.from_text("9" * 200_000 + "\n", "m")
 
 
+@pytest.mark.parametrize("scale", ["0", "1e-320"])
+def test_a_scale_of_nothing_is_refused(tmp_path: Path, scale: str) -> None:
+    text = changed(seeds.MEASUREMENTS, b"scale = 20", f"scale = {scale}".encode())
+    assert "makes every command zero" in message_of(tmp_path, text, runs.read_measurements)
+
+
 # --- tables
 
 
