@@ -157,9 +157,8 @@ def read(path: Path, allowed: Mapping[str, Sequence[str]], *, gaps: bool = False
             raise sheet.refusal(row, name, "nan", "is not a finite number; correct the cell or remove the rows")
         large = np.flatnonzero(np.abs(np.nan_to_num(column)) > LARGEST)
         if large.size:
-            row = int(large[0])
-            value = f"{column[row]:g} {of_si[name]}".removesuffix(" 1")
-            raise sheet.refusal(row, name, value, "is more than anything measures; correct the cell")
+            value = f"{column[large[0]]:g} {of_si[name]}".removesuffix(" 1")
+            raise sheet.refusal(int(large[0]), name, value, "is more than anything measures; correct the cell")
     return sheet
 
 
@@ -323,16 +322,13 @@ def _text(path: Path) -> list[str]:
 def _from_parquet(path: Path) -> tuple[list[str], Array]:
     """Return header cells, and rows by columns as they are written; what is null is NaN."""
     pyarrow = _pyarrow(path)
-    damaged = "cannot be read as Parquet: it is damaged, cut short or something else; save it again"
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
-    try:
-        table = pyarrow.parquet.read_table(pyarrow.BufferReader(data))
+        table = pyarrow.parquet.read_table(pyarrow.BufferReader(path.read_bytes()))
         names = list(table.column_names)
     except Exception as error:  # a damaged file ends in errors of every kind
-        raise InputError(path, "", None, damaged) from error
+        why = getattr(error, "strerror", None)  # what the system says; pyarrow's own have none
+        damaged = " as Parquet: it is damaged, cut short or something else; save it again"
+        raise InputError(path, "", None, f"cannot be read{f': {why}' if why else damaged}") from error
     if not table.num_rows or not table.num_columns:
         raise InputError(path, "", None, "has no rows; add rows of numbers")
     numbers = []
@@ -340,8 +336,7 @@ def _from_parquet(path: Path) -> tuple[list[str], Array]:
         try:
             numbers.append(column.cast(pyarrow.float64(), safe=False).to_numpy())
         except Exception as error:
-            remedy = "cannot be read as Parquet with a number in every cell; write numbers alone"
-            raise InputError(path, f"column {name}", None, remedy) from error
+            raise InputError(path, f"column {name}", None, "has a cell that is no number; correct it") from error
     return names, np.column_stack(numbers)
 
 
@@ -398,9 +393,7 @@ def _wrong(names: Sequence[str], cells: Sequence[str], gaps: bool) -> Iterator[t
     for name, cell in zip(names, (cell.strip() for cell in cells), strict=True):
         may_be_missing = gaps and name != "t"
         try:
-            if "_" in cell:  # which Python reads and no other program
-                raise ValueError
-            if not (np.isfinite(float(cell)) or may_be_missing):
+            if not (np.isfinite(float(cell.replace("_", "?"))) or may_be_missing):
                 yield name, cell, "is not a finite number"
         except ValueError:
             if not (may_be_missing and cell.lower() in _MISSING):

@@ -243,7 +243,7 @@ def read_measurements(path: Path) -> Measurements:
         raise InputError(path, "run", None, "expected a list of tables: [[run]]")
     if abs(setup.scale) < SMALLEST:
         remedy = "makes every command zero; write the volts of the command per volt written"
-        raise InputError(path, "scale", setup.scale, remedy)
+        raise InputError(path, "scale", f"{setup.scale:g}", remedy)
     said: dict[str, RunSettings] = {}
     for number, table in enumerate(tables, start=1):
         place = f"run {number}"
