@@ -29,6 +29,10 @@ _CELL = re.compile(r"([^\[\]]*?)\s*\[\s*([^\[\]]*?)\s*\]$")
 _ANGLE = re.compile("rad|deg|°|arc")
 #: What stands in a cell, in small letters, where there is no number.
 _MISSING = frozenset(("", "-", "--", "na", "n/a", "null", "none"))
+#: No number is larger [SI]; squares of larger ones would have no end.
+LARGEST = 1e100
+#: No header cell has more letters.
+LONGEST = 200
 #: Not more stretches of rows than these are named in one sentence.
 NAMED = 4
 #: The ending of files that are read and written as Parquet.
@@ -151,6 +155,10 @@ def read(path: Path, allowed: Mapping[str, Sequence[str]], *, gaps: bool = False
         if unusable.size and (name == "t" or not gaps):
             row = int(unusable[0])
             raise sheet.refusal(row, name, "nan", "is not a finite number; correct the cell or remove the rows")
+        large = np.flatnonzero(np.abs(np.nan_to_num(column)) > LARGEST)
+        if large.size:
+            value = f"{column[large[0]]:g} {of_si[name]}".removesuffix(" 1")
+            raise sheet.refusal(int(large[0]), name, value, "is more than anything measures; correct the cell")
     return sheet
 
 
@@ -219,7 +227,8 @@ def split(cell: str) -> tuple[str, str]:
     >>> split("x [um]")
     ('x', 'um')
     """
-    match = _CELL.match(cell.strip().strip('"').strip())
+    cell = cell.strip().strip('"').strip()
+    match = _CELL.match(cell) if len(cell) <= LONGEST else None
     if not match or not match[1] or not match[2]:
         raise ValueError("write name and unit, for example x [um]; [1] for a pure number")
     return match[1], match[2]
@@ -314,16 +323,21 @@ def _from_parquet(path: Path) -> tuple[list[str], Array]:
     """Return header cells, and rows by columns as they are written; what is null is NaN."""
     pyarrow = _pyarrow(path)
     try:
-        with path.open("rb") as file:
-            table = pyarrow.parquet.read_table(file)
-        if not table.num_rows or not table.num_columns:
-            raise InputError(path, "", None, "has no rows; add rows of numbers")
-        numbers = [column.cast(pyarrow.float64(), safe=False).to_numpy() for column in table.columns]
-    except OSError as error:
-        raise InputError(path, "", None, f"cannot be read: {error.strerror or error}") from error
-    except pyarrow.ArrowException as error:
-        raise InputError(path, "", None, f"cannot be read as Parquet with a number in every cell: {error}") from error
-    return table.column_names, np.column_stack(numbers)
+        table = pyarrow.parquet.read_table(pyarrow.BufferReader(path.read_bytes()))
+        names = list(table.column_names)
+    except Exception as error:  # a damaged file ends in errors of every kind
+        why = getattr(error, "strerror", None)  # what the system says; pyarrow's own have none
+        damaged = " as Parquet: it is damaged, cut short or something else; save it again"
+        raise InputError(path, "", None, f"cannot be read{f': {why}' if why else damaged}") from error
+    if not table.num_rows or not table.num_columns:
+        raise InputError(path, "", None, "has no rows; add rows of numbers")
+    numbers = []
+    for name, column in zip(names, table.columns, strict=True):
+        try:
+            numbers.append(column.cast(pyarrow.float64(), safe=False).to_numpy())
+        except Exception as error:
+            raise InputError(path, f"column {name}", None, "has a cell that is no number; correct it") from error
+    return names, np.column_stack(numbers)
 
 
 def _to_parquet(path: Path, cells: Sequence[str], table: Array, comment: str) -> None:
@@ -379,7 +393,7 @@ def _wrong(names: Sequence[str], cells: Sequence[str], gaps: bool) -> Iterator[t
     for name, cell in zip(names, (cell.strip() for cell in cells), strict=True):
         may_be_missing = gaps and name != "t"
         try:
-            if not (np.isfinite(float(cell)) or may_be_missing):
+            if not (np.isfinite(float(cell.replace("_", "?"))) or may_be_missing):
                 yield name, cell, "is not a finite number"
         except ValueError:
             if not (may_be_missing and cell.lower() in _MISSING):

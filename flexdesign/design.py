@@ -163,7 +163,7 @@ def find(name: str | Path) -> Path:
         If there is no such file; the message suggests the nearest names.
     """
     path = Path(name)
-    if part.is_file(path):
+    if files.is_file(path):
         if path.suffix == ".py":
             raise InputError(path, "", None, "is a part; name a design (.toml) that uses it")
         return path
@@ -180,7 +180,7 @@ def find(name: str | Path) -> Path:
         near = suggest(path.stem, known).replace("; known", "; check the path, or give one of the names that are known")
         raise InputError(path, "", None, f"no such file{near}")
     for folder in folders:
-        if part.is_file(folder / f"{name}.toml"):
+        if files.is_file(folder / f"{name}.toml"):
             return folder / f"{name}.toml"
     remedy = f"no such design or study{suggest(str(name), known)}"
     raise InputError("command line", "STUDY", as_written(str(name)), remedy)

@@ -6,6 +6,11 @@ import difflib
 from collections.abc import Sequence
 from pathlib import Path
 
+#: A message has at most so many letters beside the folder of its file; its field, its value and each of its words.
+MESSAGE, FIELD, VALUE, WORD = 400, 100, 80, 120
+#: No name that anybody gives has more letters: nothing is like it.
+NAME = 100
+
 
 class InputError(Exception):
     """Something the user gave cannot be used; raised where the fact is known, caught once by the CLI.
@@ -29,15 +34,44 @@ class InputError(Exception):
         self.remedy = remedy
         super().__init__(str(self))
 
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, object, str]]:  # from one process to another
+        return InputError, (self.file, self.field, self.value, self.remedy)
+
     def __str__(self) -> str:
-        where = self.file + (f": {self.field}" if self.field else "")
-        found = "" if self.value is None else f" = {_shown(self.value)}"
-        return " ".join(f"{where}{found}: {self.remedy}".split())
+        file, name = printable(self.file), printable(Path(self.file).name)
+        field = f": {shortened(printable(self.field), FIELD)}" if self.field else ""
+        value = "" if self.value is None else f" = {_shown(self.value)}"
+        words = " ".join(shortened(word, WORD) for word in printable(self.remedy).split())
+        room = MESSAGE - len(f"{name}{field}{value}: ")
+        return f"{file}{field}{value}: {shortened(words, max(room, WORD))}"
+
+
+def shortened(text: str, longest: int) -> str:
+    """Return a text, or its beginning and its end where it is longer than it may be.
+
+    >>> shortened("dimensions.hinge_thickness", 16)
+    'dimensions…kness'
+    """
+    if len(text) <= longest:
+        return text
+    end = longest // 3
+    return f"{text[: longest - end - 1]}…{text[len(text) - end :]}"
+
+
+def printable(text: str) -> str:
+    r"""Return a text in one line, and what would move the cursor or hide in it by its code.
+
+    >>> printable("an\nend" + chr(27))
+    'an end\\x1b'
+    """
+    line = " ".join(text.split())
+    return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode("ascii") for sign in line)
 
 
 def suggest(name: str, known: Sequence[str]) -> str:
     """Return the end of a remedy: the known names nearest to `name`, or all of them."""
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    known = [shortened(each, NAME) for each in known]
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5) if len(name) <= NAME else []
     if not near:
         return f"; known: {_listed(known)}" if known else ""
     if difflib.SequenceMatcher(None, name, near[0]).ratio() > 0.75:
@@ -52,6 +86,10 @@ def _listed(names: Sequence[str], longest: int = 160) -> str:
     return ", ".join(names[:room]) + (f" and {more} more" if more else "")
 
 
-def _shown(value: object, longest: int = 80) -> str:
-    text = value if isinstance(value, str) else repr(value)
-    return text if len(text) <= longest else text[: longest - 1] + "…"
+def _shown(value: object) -> str:
+    try:
+        text = value if isinstance(value, str) else repr(value)
+    except ValueError:  # a whole number of thousands of digits
+        text = "a number without end"
+    text = printable(text)
+    return text if len(text) <= VALUE else text[: VALUE - 1] + "…"

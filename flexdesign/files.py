@@ -23,6 +23,10 @@ from flexdesign.errors import InputError, suggest
 #: The format of files that this version reads and writes.
 FORMAT = 1
 
+#: Whole numbers are smaller, as in TOML (64 bits); tables and lists are no deeper within each other.
+LARGEST, DEEPEST = 2**63, 20
+_TOO_LARGE = "write it with an exponent, such as 1e20"
+
 Schema = TypeVar("Schema", bound=BaseModel)
 
 
@@ -127,8 +131,34 @@ def read_toml(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
         line = error.object.count(b"\n", 0, error.start) + 1
         raise InputError(path, "", None, f"is not UTF-8 text (line {line}); save it as UTF-8") from error
     except (ValueError, RecursionError) as error:
-        raise InputError(path, "", None, f"is not valid TOML: {error}; correct that line") from error
+        raise InputError(path, "", None, _no_toml(error)) from error
+    for place, value, remedy in _unusable(content):
+        raise InputError(path, place, value, remedy)
     return overlay(content, overrides)
+
+
+def _no_toml(error: Exception) -> str:
+    """Return why a text is no TOML, in words that say what to do."""
+    if isinstance(error, RecursionError):
+        return f"is not valid TOML: tables or lists stand more than {DEEPEST} deep in each other; write them flat"
+    if "integer string" in str(error):  # Python reads no whole number of more than 4300 digits
+        return f"is not valid TOML: a whole number has more than 64 bits; {_TOO_LARGE}"
+    return f"is not valid TOML: {error}; correct that line"
+
+
+def _unusable(content: Mapping[str, Any]) -> Iterator[tuple[str, object, str]]:
+    """Yield place, value and remedy of what TOML allows and nothing can use: numbers and nests without end."""
+    waiting: list[tuple[list[str], object]] = [([], content)]
+    while waiting:
+        place, value = waiting.pop()
+        if len(place) > DEEPEST:
+            yield ".".join(place), None, f"is more than {DEEPEST} tables or lists deep; write it flat"
+        elif isinstance(value, Mapping):
+            waiting += [([*place, name], inner) for name, inner in value.items()]
+        elif isinstance(value, list):
+            waiting += [([*place, str(number)], inner) for number, inner in enumerate(value, start=1)]
+        elif isinstance(value, int) and not -LARGEST <= value < LARGEST:
+            yield ".".join(place), None, f"is a whole number of more than 64 bits; {_TOO_LARGE}"
 
 
 def overlay(content: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
@@ -140,7 +170,7 @@ def overlay(content: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, A
     for override in overrides:
         key, equals, text = override.partition("=")
         *tables, last = pieces = key.strip().split(".")
-        if not equals or not all(pieces):
+        if not equals or not all(pieces) or len(pieces) > DEEPEST:
             raise InputError("command line", "--set", override, 'write --set table.key="value unit"')
         table = changed
         for name in tables:
@@ -149,6 +179,8 @@ def overlay(content: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, A
                 remedy = f"{name} is a value ({as_written(table)}), not a table; write --set {name}=..."
                 raise InputError("command line", key.strip(), text.strip(), remedy)
         table[last] = _literal(text.strip())
+        for _, _, remedy in _unusable({last: table[last]}):
+            raise InputError("command line", key.strip(), text.strip(), remedy)
         if last.endswith("*"):
             name = last.removesuffix("*").rstrip()
             try:
@@ -215,6 +247,22 @@ def way(file: Path, folder: Path) -> str:
     return Path(os.path.relpath(file, here)).as_posix() if within else str(file)
 
 
+def is_file(path: Path) -> bool:
+    """Tell whether `path` is a file; a name that no file system would take is none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def is_folder(path: Path) -> bool:
+    """Tell whether `path` is a folder; a name that no file system would take is none."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
 def as_written(value: object) -> object:
     """Return a value as a message shows it: text that would pass for another thing in quotes, tables not at all."""
     if isinstance(value, bool):
@@ -241,20 +289,22 @@ def check(schema: type[Schema], content: Mapping[str, Any], path: Path, table: s
     except ValidationError as error:
         # A misspelt key comes before the one that is missing because of it.
         first = min(error.errors(), key=lambda e: {"extra_forbidden": 0, "missing": 2}.get(e["type"], 1))
-        place = [str(piece) for piece in first["loc"]]
+        place = [str(piece + 1) if isinstance(piece, int) else piece for piece in first["loc"]]
         if not place:  # what is wrong is how the keys of the table go together
             raise InputError(path, table, None, first["msg"].removeprefix("Value error, ")) from None
         field, (owner, annotation) = ".".join([*([table] if table else []), *place]), _field(schema, place)
+        written = "" if place[-1].isdecimal() else f"{place[-1]} = "
         remedy = {
             "missing": f"is missing; {_how(place[-1], annotation)}",
             "extra_forbidden": f"is not a known key{suggest(place[-1], list(owner.model_fields))}",
-            "string_type": f'expected text: {place[-1]} = "..."',
+            "string_type": f'expected text: {written}"..."',
             "dict_type": f"expected a table: [{field}]",
             "model_type": f"expected a table: [{field}]",
-            "tuple_type": f'expected a list: {place[-1]} = ["...", "..."]',
-            "bool_parsing": f"expected true or false: {place[-1]} = true",
-            "bool_type": f"expected true or false: {place[-1]} = true",
-        }.get(first["type"], first["msg"].removeprefix("Value error, "))
+            "tuple_type": f'expected a list: {written}["...", "..."]',
+            "list_type": f'expected a list: {written}["...", "..."]',
+            "bool_parsing": f"expected true or false: {written}true",
+            "bool_type": f"expected true or false: {written}true",
+        }.get(first["type"], _in_words(first["msg"]))
         value = None if first["type"] == "missing" else as_written(first["input"])
         raise InputError(path, field, value, remedy) from None
 
@@ -263,10 +313,23 @@ def _field(schema: type[BaseModel], place: Sequence[str]) -> tuple[type[BaseMode
     """Return the table in which a place lies, and what is known of the field there."""
     *tables, last = place
     for name in tables:
-        annotation = schema.model_fields[name].annotation
-        options = [annotation, *getattr(annotation, "__args__", ())]
-        schema = next(o for o in options if isinstance(o, type) and issubclass(o, BaseModel))
+        field = schema.model_fields.get(name)
+        options = [field.annotation, *getattr(field.annotation, "__args__", ())] if field else []
+        inner = next((o for o in options if isinstance(o, type) and issubclass(o, BaseModel)), None)
+        if inner is None:  # within a list, or a table whose keys are free
+            return schema, None
+        schema = inner
     return schema, schema.model_fields.get(last)
+
+
+def _in_words(said: str) -> str:
+    """Return what pydantic says of a value in the words of a file.
+
+    >>> _in_words("Input should be a valid dictionary"), _in_words("Value error, is empty")
+    ('expected a table', 'is empty')
+    """
+    said = said.removeprefix("Value error, ").replace("Input should be", "expected").replace("a valid ", "a ")
+    return said.replace("a dictionary", "a table").replace("a string", "text")
 
 
 def _required(schema: type[BaseModel]) -> list[str]:

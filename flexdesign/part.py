@@ -20,6 +20,7 @@ from typing import Any, ClassVar, Literal, Protocol
 
 from flexdesign import shipped
 from flexdesign.errors import InputError, suggest
+from flexdesign.files import is_file
 from flexdesign.materials import Material
 from flexdesign.model import Linkage, Parameter, Quantity
 from flexdesign.model.linkage import Vector
@@ -163,14 +164,6 @@ def find(name: str, folder: Path) -> Path:
     looked = ", ".join(dict.fromkeys(str(c.parent) for c in candidates))
     known = sorted({p.stem for place in places if place.is_dir() for p in place.glob("*.py")})
     raise InputError("part", "part", name, f"no such part in {looked}{suggest(name, known)}")
-
-
-def is_file(path: Path) -> bool:
-    """Tell whether `path` is a file; a name that no file system would take is none."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
 
 
 def load(name: str, folder: Path | None = None, methods: Sequence[str] = METHODS) -> type[Any]:

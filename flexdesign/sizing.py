@@ -31,9 +31,8 @@ from flexdesign.analytic.reconstruction import (
     reconstruct,
 )
 from flexdesign.errors import InputError, suggest
-from flexdesign.files import Table, in_si, whole
+from flexdesign.files import Table, in_si, is_file, whole
 from flexdesign.model import Quantity
-from flexdesign.part import is_file
 
 #: How the two kinds of axes are called.
 AXES = {"xy": "X/Y", "z": "Z"}

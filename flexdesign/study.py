@@ -13,8 +13,7 @@ from flexdesign import design as designs
 from flexdesign import files
 from flexdesign.design import Design
 from flexdesign.errors import InputError, suggest
-from flexdesign.files import Bounds, Table, in_si, whole
-from flexdesign.part import is_file
+from flexdesign.files import Bounds, Table, in_si, is_file, whole
 
 #: Tables and keys that belong to a design; everything else that --set names belongs to the study.
 DESIGN_KEYS = ("part", "dimensions", "material", "actuator", "provenance")

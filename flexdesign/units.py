@@ -9,9 +9,16 @@
 from __future__ import annotations
 
 import math
+import unicodedata
 from functools import cache
 from typing import Any
 
+from flexdesign.errors import shortened
+
+#: No unit has more letters, and no product of all powers in one is higher.
+LONGEST, HIGHEST = 100, 1000
+#: No number with its unit has more letters.
+LONGEST_NUMBER = 500
 #: How each kind of number is shown to people: SI unit -> display unit.
 DISPLAY = {
     "m": "mm",
@@ -61,17 +68,30 @@ def _registry() -> Any:
         return pint.UnitRegistry(autoconvert_offset_to_baseunit=False)
 
 
+def _is_short(unit: str) -> bool:
+    """Tell whether a unit is short and all its powers together are small, so that working it out takes no time."""
+    import re
+
+    plain = re.sub("[⁰¹²³⁴-⁹]+", lambda digits: f"**{unicodedata.normalize('NFKC', digits[0])}", unit)
+    number = r"[+-]?(\d++\.?\d*+)"  # another power right behind it would make a tower
+    powers = re.findall(rf"(?:\*\*|\^)\s*(?:{number}|\(\s*{number}\s*(?:/\s*\d+\s*)?\))(?!\s*(?:\*\*|\^))", plain)
+    known = len(powers) == plain.count("**") + plain.count("^")
+    return len(unit) <= LONGEST and known and math.prod(max(float(a or b), 1.0) for a, b in powers) <= HIGHEST
+
+
 def _parsed(unit: str) -> Any:
     import pint
 
+    if not _is_short(unit):
+        raise ValueError(f"cannot read the unit {shortened(unit, 40)!r}: it is too long, or has a power without end")
     try:
         if "#" in unit:  # the parser takes it for the start of a comment
             raise ValueError("no unit has a '#'")
         return _registry().parse_units(unit)
     except pint.UndefinedUnitError as error:
-        raise ValueError(f"unknown unit {unit!r}") from error
+        raise ValueError(f"unknown unit {shortened(unit, 40)!r}") from error
     except Exception as error:  # pint passes on whatever its tokenizer meets
-        raise ValueError(f"cannot read the unit {unit!r}") from error
+        raise ValueError(f"cannot read the unit {shortened(unit, 40)!r}") from error
 
 
 @cache
@@ -185,6 +205,8 @@ def _si_of(unit: str) -> str:
 def _split(text: str) -> tuple[float, str]:
     import re
 
+    if len(text) > LONGEST_NUMBER:
+        raise ValueError(f"is no number of at most {LONGEST_NUMBER} letters, with its unit")
     match = re.match(
         r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)(?:inity)?)\s*(.*?)\s*$", text, re.I
     )

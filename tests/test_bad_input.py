@@ -485,6 +485,67 @@ def test_a_bad_part_is_refused(
     )  # fmt: skip
 
 
+def test_two_circles_cut_from_a_solid_are_cylinders(tmp_path: Path) -> None:
+    """Where the circles meet, the kernel keeps a trimmed surface."""
+    cut = """\
+        hole = cq.Workplane().circle(1).extrude(10, both=True)
+        return cq.Workplane(body).cut(hole).cut(hole.translate((0.5, 0, 0))).val()"""
+    (tmp_path / "leaf.py").write_text(changed(changed(PART, SOLID, cut), 'SymmetryPlane("x", {"left": "right"}),', ""))
+    (tmp_path / "leaf.toml").write_text(USES_PART)
+    body = domain.of_part(study.read(tmp_path / "leaf.toml").design.part(), chord=1e-5)
+    found = [face.axis[0][0] for face in body.faces if face.axis is not None]
+    assert {round(1e6 * x) for x in found} == {0, 500}
+    assert all(face.radius == pytest.approx(1e-3) for face in body.faces if face.axis is not None)
+
+
+FORMULAS = "def formulas(self, material, actuator_stiffness)"
+ANSWERS = f"{FORMULAS.removesuffix(')')}, output_load)"
+
+#: What is found of formulas before anything is solved: id: (what formulas() returns, words of the remedy)
+ANSWERED = {
+    "nothing": ("{}", ("returns nothing to compare", "K_in_output_free")),
+    "None": ("None", ("must return quantities by the model's name",)),
+    "numbers": ("{'PRB': [1.0, 2.0]}", ("must return quantities by the model's name",)),
+    "a list": ("[]", ("must return quantities by the model's name",)),
+    "models without quantities": ("{'PRB': []}", ("returns nothing to compare",)),
+}
+
+
+@pytest.mark.parametrize(("answer", "remedy"), ANSWERED.values(), ids=ANSWERED)
+def test_formulas_that_cannot_be_used_are_refused_before_anything_is_solved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: str, remedy: tuple[str, ...]
+) -> None:
+    from flexdesign import refinement, validation
+
+    def solved(*_: object) -> None:
+        raise AssertionError("it was solved")
+
+    monkeypatch.setattr(refinement, "refined", solved)
+    part = changed(PART, FORMULAS, ANSWERS).replace("return {}", f"return {answer}", 1)
+    (tmp_path / "leaf.py").write_text(part)
+    (tmp_path / "leaf.toml").write_text(USES_PART)
+    read = study.read(tmp_path / "leaf.toml")
+    refused(lambda: validation.validate(read, Cache(tmp_path)), "leaf.py", "Leaf.formulas()", None, *remedy)
+
+
+def test_a_linkage_whose_ports_stand_on_no_node_is_refused_by_the_compliance_model(tmp_path: Path) -> None:
+    from flexdesign import static_tables
+
+    (tmp_path / "leaf.py").write_text(PART)
+    (tmp_path / "leaf.toml").write_text(USES_PART)
+    design = study.read(tmp_path / "leaf.toml").design
+    remedy = ("no frame", "the port left stands on no node", "linkage()")
+    refused(lambda: static_tables.of_design(design, bare=True), "leaf.toml", "part", "Leaf", *remedy)
+    refused(lambda: static_tables.of_design(design), "leaf.toml", "part", "Leaf", *remedy)
+
+
+def test_contributing_names_every_method_that_a_part_must_have() -> None:
+    from flexdesign.part import METHODS
+
+    text = (Path(__file__).parents[1] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    assert [method for method in METHODS if f"`{method}()`" not in text] == []
+
+
 @pytest.mark.parametrize(("old", "new", "field", "value", "remedy"), SOLIDS.values(), ids=SOLIDS)
 def test_a_bad_solid_is_refused(
     tmp_path: Path, old: str, new: str, field: str, value: object, remedy: tuple[str, ...]

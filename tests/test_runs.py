@@ -92,7 +92,7 @@ def test_lines_are_counted_as_an_editor_counts_them(tmp_path: Path) -> None:
         (HEADER, ",5,10", 'line 7, column t = "": is empty; correct the cell or remove the rows'),
         (HEADER, "nan,5,10", "line 7, column t = nan: is not a finite number; correct the cell or remove the rows"),
         (HEADER, "0.005,5V,10", "line 7, column u = 5V: is not a number"),
-        (HEADER, "0.005,5,1_0", "cannot be read as numbers: could not convert string '1_0'"),
+        (HEADER, "0.005,5,1_0", "line 7, column x = 1_0: is not a number"),
         (HEADER, "0.005,5", "line 7 = 0.005,5: has 2 cells where the header has 3"),
         (HEADER, "0.005,5,10,11", "line 7 = 0.005,5,10,11: has 4 cells where the header has 3"),
         (HEADER, "0.004,5,10", "line 7, column t = 0.004 s: is not later than the row before (0.004 s)"),

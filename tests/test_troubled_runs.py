@@ -479,7 +479,7 @@ def test_parquet_that_cannot_be_used(tmp_path: Path) -> None:
     path = tmp_path / "run.parquet"
     whole = {"t [s]": T, "u [V]": T, "x [um]": T}
     for columns, message in (
-        ({**whole, "x [um]": ["a"] * len(T)}, "cannot be read as Parquet with a number in every cell"),
+        ({**whole, "x [um]": ["a"] * len(T)}, "column x [um]: has a cell that is no number"),
         ({**whole, "x": T}, "column 4 = x: write name and unit"),
         ({**whole, "t [s]": [None, *T[1:]]}, "row 1, column t = nan: is not a finite number"),
         ({}, "has no rows"),

@@ -18,7 +18,7 @@ from PIL import Image, ImageSequence
 from flexdesign import quantities, stage_model, study
 from flexdesign.cache import Cache
 from flexdesign.errors import InputError
-from flexdesign.report import render, validation_pictures, validation_report
+from flexdesign.report import explanation, render, validation_pictures, validation_report
 from flexdesign.report.document import Document, Table
 from flexdesign.report.pictures import SWING
 from flexdesign.testing import assert_agrees
@@ -42,6 +42,16 @@ def validation(cache: Path) -> Validation:
 @pytest.fixture(scope="module")
 def document(validation: Validation) -> Document:
     return validation_report.document(validation)
+
+
+def test_one_formula_is_enough_for_a_report(validation: Validation) -> None:
+    """The report says of FEM all that it found, and of the formulas the one quantity that they have."""
+    first, *others = validation.comparisons
+    one = replace(validation, comparisons=[first], further=[*validation.further, *(c.fem for c in others)])
+    for found in (one, replace(one, ladder=None)):
+        sections = [explanation.section(found), *validation_report.document(found).sections]
+        assert len(validation_report.table_1(found).rows) == 1
+        assert sections[0].tables[0].columns.count("PRB") == 1
 
 
 def test_port_limits(validation: Validation) -> None:

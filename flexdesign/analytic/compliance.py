@@ -79,6 +79,9 @@ class ComplianceModel:
     def of_part(cls, part: Piece, material: Material, actuator_stiffness: float | None = None) -> ComplianceModel:
         """Return the model of a part without effects; fillets that are drawn are one of them."""
         linkage = part.linkage()
+        for port in part.ports():
+            if port.name not in linkage.ports:
+                raise frame.Mechanism(f"the port {port.name} stands on no node: ports = {{'{port.name}': NODE}}")
         sharp = tuple(replace(member, root_radius=0.0) for member in linkage.members)
         bare = replace(linkage, members=sharp)
         return cls(bare, part.ports(), material.youngs_modulus, material.poissons_ratio, actuator_stiffness)

@@ -134,9 +134,10 @@ def _read(
     model: str, paths: Sequence[Path], overrides: Sequence[str], *, bare: bool = False
 ) -> tuple[StaticModel, StaticTable]:
     from flexdesign import design, static_tables
+    from flexdesign.files import is_folder
 
     read = design.read(design.find(model), overrides)
-    files = [file for path in paths for file in (sorted(path.glob("*.csv")) if path.is_dir() else [path])]
+    files = [file for path in paths for file in (sorted(path.glob("*.csv")) if is_folder(path) else [path])]
     if not files:
         raise InputError("command line", "RUNS", ", ".join(map(str, paths)), "holds no CSV file")
     return static_tables.of_design(read, bare=bare), static_tables.read(files, read)

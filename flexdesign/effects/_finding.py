@@ -9,6 +9,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from flexdesign.errors import suggest
+from flexdesign.files import is_file
 from flexdesign.model import Effect
 
 
@@ -68,10 +69,10 @@ def beside(name: str, folder: Path, known: Collection[str]) -> str:
     """
     if name in known or not name.endswith(".py"):
         return name
-    tried = list(dict.fromkeys((base / name).resolve() for base in (folder, Path())))
+    tried = list(dict.fromkeys(base.resolve() / name for base in (folder, Path())))
     for path in tried:
-        if path.is_file():
-            return str(path)
+        if is_file(path):
+            return str(path.resolve())
     raise ValueError(f"is no Python file; tried {' and '.join(map(str, tried))}")
 
 
@@ -86,7 +87,7 @@ def _from_package(entry: EntryPoint) -> object:
 @cache
 def _from_file(path: Path) -> object:
     spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None or not path.is_file():
+    if spec is None or spec.loader is None or not is_file(path):
         raise ValueError("is no Python file")
     module = importlib.util.module_from_spec(spec)
     try:

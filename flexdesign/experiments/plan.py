@@ -164,6 +164,8 @@ class Experiment(Table):
     def _can_name_files(cls, name: str) -> str:
         if not any(character.isalnum() for character in name):
             raise ValueError("needs a letter or a digit; figures are named after it")
+        if len(name) > 60:
+            raise ValueError("has more than 60 letters; figures are named after it")
         return name
 
     @field_validator("axes", "controllers", "variants")

@@ -22,8 +22,7 @@ from flexdesign.experiments.plan import (
     Variant,
     pieces,
 )
-from flexdesign.files import Table, in_si
-from flexdesign.part import is_file
+from flexdesign.files import Table, in_si, is_file
 from flexdesign.stage_model import StageModel
 
 

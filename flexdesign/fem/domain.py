@@ -206,13 +206,16 @@ def _face(face: Any, chord: float) -> Face:
     vertices, triangles = face.tessellate(chord / MM, 0.35)
     points = np.array([(v.x, v.y, v.z) for v in vertices]) * MM
     corners = np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+
     kind = face.geomType()
     if kind == "PLANE":
         normal = face.normalAt()
         direction = np.array([normal.x, normal.y, normal.z])
         return Face(points, corners, direction, float(direction @ points[0]))
     if kind == "CYLINDER":
-        cylinder = face._geomAdaptor().Cylinder()
+        # A cut of two circles leaves a trimmed surface, which has no cylinder of its own; the adaptor sees through it.
+        cylinder = BRepAdaptor_Surface(face.wrapped).Cylinder()
         location, direction = cylinder.Axis().Location(), cylinder.Axis().Direction()
         axis = np.array(
             [

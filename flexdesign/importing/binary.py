@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from flexdesign.importing.apart import apart
 from flexdesign.importing.contents import Variable, is_numeric, library, stored
 
 #: Attributes under which programs keep a unit, in small letters.
@@ -22,14 +23,11 @@ PARTS = ("real", "imag")
 def matlab(path: Path) -> dict[str, Variable]:
     """Read a .mat file: versions 4 to 7 with SciPy, 7.3 as the HDF5 file that it is; structures as ``outer.inner``."""
     from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
 
     try:
         content = loadmat(path, struct_as_record=False, chars_as_strings=True)
     except NotImplementedError:  # version 7.3
         return hdf5(path, of_matlab=True)
-    except MatReadError as error:
-        raise ValueError(str(error)) from error
     found: dict[str, Variable] = {}
     for name, value in content.items():
         if not name.startswith("__"):
@@ -56,11 +54,7 @@ def hdf5(path: Path, of_matlab: bool = False) -> dict[str, Variable]:
     found: dict[str, Variable] = {}
 
     def read(name: str, column: str | None) -> Any:
-        with h5py.File(path, "r") as file:
-            values = file[name][()] if column is None else file[name][column]
-            if column is None and values.dtype.names == PARTS:
-                values = values["real"] + 1j * values["imag"]
-            return values.T if of_matlab else values
+        return partial(apart, path, _numbers, path, name, column, of_matlab)
 
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or name.startswith("#") or not item.size or item.dtype is None:
@@ -72,15 +66,24 @@ def hdf5(path: Path, of_matlab: bool = False) -> dict[str, Variable]:
         for column in () if in_parts else item.dtype.names or ():
             if is_numeric(item.dtype[column]):
                 is_complex = item.dtype[column].kind == "c"
-                found[f"{shown}/{column}"] = Variable(shape, partial(read, name, column), unit, is_complex=is_complex)
+                found[f"{shown}/{column}"] = Variable(shape, read(name, column), unit, is_complex=is_complex)
         is_text = item.attrs.get("MATLAB_class") == b"char" or "MATLAB_empty" in item.attrs
         if in_parts or (not item.dtype.names and is_numeric(item.dtype) and not is_text):
             is_complex = in_parts or item.dtype.kind == "c"
-            found[shown] = Variable(shape, partial(read, name, None), unit, is_complex=is_complex)
+            found[shown] = Variable(shape, read(name, None), unit, is_complex=is_complex)
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
     return found
+
+
+def _numbers(path: Path, name: str, column: str | None, of_matlab: bool) -> Any:
+    """Return the numbers of a data set or of a column of it."""
+    with library("h5py", path).File(path, "r") as file:
+        values = file[name][()] if column is None else file[name][column]
+    if column is None and values.dtype.names == PARTS:
+        values = values["real"] + 1j * values["imag"]
+    return values.T if of_matlab else values
 
 
 def tdms(path: Path) -> dict[str, Variable]:
@@ -144,7 +147,7 @@ def numpy_array(path: Path) -> dict[str, Variable]:
 
 def numpy_archive(path: Path) -> dict[str, Variable]:
     """Read a .npz file: its arrays by their names."""
-    with np.load(path) as archive:
+    with path.open("rb") as file, np.load(file) as archive:
         arrays = {name: archive[name] for name in archive.files}
     return {name: stored(values) for name, values in arrays.items() if is_numeric(values.dtype) and values.size}
 

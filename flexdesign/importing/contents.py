@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -89,7 +90,7 @@ class Contents:
 
 def stored(values: Any, unit: str = "", step: float | None = None, note: str = "") -> Variable:
     """Return a variable whose numbers are in memory."""
-    return Variable(np.shape(values), lambda: values, unit, step, note, bool(np.iscomplexobj(values)))
+    return Variable(np.shape(values), partial(np.asarray, values), unit, step, note, bool(np.iscomplexobj(values)))
 
 
 def is_numeric(dtype: Any) -> bool:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from flexdesign import columns
 from flexdesign.errors import InputError
 from flexdesign.importing.contents import Array, Variable, stored
 
@@ -131,11 +132,11 @@ def _is_numbers(row: Sequence[str], decimal: str) -> bool:
 
 def _names(headers: Sequence[Sequence[str]], width: int) -> tuple[list[str], list[str]]:
     """Return names and units of the columns from at most two lines above the numbers."""
-    titles = list(headers[0]) if headers else [""] * width
+    titles = [*(headers[0] if headers else ()), *[""] * width][:width]
     below = list(headers[1]) if len(headers) > 1 else [""] * width
     names, units = [], []
     for k, (title, unit) in enumerate(zip(titles, below, strict=True)):
-        match = _WHOLE_CELL.match(title)
+        match = _WHOLE_CELL.match(title) if len(title) <= columns.LONGEST else None
         name = match[1] if match else title
         unit = (match[2] if match else "") or unit.strip("[]() ")
         if not name or name in names:

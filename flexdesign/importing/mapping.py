@@ -67,6 +67,8 @@ from flexdesign.importing.formulas import Formula
 from flexdesign.runs import ALLOWED, frequency_response
 from flexdesign.runs.description import RunSettings, Setup
 
+#: A run's name has no more letters.
+LONGEST = 100
 #: What the axes of an array can be; along the first or the second one of them there are the numbers of a column.
 AXES = ("sample", "frequency", "channel", "input", "realisation", "period")
 #: Keys of a map that are not passed on to ``measurements.toml``.
@@ -229,6 +231,8 @@ def read_map(path: Path) -> Map:
     for number, name in enumerate(names, start=1):
         if name in names[: number - 1]:
             raise InputError(path, f"run {number}.name", name or '""', "is the name of two runs; give each its own")
+        if len(name) > LONGEST:
+            raise InputError(path, f"run {number}.name", name, f"has more than {LONGEST} letters; a file is named so")
         if not name.isprintable() or any(sign in name for sign in '/\\:*?"<>|'):
             raise InputError(path, f"run {number}.name", name, "is no name for a file; use letters, digits and - _")
     dialect = Dialect(**table.text.model_dump())

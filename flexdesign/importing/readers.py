@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import tokenize
-import zipfile
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from flexdesign.errors import InputError
 from flexdesign.importing import binary, delimited
-from flexdesign.importing.contents import Contents, Variable
+from flexdesign.importing.apart import apart, intact
+from flexdesign.importing.contents import Contents, Variable, library
 from flexdesign.importing.delimited import Dialect
 
 #: By the ending of the file; what has another one is read as a table in text.
@@ -25,6 +24,11 @@ READERS: dict[str, Callable[[Path], dict[str, Variable]]] = {
     ".npy": binary.numpy_array,
     ".npz": binary.numpy_archive,
 }
+#: Those whose libraries can take the whole process with them, and the package that is needed; SciPy is always there.
+APART = {
+    ".mat": "scipy", ".h5": "h5py", ".hdf5": "h5py", ".hdf": "h5py",
+    ".tdms": "nptdms", ".uff": "pyuff", ".unv": "pyuff",
+}  # fmt: skip
 
 
 def look(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Contents:  # noqa: B008
@@ -64,27 +68,8 @@ def _opened(path: Path, dialect: Dialect) -> tuple[dict[str, Variable], tuple[st
         raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
     if ending not in READERS:
         return delimited.read(path, dialect)
-    try:
-        return READERS[ending](path), ()
-    except InputError:
-        raise
-    except _BROKEN as error:
-        why = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(path, "", None, f"cannot be read as a {ending} file ({why}); save it again") from error
-
-
-#: What the readers raise at files that are cut short or are something else; few have an error of their own.
-_BROKEN = (
-    ArithmeticError,
-    AttributeError,
-    EOFError,
-    LookupError,
-    MemoryError,
-    OSError,
-    RuntimeError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-)
+    read = READERS[ending]
+    if ending not in APART:
+        return intact(path, lambda: read(path)), ()
+    library(APART[ending], path)
+    return apart(path, read, path.absolute()), ()

@@ -18,7 +18,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from flexdesign import units
 from flexdesign.errors import InputError, suggest
-from flexdesign.files import FORMAT, Table, as_written, check, in_si, read_toml
+from flexdesign.files import FORMAT, Table, as_written, check, in_si, is_file, read_toml
 from flexdesign.materials.crystal import WAFER, Crystal, Vector, engineering
 from flexdesign.materials.fatigue import Fatigue
 from flexdesign.materials.material import Material
@@ -162,7 +162,7 @@ def find(given: object, path: Path) -> Material:
         remedy = 'expected a name, such as "Al 7075-T6", a file (.toml) or a [material] table'
         raise InputError(path, "material", as_written(given), remedy)
     if given.endswith(".toml"):
-        return read(path.parent / given if (path.parent / given).is_file() else Path(given))
+        return read(path.parent / given if is_file(path.parent / given) else Path(given))
     return _named(given, path, "material")
 
 

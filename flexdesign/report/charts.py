@@ -74,11 +74,26 @@ def below(figure: Any, axes: Any, columns: int) -> None:
     figure.legend(handles, labels, ncols=columns, **place)
 
 
+def _as_written(figure: Any) -> None:
+    """Let names with $ in them stand as they are; numbers on axes keep their powers of ten."""
+    from matplotlib.text import Text
+    from matplotlib.ticker import FixedFormatter, FuncFormatter
+
+    numbers = set[Text]()
+    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+        numbers.add(axis.get_offset_text())
+        if not isinstance(axis.get_major_formatter(), (FixedFormatter, FuncFormatter)):
+            numbers |= {*axis.get_ticklabels(), *axis.get_ticklabels(minor=True)}
+    for text in figure.findobj(Text):
+        text.set_parse_math(text in numbers)
+
+
 def svg(figure: Any) -> bytes:
     """Return a drawing as SVG that is the same in every run; hundredths of a point are finer than any screen."""
     import matplotlib
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
+    _as_written(figure)
     if (layout := figure.get_layout_engine()) is not None:
         # Laid out here, or everything would be drawn once more, unseen, before it is.
         FigureCanvasSVG(figure)

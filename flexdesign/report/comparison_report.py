@@ -211,7 +211,7 @@ def _figures(found: Comparison, run: RunComparison) -> list[Figure]:
     signal = [Curve("measured", t, measured), Curve("predicted", t, predicted, dashed=True)]
     left = [Curve("measured less predicted", t, run.residual[compared] / fine)]
     labels = [f"{found.axis} [{words.sign(large)}]", f"left [{words.sign(small)}]"]
-    file = f"{run.name.replace('/', '_').replace(':', '_')}.svg"
+    file = f"{run.name}.svg"
     ratio = units.significant(run.ratio, 3)
     caption = f"{run.name} ({run.role}): {words.error(found.response, run.rms)} rms, {ratio} times the noise floor"
     made = [Figure(f"run_{file}", panels([signal, left], "time [s]", labels), caption)]

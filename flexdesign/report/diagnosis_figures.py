@@ -121,9 +121,8 @@ def run_figures(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
         there = np.logical_and.reduce([np.isfinite(each.measured) for each in runs])
         measured = run.measured[there] / scale
         predicted = [(s, each.predicted[there] / scale) for (s, _), each in zip(stands, runs, strict=True)]
-        file = name.replace("/", "_").replace(":", "_")
         drawn = drawings.beside(run.time[there], measured, predicted, labels, factor)
-        made.append(Figure(f"run_{file}.svg", drawn, _run_caption(stands, runs)))
+        made.append(Figure(f"run_{name}.svg", drawn, _run_caption(stands, runs)))
     return made
 
 

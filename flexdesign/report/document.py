@@ -36,6 +36,10 @@ def _words(cells: Sequence[str]) -> bool:
     return sum(not cell.lstrip("+-−± ").startswith(tuple("0123456789")) for cell in filled) * 2 > len(filled)
 
 
+#: No name of a file has more letters, its ending not counted.
+LONGEST = 100
+
+
 @dataclass(frozen=True)
 class Figure:
     """A picture in a file of its own.
@@ -53,6 +57,12 @@ class Figure:
     file: str
     data: bytes
     caption: str
+
+    def __post_init__(self) -> None:
+        """Make a name for a file of any name that a run or a quantity has."""
+        stem, dot, ending = self.file.rpartition(".")
+        plain = "".join("_" if sign in '/\\:*?"<>|' or not sign.isprintable() else sign for sign in stem)
+        object.__setattr__(self, "file", f"{plain[:LONGEST]}{dot}{ending}")
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,8 @@ def why(validation: Validation, key: str) -> str:
     if formula is None:
         return ""
     comparison = _comparison(validation, key)
+    if comparison is None:
+        return ""
     what = f"{name_of(comparison.fem)}, {comparison.fem.boundary},"
     model = next(iter(comparison.analytic))
     error = comparison.error(model)
@@ -62,12 +64,13 @@ def _listed(pieces: dict[str, float]) -> str:
     return ", ".join(f"{PIECES.get(piece, piece)} {100 * value:.1f} %" for piece, value in ranked)
 
 
-def _comparison(validation: Validation, key: str) -> Comparison:
-    return next(c for c in validation.comparisons if c.fem.key == key)
+def _comparison(validation: Validation, key: str) -> Comparison | None:
+    """Return what FEM and formulas say of a quantity; None where no formula does."""
+    return next((c for c in validation.comparisons if c.fem.key == key), None)
 
 
 def _label(validation: Validation, key: str) -> str:
-    fem = _comparison(validation, key).fem
+    fem = validation.fem(key)
     return f"1/{fem.name}, {fem.boundary}"
 
 
@@ -89,16 +92,19 @@ def _pieces(validation: Validation) -> list[str]:
 
 def _table(validation: Validation) -> Table:
     columns = ["piece of the compliance, %"]
+    models = {}
     for key in validation.shares:
         columns += [_label(validation, key)]
-        columns += [next(iter(_comparison(validation, key).analytic))] if key in validation.formula_shares else []
+        if key in validation.formula_shares and (comparison := _comparison(validation, key)) is not None:
+            models[key] = next(iter(comparison.analytic))
+            columns += [models[key]]
     rows = []
     for piece in _pieces(validation):
         row = [PIECES.get(piece, piece)]
         for key, split in validation.shares.items():
             total = sum(split.values())
             row.append(f"{100 * split.get(piece, 0.0) / total:.1f}")
-            if key in validation.formula_shares:
+            if key in models:
                 row.append(f"{100 * validation.formula_shares[key].get(piece, 0.0) / total:.1f}")
         rows.append(row)
     return Table(columns, rows, "In percent of FEM's compliance, the formula's columns too")

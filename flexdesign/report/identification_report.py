@@ -193,7 +193,7 @@ def _figures(found: Identification, run: RunMatch) -> list[Figure]:
         "time [s]",
         [f"{found.axis} [{_sign(large)}]", f"left [{_sign(small)}]"],
     )
-    file = f"{run.name.replace('/', '_')}.svg"
+    file = f"{run.name}.svg"
     made = [Figure(file, over_time, f"{run.name} ({run.role}): measured and predicted, and what is left")]
     if is_slow(run, found.model.axes[found.axis].natural_frequency):
         command = run.command[compared]

@@ -95,9 +95,8 @@ def figures(stands: Sequence[Stand], response: str) -> list[Figure]:
         lines += [Line(name, f, responses[number].predicted[there] / scale) for name, responses in stands]
         coherence = None if each.coherence is None else each.coherence[there]
         drawn = measured_bode(lines, coherence, f"{words.sign(large)}/V")
-        file = each.name.replace("/", "_").replace(":", "_")
         errors = ", ".join(f"{name} {units.significant(r[number].ratio, 3)}" for name, r in stands)
-        made.append(Figure(f"bode_{file}.svg", drawn, f"{each.name}: error over the noise: {errors}"))
+        made.append(Figure(f"bode_{each.name}.svg", drawn, f"{each.name}: error over the noise: {errors}"))
     return made
 
 

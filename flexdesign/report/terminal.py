@@ -6,10 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table as RichTable
+from rich.text import Text
 
+from flexdesign.errors import printable
 from flexdesign.report import validation_report
 from flexdesign.report.document import Document, Table
 from flexdesign.validation import Validation
@@ -18,19 +21,19 @@ from flexdesign.validation import Validation
 @contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
     """Show what is going on: a spinner on a terminal, a line each where stderr is a file."""
-    console = Console(stderr=True, highlight=False)
+    console = Console(stderr=True, highlight=False, markup=False, emoji=False)
     began = perf_counter()
     if not console.is_terminal:
         yield lambda text: console.print(f"{perf_counter() - began:6.1f} s  {text}", soft_wrap=True)
         return
     with console.status("reading") as status:
-        yield lambda text: status.update(f"{text} [dim]({perf_counter() - began:.0f} s)[/dim]")
+        yield lambda text: status.update(Text(f"{text} ({perf_counter() - began:.0f} s)"))
 
 
 def show(document: Document, validation: Validation, written: Sequence[Path]) -> None:
     """Print Table 1, the summary and where the report is."""
-    console = Console(highlight=False)
-    console.print(f"\n[bold]{document.title}[/bold]")
+    console = _console()
+    console.print(Text(f"\n{printable(document.title)}", style="bold"))
     console.print(_drawn(_compact(validation_report.table_1(validation))))
     for paragraph in document.summary:
         console.print(f"{paragraph}\n")
@@ -43,8 +46,8 @@ def show(document: Document, validation: Validation, written: Sequence[Path]) ->
 
 def brief(document: Document, table: Table, written: Sequence[Path]) -> None:
     """Print the summary, one table, and where the report is."""
-    console = Console(highlight=False)
-    console.print(f"\n[bold]{document.title}[/bold]")
+    console = _console()
+    console.print(Text(f"\n{printable(document.title)}", style="bold"))
     for paragraph in document.summary:
         console.print(f"{paragraph}\n")
     console.print(_drawn(table, wraps=True))
@@ -52,9 +55,14 @@ def brief(document: Document, table: Table, written: Sequence[Path]) -> None:
         console.print(f"  {path}", soft_wrap=True)
 
 
+def _console(**options: Any) -> Console:
+    """Return a terminal on which brackets and colons in what users wrote mean nothing."""
+    return Console(highlight=False, markup=False, emoji=False, **options)
+
+
 def plain(table: Table) -> str:
     """Return a table as plain text."""
-    console = Console(width=200, no_color=True)
+    console = _console(width=200, no_color=True)
     with console.capture() as capture:
         console.print(_drawn(table))
     return capture.get()

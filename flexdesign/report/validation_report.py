@@ -31,7 +31,7 @@ METHODS = {"extruded": "layers of prisms cut into tetrahedra, thin across the ro
 
 def table_1(validation: Validation) -> Table:
     """Return FEM beside the analytic models, with relative errors."""
-    models = list(validation.comparisons[0].analytic)
+    models = list(dict.fromkeys(model for c in validation.comparisons for model in c.analytic))
     columns = ["quantity", "boundary", "FEM"]
     for model in models:
         columns += [model, "error"]

@@ -16,6 +16,10 @@ UNIFORM = 1e-3
 GAP = 2.0
 #: Rows are lost one by one no more often than this; more of them are no rows lost but times that are rounded.
 RARE = 0.1
+#: A record is no longer than so many times all its rows at their median period; else its times cannot be right.
+LONGEST = 10.0
+#: Rows that are closer than this are at one time, in periods.
+SAME = 1e-9
 #: The share of the resampled times at which there may be no reading.
 MOSTLY = 0.5
 
@@ -81,6 +85,8 @@ def fitted(time: Array) -> Grid | None:
     array([0, 1, 2, 5])
     """
     usual = float(np.median(np.diff(time)))
+    if not _is_one_record(time, usual):
+        return None
     digit = _last_digit(time)
     counted = np.arange(len(time))
     lost = np.concatenate([[0], np.cumsum(np.maximum(np.rint(np.diff(time) / usual), 1.0))]).astype(np.intp)
@@ -99,20 +105,29 @@ def fitted(time: Array) -> Grid | None:
     return None
 
 
+def _is_one_record(time: Array, usual: float) -> bool:
+    """Tell whether the moments of a record are as many as its length asks for, but for some that are missing."""
+    return bool(time[-1] - time[0] <= LONGEST * len(time) * usual)
+
+
 def grid_of(sheet: Sheet) -> tuple[Grid, list[str]]:
     """Return the uniform time of a sheet, at the median period where its rows are irregular, and remarks.
 
     Raises
     ------
     InputError
-        If a gap is longer than all rows together.
+        If a gap is longer than all rows together, all gaps together are much longer, or two rows are at one time.
     """
     time = sheet.time()
     steps = np.diff(time)
     usual, row = float(np.median(steps)), int(np.argmax(steps)) + 1
-    if steps[row - 1] > len(time) * usual:
+    if steps[row - 1] > len(time) * usual or not _is_one_record(time, usual):
         apart = f"comes {steps[row - 1]:.6g} s after the row before, where {usual:.6g} s is usual"
         raise sheet.refusal(row, "t", f"{time[row]:.9g} s", f"{apart}; split the file there into two recordings")
+    if steps.min() < SAME * usual:
+        row = int(np.argmin(steps)) + 1
+        apart = f"comes {steps[row - 1]:.3g} s after the row before, where {usual:.6g} s is usual"
+        raise sheet.refusal(row, "t", f"{time[row]:.9g} s", f"{apart}; remove one of the two")
     grid = fitted(time)
     if grid is None:
         made = time[0] + usual * np.arange(int((time[-1] - time[0]) / usual + 1e-9) + 1)

@@ -50,6 +50,8 @@ from flexdesign.errors import InputError
 from flexdesign.files import in_si
 from flexdesign.runs.run import AXES, Between, CommandIs, Role
 
+#: No scale of a monitor is smaller.
+SMALLEST = 1e-9
 #: The file that describes the runs of a folder.
 NAME = "measurements.toml"
 #: What a sensor may read in.
@@ -239,8 +241,9 @@ def read_measurements(path: Path) -> Measurements:
     setup = files.check(Setup, content, path) if content else Setup()
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise InputError(path, "run", None, "expected a list of tables: [[run]]")
-    if setup.scale == 0:
-        raise InputError(path, "scale", 0, "makes every command zero; write the volts of the command per volt written")
+    if abs(setup.scale) < SMALLEST:
+        remedy = "makes every command zero; write the volts of the command per volt written"
+        raise InputError(path, "scale", f"{setup.scale:g}", remedy)
     said: dict[str, RunSettings] = {}
     for number, table in enumerate(tables, start=1):
         place = f"run {number}"

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from flexdesign import columns
+from flexdesign import columns, files
 from flexdesign.columns import Sheet
 from flexdesign.errors import InputError, suggest
 from flexdesign.runs import bridging, clock, description, faults, frequency_response
@@ -126,7 +126,7 @@ def read_recordings(paths: Iterable[str | Path]) -> tuple[Run | FrequencyRespons
     """
     found: dict[Path, Run | FrequencyResponse] = {}
     for path in map(Path, paths):
-        for file in _recordings(path) if path.is_dir() else [path]:
+        for file in _recordings(path) if files.is_folder(path) else [path]:
             if file.resolve() not in found:
                 is_response = frequency_response.is_frequency_response(file)
                 found[file.resolve()] = read_frequency_response(file) if is_response else read_run(file)

@@ -11,7 +11,7 @@ from typing import Any
 
 from flexdesign import effects, files, shipped, units
 from flexdesign.errors import InputError, suggest
-from flexdesign.part import is_file
+from flexdesign.files import is_file
 from flexdesign.stage_model import fields, shown
 from flexdesign.stage_model.axis import ActuatorData, AxisModel, Contradiction, Driver, Mode, Sensor, lumped_frequency
 from flexdesign.stage_model.fields import Field, Fields

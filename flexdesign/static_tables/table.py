@@ -166,7 +166,13 @@ def _read(path: Path, design: Design) -> list[Row]:
         raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise InputError(path, "", None, "is not UTF-8 text; save it as UTF-8") from error
-    lines = [(n, cells) for n, cells in enumerate(csv.reader(text.splitlines()), 1) if cells and not _comment(cells)]
+    try:
+        lines = [
+            (n, cells) for n, cells in enumerate(csv.reader(text.splitlines()), 1) if cells and not _comment(cells)
+        ]
+    except csv.Error as error:
+        remedy = "is no table in CSV: a line is too long, or a quotation mark stands alone; save it again"
+        raise InputError(path, "", None, remedy) from error
     if not lines:
         raise InputError(path, "", None, f"is empty; begin with the header {','.join(HEAD)}")
     (_, head), *body = lines
@@ -276,6 +282,6 @@ def _number(path: Path, line: int, column: str, text: str, unit: str, si: str, o
         scale = units.factor(unit, si)
     except ValueError as error:
         raise InputError(path, f"line {line}, column unit", unit, str(error)) from None
-    if not math.isfinite(number):
+    if not math.isfinite(number * scale):
         raise InputError(path, place, text, "is not finite; leave the row out")
     return number * scale

@@ -15,7 +15,7 @@ from flexdesign import design as designs
 from flexdesign import experiments, files, quantities, stage_model, units
 from flexdesign.design import Design
 from flexdesign.errors import InputError, suggest
-from flexdesign.files import Table, whole
+from flexdesign.files import Table, is_file, whole
 from flexdesign.model import Parameter
 from flexdesign.stage_model import StageModel
 from flexdesign.study import DESIGN_KEYS, MeshSettings
@@ -158,7 +158,7 @@ def _bench(checked: _File, path: Path) -> Bench | None:
 def _lying(name: str, path: Path, find: Callable[[str], Path]) -> Path:
     """Return a file that lies beside a sweep, or else is found by its name."""
     beside = path.parent / name
-    return beside if beside.is_file() else find(name)
+    return beside if is_file(beside) else find(name)
 
 
 def _subject(

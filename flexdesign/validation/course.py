@@ -5,10 +5,10 @@ Meshes and solutions are cached by content, so that an interrupted run resumes w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from time import perf_counter
 
-from flexdesign import large_stroke, quantities, refinement
+from flexdesign import large_stroke, quantities, refinement, static_tables
 from flexdesign import part as parts
 from flexdesign.cache import Cache, content_key
 from flexdesign.design import Design
@@ -52,10 +52,12 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
     except InputError as error:
         file = parts.file_of(type(part)) if error.file == "part" else error.file
         raise InputError(file, error.field, error.value, error.remedy) from error
+    formulas = _formulas(design, part, study.output.load)
+    shares_of_formulas = part.formula_shares(design.material)
     method = refinement.method_of(study, part, body)
     levels = refinement.refined(study, part, body, method, cache, progress)
     gathered = refinement.gathered(study, levels, method.scatter)
-    comparisons, further = _compare(design, part, study.output.load, gathered)
+    comparisons, further = _compare(formulas, gathered)
     large = _large(study, part, body, levels[0], cache, progress)
     further += large.quantities() if large else []
     others = cross_check.run(study, part, body, method, levels, cache, progress) if study.mesh.cross_check else None
@@ -67,7 +69,7 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
         comparisons=comparisons,
         further=further,
         shares=_shares(design, body, levels),
-        formula_shares=part.formula_shares(design.material),
+        formula_shares=shares_of_formulas,
         large=large,
         ladder=ladder.climb(design, {c.fem.key: c.fem for c in comparisons}),
         cross_check=others,
@@ -117,12 +119,36 @@ def _shares(design: Design, body: Domain, levels: Sequence[Level]) -> dict[str, 
     }
 
 
-def _compare(
-    design: Design, part: parts.Part, load: float | None, gathered: Sequence[Quantity]
-) -> tuple[list[Comparison], list[Quantity]]:
+def _formulas(design: Design, part: parts.Part, load: float | None) -> dict[str, dict[str, Quantity]]:
+    """Return what the part's formulas say, by model and key: asked for before anything is solved.
+
+    Raises
+    ------
+    InputError
+        If they are no quantities, or none of what FEM finds.
+    """
     stiffness = design.actuator.installed_stiffness if design.actuator else None
-    given = part.formulas(design.material, stiffness, load)
-    formulas = {model: by_key(found) for model, found in given.items()}
+    given: object = part.formulas(design.material, stiffness, load)
+
+    def refused(remedy: str) -> InputError:
+        return InputError(parts.file_of(type(part)), f"{type(part).__name__}.formulas()", None, remedy)
+
+    if not isinstance(given, Mapping) or not all(_are_quantities(found) for found in given.values()):
+        raise refused("must return quantities by the model's name: {'PRB': [Quantity(...)]}")
+    formulas = {str(model): by_key(found) for model, found in given.items()}
+    known = {Quantity(name, 1.0, "", "", boundary).key for name, boundary in static_tables.measurable(design)}
+    if not any(known & found.keys() for found in formulas.values()):
+        raise refused(f"returns nothing to compare; give at least one of {', '.join(sorted(known))}")
+    return formulas
+
+
+def _are_quantities(found: object) -> bool:
+    return isinstance(found, Sequence) and all(isinstance(each, Quantity) for each in found)
+
+
+def _compare(
+    formulas: Mapping[str, Mapping[str, Quantity]], gathered: Sequence[Quantity]
+) -> tuple[list[Comparison], list[Quantity]]:
     comparisons, further = [], []
     for quantity in gathered:
         analytic = {model: found[quantity.key] for model, found in formulas.items() if quantity.key in found}

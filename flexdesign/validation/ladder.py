@@ -64,13 +64,15 @@ class Ladder:
 
 
 def climb(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
-    """Return the ladder of a design beside what FEM found; None where linkage or assembly is no frame."""
+    """Return the ladder of a design beside what FEM found; None where it is no frame, or no formula is beside it."""
     try:
         model = of_design(design, bare=True)
     except InputError:
         return None
     judged = _judged(design, fem)
     known = {key: fem[key].value for key in judged if key in fem and fem[key].value}
+    if not known:
+        return None
     effects = drawn(design)
     left = list(effects)
     there: dict[str, Mapping[str, float]] = {}
