@@ -132,6 +132,7 @@ def diagnose(
         alone = np.concatenate([offset_residual(dynamics, run) for run in judging]) if judging else None
         ladder = [predict_tests(case, stand) for stand in (course.designed, *ladder_of(course, named))]
         by_run = of_runs(case, ladder[-1])
+        progress("finding the intervals")
         found = conclude(model, setting, course, left, verdict, ladder, groups, beyond, implied, alone, by_run)
     evaluations = sum(stand.solution.problem.evaluations for stand in (course.calibrated, *course.stands))
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)

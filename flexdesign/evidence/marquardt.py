@@ -187,6 +187,10 @@ class _Search:
             gradient = _gradient(self.problem, self.x, self.slopes, self.residuals)
             step = _step(self.normal, gradient, self.damping, self.x, self.problem)
             promised = -float(2 * gradient @ step + step @ self.normal @ step)
+            if promised < 0 and self.damping < LARGEST_DAMPING:
+                # A step that was clipped to the bounds is no minimum of the bounded parabola.
+                self.damping = max(self.damping, 1e-6) * RAISED
+                continue
             if promised <= enough and not self.eased:
                 # Damping itself may keep promises small along a valley.
                 self.damping, self.eased = UNDAMPED, True

@@ -112,7 +112,7 @@ class _Path:
         inside = 0.0
         for outside in [d for k in range(7) if (d := 2.0**k * step) < room] + [room] * math.isfinite(room):
             if excess(outside) >= 0:
-                return x + side * float(brentq(excess, inside, outside, rtol=ACCURACY)), False, True
+                return x + side * float(brentq(excess, inside, outside, rtol=ACCURACY, maxiter=8, disp=False)), False, True
             inside = outside
         return bound, True, self.half < room
 
@@ -131,7 +131,7 @@ class _Path:
         if found is None:
             return math.inf, x - self.minimum.x
         if self._above_minimum(x, found) > (1 + TRUSTED) ** 2 * self.expected and self.others.size:
-            found = solve(others, found.x, Effort(4, 0.0, is_exact=False), found.columns(), small=small) or found
+            found = solve(others, found.x, Effort(2, 0.0, is_exact=False), found.columns(), small=small) or found
             self.columns = found.columns()
         rise = self._above_minimum(x, found)
         if -rise > small:

@@ -115,11 +115,11 @@ def _compete(case: Case, stand: Stand, starts: Sequence[_Start]) -> tuple[list[_
     singles = [entry for entry in fitted if len(entry.start.names) == 1]
     pairs = [entry for entry in fitted if len(entry.start.names) == 2]
     finalists = singles[:FINALISTS]
-    # Effects that the best one is known to be taken for compete to the end, whatever they promise.
+    # Effects that the best one is known to be taken for compete to the end.
     like = singles[0].start.directions[0].candidate.like if singles else ()
     named = [entry.start.names for entry in finalists]
     others = [e for e in entries if len(e.start.names) == 1 and e.start.names not in named and e.start.names[0] in like]
-    return [*finalists, *others], pairs[:1]
+    return [*finalists, *others], pairs[:PAIRS]
 
 
 def _best_by_names(entries: Sequence[_Entry | None]) -> list[_Entry]:
@@ -228,6 +228,7 @@ def select(
         doubtful = stand.names if len(chosen.names) == 1 else chosen.stand.names
         made = vary(backward(case, chosen.stand, doubtful))
         if {*made.names} == {*stand.names}:  # what was added made itself superfluous
+            steps[-1] = replace(steps[-1], chosen=None)
             break
         stand = made
         stands.append(stand)
