@@ -94,7 +94,7 @@ def vary_step(case: Case, before: Stand, step: Step, *, candidates: Sequence[Can
     mean is next to nothing, and another may be taken for it.
     """
     runs, varied = _runs(case, before), list[Trial]()
-    if step.chosen is not None and not step.chosen.stand.exceeds_noise:
+    if not (before if step.chosen is None else step.chosen.stand).exceeds_noise:
         return step
     for trial in step.trials if runs else ():
         promised = sum(

@@ -79,7 +79,7 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate], origins: 
     singles, pairs = _compete(case, stand, starts)
     trials = _trials(case, stand, singles, score)
     best = best_of(case, trials)
-    if best is None or best.stand.exceeds_noise:
+    if (stand if best is None else best.stand).exceeds_noise:
         # Fits in local minima would be refused, and call for effects that are not there.
         trials = [_escaped(case, stand, trial) for trial in trials]
         trials += _trials(case, stand, pairs, score)
