@@ -72,7 +72,7 @@ def compare(model: StaticModel, table: StaticTable) -> TableComparison:
     if noise.unsaid:
         remarks.append(f"some rows state no sigma: {100 * UNSAID:g} % was taken for it")
     if noise.unstated:
-        shown, widest = ", ".join(noise.unstated[:2]), 100 * float(np.max(noise.model / np.abs(predicted)))
+        shown, widest = ", ".join(noise.unstated[:2]), 100 * float(np.max(noise.model / np.abs(believed.measured())))
         remarks.append(
             f"the part does not state what all its hinges and rods run into (Member.roots, as of {shown}): the model "
             f"may be off by {widest:.2g} %, one standard deviation, and little can be told from this table"

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -161,14 +162,23 @@ def _sorted(trials: Iterable[Trial | None]) -> list[Trial]:
 
 
 def _answers(before: Trial, trials: Sequence[Trial], count: int) -> list[Trial]:
-    """Return the trials that count, agree with the table and cannot be told apart: first what the design allows."""
+    """Return the trials that count, agree with the table and cannot be told apart, best first.
+
+    What the design rules out comes last. Of an effect that was tried with several constants each bears a share of its
+    probability only.
+    """
     good: list[Trial] = []
     for trial in trials:
         if good and trial.cost > good[0].cost + INDISTINGUISHABLE:
             break
         if trial.counts_beside(before, count) and trial.is_adequate:
             good.append(trial)
-    return sorted(good, key=lambda trial: (trial.excess_modulus(before) != 0, trial.cost))
+    times = Counter(trial.names for trial in trials)
+
+    def order(trial: Trial) -> tuple[bool, float]:
+        return trial.excess_modulus(before) != 0, trial.cost + 2 * math.log(times[trial.names])
+
+    return sorted(good, key=order)
 
 
 def _before(model: StaticModel, table: StaticTable) -> tuple[Trial, tuple[str, ...]]:

@@ -118,7 +118,7 @@ class Uncertainty:
 
 
 def uncertainty(model: StaticModel, table: StaticTable) -> Uncertainty:
-    """Return the uncertainty of a prediction beside a table.
+    """Return the uncertainty of a prediction beside a table; that of the model in percent is of what was measured.
 
     Raises
     ------
@@ -130,12 +130,13 @@ def uncertainty(model: StaticModel, table: StaticTable) -> Uncertainty:
         if not math.isfinite(value):
             remedy = f"the model has no finite {row.key} of this part: nothing gives way there in it"
             raise InputError(model.design.file, "part", None, remedy)
+    # Relative to what was measured: a model that lacks something may be off by ten times, its uncertainty is not.
+    sizes, unstated = np.abs(table.measured()), model.unstated
     data = np.array([row.sigma if row.sigma is not None else UNSAID * abs(row.value) for row in table.rows])
-    slopes = _slopes(model, table, predicted)
+    slopes = _slopes(model, table, predicted) * (sizes / np.abs(predicted))[:, None]
+    own = np.array([MODEL[row.kind] for row in table.rows]) * sizes * (SPREAD if unstated else 1.0)
+    lacking = (replace(model, guessed=True).predict(table) / predicted - 1) * sizes if unstated else np.zeros(len(own))
     kinds = [row.key for row in table.rows]
-    unstated = model.unstated
-    own = np.array([MODEL[row.kind] for row in table.rows]) * np.abs(predicted) * (SPREAD if unstated else 1.0)
-    lacking = replace(model, guessed=True).predict(table) - predicted if unstated else np.zeros(len(own))
     alike = np.array([[1.0 if a == b else 0.0 for b in kinds] for a in kinds])
     covariance = np.diag(data**2) + slopes @ slopes.T + alike * np.outer(own, own) + np.outer(lacking, lacking)
     unsaid = any(row.sigma is None for row in table.rows)
