@@ -156,7 +156,9 @@ def fitted(before: Trial, cases: Cases, near: Trial | None = None) -> Trial | No
         Suite([before.table], before.noise, _exact), with_them, coordinates(with_them, [p.name for p in free], {})
     )
     found = solve(problem, near.solution.x if near and near.solution else _start(problem))
-    return found and replace(before, cases=cases, model=cast(StaticModel, problem.at(found.x)), solution=found)
+    if found is None:
+        return None
+    return replace(before, cases=cases, model=cast(StaticModel, problem.at(found.x)), solution=found)
 
 
 def _exact(table: Observation) -> tuple[Array, Array]:
