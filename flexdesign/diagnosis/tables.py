@@ -105,7 +105,9 @@ def diagnose(
         every = _answers(before, singles, len(singles))
         first = _answers(before, [trial for trial in singles if trial.names[0] not in last], len(singles))
         answers = first or every
-        unlikely = {statics.find(trial.names[0]).name for trial in every if first and trial not in first}
+        unlikely = {
+            statics.find(trial.names[0]).name.replace("_", " ") for trial in every if first and trial not in first
+        }
         remarks += tuple(f"{name} explains the table as well, but is seldom the cause" for name in sorted(unlikely))
         nearest = next((trial for trial in singles if trial.counts_beside(before, len(singles))), before)
     if not (before.is_adequate or answers):
