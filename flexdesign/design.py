@@ -253,6 +253,9 @@ def _effect(whole: str, name: str, given: Mapping[str, Any], path: Path) -> dict
         raise InputError(path, f"effects.{name}", None, str(error)) from None
     values = {}
     for key, p in known.items():
+        if key not in given and p.null is None and p.start is not None:  # a constant, which has a usual value
+            values[key] = p.start
+            continue
         if key not in given:
             raise InputError(path, f"effects.{name}.{key}", None, f"is missing ({p.meaning})")
         try:

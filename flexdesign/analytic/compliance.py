@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from flexdesign.analytic import frame
 from flexdesign.effects import statics
+from flexdesign.errors import InputError
 from flexdesign.hinges import beam
 from flexdesign.materials import Material
 from flexdesign.model import Adjust, Elastic, Linkage, Member, Quantity, Reshape, Term, by_key
@@ -31,14 +32,16 @@ Effects = Mapping[str, Mapping[str, float]]
 SOURCE = "compliance model"
 
 #: What effects may change besides the members: factor on E; share of the constraint by the width; springs [N/m] and
-#: compliances [m/N] at the ports, added to those that a quantity's boundary states; force of the actuator [N] under
-#: which stiffnesses are taken; whether the bodies of a stage move as they like.
+#: compliances [m/N] at the ports, added to those that a quantity's boundary states, a contact's in series with whatever
+#: holds the inputs or with the actuator alone; force of the actuator [N] under which stiffnesses are taken; whether the
+#: bodies of a stage move as they like.
 BASE: Mapping[str, float] = {
     "modulus": 1.0,
     "constraint": 0.0,
     "output_load": 0.0,
     "input_restraint": 0.0,
     "contact_compliance": 0.0,
+    "actuator_compliance": 0.0,
     "base_compliance": 0.0,
     "force": 0.0,
     "free_bodies": 0.0,
@@ -105,14 +108,15 @@ class ComplianceModel:
     @cached_property
     def members(self) -> tuple[Member, ...]:
         """The members in their true shape."""
-        return tuple(self._shaped(member) for member in self.linkage.members)
-
-    def _shaped(self, member: Member) -> Member:
+        shaped = {member.name: member for member in self.linkage.members}
         for name in sorted(self.effects):
             for face in statics.find(name).faces:
-                if isinstance(face, Reshape) and member.kind in face.member_kinds:
-                    member = face.shape(member, self.effects[name])
-        return member
+                if isinstance(face, Reshape):
+                    for member in face.changed(self.linkage.members, self.effects[name]):
+                        shaped[member.name] = face.shape(shaped[member.name], self.effects[name])
+        if cut := [member.name for member in shaped.values() if member.thickness <= 0]:
+            raise InputError("design", "effects", None, f"nothing is left of {cut[0]}: it is cut through")
+        return tuple(shaped.values())
 
     def member_compliance(self, member: Member, *, out_of_plane: bool = False) -> Array:
         """Return what a member of true shape gives way, 3 by 3; out of its plane nothing does without effects."""
@@ -226,7 +230,7 @@ class ComplianceModel:
         hold = input_stiffness + self.base["input_restraint"] if input_stiffness == 0 else input_stiffness
         if hold == 0:
             return float(1 / c22)
-        series = c11 + 1 / hold + (self.base["contact_compliance"] if input_stiffness else 0.0)
+        series = c11 + 1 / hold + seats(self.base, input_stiffness)
         left = c22 - c12 * c21 / series
         return float(1 / left) if left > 1e-12 * abs(c22) else math.inf
 
@@ -251,6 +255,13 @@ class ComplianceModel:
             if math.isfinite(value):
                 found.append(Quantity("K_out", value, "N/m", "N/mm", boundary, SOURCE))
         return by_key(found)
+
+
+def seats(base: Mapping[str, float], stiffness: float) -> float:
+    """Return what gives way in series with what holds the inputs [m/N]: nothing, a clamp (infinite) or an actuator."""
+    if stiffness == 0:
+        return 0.0
+    return base["contact_compliance"] + (base["actuator_compliance"] if math.isfinite(stiffness) else 0.0)
 
 
 def _pseudo_rigid(member: Member, elastic: Elastic) -> Array:

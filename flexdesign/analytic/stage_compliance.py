@@ -217,7 +217,7 @@ class StageCompliance:
         if hold == 0:
             return self.free
         count = len(self._drivers)
-        series = 1 / hold + (self.base["contact_compliance"] if stiffness else 0.0)
+        series = 1 / hold + compliance.seats(self.base, stiffness)
         gap = self.free[:count, :count] + np.eye(count) * series
         return np.asarray(self.free - self.free[:, :count] @ np.linalg.solve(gap, self.free[:count]))
 

@@ -72,7 +72,7 @@ def diagnose(
 
     with progress() as say:
         stands, table = _read(model, paths, overrides, bare=bare)
-        more = tables.own_effects(own)
+        more = _own_effects(own)
         folder = out or Path("reports") / f"{stands.design.name}_diagnosed"
         render.prepare(folder)
         found = tables.diagnose(stands, table, say, more)
@@ -97,7 +97,7 @@ def add(
 
     with progress() as say:
         stands, table = _read(model, paths, overrides)
-        name = tables.known_effect(effect, "EFFECT")
+        name = _known_effect(effect, "EFFECT")
         if name in stands.effects:
             raise InputError("command line", "EFFECT", effect, "is in the model already")
         folder = out or Path("reports") / f"{stands.design.name}_with_{Path(effect).stem}"
@@ -141,6 +141,41 @@ def _read(
     if not files:
         raise InputError("command line", "RUNS", ", ".join(map(str, paths)), "holds no CSV file")
     return static_tables.of_design(read, bare=bare), static_tables.read(files, read)
+
+
+def _known_effect(name: str, field: str) -> str:
+    """Return the name under which a static effect is found from everywhere, a path as an absolute one.
+
+    Parameters
+    ----------
+    name
+        Of the catalogue, or a path.
+    field
+        Where it was given, for the message.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it has nothing that a fit could move.
+    """
+    from flexdesign.effects import statics
+
+    try:
+        whole = statics.beside(name, Path())
+        effect = statics.find(whole)
+    except ValueError as error:
+        raise InputError("command line", field, name, str(error)) from None
+    if not any(p.null is not None for p in effect.parameters):
+        raise InputError("command line", field, name, "none of its parameters states a null, at which it is not there")
+    return whole
+
+
+def _own_effects(names: Sequence[str]) -> list[str]:
+    """Return static effects beside those of the catalogue, as `diagnose` takes them; raise as `_known_effect` does."""
+    from flexdesign.effects import statics
+
+    whole = [_known_effect(name, "--effect") for name in names]
+    return [name for name in dict.fromkeys(whole) if name not in statics.names()]
 
 
 def design_text(model: StaticModel, overrides: Sequence[str], folder: Path) -> str:

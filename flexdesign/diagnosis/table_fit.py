@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import cast
 
@@ -12,27 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from flexdesign.comparison.tables import compare
 from flexdesign.diagnosis.findings import Value
 from flexdesign.effects import statics
-from flexdesign.evidence.coordinates import Coordinates, coordinate, coordinates, value
+from flexdesign.errors import InputError
+from flexdesign.evidence.coordinates import coordinate, coordinates, value
 from flexdesign.evidence.dataset import Suite
 from flexdesign.evidence.intervals import profiles_of
 from flexdesign.evidence.marquardt import MINIMUM, Solution, solve
 from flexdesign.evidence.suite import Problem
 from flexdesign.evidence.uncertainty import uncertainty
-from flexdesign.model import Observation, Parameter
+from flexdesign.model import Member, Observation, Parameter, Reshape
 from flexdesign.static_tables import StaticModel, StaticTable, Uncertainty
+from flexdesign.static_tables.uncertainty import LEVEL
 
 Array = NDArray[np.float64]
-#: With nothing missing, some effect counts in one of a hundred tables; a sum of squares is no chance where noise makes
-#: as large a one in one of a thousand.
-LEVEL, INADEQUATE = 0.01, 1e-3
-#: Where a strength has no size of its own, fits begin this many decades below and above its start.
-DECADES = (-3, -2, -1, 0, 1, 2, 3)
-#: The coordinates of a model without free numbers.
-NOTHING = Coordinates((), {}, np.zeros(0), np.zeros(0), np.zeros(0))
-#: A fit ends where a step promises to lower the sum of squares by less: a hundredth of a standard deviation.
-SMALL = 1e-4
+#: Effects to be fitted, each with the value of its discrete constant, if it has one, and others that do the same.
+Cases = Mapping[str, tuple[float, ...]]
+#: Fits begin at these multiples of the size at which an effect is shown, and at the negative ones.
+STARTS = (1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,23 +39,26 @@ class Trial:
 
     Parameters
     ----------
-    names
-        Of the effects.
+    cases
+        The effects.
     model
         With the fitted values.
-    cost
-        Sum of squares, whitened; infinite where the model gives no numbers.
-    rows
-        Number of measurements.
+    table, noise
+        What it was fitted to, and how far a model may be from it although nothing is missing.
     solution
         The fit; None if nothing was free.
     """
 
-    names: tuple[str, ...]
+    cases: Cases
     model: StaticModel
-    cost: float
-    rows: int
+    table: StaticTable
+    noise: Uncertainty
     solution: Solution | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return tuple(self.cases)
 
     @property
     def free(self) -> tuple[Parameter, ...]:
@@ -65,81 +66,100 @@ class Trial:
         return self.solution.problem.where.parameters if self.solution else ()
 
     @cached_property
+    def difference(self) -> Array:
+        """Predicted less measured, SI."""
+        return np.asarray(self.model.predict(self.table) - self.table.measured())
+
+    @cached_property
+    def cost(self) -> float:
+        """Sum of squares, whitened."""
+        return self.noise.squares(self.difference)
+
+    @cached_property
     def values(self) -> tuple[Value, ...]:
         """The fitted numbers with 95 % profile intervals; the plausible range where the table says nothing."""
         if self.solution is None:
             return ()
         where, x = self.solution.problem.where, self.solution.x
-        found = profiles_of(self.solution, uncertainty(self.solution), range(len(x)))
+        profiles = profiles_of(self.solution, uncertainty(self.solution), range(len(x)))
         made = []
         for j, parameter in enumerate(where.parameters):
-            profile = found[j]
+            profile = profiles[j]
             ends = (profile.low, profile.high) if profile else (where.lower[j], where.upper[j])
             low, high = sorted(value(parameter, float(end)) for end in ends)
             made.append(Value(parameter, value(parameter, float(x[j])), (low, high)))
         return tuple(made)
 
-    @property
-    def at_bound(self) -> tuple[str, ...]:
-        """Names of the numbers that the fit pushes to the end of what is plausible."""
-        if self.solution is None:
-            return ()
-        where, x = self.solution.problem.where, self.solution.x
-        return tuple(
-            name for name, held in zip(where.names, (x == where.lower) | (x == where.upper), strict=True) if held
-        )
-
-    @property
-    def dof(self) -> int:
-        """Measurements less fitted numbers."""
-        return self.rows - len(self.free)
-
-    @property
+    @cached_property
     def is_adequate(self) -> bool:
-        """Tell whether chance makes as large a sum of squares often enough."""
-        return self.dof > 0 and float(chi2.sf(self.cost, self.dof)) > INADEQUATE
+        """Tell whether a comparison of the model with the table agrees."""
+        return compare(self.model, self.table).uncertainty.agrees(self.difference, len(self.free))
 
     def counts_beside(self, less: Trial, candidates: int) -> bool:
         """Tell whether the effects that another lacks lower the sum of squares by more than chance does."""
         more = max(len(self.free) - len(less.free), 1)
         return less.cost - self.cost > float(chi2.isf(LEVEL / max(candidates, 1), more))
 
+    def excess_modulus(self, before: Trial) -> float:
+        """Return by how much the modulus is above that of another model, relative, where the design rules that out."""
+        ratio = self.model.compliance({}).base["modulus"] / before.model.compliance({}).base["modulus"]
+        return ratio - 1 if abs(ratio - 1) > self.model.design.tolerances.modulus else 0.0
 
-def as_it_is(model: StaticModel, table: StaticTable, noise: Uncertainty, names: Sequence[str] = ()) -> Trial:
-    """Return the model without anything fitted."""
-    problem = _problem(model, (), table, noise)
-    return Trial(tuple(names), model, problem.cost(np.zeros(0), problem.residuals(np.zeros(0))), len(table.rows))
+    def members(self, name: str) -> tuple[Member, ...]:
+        """Return the members of which an effect changes one, the table cannot tell which; none if it changes all."""
+        faces = [face for face in statics.find(name).faces if isinstance(face, Reshape) and face.number]
+        every = self.model.design.part().linkage().members if faces else ()
+        return tuple(m for face in faces for n in self.cases[name] for m in face.changed(every, {face.number: n}))
 
 
-def fitted(
-    model: StaticModel, names: Sequence[str], table: StaticTable, noise: Uncertainty, near: Trial | None = None
-) -> Trial | None:
-    """Fit a model with some effects more, from the values of a trial perhaps.
+def constant(name: str) -> Parameter | None:
+    """Return the discrete constant of an effect, which no fit moves: it is tried at the values of its screen."""
+    return next((p for p in statics.find(name).parameters if p.null is None and p.screen), None)
+
+
+def cases(model: StaticModel, name: str, table: StaticTable) -> list[dict[str, tuple[float, ...]]]:
+    """Return an effect with each value of its discrete constant that does something else to a table."""
+    if (own := constant(name)) is None:
+        return [{name: ()}]
+    shown, found = {p.name: float(p.start or 0.0) for p in statics.find(name).parameters}, dict[int, list[float]]()
+    predictions = [model.predict(table)]  # of the model itself: what changes nothing is not tried
+    for each in own.screen:
+        with_it = model.with_effect(statics.find(name), name)
+        values = {f"{name}.{key}": number for key, number in {**shown, own.name: each}.items()}
+        try:
+            predictions.append(with_it.replace(values).predict(table))
+        except InputError:  # cannot be built
+            continue
+        same = next(i for i, other in enumerate(predictions) if np.allclose(other, predictions[-1], rtol=1e-9, atol=0))
+        found.setdefault(same, []).append(float(each))
+    return [{name: tuple(numbers)} for same, numbers in found.items() if same]
+
+
+def fitted(before: Trial, cases: Cases, near: Trial | None = None) -> Trial | None:
+    """Fit a model with some effects more to the same table, from the values of a trial perhaps.
 
     None where no values of theirs give numbers, or there are too few rows.
     """
-    with_them = model
-    for name in names:
+    with_them, held = before.model, dict[str, float]()
+    for name, choice in cases.items():
         with_them = with_them.with_effect(statics.find(name), name)
-    theirs = [p for p in with_them.parameters() if p.name.rpartition(".")[0] in names]
+        if own := constant(name):
+            held[f"{name}.{own.name}"] = choice[0]
+    theirs = [p for p in with_them.parameters() if p.name.rpartition(".")[0] in cases and p.name not in held]
     free = [p for p in theirs if not _is_switch(p)]
-    with_them = with_them.replace({p.name: 1.0 for p in theirs if _is_switch(p)})
+    with_them = with_them.replace(held | {p.name: 1.0 for p in theirs if _is_switch(p)})
     if not free:
-        return as_it_is(with_them, table, noise, names)
-    if len(free) >= len(table.rows):
+        return replace(before, cases=cases, model=with_them)
+    if len(free) >= len(before.table.rows):
         return None
-    problem = _problem(with_them, [p.name for p in free], table, noise)
-    starts = [_values_of(near)] if near else _starts(free)
-    points = [np.array([coordinate(p, start[p.name]) for p in problem.where.parameters]) for start in starts]
-    costs = [problem.cost(x, problem.residuals(x)) for x in points]
-    found = solve(problem, points[int(np.argmin(costs))], MINIMUM, small=SMALL)
+    problem = Problem(
+        Suite([before.table], before.noise, _exact), with_them, coordinates(with_them, [p.name for p in free], {})
+    )
+    start = near.solution.x if near and near.solution else _start(problem)
+    found = solve(problem, start, MINIMUM, small=1e-4)  # a hundredth of a standard deviation
     if found is None:
         return None
-    return Trial(tuple(names), cast(StaticModel, problem.at(found.x)), found.cost, len(table.rows), found)
-
-
-def _problem(model: StaticModel, free: Sequence[str], table: StaticTable, noise: Uncertainty) -> Problem:
-    return Problem(Suite([table], noise, _exact), model, coordinates(model, free, {}) if free else NOTHING)
+    return replace(before, cases=cases, model=cast(StaticModel, problem.at(found.x)), solution=found)
 
 
 def _exact(table: Observation) -> tuple[Array, Array]:
@@ -147,26 +167,18 @@ def _exact(table: Observation) -> tuple[Array, Array]:
     return np.zeros((len(table.measured()), 0)), np.zeros(0)
 
 
-def _values_of(trial: Trial) -> dict[str, float]:
-    assert trial.solution is not None  # only what was fitted is fitted again
-    return trial.solution.problem.where.values(trial.solution.x)
-
-
 def _is_switch(parameter: Parameter) -> bool:
     """Tell whether an effect is there or not, and has no strength to be fitted."""
     return parameter.name.rpartition(".")[2] == "share"
 
 
-def _starts(free: Sequence[Parameter]) -> Iterator[dict[str, float]]:
-    grids = []
-    for parameter in free:
+def _start(problem: Problem) -> Array:
+    """Return the best point of a grid."""
+    grids: list[Sequence[float]] = []
+    for parameter in problem.where.parameters:
         effect, _, name = parameter.name.rpartition(".")
-        start = next(p.start for p in statics.find(effect).parameters if p.name == name) or 1.0
-        tried = [start * 10.0**power for power in DECADES]
-        if parameter.scale == "linear":
-            tried = [0.1 * start, start, 5 * start, 20 * start]
-            tried += [-s for s in tried] if parameter.plausible[0] < 0 else []
-            tried += [start * 10.0**power for power in (2, 4)]
-        grids.append([(parameter.name, s) for s in tried if parameter.is_plausible(s)])
-    for starts in itertools.product(*grids):
-        yield dict(starts)
+        size = next(p.start for p in statics.find(effect).parameters if p.name == name) or 1.0
+        tried = [sign * size * by for by in STARTS for sign in (1, -1)]
+        grids.append([coordinate(parameter, s) for s in tried if parameter.is_plausible(s)])
+    points = [np.array(point) for point in itertools.product(*grids)]
+    return min(points, key=lambda x: problem.cost(x, problem.residuals(x)))

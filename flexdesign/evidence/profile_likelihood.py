@@ -112,7 +112,11 @@ class _Path:
         inside = 0.0
         for outside in [d for k in range(7) if (d := 2.0**k * step) < room] + [room] * math.isfinite(room):
             if excess(outside) >= 0:
-                return x + side * float(brentq(excess, inside, outside, rtol=ACCURACY, maxiter=8, disp=False)), False, True
+                return (
+                    x + side * float(brentq(excess, inside, outside, rtol=ACCURACY, maxiter=8, disp=False)),
+                    False,
+                    True,
+                )
             inside = outside
         return bound, True, self.half < room
 

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,11 @@ _FILLET = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2)
 FILLET_MM: Knots = _FILLET, (0.0, -0.267, -0.515, -0.927, -1.252, -1.731, -2.204, -2.608)
 FILLET_MV: Knots = _FILLET, (0.0, -0.087, -0.179, -0.357, -0.525, -0.833, -1.236, -1.694)
 FILLET_NN: Knots = _FILLET, (0.0, -0.018, -0.038, -0.075, -0.108, -0.166, -0.237, -0.310)
+#: What a hinge or rod is guessed to run into where its linkage does not state it: a beam so many times as thick.
+TYPICAL = 6.0
+#: By how much a circular notch gives way more than the beam that it is, over the root of neck over radius: plane stress
+#: finite elements have 9.5 % for 0.5 mm over 2 mm (`flexdesign.analytic.notch`).
+NOTCH = 0.19
 
 
 def compliance(member: Member, elastic: Elastic) -> Array:
@@ -77,6 +83,20 @@ def compliance(member: Member, elastic: Elastic) -> Array:
         if root is not None:
             total += from_place(_at_root(member, root, way, elastic), way * member.length / 2)
     return total
+
+
+def guessed(member: Member) -> Member:
+    """Return a hinge or rod with a guess of what its linkage does not state of its ends; any other as it is.
+
+    A rod that states one root has none at the other end. For a notch, which has no roots, what it gives way more than a
+    beam is put into its width.
+    """
+    if member.kind == "hinge" and math.isfinite(member.curvature_radius):
+        return replace(member, width=member.width / (1 + NOTCH * math.sqrt(member.thickness / member.curvature_radius)))
+    if (member.kind == "hinge" and None in member.roots) or (member.kind == "rod" and not any(member.roots)):
+        typical = Root("end", TYPICAL * member.thickness)
+        return replace(member, roots=(member.roots[0] or typical, member.roots[1] or typical))
+    return member
 
 
 def out_of_plane(member: Member, elastic: Elastic) -> tuple[Array, float]:

@@ -222,10 +222,30 @@ class Term:
 
 @dataclass(frozen=True)
 class Reshape:
-    """A face that changes the shape of the members of some kinds: ``shape(member, values)`` returns the true member."""
+    """A face that changes the shape of the members of some kinds.
+
+    Parameters
+    ----------
+    member_kinds
+        Of these.
+    shape
+        ``shape(member, values)`` returns the true member.
+    number
+        The parameter that tells which single member is changed: 1 is the first of these kinds in the linkage. Empty if
+        all are.
+    """
 
     member_kinds: tuple[MemberKind, ...]
     shape: Callable[[Member, Values], Member]
+    number: str = ""
+
+    def changed(self, members: Sequence[Member], values: Values) -> tuple[Member, ...]:
+        """Return which of the members of a linkage change their shape."""
+        its = tuple(member for member in members if member.kind in self.member_kinds)
+        if not self.number:
+            return its
+        place = round(values[self.number]) - 1
+        return its[place : place + 1]
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,14 @@ from typing import Any
 
 from flexdesign import units, versions
 from flexdesign.comparison.tables import TableComparison, compare
-from flexdesign.diagnosis.table_fit import Trial
+from flexdesign.diagnosis.table_fit import Trial, constant
 from flexdesign.diagnosis.tables import TableDiagnosis
 from flexdesign.effects import statics
 from flexdesign.files import FORMAT
 from flexdesign.report import table_words as words
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.static_tables import StaticModel
-from flexdesign.static_tables.uncertainty import COVERAGE
+from flexdesign.static_tables.uncertainty import LEVEL
 
 LIBRARIES = ("numpy", "scipy")
 
@@ -35,7 +35,8 @@ def rows(comparison: TableComparison) -> Table:
             ]
         )
     caption = (
-        f"U is {COVERAGE:g} times the root of the sum of squares of u; the model is wrong where it differs by more"
+        f"U is {noise.coverage:.3g} times the root of the sum of squares of u: chance alone takes a row beyond it in "
+        f"one of {2 / LEVEL:g} tables"
     )
     head = ["measurement", "measured", "model", "error", "u measured", "u inputs", "u model", "U", "which"]
     return Table(head, found, caption)
@@ -52,11 +53,17 @@ def comparison_document(comparison: TableComparison) -> Document:
     """Write the report of a comparison."""
     wrong = int((comparison.significance > 1).sum())
     count = len(comparison.table.rows)
-    said = [
-        f"{wrong} of {count} measurements differ from the model by more than the validation uncertainty."
-        if wrong
-        else f"All {count} measurements agree with the model within the validation uncertainty."
-    ]
+    squares = comparison.uncertainty.squares(comparison.predicted - comparison.table.measured())
+    if wrong:
+        said = [f"{wrong} of {count} measurements differ from the model by more than the validation uncertainty."]
+    elif comparison.agrees:
+        said = [f"All {count} measurements agree with the model within the validation uncertainty."]
+    else:
+        said = [
+            "No single measurement differs from the model by more than the validation uncertainty, but together they "
+            f"do: their sum of squares is {squares:.3g}, where about {count} is expected."
+        ]
+    said += [f"Take care: {'; '.join(comparison.remarks)}."] if comparison.remarks else []
     picture = Figure("differences.svg", words.differences(comparison), "Each row, and what would be no difference")
     return Document(
         f"{comparison.model.design.title}: beside {comparison.table.name}",
@@ -70,8 +77,8 @@ def comparison_document(comparison: TableComparison) -> Document:
 
 def diagnosis_document(found: TableDiagnosis) -> Document:
     """Write the report of a diagnosis."""
-    before = compare(found.before.model, found.table)
-    after = compare(found.found.model, found.table)
+    before = compare(found.before.model, found.before.table)
+    after = compare(found.found.model, found.before.table)
     pictures = [Figure("differences.svg", words.differences(before), "The design's model")]
     tables = [rows(before)]
     if found.found.names:
@@ -107,14 +114,14 @@ def tried(found: TableDiagnosis) -> Table:
     for trial in found.tried[:20]:
         values = "; ".join(words.quantity(value) for value in trial.values) or "there, or not"
         outcome = "" if trial.is_adequate else "leaves more than chance"
-        if trial.names == found.found.names:
+        if trial is found.found:
             outcome = "the answer" if found.verdict == "effects-found" else "nearest"
-        elif any(trial.names == other.names for other in found.alike):
+        elif trial in found.alike:
             outcome = "does as well"
         elif trial.cost > found.before.cost - 4:
             outcome = "explains nothing"
-        shown.append([" + ".join(map(words.called, trial.names)), values, f"{trial.cost:.3g}", outcome])
-    caption = f"Without any: {found.before.cost:.3g}; {len(found.table.rows)} measurements"
+        shown.append([words.names(trial, " + "), values, f"{trial.cost:.3g}", outcome])
+    caption = f"Without any: {found.before.cost:.3g}; {len(found.before.table.rows)} measurements"
     return Table(["effect", "fitted", "sum of squares", "outcome"], shown, caption)
 
 
@@ -130,7 +137,9 @@ def _uncertainty(comparison: TableComparison) -> list[str]:
     return [
         f"Inputs: dimensions within {1e6 * tolerances.dimensions:.3g} um and the modulus within "
         f"{100 * tolerances.modulus:.3g} %, alike in all rows; both are ends of what is likely, not standard "
-        "deviations. The model's own part comes from amplifiers solved with hexahedra (python -m studies.error_bars)."
+        "deviations. The model's own part comes from amplifiers solved with hexahedra (python -m studies.error_bars). "
+        "Where a part does not state what its hinges or rods run into (Member.roots), it is as large as what typical "
+        "roots give way."
     ]
 
 
@@ -141,7 +150,13 @@ def _physics(model: StaticModel) -> Section:
 
 def comparison_result(comparison: TableComparison) -> dict[str, Any]:
     """Return a comparison as result.json has it."""
-    return {"format": FORMAT, "kind": "table comparison", **_compared(comparison), **_made_by(comparison.model)}
+    return {
+        "format": FORMAT,
+        "kind": "table comparison",
+        "agrees": comparison.agrees,
+        **_compared(comparison),
+        **_made_by(comparison.model),
+    }
 
 
 def diagnosis_result(found: TableDiagnosis) -> dict[str, Any]:
@@ -158,10 +173,10 @@ def diagnosis_result(found: TableDiagnosis) -> dict[str, Any]:
         "sum_of_squares": {
             "before": found.before.cost,
             "after": found.found.cost,
-            "measurements": len(found.table.rows),
+            "measurements": len(found.before.table.rows),
         },
         "remarks": list(found.remarks),
-        **_compared(compare(found.found.model, found.table)),
+        **_compared(compare(found.found.model, found.before.table)),
         **_made_by(found.before.model),
     }
 
@@ -181,6 +196,9 @@ def _effects(trial: Trial) -> dict[str, Any]:
             "interval_95": [end / scale for end in value.interval],
             "unit": value.parameter.unit,
         }
+    for name, choice in trial.cases.items():
+        if own := constant(name):
+            effects[statics.find(name).name][own.name] = {"value": choice[0], "alike": list(choice), "unit": own.unit}
     return effects
 
 

@@ -10,13 +10,14 @@ from flexdesign import units
 from flexdesign.comparison.tables import TableComparison
 from flexdesign.diagnosis import Value
 from flexdesign.diagnosis.table_fit import Trial
-from flexdesign.diagnosis.tables import TableDiagnosis, Telling
+from flexdesign.diagnosis.tables import TableDiagnosis
 from flexdesign.effects import statics
 from flexdesign.model import PIEZO
 from flexdesign.report import charts
 from flexdesign.report.comparison_words import listed
 from flexdesign.static_tables import Row
 from flexdesign.static_tables.table import QUANTITIES
+from flexdesign.static_tables.telling import Telling
 
 
 def called(name: str) -> str:
@@ -77,7 +78,7 @@ def verdict(found: TableDiagnosis) -> str:
     if found.asked:
         with_it = found.ladder[1].error
         return (
-            f"With {_names(found.found)} the model misses the table by {percentage(with_it)} rms, without by "
+            f"With {names(found.found)} the model misses the table by {percentage(with_it)} rms, without by "
             f"{percentage(before)}."
         )
     if found.verdict == "nothing-missing":
@@ -86,7 +87,7 @@ def verdict(found: TableDiagnosis) -> str:
             "measurement, tolerances and the model's own accuracy allow."
         )
     if found.verdict == "unknown":
-        near = f" Nearest, without explaining enough: {_names(found.found)}." if found.found.names else ""
+        near = f" Nearest, without explaining enough: {names(found.found)}." if found.found.names else ""
         return f"Something is missing, and it is none of the effects that are known here.{near}"
     them = "them" if len(found.found.names) > 1 else "it"
     return (
@@ -100,8 +101,10 @@ def _alternatives(found: TableDiagnosis, name: str) -> str:
     return listed([called(other) for other in group], "or")
 
 
-def _names(trial: Trial) -> str:
-    return listed([called(name) for name in trial.names])
+def names(trial: Trial, between: str = " and ") -> str:
+    """Return the effects of a trial, with the first of the members of which one is changed."""
+    first = {name: [member.name for member in trial.members(name)[:1]] for name in trial.names}
+    return between.join(called(name) + "".join(f" ({member})" for member in first[name]) for name in trial.names)
 
 
 def summary(found: TableDiagnosis) -> list[str]:
@@ -122,6 +125,11 @@ def effect(trial: Trial, name: str) -> str:
     """Return an effect with its numbers and what to do about it."""
     values = [quantity(value) for value in trial.values if value.parameter.name.startswith(f"{name}.")]
     known = statics.find(name)
+    members = [member.name for member in trial.members(name)]
+    values += [
+        f"it is {listed(members, 'or')}, which the table cannot tell apart" if members[1:] else f"it is {m}"
+        for m in members[:1]
+    ]
     strength = f": {'; '.join(values)}" if values else ""
     return f"{called(name).capitalize()}{strength}. {known.physics} What to do about it: {known.remedy_for(PIEZO)}."
 
@@ -136,7 +144,7 @@ def _would_tell(found: TableDiagnosis) -> str:
 def _expectations(found: TableDiagnosis, telling: Telling) -> str:
     answers = (found.found, *found.alike)[: len(telling.expected)]
     expected = [number(telling.row, value, 3) for value in telling.expected]
-    return ", ".join(f"with {_names(a)} it is {value}" for a, value in zip(answers, expected, strict=True))
+    return ", ".join(f"with {names(a)} it is {value}" for a, value in zip(answers, expected, strict=True))
 
 
 def tellings(found: TableDiagnosis) -> list[list[str]]:
@@ -146,8 +154,8 @@ def tellings(found: TableDiagnosis) -> list[list[str]]:
 
 def shape(found: TableDiagnosis) -> str:
     """Return where what no effect explains is largest."""
-    measured, rows = found.table.measured(), found.table.rows
-    left = found.before.model.predict(found.table) / measured - 1
+    measured, rows = found.before.table.measured(), found.before.table.rows
+    left = found.before.model.predict(found.before.table) / measured - 1
     worst = np.argsort(-np.abs(left))[:3]
     return f"the model is off most in {listed([f'{measurement(rows[i])} ({percent(left[i])})' for i in worst])}."
 

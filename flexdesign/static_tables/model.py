@@ -16,6 +16,7 @@ from flexdesign.analytic.stage_compliance import StageCompliance
 from flexdesign.design import Design
 from flexdesign.effects import statics
 from flexdesign.errors import InputError
+from flexdesign.hinges import roots
 from flexdesign.model import Effect, Observation, Parameter
 from flexdesign.static_tables.table import Row, StaticTable
 
@@ -34,14 +35,23 @@ class StaticModel:
         Values of their parameters, SI, by effect and parameter.
     made_larger
         By how much every part is larger than drawn, in some dimensions [m].
+    guessed
+        Whether what its linkage does not state of hinges and rods is guessed (`flexdesign.hinges.roots.guessed`).
     """
 
     design: Design
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     made_larger: Mapping[str, float] = field(default_factory=dict)
-    _built: dict[tuple[tuple[str, float], ...], ComplianceModel | StageCompliance] = field(
-        default_factory=dict, repr=False
-    )
+    guessed: bool = False
+    _built: dict[tuple[object, ...], ComplianceModel | StageCompliance] = field(default_factory=dict, repr=False)
+
+    @property
+    def unstated(self) -> tuple[str, ...]:
+        """Names of hinges and rods of which the linkage does not say what they run into."""
+        built = self.compliance({})
+        parts = built.models.values() if isinstance(built, StageCompliance) else [built]
+        members = [member for part in parts for member in part.linkage.members]
+        return tuple(dict.fromkeys(member.name for member in members if roots.guessed(member) != member))
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the parameters of its effects, named ``effect.parameter``."""
@@ -83,14 +93,18 @@ class StaticModel:
         """
         varied = {**self.design.dimensions, **dimensions}
         varied |= {name: varied[name] + by for name, by in self.made_larger.items()}
-        key = tuple(varied.items())
+        key = (self.guessed, *varied.items())
         if key not in self._built:
             stiffness = self.design.actuator.installed_stiffness if self.design.actuator else None
             other, material = replace(self.design, dimensions=varied), self.design.material
             if other.is_stage:
-                self._built[key] = StageCompliance.of_assembly(other.stage().assembly(), material, stiffness)
+                whole = StageCompliance.of_assembly(other.stage().assembly(), material, stiffness)
+                guessed = {id(part): _guessed(part) for part in whole.models.values()} if self.guessed else {}
+                models = {name: guessed.get(id(part), part) for name, part in whole.models.items()}
+                self._built[key] = replace(whole, models=models)
             else:
-                self._built[key] = ComplianceModel.of_part(other.part(), material, stiffness)
+                part = ComplianceModel.of_part(other.part(), material, stiffness)
+                self._built[key] = _guessed(part) if self.guessed else part
         return self._built[key].having(self.effects)
 
 
@@ -126,6 +140,11 @@ def drawn(design: Design) -> dict[str, dict[str, float]]:
     if design.is_stage:
         return stage_compliance.drawn(design.stage().assembly())
     return compliance.drawn(design.part())
+
+
+def _guessed(part: ComplianceModel) -> ComplianceModel:
+    members = tuple(roots.guessed(member) for member in part.linkage.members)
+    return replace(part, linkage=replace(part.linkage, members=members))
 
 
 def _of_stage(model: StageCompliance, row: Row) -> float:

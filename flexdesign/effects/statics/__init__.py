@@ -35,7 +35,7 @@ BY_DRAWING = (
 #: What a drawing tells of a stage besides: between its parts, and out of their planes.
 OF_STAGES = ("free_bodies", "out_of_plane")
 #: What is of a single part.
-OF_PARTS = ("geometric_stiffening",)
+OF_PARTS = ("geometric_stiffening", "one_member")
 #: The group of entry points by which installed packages add static effects.
 GROUP = "flexdesign.static_effects"
 

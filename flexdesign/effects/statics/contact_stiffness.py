@@ -9,16 +9,17 @@ from flexdesign.model.effect import Values
 
 
 def apply(base: Values, values: Values) -> dict[str, float]:
-    """Put a compliance in series with what holds the inputs."""
-    return {**base, "contact_compliance": base["contact_compliance"] + 1.0 / values["stiffness"]}
+    """Put a compliance in series with the actuator alone, or with whatever holds the inputs."""
+    where = "contact_compliance" if values.get("clamp", 1.0) else "actuator_compliance"
+    return {**base, where: base[where] + 1.0 / values["stiffness"]}
 
 
 EFFECT = Effect(
     name="contact_stiffness",
     physics=(
         "An actuator touches its seats in a few asperities, or through a ball: the contact, glue or clamp is "
-        "in series with the stack. Under an output force the inputs give way more than the stack alone would "
-        "let them."
+        "in series with the stack, or with the clamp that holds the inputs in its place. Under an output force the "
+        "inputs give way more than stack or clamp alone would let them. A stack softer than stated looks the same."
     ),
     where="the seats of the actuator, or the clamp of the inputs",
     reveal=(
@@ -36,6 +37,16 @@ EFFECT = Effect(
             1e8,
             (1e4, 1e12),
             "inverse",
+        ),
+        Parameter(
+            "clamp",
+            "1",
+            "",
+            "1: whatever holds the inputs; 0: the actuator alone",
+            None,
+            1.0,
+            (0.0, 1.0),
+            screen=(1, 0),
         ),
     ),
     faces=(Adjust(apply, of="part"),),
