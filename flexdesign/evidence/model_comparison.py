@@ -7,7 +7,8 @@ An effect is accepted if it passes four checks.
    discrepancy of the model: reduced chi^2 times the number of samples that count as one (Bartlett 1946). What no model
    explains is coloured noise, and a thousand correlated samples are not a thousand proofs.
 2. *Share.* On the validation runs it removes a stated share of the unexplained mean square.
-3. *Relevance.* It moves the prediction of the validation runs by more than the tolerance, also by itself.
+3. *Relevance.* It moves the prediction of the fitted or of the validation runs by more than the tolerance, also by
+   itself.
 4. *Determination.* The 95 % interval of its strength excludes the null, and it is not at the end of its range.
 """
 
@@ -24,6 +25,7 @@ from flexdesign.evidence.case import Case
 from flexdesign.evidence.coordinates import coordinate
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.stand import Stand, at_null, difference
+from flexdesign.model import Model
 
 #: Family-wise probability of a false effect in one step. Half of it or twice it moves the critical value by 1.4.
 LEVEL = 1e-3
@@ -116,8 +118,8 @@ def compare(case: Case, before: Stand, after: Stand, names: tuple[str, ...], sco
     errors = [stand.rms(case.judging or new.names, case.scales) for stand in (before, after)]
     added = [effect for effect in after.effects if effect.name in names]
     needed = critical_value(score, added) * after.discrepancy
-    far = difference(new, before.model, after.model, case.weights)
-    alone = min(difference(new, at_null(after.model, effect), after.model, case.weights) for effect in added)
+    far = _relevance(case, before.model, after.model)
+    alone = min(_relevance(case, at_null(after.model, effect), after.model) for effect in added)
     share, is_small, reason = explained_share(case, *errors), False, ""
     if gain < needed:
         reason = "no more than chance gives"
@@ -134,6 +136,12 @@ def compare(case: Case, before: Stand, after: Stand, names: tuple[str, ...], sco
     elif open_ := [effect.strength for effect in added if not is_determined(after, effect)]:
         reason = f"{' and '.join(open_)} is not determined: its 95 % interval includes the null"
     return Trial(names, after, gain, share, errors[1], needed, score, reason, is_small)
+
+
+def _relevance(case: Case, before: Model, after: Model) -> float:
+    """Return how far two models differ in what they predict of the fitted or of the validation runs, the larger one."""
+    suites = [suite for suite in (case.identify, case.validate) if suite.records]
+    return max(difference(suite, before, after, case.weights) for suite in suites)
 
 
 def is_determined(stand: Stand, effect: Candidate) -> bool:
