@@ -36,7 +36,7 @@ from flexdesign.evidence.model_comparison import Step, compare
 from flexdesign.evidence.rival import Rival, cost_of_terms, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import GROSS, confusable, select, select_otherwise
-from flexdesign.evidence.stand import Stand, fit, predict_tests, refine, with_effects, with_values
+from flexdesign.evidence.stand import Stand, escape, fit, predict_tests, refine, with_effects, with_values
 from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.stage_model import StageModel
 
@@ -163,6 +163,8 @@ def search(
     if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
         case = with_beginnings(case, cast(AxisDynamics, stand.model), setting.rounded(stand))
         stand = fit(case, stand.model)
+    if stand is not None and stand.exceeds_noise:
+        stand = escape(case, stand)
     if designed is None or stand is None:
         raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
     is_refused = bool(case.validate.records) and setting.error(stand) > WORSE * setting.error(designed)
