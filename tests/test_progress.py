@@ -21,7 +21,7 @@ FOUND = (
     (7.0, "fitting with creep"),
     (13.0, "screening beside creep"),
     (16.0, "fitting once more, simulated more exactly"),
-    (17.0, "looking at what is left"),
+    (17.0, "looking at the residual"),
     (18.0, "predicting the test runs"),
 )
 SCREENING = 2.0
@@ -84,12 +84,12 @@ def test_no_time_is_promised_in_the_last_stage() -> None:
     told = Told()
     for word in FOUND[:4]:
         told.say(*word)
-    assert told.say(6.0, "looking at what is left") is None  # nothing was worth a fit
-    assert told.said[-1] == "looking at what is left, last stage"
+    assert told.say(6.0, "looking at the residual") is None  # nothing was worth a fit
+    assert told.said[-1] == "looking at the residual, last stage"
 
 
 def test_after_a_search_in_a_part_of_the_runs_all_begins_again() -> None:
-    part = [(-40.0 + at, text) for at, text in ((0.0, "searching in the opening of each run"), *FOUND[1:7])]
+    part = [(-40.0 + at, text) for at, text in ((0.0, "searching in the first part of each run"), *FOUND[1:7])]
     assert left_after(*part, *FOUND[1:3]) is None
     assert left_after(*part, *FOUND[1:5]) == left_after(*FOUND[:5])
 

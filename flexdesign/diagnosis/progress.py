@@ -22,12 +22,12 @@ TYPICAL = {FITS: 4.0, BESIDE: 1.9, ENDING: 0.85}
 FOLLOWS = {FITS: (BESIDE, ENDING), BESIDE: (ENDING,)}
 #: How the words of `flexdesign.diagnosis` begin where a stage does.
 WORDS = {
-    "searching in the opening": BEGINNING,
+    "searching in the first part": BEGINNING,
     "predicting with the model as it is": BEGINNING,
     "screening the catalogue": SCREENING,
     "screening beside": BESIDE,
     "fitting once more": ENDING,
-    "looking at what is left": ENDING,
+    "looking at the residual": ENDING,
 }
 #: Words of a fit.
 FIT = ("trying", "fitting with")

@@ -30,19 +30,19 @@ from scipy.optimize import least_squares
 
 from flexdesign import runs
 from flexdesign.diagnosis import periodic
-from flexdesign.diagnosis.beginning import in_time, in_tune
+from flexdesign.diagnosis.beginning import grid_delay, grid_frequency
 from flexdesign.diagnosis.candidates import candidates
 from flexdesign.diagnosis.setting import settle
-from flexdesign.diagnosis.task import begun, case_of, simulating, undetermined
+from flexdesign.diagnosis.task import case_of, simulating, undetermined, with_beginnings
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.evidence import marquardt
-from flexdesign.evidence.calibration import CALIBRATION_SHARE, calibrated
+from flexdesign.evidence.calibration import STARTED, calibrate
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.coordinates import coordinates
-from flexdesign.evidence.marquardt import SHARE, SMALL, Columns
+from flexdesign.evidence.marquardt import MINIMUM, SMALL, Columns, Effort
 from flexdesign.evidence.noise import White
 from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.stand import fitted
+from flexdesign.evidence.stand import fit
 from flexdesign.evidence.suite import Problem, Suite
 from flexdesign.model import Model
 from flexdesign.report import render
@@ -88,16 +88,13 @@ class Manner:
 
     Parameters
     ----------
-    share
-        A step that lowers the cost by less than this share of it is the last.
-    exact
-        Whether the Jacobian is found at the end.
+    effort
+        When it ends.
     begins
         Whether the Jacobian of the calibration serves at the start.
     """
 
-    share: float
-    exact: bool
+    effort: Effort
     begins: bool
 
 
@@ -125,7 +122,7 @@ class Ended:
 
 def own(problem: Problem, manner: Manner, old: Columns) -> float:
     """Return the cost that the package's own method reaches."""
-    found = marquardt.solve(problem, problem.where.start, share=manner.share, old=old or None, exact=manner.exact)
+    found = marquardt.solve(problem, problem.where.start, manner.effort, old or None)
     return math.inf if found is None else found.cost
 
 
@@ -151,7 +148,7 @@ def scipys(problem: Problem, manner: Manner, old: Columns) -> float:
             block[:, columns] = part.matrix
         return np.vstack([*blocks, problem.before_slopes(x)])
 
-    ends = max(manner.share, SMALL / problem.suite.samples)
+    ends = max(manner.effort.share, SMALL / problem.suite.samples)
     bounds = (where.lower, where.upper)
     found = least_squares(
         residuals, where.start, jacobian, bounds, "trf", x_scale="jac", ftol=ends, xtol=TIGHT, gtol=TIGHT
@@ -160,7 +157,7 @@ def scipys(problem: Problem, manner: Manner, old: Columns) -> float:
 
 
 SOLVERS: dict[str, Callable[[Problem, Manner, Columns], float]] = {"own": own, "SciPy": scipys}
-MANNERS = {"to the end": Manner(SHARE, True, False), "roughly": Manner(CALIBRATION_SHARE, False, True)}
+MANNERS = {"to the end": Manner(MINIMUM, False), "roughly": Manner(STARTED, True)}
 
 
 def compared(task: Task, manner: Manner) -> dict[str, Ended]:
@@ -192,13 +189,13 @@ def of_case(number: int, seed: int) -> Iterator[Task]:
         dynamics, task = case_of(model, setting, each, lambda _: None)
         held = undetermined(task, dynamics)
         task = replace(task, free=tuple(name for name in task.free if name not in held))
-        start = in_tune(task, in_time(task, dynamics))
+        start = grid_frequency(task, grid_delay(task, dynamics))
         yield Task(f"{case.name}: calibration", _making(task, start, ()))
-        stand, _ = calibrated(task, start)
+        stand = calibrate(task, start)
         if stand is None:
             return
-        task = begun(task, cast(AxisDynamics, stand.model), setting.rounded(stand))
-        if (stand := fitted(task, stand.model, (), {})) is None:
+        task = with_beginnings(task, cast(AxisDynamics, stand.model), setting.rounded(stand))
+        if (stand := fit(task, stand.model)) is None:
             return
         every = candidates(dynamics, (), periodic.frequencies(setting, stand))
         for effect in (each for each in every if each.name in case.effects):
@@ -223,7 +220,7 @@ def _begun(case: Case, model: Model, effect: Candidate) -> Model:
 
 
 def _making(case: Case, model: Model, effects: Sequence[Candidate]) -> Callable[[], Problem]:
-    """Return what makes the problem of a fit, as `flexdesign.evidence.stand.solved` does."""
+    """Return what makes the problem of a fit, as `flexdesign.evidence.stand.solve_case` does."""
     case = case.prepared(case, model)
     where = case.coordinates(model, [*case.free, *(n for effect in effects for n in effect.free)], case.identify)
     return lambda: case.problem(case.identify, model, where)

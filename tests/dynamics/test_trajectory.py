@@ -304,7 +304,7 @@ def test_a_field_of_a_file_takes_any_shape() -> None:
         ("chirp", {"band": ["1 Hz"]}, "command.band: entry 2: is missing"),
         ("multisine", {"resolution": "150 Hz"}, "command: has no multiple of its resolution within its band"),
         ("multisine", {"resolution": "1 mHz"}, "command: has 99001 tones; at most 20000"),
-        ("multisine", {"phases": "best"}, "command.phases = best: Input should be 'random' or 'schroeder'"),
+        ("multisine", {"phases": "best"}, "command.phases = best: expected 'random' or 'schroeder'"),
         ("line", {"points": "home"}, "command.points = home: expected a list of points"),
         ("line", {"points": [["0 um", "0 um"]]}, "command: needs at least two points"),
         ("line", {"points": [["0 um", "0 um"], ["1 um", "2 N"]]}, "command.points = 2 N: entry 2.2: expected a finite"),
