@@ -31,7 +31,7 @@ from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.errors import InputError
 from flexdesign.evidence.calibration import calibrate, evaluate_design
 from flexdesign.evidence.case import Case
-from flexdesign.evidence.determination import hold_undetermined
+from flexdesign.evidence.determination import drop_undetermined, hold_undetermined
 from flexdesign.evidence.model_comparison import Step, compare
 from flexdesign.evidence.rival import Rival, cost_of_terms, rival
 from flexdesign.evidence.screening import Candidate
@@ -121,6 +121,9 @@ def diagnose(
         progress("looking at the residual")
         left = _rival(setting, case, course.final)
         verdict, named = decide(setting, course, left, partial(_is_better_smooth, setting, case))
+        named = drop_undetermined(case, named)
+        if verdict == "effects-found" and not named.effects:
+            verdict, named = "unknown", course.calibrated
         named, held = hold_undetermined(case, named)
         course = replace(course, undetermined=(*course.undetermined, *held))
         groups = confusable(case, named, course.steps)

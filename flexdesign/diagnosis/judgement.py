@@ -269,7 +269,7 @@ def _in_words(setting: Setting, final: Remainder, left: Rival) -> str:
 def ladder_of(course: Course, final: Stand) -> list[Stand]:
     """Return the fits from the calibrated one to the one whose effects are named."""
     every = levels(course)
-    place = next(i for i, stand in enumerate(every) if stand.names == final.names)
+    place = next(i for i, stand in enumerate(every) if {*final.names} <= {*stand.names})
     return [*every[:place], final]
 
 

@@ -1,4 +1,4 @@
-"""Numbers of effects that the runs do not determine: they are held where the catalogue has them."""
+"""Numbers of effects that the runs do not determine: an effect is dropped, or a number is held at its default."""
 
 from __future__ import annotations
 
@@ -6,11 +6,26 @@ import math
 from dataclasses import replace
 
 from flexdesign.evidence.case import Case
+from flexdesign.evidence.intervals import intervals
 from flexdesign.evidence.model_comparison import HALF_WIDTH, LEVEL
-from flexdesign.evidence.stand import Stand, fit, with_effects
+from flexdesign.evidence.stand import Stand, fit, refit, with_effects
 
 #: A number is undetermined if its 95 % interval is wider than this share of the plausible range.
 SHARE_OF_RANGE = 0.5
+
+
+def drop_undetermined(case: Case, stand: Stand) -> Stand:
+    """Return the fit without effects whose strength has no interval by the profile likelihood, the last one first.
+
+    The covariance may mislead where effects imitate each other: the interval that is stated has the last word.
+    """
+    for effect in reversed(stand.effects):
+        (strength,) = intervals(stand.solution, [effect.strength])
+        if strength.interval is None:
+            rest = tuple(other for other in stand.effects if other.name != effect.name)
+            without = refit(case, stand, rest)
+            return stand if without is None else drop_undetermined(case, without)
+    return stand
 
 
 def hold_undetermined(case: Case, stand: Stand) -> tuple[Stand, tuple[str, ...]]:
