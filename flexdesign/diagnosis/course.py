@@ -121,11 +121,11 @@ def diagnose(
         progress("looking at the residual")
         left = _rival(setting, case, course.final)
         verdict, named = decide(setting, course, left, partial(_is_better_smooth, setting, case))
-        named = drop_undetermined(case, named)
+        named, fixed = drop_undetermined(case, named)
         if verdict == "effects-found" and not named.effects:
             verdict, named = "unknown", course.calibrated
         named, held = hold_undetermined(case, named)
-        course = replace(course, undetermined=(*course.undetermined, *held))
+        course = replace(course, undetermined=(*course.undetermined, *fixed, *held))
         groups = confusable(case, named, course.steps)
         beyond = conflicts(setting, named)
         is_done = is_adequate(setting, course.final, left)

@@ -14,18 +14,28 @@ from flexdesign.evidence.stand import Stand, fit, refit, with_effects
 SHARE_OF_RANGE = 0.5
 
 
-def drop_undetermined(case: Case, stand: Stand) -> Stand:
-    """Return the fit without effects whose strength has no interval by the profile likelihood, the last one first.
+def drop_undetermined(case: Case, stand: Stand) -> tuple[Stand, tuple[str, ...]]:
+    """Return the fit without effects whose strength has no interval by the profile likelihood, and the numbers held.
 
-    The covariance may mislead where effects imitate each other: the interval that is stated has the last word.
+    The covariance may mislead where effects imitate each other: the interval that is stated has the last word. A number
+    of the same effect that can replace the strength is held first, where the fit has it.
     """
     for effect in reversed(stand.effects):
         (strength,) = intervals(stand.solution, [effect.strength])
-        if strength.interval is None:
-            rest = tuple(other for other in stand.effects if other.name != effect.name)
-            without = refit(case, stand, rest)
-            return stand if without is None else drop_undetermined(case, without)
-    return stand
+        if strength.interval is not None:
+            continue
+        others = tuple(other for other in stand.effects if other.name != effect.name)
+        held = tuple(name for name in strength.confounded if name in effect.free)
+        if held:
+            less = replace(effect, free=tuple(name for name in effect.free if name not in held))
+            made = fit(case, stand.model, tuple(less if e.name == effect.name else e for e in stand.effects))
+        else:
+            made = refit(case, stand, others)
+        if made is None:
+            return stand, ()
+        made, more = drop_undetermined(case, made)
+        return made, (*held, *more)
+    return stand, ()
 
 
 def hold_undetermined(case: Case, stand: Stand) -> tuple[Stand, tuple[str, ...]]:
