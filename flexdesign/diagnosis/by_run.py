@@ -36,6 +36,7 @@ from flexdesign.evidence.model_comparison import (
     best_of,
     compare,
     explained_share,
+    rank,
 )
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.stand import Stand, fit
@@ -114,7 +115,7 @@ def vary_step(case: Case, before: Stand, step: Step, *, candidates: Sequence[Can
     if not varied:
         return step
     names = [trial.names for trial in varied]
-    trials = sorted((*varied, *(t for t in step.trials if t.names not in names)), key=lambda trial: trial.stand.total)
+    trials = rank([*varied, *(t for t in step.trials if t.names not in names)])
     return Step(best_of(case, trials), tuple(trials))
 
 

@@ -137,8 +137,9 @@ def decide(
     if is_adequate(setting, course.final, left) and not course.final.at_bound():
         return ("effects-found", course.final) if course.final.effects else ("nothing-missing", course.calibrated)
     rests = np.array([_unexplained_squares(setting, stand) for stand in every])
+    added = np.maximum(np.diff([[len(stand.effects)] for stand in every], axis=0), 1)
     for named in range(len(every) - 1, 0, -1):
-        is_large = np.all(-np.diff(rests[: named + 1], axis=0) >= LARGE * rests[named])
+        is_large = np.all(-np.diff(rests[: named + 1], axis=0) >= LARGE * added[:named] * rests[named])
         if is_large and not every[named].at_bound() and not is_better_smooth(every[0], every[named]):
             return "effects-found", every[named]
     return "unknown", course.calibrated

@@ -168,6 +168,12 @@ def is_determined(stand: Stand, effect: Candidate) -> bool:
     return False
 
 
+def rank(trials: Sequence[Trial]) -> list[Trial]:
+    """Return trials with the best one first, by BIC at the least discrepancy among them."""
+    least = min((trial.stand.discrepancy for trial in trials), default=1.0)
+    return sorted(trials, key=lambda trial: trial.stand.bic(least))
+
+
 def best_of(case: Case, trials: Sequence[Trial]) -> Trial | None:
     """Return the best accepted trial, or None.
 
@@ -175,7 +181,7 @@ def best_of(case: Case, trials: Sequence[Trial]) -> Trial | None:
     single effect as an effect beside it would have to.
     """
     accepted = list[Trial]()
-    for trial in sorted(trials, key=lambda trial: trial.stand.total):
+    for trial in rank(trials):
         if trial.is_small:
             break
         accepted += [] if trial.reason else [trial]
@@ -184,7 +190,8 @@ def best_of(case: Case, trials: Sequence[Trial]) -> Trial | None:
         return accepted[0] if accepted else None
     pair = accepted[0]
     explained = explained_share(case, single.error, pair.error) if case.validate.records else 1.0
-    is_more = single.stand.total - pair.stand.total >= pair.needed and explained >= SHARE
+    least = min(single.stand.discrepancy, pair.stand.discrepancy)
+    is_more = single.stand.bic(least) - pair.stand.bic(least) >= pair.needed and explained >= SHARE
     return pair if is_more else single
 
 

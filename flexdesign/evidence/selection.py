@@ -17,7 +17,17 @@ from scipy.special import chdtri
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.local_minima import grid_initial_states
 from flexdesign.evidence.marquardt import FULL, QUICK, ROUGH, Solution
-from flexdesign.evidence.model_comparison import LEVEL, SHARE, Step, Trial, best_of, compare, critical_value, is_alike
+from flexdesign.evidence.model_comparison import (
+    LEVEL,
+    SHARE,
+    Step,
+    Trial,
+    best_of,
+    compare,
+    critical_value,
+    is_alike,
+    rank,
+)
 from flexdesign.evidence.screening import Candidate, Direction, Screening
 from flexdesign.evidence.stand import Stand, escape, fit, refit, solve_case, with_effects, with_values
 
@@ -83,8 +93,7 @@ def forward(case: Case, stand: Stand, candidates: Sequence[Candidate], origins: 
         # Fits in local minima would be refused, and call for effects that are not there.
         trials = [_escaped(case, stand, trial) for trial in trials]
         trials += _trials(case, stand, pairs, score)
-    trials.sort(key=lambda trial: trial.stand.total)
-    return Step(best_of(case, trials), tuple(trials))
+    return Step(best_of(case, trials), tuple(rank(trials)))
 
 
 def _starts(origin: Stand, screening: Screening, enough: float) -> list[_Start]:
@@ -252,7 +261,8 @@ def select_otherwise(
         if trial.reason or len(trial.names) > 1 or steps[0].chosen is None or trial.names == steps[0].chosen.names:
             continue
         more, made = select(case, trial.stand, candidates, most)
-        if made and made[-1].total < best.total:
+        least = min(made[-1].discrepancy, best.discrepancy) if made else 1.0
+        if made and made[-1].bic(least) < best.bic(least):
             path, best = ([replace(steps[0], chosen=trial), *more], [trial.stand, *made]), made[-1]
     return path
 

@@ -116,14 +116,16 @@ class Stand:
         residual = np.concatenate([self.remainders[name] * (scales or {}).get(name, 1.0) for name in runs])
         return float(np.sqrt(np.nanmean(residual**2)))
 
-    @property
-    def total(self) -> float:
-        """Criterion by which candidates are ranked: BIC over all runs (Schwarz 1978), divided by the discrepancy."""
+    def bic(self, discrepancy: float) -> float:
+        """Return BIC over all runs (Schwarz 1978), times the discrepancy of the models that are compared.
+
+        It is the same for all of them, as in QAIC (Burnham and Anderson 2002, section 2.5).
+        """
         free = {name for effect in self.effects for name in effect.free}
         # A number that differs from run to run counts once for each run.
         numbers = sum(p.name.rpartition(":")[2] in free for p in self.solution.problem.where.parameters)
         price = numbers * math.log(self.solution.problem.suite.samples)
-        return self.cost + self.held_cost + price * self.discrepancy
+        return self.cost + self.held_cost + price * discrepancy
 
     def at_bound(self) -> list[str]:
         """Return the numbers of effects that the fit moved to the end of their plausible range."""

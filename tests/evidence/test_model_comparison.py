@@ -25,6 +25,7 @@ from flexdesign.evidence.model_comparison import (
     critical_value,
     explained_share,
     is_determined,
+    rank,
 )
 from flexdesign.evidence.noise import White
 from flexdesign.evidence.screening import Candidate
@@ -332,8 +333,19 @@ def test_freedom_of_further_initial_conditions_is_no_evidence() -> None:
 
 def trial_of(names: tuple[str, ...], total: float, error: float) -> Any:
     """What is asked of a trial when the best is chosen."""
-    stand = SimpleNamespace(total=total)
+    stand = SimpleNamespace(bic=lambda discrepancy: total, discrepancy=1.0)
     return SimpleNamespace(names=names, stand=stand, error=error, needed=20.0, reason="", is_small=False)
+
+
+def test_trials_are_ranked_at_one_discrepancy() -> None:
+    """A trial that explains more is not behind because its residual drifts and its own discrepancy is large."""
+
+    def made(cost: float, discrepancy: float) -> Any:
+        return SimpleNamespace(stand=SimpleNamespace(bic=lambda c: cost + 3 * math.log(N) * c, discrepancy=discrepancy))
+
+    drifting, rough = made(2.48e6, 77_000.0), made(3.36e6, 3_600.0)
+    assert drifting.stand.bic(77_000.0) > rough.stand.bic(3_600.0)  # each at its own: the other way round
+    assert rank([rough, drifting]) == [drifting, rough]
 
 
 def test_a_pair_must_beat_the_best_single_on_both_kinds_of_runs() -> None:

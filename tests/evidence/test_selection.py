@@ -152,10 +152,10 @@ def test_of_two_that_explain_alike_the_one_with_fewer_numbers_is_added() -> None
     assert [trial.names for trial in step.alike] == [("e",)]
     rival = step.alike[0].stand
     assert rival.cost <= step.chosen.stand.cost + INDISTINGUISHABLE * rival.discrepancy
-    price = (rival.total - rival.cost - rival.held_cost) - (
-        step.chosen.stand.total - step.chosen.stand.cost - step.chosen.stand.held_cost
+    price = (rival.bic(2.0) - rival.cost - rival.held_cost) - (
+        step.chosen.stand.bic(2.0) - step.chosen.stand.cost - step.chosen.stand.held_cost
     )
-    assert price == pytest.approx(math.log(3 * N))
+    assert price == pytest.approx(2.0 * math.log(3 * N))
 
 
 # --- successive halving ---------------------------------------------------------------------------------------------
@@ -469,7 +469,7 @@ def test_another_first_effect_may_lead_farther() -> None:
     assert steps[0].chosen is not None and steps[0].chosen.names == ("a",)
     assert steps[0].trials is path[0][0].trials
     assert stands[0].names == ("a",) and {*stands[-1].names} == {"a", "b", "c"}
-    assert stands[-1].total < path[1][-1].total and not stands[-1].exceeds_noise
+    assert stands[-1].bic(1.0) < path[1][-1].bic(1.0) and not stands[-1].exceeds_noise
     # Where only noise is left, or nothing was found, a path stays as it is.
     right = (steps, stands)
     assert select_otherwise(about, right, every, 3) is right
