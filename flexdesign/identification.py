@@ -23,6 +23,7 @@ from flexdesign.dynamics.axis_parameters import DELAY
 from flexdesign.dynamics.axis_run import doubts, of_axis
 from flexdesign.errors import InputError
 from flexdesign.evidence import Estimate, Fit, Starts
+from flexdesign.noise_floor import NoiseFloor, noise_of_axis
 from flexdesign.runs import Role, Run
 from flexdesign.stage_model import AxisModel, StageModel
 
@@ -106,6 +107,8 @@ class Identification:
         Root mean square error of the model as it was, by run [response].
     evaluations, seconds
         Number of simulations, and how long it took.
+    noise
+        The noise of the runs, measured where nothing but noise should be there.
     doubts
         What is doubtful about the units of runs, in sentences.
     """
@@ -122,7 +125,18 @@ class Identification:
     before_errors: Mapping[str, float]
     evaluations: int
     seconds: float
+    noise: NoiseFloor
     doubts: tuple[str, ...] = ()
+
+    @property
+    def misfit(self) -> float:
+        """The residual of the fitted runs over their noise, a ratio of rms values."""
+        return misfit(self.runs, self.noise)[0]
+
+    @property
+    def is_incomplete(self) -> bool:
+        """Whether the residual is larger than the noise explains, so that the model lacks physics."""
+        return self.noise.known and exceeds_noise(self.runs, self.noise)
 
     @property
     def response(self) -> str:
@@ -174,12 +188,18 @@ def identify(
     progress("predicting all runs")
     fitted = search.dynamics
     matches = tuple(_match(fitted, run, _remarks(full, run, fitted)) for full, run in zip(runs, observed, strict=True))
-    axes = {**model.axes, name: _updated(model.axes[name], search, [m.name for m in matches if m.role == "identify"])}
+    noise = noise_of_axis(runs, name, model.axes[name])
+    estimates = [search.verdicts[name] for name in asked]
+    if noise.known and exceeds_noise(matches, noise):
+        estimates = [_without_interval(estimate) for estimate in estimates]
+    certain = {each.name: each.sigma for each in estimates if each.sigma is not None}
+    fitted_runs = [match.name for match in matches if match.role == "identify"]
+    axes = {**model.axes, name: _updated(model.axes[name], search, certain, fitted_runs)}
     return Identification(
         before=model,
         model=replace(model, axes=axes, controller=replace(model.controller, delay=fitted.delay)),
         axis=name,
-        estimates=tuple(search.verdicts[name] for name in asked),
+        estimates=tuple(estimates),
         held=search.held,
         known=search.known,
         fit=search.last,
@@ -188,8 +208,31 @@ def identify(
         before_errors={run.name: _match(start, run, ()).rms for run in observed},
         evaluations=search.evaluations,
         seconds=perf_counter() - began,
+        noise=noise,
         doubts=tuple(doubts(seen)),
     )
+
+
+def misfit(matches: Sequence[RunMatch], noise: NoiseFloor) -> tuple[float, int]:
+    """Return the residual of the fitted runs over their noise, a ratio of rms values, and the number of samples."""
+    squares, count = 0.0, 0
+    for match in (match for match in matches if match.role == "identify"):
+        samples = int(np.isfinite(match.measured).sum())
+        squares, count = squares + samples * (match.rms / noise.rms[match.name]) ** 2, count + samples
+    return math.sqrt(squares / count), count
+
+
+def exceeds_noise(matches: Sequence[RunMatch], noise: NoiseFloor) -> bool:
+    """Tell whether the residual of the fitted runs is larger than their noise explains."""
+    ratio, count = misfit(matches, noise)
+    return ratio**2 - 1 > noise.allowed_excess(count)
+
+
+def _without_interval(estimate: Estimate) -> Estimate:
+    """Return an estimate without its interval, which would count the noise but not the physics that the model lacks."""
+    if not estimate.determined:
+        return estimate
+    return replace(estimate, sigma=None, interval=None, reason="")
 
 
 def prior(axis: AxisModel, names: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -310,13 +353,12 @@ def _match(dynamics: AxisDynamics, run: Run, remarks: tuple[str, ...]) -> RunMat
     return RunMatch(run.name, run.role, run.time, dynamics.command(run), measured, predicted, rms, span, remarks)
 
 
-def _updated(axis: AxisModel, search: _Search, runs: Sequence[str]) -> AxisModel:
-    """Return the fitted axis with what the fit says of how well its numbers are known, and from where."""
+def _updated(axis: AxisModel, search: _Search, sigmas: Mapping[str, float], runs: Sequence[str]) -> AxisModel:
+    """Return the fitted axis with how well its numbers are known, and from where."""
     listed = ", ".join(runs[:4]) + (f" and {len(runs) - 4} more" if len(runs) > 4 else "")
     values = {name: v for name, v in search.last.values.items() if name != DELAY} if search.last else {}
-    sigmas = search.last.sigmas if search.last else {}
     guessed = [name for name, held in search.held.items() if not held.is_old and name != DELAY]
-    relative = {name: sigmas[name] / abs(value) for name, value in values.items() if value}
+    relative = {name: sigmas[name] / abs(value) for name, value in values.items() if value and name in sigmas}
     uncertainty = {k: v for k, v in axis.uncertainty.items() if k not in values and k not in guessed}
     uncertainty |= {name: _rounded(sigma) for name, sigma in relative.items() if 0 < sigma < 100}
     sources = dict(axis.sources) | dict.fromkeys(values, f"identified from {listed}")

@@ -26,8 +26,6 @@ from flexdesign.diagnosis.conflicts import conflicts
 from flexdesign.diagnosis.features import Features
 from flexdesign.diagnosis.findings import Course
 from flexdesign.diagnosis.judgement import (
-    ADEQUATE,
-    ERRORS,
     LARGE,
     conclude,
     decide,
@@ -54,6 +52,7 @@ from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.stand import Stand
 from flexdesign.evidence.suite import Problem
 from flexdesign.noise_floor import NoiseFloor
+from flexdesign.noise_floor.floor import ADEQUATE, ERRORS
 from flexdesign.runs import Run
 from flexdesign.stage_model import AxisModel, StageModel
 

@@ -290,6 +290,33 @@ def test_the_written_model_says_what_was_identified(tmp_path: Path) -> None:
     assert read.natural_frequency == pytest.approx(seen.model.axes["x"].natural_frequency, rel=1e-6)
 
 
+# --- physics that the model lacks -------------------------------------------------------------------------------------
+
+
+def with_quiet_stretch(axis: AxisModel) -> Run:
+    """Half a second in which nothing moves, then the triangle and the steps."""
+    return recorded(np.concatenate([np.zeros(500), triangle_and_steps()]), axis)
+
+
+def test_no_interval_is_stated_where_the_model_lacks_physics() -> None:
+    creeping = replace(TRUTH, effects={**TRUTH.effects, "creep": {"per_decade": 0.02, "t0": 0.1}})
+    seen = identify(stage(START), [with_quiet_stretch(creeping)], starts=2)
+    assert seen.is_incomplete and seen.noise.known
+    assert seen.misfit == pytest.approx(seen.runs[0].rms / NOISE, rel=0.1) and seen.misfit > 3
+    assert all(estimate.interval is None and estimate.sigma is None for estimate in seen.estimates)
+    assert not {"gain", "natural_frequency"} & {*seen.model.axes["x"].uncertainty}
+    said = " ".join(identification_report.summary(seen))
+    assert f"{seen.misfit:.3g} times the noise" in said and "flexdesign diagnose" in said
+
+
+def test_intervals_are_stated_where_only_noise_remains() -> None:
+    seen = identify(stage(START), [with_quiet_stretch(TRUTH)], starts=2)
+    assert seen.noise.known and not seen.is_incomplete
+    assert seen.misfit == pytest.approx(1.0, abs=0.1)
+    assert all(estimate.interval for estimate in seen.estimates[:3])
+    assert "nothing in it says that the model lacks something" in " ".join(identification_report.summary(seen))
+
+
 # --- refusals and remarks ---------------------------------------------------------------------------------------------
 
 

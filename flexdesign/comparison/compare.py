@@ -17,14 +17,12 @@ from flexdesign.dynamics.axis_choice import choose_axis
 from flexdesign.dynamics.axis_model import AxisDynamics
 from flexdesign.dynamics.axis_run import of_axis
 from flexdesign.errors import InputError
-from flexdesign.noise_floor import NoiseFloor, line_noise, noise_floor
+from flexdesign.noise_floor import NoiseFloor, line_noise, noise_of_axis
 from flexdesign.noise_floor.lines import noise_of_lines
 from flexdesign.runs import FrequencyResponse, Role, Run
-from flexdesign.stage_model import AxisModel, StageModel
+from flexdesign.stage_model import StageModel
 
 Array = NDArray[np.float64]
-#: Decades by which a mode has decayed when a stretch may be quiet.
-RUNG_DOWN = 3.0
 #: Error of the simulations, relative to the span.
 TOLERANCE = 1e-6
 
@@ -200,7 +198,7 @@ def compare(
     if not seen:
         floor = noise_of_lines(measured, lines)
         return Comparison(model, name, (), floor, (), (), perf_counter() - began, responses)
-    noise = noise_floor(in_time, name, settle=settling(its), sensor_noise=its.sensor.noise)
+    noise = noise_of_axis(in_time, name, its)
     stroke = max(float(np.nanmax(run.measured()) - np.nanmin(run.measured())) for run in seen)
     compared, observed = [], []
     for run in seen:
@@ -220,16 +218,6 @@ def compare(
         seconds=perf_counter() - began,
         responses=responses,
     )
-
-
-def settling(axis: AxisModel) -> float:
-    """Return how long the main mode takes to decay by three decades [s].
-
-    >>> round(settling(AxisModel(118.3, 0.0242, 2e-6)), 3)
-    0.384
-    """
-    rate = 2 * math.pi * axis.natural_frequency * min(max(axis.damping_ratio, 1e-3), 1.0)
-    return RUNG_DOWN * math.log(10) / rate
 
 
 def _compared(dynamics: AxisDynamics, run: Run, floor: float, stroke: float) -> RunComparison:

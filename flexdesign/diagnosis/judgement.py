@@ -17,13 +17,10 @@ from flexdesign.evidence.intervals import intervals
 from flexdesign.evidence.model_comparison import Step, Trial
 from flexdesign.evidence.rival import Rival
 from flexdesign.evidence.stand import Stand
+from flexdesign.noise_floor import allowed_excess
 from flexdesign.stage_model import StageModel
 
 Array = NDArray[np.float64]
-#: What is left counts as noise if its mean square, whitened, is above one by no more than this ...
-ADEQUATE = 0.09
-#: ... and by no more than so many standard errors, of chance and of the noise level together.
-ERRORS = 3.5
 #: A sample so many standard deviations of its run from zero is a jump, and so many jumps are no chance: in Gaussian
 #: noise one sample in five hundred million lies as far.
 JUMP, JUMPS = 6.0, 3
@@ -61,10 +58,7 @@ class Remainder:
 
 def remainder(setting: Setting, stand: Stand) -> Remainder:
     """Return how what a stand leaves compares with the noise."""
-    margins = [
-        (ratio - 1, ADEQUATE + ERRORS * math.hypot(math.sqrt(2 / count), level))
-        for ratio, count, level in _ratios(setting, stand)
-    ]
+    margins = [(ratio - 1, allowed_excess(count, level)) for ratio, count, level in _ratios(setting, stand)]
     excess, allowed = max(margins, key=lambda pair: pair[0] - pair[1])
     left = setting.error(stand) ** 2 - setting.floor**2
     return Remainder(excess, allowed, math.sqrt(max(left, 0.0)), _jumps(setting, stand))

@@ -20,7 +20,7 @@ from flexdesign.evidence.autoregressive import Process
 from flexdesign.evidence.noise import Coloured, Whitening
 from flexdesign.evidence.stand import Stand
 from flexdesign.identification import HYSTERESIS, LINEAR, prior
-from flexdesign.noise_floor import LineNoise, Mixed, NoiseFloor, line_noise, noise_floor
+from flexdesign.noise_floor import LineNoise, Mixed, NoiseFloor, line_noise, noise_of_axis
 from flexdesign.noise_floor.lines import noise_of_lines, with_lines
 from flexdesign.runs import FrequencyResponse, Run, split, split_lines
 from flexdesign.stage_model import AxisModel, StageModel
@@ -33,8 +33,6 @@ OF_NOISE, OF_STROKE = 0.3, 5e-4
 TOLERANCE = 1e-3
 #: How often rounding is drawn, to learn what chance makes of it.
 ROUNDED = 400
-#: Decades of decay after which a mode has rung down.
-RUNG_DOWN = 3.0
 #: The largest command of an axis of which nobody said how far it may be driven [V].
 UNLIMITED = 100.0
 
@@ -247,8 +245,7 @@ def settle(
         return _of_responses(
             Setting(name, its, (), noise_of_lines(responses, lines), 0.0, _known(its)), responses, lines, tolerance
         )
-    rate = 2 * math.pi * its.natural_frequency * min(max(its.damping_ratio, 1e-3), 1.0)
-    noise = noise_floor(runs, name, settle=RUNG_DOWN * math.log(10) / rate, sensor_noise=its.sensor.noise)
+    noise = noise_of_axis(runs, name, its)
     if stated is not None:
         level = {name: stated for name in noise.rms}
         white = Coloured(Process(np.zeros(0), stated))

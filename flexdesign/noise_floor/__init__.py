@@ -6,7 +6,7 @@ residual of a model, or whitening would swallow the physics that the model lacks
 line by line: see `lines`.
 """
 
-from flexdesign.noise_floor.floor import NoiseFloor, noise_floor
+from flexdesign.noise_floor.floor import NoiseFloor, allowed_excess, noise_floor, noise_of_axis
 from flexdesign.noise_floor.lines import LineNoise, Mixed, line_noise
 
-__all__ = ["LineNoise", "Mixed", "NoiseFloor", "line_noise", "noise_floor"]
+__all__ = ["LineNoise", "Mixed", "NoiseFloor", "allowed_excess", "line_noise", "noise_floor", "noise_of_axis"]

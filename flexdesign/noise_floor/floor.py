@@ -17,6 +17,7 @@ from flexdesign.evidence.restricted_likelihood import HIGHEST_ORDER, Stretch, es
 from flexdesign.evidence.sinusoids import Sinusoid, remove_sinusoids
 from flexdesign.noise_floor.sources import Source, differences_of_periods, differences_of_repeats, quiet_stretches
 from flexdesign.runs import Run
+from flexdesign.stage_model import AxisModel
 
 Array = NDArray[np.float64]
 #: A source with fewer effective samples gives way to one with more: its level is known to 22 % only.
@@ -29,6 +30,11 @@ CHANCE = 4.0
 SEGMENT, LOWEST = 1024, 0.1
 #: Readings with fewer different values do not show the sensor's step.
 MANY = 50
+#: A residual counts as noise if its mean square, whitened, exceeds one by no more than this, which no bench is free of,
+#: and so many standard errors, of chance and of the level of the noise together.
+ADEQUATE, ERRORS = 0.09, 3.5
+#: Decades of decay after which a mode has rung down.
+RUNG_DOWN = 3.0
 #: Noise below this share of the span of all readings is rounding of the numbers themselves.
 ROUNDING = 1e-9
 
@@ -68,9 +74,34 @@ class NoiseFloor:
         """Relative standard error of the level."""
         return math.sqrt(0.5 / self.dof) if self.dof > 0 else math.inf
 
+    def allowed_excess(self, count: float) -> float:
+        """Return by how much the mean square of `count` whitened values may exceed one and count as noise."""
+        return allowed_excess(count, 2 * self.relative_error)
+
     def density(self, run: Run, frequency: Array) -> Array:
         """Return the one-sided power spectral density of a run's noise [SI^2/Hz] at frequencies [Hz]."""
         return self.whitening.process(run.name).density(frequency, run.period)
+
+
+def allowed_excess(count: float, error: float) -> float:
+    """Return by how much a mean square may exceed that of noise, which is known with a relative standard error."""
+    return ADEQUATE + ERRORS * math.hypot(math.sqrt(2 / count), error)
+
+
+def noise_of_axis(runs: Sequence[Run], name: str, axis: AxisModel) -> NoiseFloor:
+    """Return the noise of the response of an axis, whose main mode rings down before a stretch is quiet."""
+    return noise_floor(runs, name, settle=settling(axis), sensor_noise=axis.sensor.noise)
+
+
+def settling(axis: AxisModel) -> float:
+    """Return how long the main mode takes to decay by three decades [s].
+
+    >>> from flexdesign.stage_model import AxisModel
+    >>> round(settling(AxisModel(118.3, 0.0242, 2e-6)), 3)
+    0.384
+    """
+    rate = 2 * math.pi * axis.natural_frequency * min(max(axis.damping_ratio, 1e-3), 1.0)
+    return RUNG_DOWN * math.log(10) / rate
 
 
 @dataclass(frozen=True, eq=False)

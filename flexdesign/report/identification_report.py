@@ -44,12 +44,13 @@ def estimates(found: Identification) -> Table:
                 "keeps its old value" if held.is_old else "held at the best fit, as its old value contradicts the runs"
             )
             remark = f"not determined, {kept}: {estimate.reason}"
-        rows.append([estimate.name, value, estimate.interval_text, _known(found, estimate), remark])
+        interval = "not stated" if found.is_incomplete and estimate.determined else estimate.interval_text
+        rows.append([estimate.name, value, interval, _known(found, estimate), remark])
     return Table(["number", "value", "95 % interval", "known before", "remark"], rows)
 
 
 def matches(found: Identification) -> Table:
-    """Return what the model leaves of every run, before and after."""
+    """Return the residual of every run, before and after."""
     unit = shown_in(found.response)[1]
     rows = [
         [
@@ -87,6 +88,13 @@ def result(found: Identification) -> dict[str, Any]:
             }
             for run in found.runs
         ],
+        "noise": {
+            "rms": {name: {"value": rms, "unit": found.response} for name, rms in found.noise.rms.items()},
+            "source": found.noise.source,
+            "known": found.noise.known,
+        },
+        "misfit": found.misfit,
+        "is_incomplete": found.is_incomplete,
         "simulations": found.evaluations,
         "made_by": {"model": found.before.name, "versions": versions.installed()},
     }
@@ -108,9 +116,9 @@ def summary(found: Identification) -> list[str]:
     seen = [run for run in found.runs if run.role == "identify"]
     kept = [run for run in found.runs if run.role != "identify"]
     text = f"{_listed([e.name for e in found.estimates])} fitted to {_listed([run.name for run in seen])}: "
-    text += f"what is left is {_range(found, seen)}"
-    text += f"; of runs that the fit did not see, {_range(found, kept)}." if kept else "."
-    said = [*found.doubts, text]
+    text += f"the residual is {_range(found, seen)}"
+    text += f"; of validation and test runs, {_range(found, kept)}." if kept else "."
+    said = [*found.doubts, text, _beside_noise(found)]
     if "bouc_wen" not in found.before.axes[found.axis].effects:
         said.append("The model has no hysteresis, and none was fitted.")
     if found.held:
@@ -119,6 +127,25 @@ def summary(found: Identification) -> list[str]:
     if found.starts.is_stuck:
         said.append(f"Take care: {found.starts}.")
     return said
+
+
+def _beside_noise(found: Identification) -> str:
+    """Set the residual beside the noise, and say what follows."""
+    fitted = [found.noise.rms[run.name] for run in found.runs if run.role == "identify"]
+    unit = shown_in(found.response)[1]
+    level = units.to_text(float(np.sqrt(np.mean(np.square(fitted)))), unit, 3, si=found.response)
+    if not found.noise.known:
+        return (
+            "The noise of these runs is unknown, so that the residual does not tell whether the model lacks physics: "
+            "state it in measurements.toml, or record a stretch in which no command moves."
+        )
+    beside = f"The residual of the fitted runs is {found.misfit:.3g} times the noise of {level} ({found.noise.source})"
+    if not found.is_incomplete:
+        return f"{beside}: nothing in it says that the model lacks something."
+    return (
+        f"{beside}: the model lacks physics. Values are those that fit best, and no interval is stated, as it would "
+        "count noise alone. `flexdesign diagnose`, with the same model and runs, finds what is missing."
+    )
 
 
 def write_model(path: Path, model: StageModel | None) -> None:
@@ -146,7 +173,8 @@ def _estimates_text(found: Identification) -> list[str]:
     text = "A value in brackets is held, not measured. " if found.held else ""
     text += (
         "Intervals are those of the least-squares fit, widened where the residual is coloured, and taken from the "
-        "profile of the likelihood where that is not a parabola. They count noise, not physics that the model lacks."
+        "profile of the likelihood where that is not a parabola. They count noise, not physics that the model lacks: "
+        "where the residual exceeds the noise none is stated."
     )
     return [text]
 
@@ -161,7 +189,7 @@ def _rests_on(found: Identification) -> list[str]:
                 "residual that is not white means noise with a colour of its own, or physics that the model lacks."
             )
         else:
-            said.append("The residual is white: nothing in it says that the model lacks something.")
+            said.append("The residual is white.")
     if not found.known:
         said.append("No uncertainty was stated for what is free, so that nothing known before took part.")
     return said
@@ -191,10 +219,10 @@ def _figures(found: Identification, run: RunMatch) -> list[Figure]:
     over_time = panels(
         [signal, [Curve("measured less predicted", t, left)]],
         "time [s]",
-        [f"{found.axis} [{_sign(large)}]", f"left [{_sign(small)}]"],
+        [f"{found.axis} [{_sign(large)}]", f"residual [{_sign(small)}]"],
     )
     file = f"{run.name}.svg"
-    made = [Figure(file, over_time, f"{run.name} ({run.role}): measured and predicted, and what is left")]
+    made = [Figure(file, over_time, f"{run.name} ({run.role}): measured and predicted, and the residual")]
     if is_slow(run, found.model.axes[found.axis].natural_frequency):
         command = run.command[compared]
         loop = [
@@ -232,7 +260,8 @@ def _known(found: Identification, estimate: Estimate) -> str:
     if estimate.name not in found.known:
         return "–"
     value, sigma = found.known[estimate.name]
-    return f"{_value(estimate, value)} ± {100 * sigma / abs(value):.2g} %"
+    percent = 100 * sigma / abs(value)
+    return f"{_value(estimate, value)} ± {percent:{'.0f' if percent >= 10 else '.2g'}} %"
 
 
 def _json(found: Identification, estimate: Estimate) -> dict[str, Any]:

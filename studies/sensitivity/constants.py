@@ -117,7 +117,7 @@ CONSTANTS: tuple[Constant, ...] = (
     ),
     Constant("flexdesign.diagnosis.conflicts", "LARGE", "how much more than remains an effect explains that is named"),
     Constant(
-        "flexdesign.diagnosis.judgement", "ADEQUATE", "mean square of the residual above one that still counts as noise"
+        "flexdesign.noise_floor.floor", "ADEQUATE", "mean square of the residual above one that still counts as noise"
     ),
     Constant("flexdesign.diagnosis.judgement", "ERRORS", "standard errors of the residual that still count as noise"),
 )
