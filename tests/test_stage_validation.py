@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from flexdesign import cli, condensing, experiments, refinement, simulation, stage_model, static_tables
+from flexdesign import cli, condensing, experiments, refinement, simulation, stage_coupling, stage_model, static_tables
 from flexdesign import design as designs
 from flexdesign.cache import Cache
 from flexdesign.condensing import StageLevel
 from flexdesign.errors import InputError
-from flexdesign.fem import superelement
+from flexdesign.fem import second_order, superelement
 from flexdesign.fem.superelement import Superelement
 from flexdesign.model import Quantity, by_key
 from flexdesign.part import Piece
@@ -502,3 +502,24 @@ def test_a_sweep_asks_stages_as_a_validation_does(run: Run, monkeypatch: pytest.
     assert len(made) == len(run.found.levels) * kinds
     assert stiff["stroke_x_table_free"].value > 1.01 * soft["stroke_x_table_free"].value
     assert_same(stiff["K_in_x_table_free"], soft["K_in_x_table_free"])
+
+
+def test_a_second_run_drives_no_axis_again(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> object:
+        raise AssertionError("is in the cache")
+
+    monkeypatch.setattr(stage_coupling, "cross_motion", refused)
+    monkeypatch.setattr(second_order, "of", refused)
+    monkeypatch.setattr(superelement, "condense", refused)
+    again = ran(run.file.parent / "again", STUDY, run.cache)
+    assert again.code == 0
+    for key in ("travel_x_input_of_20_um", "coupling_z_x_input_of_20_um", "K_out_x_inputs_free"):
+        assert again.found.fem(key).value == run.found.fem(key).value
+    for one, other in zip(run.found.motions, again.found.motions, strict=True):
+        assert np.array_equal(one.state.rotations, other.state.rotations)
+
+
+def test_every_drive_is_kept(run: Run) -> None:
+    keys = list((run.cache / "drive").glob("*.npz"))
+    # x, y and z at 20, 20 and 40 um on two meshes, of the stage and of its variant; 40 um is the free stroke, too.
+    assert len(keys) == 2 * (3 + 2) + 2 * 3

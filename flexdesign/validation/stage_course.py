@@ -7,16 +7,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 
-from flexdesign import condensing, refinement, stage_coupling, static_tables, units
+from flexdesign import condensing, refinement, stage_coupling, static_tables
 from flexdesign.assembly import Assembly
 from flexdesign.cache import Cache
 from flexdesign.condensing import StageLevel
 from flexdesign.design import Design
 from flexdesign.errors import InputError, suggest
-from flexdesign.fem import second_order
 from flexdesign.fem.assembled import AssembledStage
 from flexdesign.fem.convergence import Scatter
-from flexdesign.fem.corotated import CorotatedStage, NoEquilibrium
 from flexdesign.model import Quantity, by_key
 from flexdesign.quantities import stage_shares
 from flexdesign.quantities.stage import TOLD
@@ -26,7 +24,7 @@ from flexdesign.quantities.stage_shares import InputChain, Spring
 from flexdesign.stage_coupling import Cause, CrossMotion
 from flexdesign.stage_model import StageModel
 from flexdesign.study import Study
-from flexdesign.validation import ladder
+from flexdesign.validation import driving, ladder
 from flexdesign.validation.findings import Comparison
 from flexdesign.validation.ladder import Ladder
 from flexdesign.validation.stage_published import read_published, stated
@@ -150,7 +148,7 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     found, sizes = [level.found for level in levels], [level.size for level in levels]
     limits = condensing.gathered(levels)
     driven = [
-        _motions(study, level, condensing.labelled(progress, f"mesh {number} of {len(levels)}"))
+        driving.Driven(study, level, cache, condensing.labelled(progress, f"mesh {number} of {len(levels)}")).motions()
         for number, level in enumerate(levels[:DRIVEN], 1)
     ]
     motions, full = driven[0]
@@ -185,31 +183,6 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
         stage_model=stage_model_of(design, finest, by_key(limits), _quadratic(motions, by_key(limits))),
         seconds=perf_counter() - began,
     )
-
-
-def _motions(
-    study: Study, level: StageLevel, progress: Progress, *, full: bool = True
-) -> tuple[list[CrossMotion], list[CrossMotion]]:
-    """Drive each axis through large displacements at the stated input and, if `full`, at the actuator's free stroke."""
-    if not study.output.large_steps:
-        return [], []
-    progress("integrating second order")
-    energies = {id(kind.part): second_order.of(kind.part) for kind in level.kinds}
-    linear, assembly = level.stage, level.stage.assembly
-    stage = CorotatedStage(assembly, {name: energies[id(part)] for name, part in linear.parts.items()})
-    actuator = study.design.actuator
-
-    def driven(axis: str, extension: float) -> CrossMotion:
-        progress(f"large displacements: driving {axis} both ways")
-        try:
-            return stage_coupling.cross_motion(stage, linear, axis, extension)
-        except NoEquilibrium as error:
-            value = units.to_text(extension, "um", si="m")
-            raise InputError(study.design.file, f"stage.inputs.{axis}", value, str(error)) from error
-
-    inputs = {axis: stated(study, axis) for axis in assembly.axes}
-    far = {axis: actuator.free_stroke for axis in inputs if actuator and full and inputs[axis] != actuator.free_stroke}
-    return [driven(*each) for each in inputs.items()], [driven(*each) for each in far.items()]
 
 
 def compare(
@@ -268,7 +241,7 @@ def _variant(study: Study, label: str, cache: Cache, progress: Progress) -> list
     for power in range(study.mesh.levels - 1, study.mesh.levels - 1 - DRIVEN, -1):
         coarseness = study.mesh.refinement**power
         level = condensing.condensed(other, assembly, kinds, coarseness, cache, inside=True, progress=say)
-        motions, _ = _motions(other, level, say, full=False)
+        motions, _ = driving.Driven(other, level, cache, say).motions(full=False)
         found.append({**level.found, **_moved(motions)})
     return found
 
