@@ -328,7 +328,7 @@ def test_the_command_resolves(tmp_path: Path, command_line: Run) -> None:
         (("--axis", "q"), "is no axis of the model; it has x, y, z"),
         (("--slew", "5 mm"), "--slew = 5 mm"),
         (("--rate", "-5 Hz"), "must be more than zero"),
-        (("--resolve", "creep", "nonsense"), "is not a known effect"),
+        (("--resolve", "creep", "nonsense", "--slew", "none"), "is not a known effect"),
         (("--volts", "-20 V", "50 V"), "outside of 0 V to 150 V"),
     ],
 )
