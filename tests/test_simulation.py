@@ -332,7 +332,7 @@ def test_a_difference_has_a_cause_that_was_seen_or_is_unexplained(tmp_path: Path
     """Of 120 um 50 V reach 100, for no reason that is known, and a range of 40 V allows 80."""
     study = experiment(SINE, compared("loop_span", "120 um", "1 um"))
     said = verdicts(simulated(tmp_path, LINEAR, study))["loop span, x: open loop"]
-    assert said == "-20 um, beyond ±: unexplained"
+    assert said == "-20.0 um, beyond ±: unexplained"
     narrow = LINEAR + RANGE.replace("100 V", "40 V")
     said = verdicts(simulated(tmp_path, narrow, study))["loop span, x: open loop"]
     assert said.endswith("beyond ±: limits cut the command")
