@@ -16,6 +16,7 @@ from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.pictures import drawn_or_said
 from flexdesign.report.stage_words import Axes, axis_of, computed, percent, written
 from flexdesign.report.wording import shown
+from flexdesign.simulation import handed_over
 from flexdesign.stage_coupling import Cause, CrossMotion
 from flexdesign.validation import Comparison, provenance
 from flexdesign.validation.stage_course import StageValidation
@@ -114,7 +115,7 @@ def _summary(validation: StageValidation) -> list[str]:
         )
     if validation.motions:
         paragraphs.append(_coupling_in_short(validation, axes))
-    return paragraphs
+    return [*paragraphs, *handed_over(validation.stage_model)]
 
 
 def _coupling_in_short(validation: StageValidation, axes: Axes) -> str:
@@ -174,7 +175,7 @@ def _stage_model(validation: StageValidation) -> Section:
             " The hysteresis is that of the free stack, as the design has it, times travel per free stroke; the gain "
             "is k_v of eq (26), larger than travel over voltage by what hysteresis holds back."
         )
-    return Section("Stage model for simulations", [text], [Table(columns, rows)])
+    return Section("Stage model for simulations", [text, *handed_over(model)], [Table(columns, rows)])
 
 
 def _meshes(validation: StageValidation) -> Section:
