@@ -313,6 +313,14 @@ def test_table_1_has_the_findings(run: Run) -> None:
     assert (coupling[1], coupling[column]) == ("0 (by symmetry)", "0.076")  # no deviation from nothing
 
 
+def test_every_row_on_the_terminal_has_its_unit(run: Run) -> None:
+    rows = {row[0]: row[1:] for row in stage_report.brief_table_1(run.found).rows}
+    fem = run.found.fem("K_out_x_inputs_free")
+    assert f"{rows['K_out X/Y [N/mm]'][0]} N/mm" == fem.shown()
+    assert rows["coupling X→Y [%]"][0] == "0 (by symmetry)" and "0.076" in rows["coupling X→Y [%]"]
+    assert "λ X/Y" in rows
+
+
 def test_report_says_what_is_reconstructed_circular_measured_and_unexplained(run: Run) -> None:
     text = (run.folder / "report.md").read_text(encoding="utf-8")
     assert text.startswith("# Stage on coarse meshes, reconstructed: validation")

@@ -49,12 +49,19 @@ def _beside(validation: StageValidation, comparison: Comparison, model: str) -> 
 
 def show(document: Document, validation: StageValidation, files: Sequence[Path]) -> None:
     """Print the summary, Table 1 without its boundaries, which the report has, and where that is."""
-    whole = table_1(validation)
-    rows = [
-        [name.partition(",")[0], fem, *(cell.replace(" %)", "%)") for cell in cells)]
-        for name, fem, *cells in whole.rows
-    ]
-    terminal.brief(document, Table(whole.columns, rows, whole.caption), files)
+    terminal.brief(document, brief_table_1(validation), files)
+
+
+def brief_table_1(validation: StageValidation) -> Table:
+    """Return Table 1 for a terminal: without boundaries, its unit with the name of each quantity."""
+    whole, rows = table_1(validation), []
+    for (name, fem, *cells), comparison in zip(
+        whole.rows, stage_differences.told(validation, Axes(validation)), strict=True
+    ):
+        unit = comparison.fem.unit
+        called = f"{name.partition(',')[0]} [{unit}]" if unit else name.partition(",")[0]
+        rows.append([called, fem.removesuffix(f" {unit}"), *(cell.replace(" %)", "%)") for cell in cells)])
+    return Table(whole.columns, rows, whole.caption)
 
 
 def document(validation: StageValidation, progress: Progress = lambda _: None) -> Document:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import cache as once
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 from flexdesign import refinement, stage_coupling, units, versions
@@ -41,6 +42,7 @@ class Driven:
     def __init__(self, study: Study, level: StageLevel, cache: Cache, progress: Progress) -> None:
         self.study, self.level, self.cache, self.progress = study, level, cache, progress
         self._stage: CorotatedStage | None = None
+        self._each = 0.0  # how long the last drive took that was computed [s]
 
     def motions(self, *, full: bool = True) -> tuple[list[CrossMotion], list[CrossMotion]]:
         """Drive each axis at the stated input and, if `full`, at the actuator's free stroke.
@@ -57,10 +59,13 @@ class Driven:
         free = actuator.free_stroke if actuator and full else None
         far = {axis: free for axis, extension in near.items() if free is not None and extension != free}
         drives = [*near.items(), *far.items()]
-        found = [self._driven(*drive, f"drive {i} of {len(drives)}") for i, drive in enumerate(drives, 1)]
+        found = list[CrossMotion]()
+        for number, (axis, extension) in enumerate(drives, 1):
+            left = f", {self._each * (len(drives) - number + 1):.0f} s left" if self._each else ""
+            found.append(self._driven(axis, extension, f"drive {number} of {len(drives)}{left}"))
         return found[: len(near)], found[len(near) :]
 
-    def _driven(self, axis: str, extension: float, number: str) -> CrossMotion:
+    def _driven(self, axis: str, extension: float, words: str) -> CrossMotion:
         level = self.level
         key = content_key(
             _code(), [kind.key for kind in level.kinds], self.study.design.material.mechanics,
@@ -73,12 +78,14 @@ class Driven:
             energies = {id(kind.part): second_order.of(kind.part) for kind in level.kinds}
             parts = {name: energies[id(part)] for name, part in level.stage.parts.items()}
             self._stage = CorotatedStage(level.stage.assembly, parts)
-        self.progress(f"large displacements, {number}: axis {axis}, both ways")
+        self.progress(f"large displacements: {words}")
+        began = perf_counter()
         try:
             found = stage_coupling.cross_motion(self._stage, level.stage, axis, extension)
         except NoEquilibrium as error:
             value = units.to_text(extension, "um", si="m")
             raise InputError(self.study.design.file, f"stage.inputs.{axis}", value, str(error)) from error
+        self._each = perf_counter() - began
         self.cache.store("drive", key, *_to_store(found))
         return found
 
