@@ -17,6 +17,7 @@ from PIL import Image
 
 from flexdesign import cli, condensing, experiments, refinement, simulation, stage_coupling, stage_model, static_tables
 from flexdesign import design as designs
+from flexdesign import study as studies
 from flexdesign.cache import Cache
 from flexdesign.condensing import StageLevel
 from flexdesign.errors import InputError
@@ -538,3 +539,38 @@ def test_every_drive_is_kept(run: Run) -> None:
     keys = list((run.cache / "drive").glob("*.npz"))
     # x, y and z at 20, 20 and 40 um on two meshes, of the stage and of its variant; 40 um is the free stroke, too.
     assert len(keys) == 2 * (3 + 2) + 2 * 3
+
+
+@pytest.mark.parametrize(
+    ("method", "answer", "remedy"),
+    [
+        ("formulas", "None", "must return quantities by the model's name"),
+        ("formulas", "{'PRB': [1.0]}", "must return quantities by the model's name"),
+        ("formulas", "1 / 0", "fails with ZeroDivisionError"),
+        ("springs", "None", "must return by axis"),
+        ("arms", "[]", "must return lengths [m]"),
+    ],
+)
+def test_what_a_stage_says_is_examined_before_anything_is_condensed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str, answer: str, remedy: str
+) -> None:
+    def condensed(*_: object, **__: object) -> None:
+        raise AssertionError("it was condensed")
+
+    monkeypatch.setattr(condensing, "refined", condensed)
+    found = designs.find("lin2019_xyz_stage")
+    source = (found.parent / "xyz_stage.py").read_text(encoding="utf-8")
+    arguments = {"formulas": "self, material, actuator_stiffness, output_load", "springs": "self, material"}
+    own = f"    def {method}({arguments.get(method, 'self')}):\n        return {answer}\n\n    def _their_{method}("
+    assert source.count(f"    def {method}(") == 1
+    (tmp_path / "mine.py").write_text(source.replace(f"    def {method}(", own), encoding="utf-8")
+    text = found.read_text(encoding="utf-8").replace('"xyz_stage"', '"mine.py"')
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    for part in ("bridge_amplifier", "leaf_hinge"):
+        (tmp_path / f"{part}.py").write_text(
+            (found.parent / f"{part}.py").read_text(encoding="utf-8"), encoding="utf-8"
+        )
+    with pytest.raises(InputError) as refused:
+        validate_stage(studies.read(str(tmp_path / "mine.toml")), Cache(tmp_path / "cache"))
+    assert (Path(refused.value.file).name, refused.value.field) == ("mine.py", f"XYZStage.{method}()")
+    assert remedy in refused.value.remedy

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from functools import cache as once
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -93,8 +93,7 @@ class Driven:
 @once
 def _code() -> str:
     """Return a hash of the code that makes drives of condensed parts; what makes those parts is in their own keys."""
-    files = [module.__file__ for module in (corotated, second_order, stage_coupling)]
-    return content_key([Path(file).read_text(encoding="utf-8") for file in files])
+    return content_key([inspect.getsource(module) for module in (corotated, second_order, stage_coupling)])
 
 
 def _to_store(found: CrossMotion) -> tuple[Arrays, dict[str, Any]]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 from flexdesign import condensing, refinement, stage_coupling, static_tables
+from flexdesign import part as parts
 from flexdesign.assembly import Assembly
 from flexdesign.cache import Cache
 from flexdesign.condensing import StageLevel
@@ -142,6 +143,7 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     began, design = perf_counter(), study.design
     assembly = design.stage().assembly()
     _refuse_unknown(study, assembly)
+    _examine(design)
     published = read_published(study, assembly)
     levels = condensing.refined(study, assembly, cache, progress, inside=DRIVEN)
     finest = levels[-1].stage
@@ -220,6 +222,26 @@ def _compliance(design: Design) -> Mapping[str, Quantity]:
         return static_tables.of_design(design).compliance({}).quantities()
     except InputError:
         return {}
+
+
+def _examine(design: Design) -> None:
+    """Raise InputError, before long work begins, if what the stage says by formulas cannot be used."""
+    stage = design.stage()
+
+    def require(fact: bool, method: str, remedy: str) -> None:
+        if not fact:
+            raise InputError(parts.file_of(type(stage)), f"{type(stage).__name__}.{method}()", None, remedy)
+
+    stiffness = design.actuator.installed_stiffness if design.actuator else None
+    given: object = stage.formulas(design.material, stiffness, None)
+    models = list(given.values()) if isinstance(given, Mapping) else [None]
+    known = all(isinstance(found, Sequence) and all(isinstance(q, Quantity) for q in found) for found in models)
+    require(known, "formulas", "must return quantities by the model's name: {'PRB': [Quantity(...)]}, or {}")
+    springs: object = stage.springs(design.material)
+    require(isinstance(springs, Mapping), "springs", "must return by axis (name, count, Quantity, source), or {}")
+    require(
+        isinstance(stage.arms(), Mapping), "arms", "must return lengths [m] by (axis drawn aside, driven axis), or {}"
+    )
 
 
 def _refuse_unknown(study: Study, assembly: Assembly) -> None:
