@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,10 +170,13 @@ def run(model: StageModel, variants: Mapping[str, StageModel], plan: Plan, progr
         for variant in experiment.variants:
             _sampled(plan, experiment, 1.0 / known[variant].controller.rate)
     cases, skipped = [], []
+    count, began = sum(len(each.variants) * len(each.controllers) for each in plan.experiments), perf_counter()
     for experiment in plan.experiments:
         for variant in experiment.variants:
             for controller in experiment.controllers:
-                progress(f"{experiment.name}: {controller}, {variant}")
+                done = len(cases) + len(skipped)
+                left = f", about {(perf_counter() - began) * (count / done - 1):.0f} s left" if done else ""
+                progress(f"run {done + 1} of {count}{left}: {experiment.name}, {controller}, {variant}")
                 believed = model if _believes_otherwise(plan, variant) else known[variant]
                 designer = designers[known[variant].controller.rate]
                 try:

@@ -435,7 +435,7 @@ def test_json_has_stdout_to_itself_and_is_deterministic(inputs: Path, command_li
     result = json.loads(first.stdout)
     assert [case["controller"] for case in result["cases"]] == ["open loop", "mine"] * 2 + ["open loop"]
     assert result["cases"][1]["gains"]["x"]["kp"]["unit"] == "V/um"
-    assert "a step: mine, soft" in first.stderr
+    assert "run 1 of 5: a step, open loop" in first.stderr and "left: a step, mine, soft" in first.stderr
 
 
 def test_an_override_reaches_model_and_study(inputs: Path, command_line: Run) -> None:
