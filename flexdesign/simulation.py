@@ -169,7 +169,7 @@ def run(model: StageModel, variants: Mapping[str, StageModel], plan: Plan, progr
     for experiment in plan.experiments:  # what cannot be sampled is refused before anything is run
         for variant in experiment.variants:
             _sampled(plan, experiment, 1.0 / known[variant].controller.rate)
-    cases, skipped = [], []
+    cases, skipped = list[Case](), list[Skipped]()
     count, began = sum(len(each.variants) * len(each.controllers) for each in plan.experiments), perf_counter()
     for experiment in plan.experiments:
         for variant in experiment.variants:
