@@ -565,3 +565,10 @@ def test_beside_a_feedforward_all_of_a_pid_sees_the_reference(inputs: Path) -> N
     errors = [case.measure("x", "max_error") for case in (both, alone)]
     assert errors[0] is not None and errors[1] is not None
     assert errors[0].value < errors[1].value
+
+
+def test_the_terminal_says_of_what_a_share_is(tmp_path: Path) -> None:
+    """Without published numbers the table holds what was measured; "of span 0.1 %" names nothing."""
+    found = simulated(tmp_path, LINEAR, experiment(SINE))
+    (row,) = simulation_report.digest(found).rows
+    assert row[3].startswith("loop width per span ")

@@ -14,7 +14,7 @@ from flexdesign.files import FORMAT
 from flexdesign.model import Quantity
 from flexdesign.report import published_rows, render, simulation_figures
 from flexdesign.report.document import Document, Section, Table
-from flexdesign.report.published_rows import WORDS, who
+from flexdesign.report.published_rows import ALONE, WORDS, who
 from flexdesign.simulation import Case, Simulation, grouped, validity
 from flexdesign.stage_model import to_toml
 
@@ -132,7 +132,7 @@ def digest(simulation: Simulation) -> Table:
         for axis in case.experiment.axes:
             found = [q for q in case.measures.get(axis, ()) if q.name in BRIEF]
             nothing = "–" if case.response.diverged is None else "unstable"
-            said = ", ".join(f"{WORDS[q.name]} {_text(q)}" for q in found) or nothing
+            said = ", ".join(f"{ALONE.get(q.name) or WORDS[q.name]} {_text(q)}" for q in found) or nothing
             rows.append([case.experiment.name, who(case), axis, said])
     return Table(["experiment", "run", "axis", "measured"], rows)
 
