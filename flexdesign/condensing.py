@@ -62,6 +62,8 @@ class Kind:
         Wall time for mesh and condensation; of the run that made them, if cached.
     cached
         Whether it came from the cache.
+    key
+        Hash of everything it was condensed from.
     """
 
     name: str
@@ -72,6 +74,7 @@ class Kind:
     hinges: Sequence[HingeCheck]
     seconds: float
     cached: bool
+    key: str
 
 
 @dataclass(frozen=True)
@@ -263,4 +266,6 @@ def _kind(
         raise InputError(file, "mesh", None, f"{error}; ask for a coarser mesh: mesh.levels, mesh.at_root") from error
     part = found.made_of(material)
     count, cached = len(kind.elements), stored is not None
-    return Kind(name, method.name, count, part, body.copies, hinges, seconds, cached), method.size(mesh, coarseness)
+    return Kind(name, method.name, count, part, body.copies, hinges, seconds, cached, key), method.size(
+        mesh, coarseness
+    )

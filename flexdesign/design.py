@@ -211,7 +211,7 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
     design = Design(
         name=path.stem,
         title=checked.title or path.stem.replace("_", " "),
-        provenance=checked.provenance,
+        provenance=_still(checked.provenance, overrides),
         file=path,
         part_class=part_class,
         dimensions=dimensions,
@@ -229,6 +229,14 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
         given = checked.dimensions.get(error.field.removeprefix("dimensions."), error.value)
         raise InputError(error.file, error.field, as_written(given), error.remedy) from error
     return design
+
+
+def _still(provenance: str, overrides: Sequence[str]) -> str:
+    """Return where dimensions come from, and what was changed since: then what was said of them holds no longer."""
+    changed = [key for key in map(files.overridden, overrides) if key.startswith(("dimensions.", "material"))]
+    if not provenance or not changed:
+        return provenance
+    return f"{provenance}; changed since, so that this no longer holds: {', '.join(changed)}"
 
 
 def _effects(given: Mapping[str, Mapping[str, Any]], path: Path) -> dict[str, dict[str, float]]:

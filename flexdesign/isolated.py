@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import multiprocessing
 import os
 import pickle
 import signal
@@ -192,3 +193,18 @@ if __name__ == "__main__":
         channel = os.fdopen(os.dup(1), "wb")
         os.dup2(2, 1)  # what libraries print is no answer
         _help(sys.stdin.buffer, channel)
+
+
+def end_with_parent() -> None:
+    """Let this process of `multiprocessing` end as soon as its parent is gone, even one that was killed.
+
+    A pool's process otherwise waits for work for ever: it holds both ends of the queue that its parent wrote to.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_after, args=(parent.join,), daemon=True).start()
+
+
+def _end_after(wait: Callable[[], object]) -> None:
+    wait()
+    os._exit(1)  # at once: nobody is left who would take an answer

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ from flexdesign.part import Part
 
 #: Beyond so many times the force of linear theory nothing is sought.
 FARTHEST = 3.0
+#: Of full drive, from where on progress is told: the first step is next to none.
+TOLD_FROM = 0.01
 FloatArray = NDArray[np.float64]
 
 
@@ -136,13 +139,17 @@ def follow(
     """
     full = linear.actuator_force(free_stroke, actuator)
     forces = [full * k / steps for k in range(1, int(FARTHEST * steps) + 1)]
+    began = perf_counter()
 
     def enough(force: float, extension: float) -> bool:
-        return force / actuator + extension >= free_stroke
+        share = (force / actuator + extension) / free_stroke
+        if TOLD_FROM < share < 1:
+            left = (perf_counter() - began) * (1 / share - 1)
+            progress(f"{100 * share:.0f} % of full drive reached, {left:.0f} s left")
+        return share >= 1
 
-    found = LargeStroke(
-        stroke_path(part, material, domain, mesh, forces, progress, enough=enough), actuator, free_stroke
-    )
+    progress(f"pushing to full drive in about {steps} steps")
+    found = LargeStroke(stroke_path(part, material, domain, mesh, forces, enough=enough), actuator, free_stroke)
     if found.drive[-1] < 1.0:
         raise ArithmeticError(f"{FARTHEST:g} times the force of linear theory does not reach full drive")
     return found

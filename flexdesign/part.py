@@ -262,8 +262,8 @@ def straight_outline(part: Piece) -> Outline | None:
     return told() if told is not None else None
 
 
-def file_of(part: type[Piece]) -> Path:
-    """Return the file a part came from."""
+def file_of(part: type[Any]) -> Path:
+    """Return the file a part or a stage came from."""
     return Path(sys.modules[part.__module__].__file__ or "")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,11 +169,14 @@ def run(model: StageModel, variants: Mapping[str, StageModel], plan: Plan, progr
     for experiment in plan.experiments:  # what cannot be sampled is refused before anything is run
         for variant in experiment.variants:
             _sampled(plan, experiment, 1.0 / known[variant].controller.rate)
-    cases, skipped = [], []
+    cases, skipped = list[Case](), list[Skipped]()
+    count, began = sum(len(each.variants) * len(each.controllers) for each in plan.experiments), perf_counter()
     for experiment in plan.experiments:
         for variant in experiment.variants:
             for controller in experiment.controllers:
-                progress(f"{experiment.name}: {controller}, {variant}")
+                done = len(cases) + len(skipped)
+                left = f", about {(perf_counter() - began) * (count / done - 1):.0f} s left" if done else ""
+                progress(f"run {done + 1} of {count}{left}: {experiment.name}, {controller}, {variant}")
                 believed = model if _believes_otherwise(plan, variant) else known[variant]
                 designer = designers[known[variant].controller.rate]
                 try:
@@ -311,6 +315,29 @@ def validity(model: StageModel) -> list[str]:
     said = []
     for name, axis in model.axes.items():
         if axis.assumed:
-            said.append(f"{name}: assumed, neither measured nor computed: {', '.join(axis.assumed)}.")
+            numbers = ", ".join(_with_ratio(axis, number) for number in axis.assumed)
+            said.append(f"{name}: assumed, neither measured nor computed: {numbers}.")
+        if axis.absent:
+            said.append(f"{name}: not in the model, and assumed to be none: {', '.join(axis.absent)}.")
         said += [f"{name}: {text}" for text in plant(axis, 0.0).concerns(1 / model.controller.rate)]
     return said
+
+
+def _with_ratio(axis: AxisModel, number: str) -> str:
+    """Return the name of a number, a damping ratio with its value."""
+    ratio = number.rpartition(".")[2] == "damping_ratio" and axis.numbers.get(number)
+    return f"{number} = {ratio:.3g}" if ratio else number
+
+
+def handed_over(model: StageModel | None) -> list[str]:
+    """Return what makes a stage model doubtful that a validation hands over; nothing where it hands over none."""
+    return [f"Stage model, {text}" for text in grouped(validity(model))] if model else []
+
+
+def grouped(sentences: Sequence[str]) -> list[str]:
+    """Say once what `validity` says of several axes."""
+    axes: dict[str, list[str]] = {}
+    for sentence in sentences:
+        axis, _, text = sentence.partition(": ")
+        axes.setdefault(text, []).append(axis)
+    return [f"{', '.join(names)}: {text}" for text, names in axes.items()]

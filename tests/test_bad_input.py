@@ -528,6 +528,43 @@ def test_formulas_that_cannot_be_used_are_refused_before_anything_is_solved(
     refused(lambda: validation.validate(read, Cache(tmp_path)), "leaf.py", "Leaf.formulas()", None, *remedy)
 
 
+#: The same of the other methods: id: (method, what it returns, words of the remedy)
+QUANTITY = "Quantity('K_in', 1e6, 'N/m', 'N/mm', 'output free')"
+RETURNED = {
+    "formulas that fail late": (
+        "formulas",
+        "Formulas({'PRB': lambda: [1 / 0]})",
+        ("fails with ZeroDivisionError", "leaf.py, line", "correct the part"),
+    ),
+    "no shares": ("formula_shares", "None", ("must return compliances [m/N] by quantity and piece", "or {}")),
+    "shares without pieces": ("formula_shares", "{'K_in_output_free': 5e-7}", ("by quantity and piece",)),
+    "no intermediates": ("intermediates", "None", ("must return quantities by name", "or {}")),
+    "intermediates as numbers": ("intermediates", "{'M': 1.0}", ("must return quantities by name",)),
+}
+
+
+@pytest.mark.parametrize(("method", "answer", "remedy"), RETURNED.values(), ids=RETURNED)
+def test_what_a_method_returns_is_examined_before_anything_is_solved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str, answer: str, remedy: tuple[str, ...]
+) -> None:
+    from flexdesign import refinement, validation
+
+    def solved(*_: object) -> None:
+        raise AssertionError("it was solved")
+
+    monkeypatch.setattr(refinement, "refined", solved)
+    answers = {"formulas": f"{{'PRB': [{QUANTITY}]}}", "formula_shares": "{}", "intermediates": "{}", method: answer}
+    part = changed(PART, FORMULAS, ANSWERS)
+    for name in answers:
+        head, _, tail = part.partition(f"    def {name}(")
+        part = f"{head}    def {name}({tail.replace('return {}', f'return {answers[name]}', 1)}"
+    imports = "from flexdesign.model import Quantity\nfrom flexdesign.model.formulas import Formulas\n"
+    (tmp_path / "leaf.py").write_text(imports + part)
+    (tmp_path / "leaf.toml").write_text(USES_PART)
+    read = study.read(tmp_path / "leaf.toml")
+    refused(lambda: validation.validate(read, Cache(tmp_path)), "leaf.py", f"Leaf.{method}()", None, *remedy)
+
+
 def test_a_linkage_whose_ports_stand_on_no_node_is_refused_by_the_compliance_model(tmp_path: Path) -> None:
     from flexdesign import static_tables
 

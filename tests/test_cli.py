@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -53,6 +56,40 @@ def test_help_names_the_commands(command_line: Run) -> None:
     ended = command_line("--help")
     assert (ended.code, ended.stderr) == (0, "")
     assert "validate" in ended.stdout and "--version" in ended.stdout
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_shell_can_complete_verbs_and_options(shell: str) -> None:
+    script = subprocess.run(
+        [sys.executable, "-m", "flexdesign", "--show-completion", shell], capture_output=True, text=True, check=True
+    ).stdout
+    assert "COMPLETE" in script
+
+
+@pytest.mark.parametrize(
+    ("words", "completed"), [("flexdesign opt", "optimize"), ("flexdesign optimize --ou", "--out")]
+)
+def test_completions_are_the_verbs_and_options(words: str, completed: str) -> None:
+    asked = {"_FLEXDESIGN_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    code = "import sys; sys.argv = ['flexdesign']; from flexdesign.cli import main; main()"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, **asked})
+    assert ended.stdout.split() == [completed]
+
+
+@pytest.mark.parametrize("wraps", [True, False])
+def test_nothing_is_cut_off_on_a_narrow_terminal(wraps: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    from rich.console import Console
+
+    from flexdesign.report import terminal
+    from flexdesign.report.document import Table
+
+    heads = ["quantity", *(f"{'a' * 14}_model_{k} [N/mm]" for k in range(7))]
+    table = Table(heads, [["a_very_long_name_of_a_quantity_of_a_stage", *(["12345.678 ± 0.123"] * 7)]])
+    console = Console(width=80, no_color=True)
+    with console.capture() as capture:
+        console.print(terminal._drawn(table, wraps=wraps))
+    text = capture.get()
+    assert "…" not in text and text.count("12345.678") + text.count("12345.67") >= 7
 
 
 def test_verbs_stand_in_the_order_of_the_work() -> None:

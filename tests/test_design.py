@@ -318,3 +318,12 @@ def test_an_override_is_blamed_for_what_it_overrides(path: Path) -> None:
     with pytest.raises(InputError) as caught:
         study.read(path, ["dimensions.width=13 N"])
     assert (caught.value.file, caught.value.value) == ("command line", "13 N")
+
+
+def test_a_changed_design_is_not_said_to_return_what_the_paper_prints() -> None:
+    drawn, thinner = (
+        designs.read(designs.find("lin2019_amplifier_xy"), changes)
+        for changes in ([], ["dimensions.hinge_thickness=0.4 mm"])
+    )
+    assert drawn.provenance.endswith("return its printed stiffness and amplification")
+    assert thinner.provenance.endswith("changed since, so that this no longer holds: dimensions.hinge_thickness")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import importing
+from flexdesign import columns, importing
 from flexdesign.errors import InputError
 from flexdesign.runs import read_measurements, read_runs
 
@@ -294,6 +294,63 @@ def test_what_is_known_is_passed_on(tmp_path: Path) -> None:
     assert run.command() == pytest.approx(20 * U, rel=1e-11, abs=1e-10)
     assert read_measurements(found.folder / "measurements.toml").title == 'Bench "3", µ'
     assert sorted(file.name for file in found.folder.iterdir()) == ["measurements.toml", "sine.csv"]
+
+
+# --- Files of a scope
+
+SCOPES: dict[str, str] = {
+    "three header lines": "Source;CH1;CH2\nTime;Channel A;Channel B\nsecond;Volt;mV\n\n",
+    "units and then settings": "Time;Channel A;Channel B\n(s);(V);(mV)\nSample;DC;DC\n",
+    "four header lines": "Probe;x10;x1\nSource;CH1;CH2\nTime;Channel A;Channel B\ns;V;mV\n",
+}
+
+
+def scope(header: str, gain: float = 1.0) -> str:
+    rows = zip(T, U, gain * X[:, 0], strict=True)
+    return header + "".join(";".join(f"{a:.9f}".replace(".", ",") for a in row) + "\n" for row in rows)
+
+
+@pytest.mark.parametrize("header", SCOPES.values(), ids=SCOPES)
+def test_header_lines_of_any_number_are_read(header: str, tmp_path: Path) -> None:
+    path = tmp_path / "scope.csv"
+    path.write_text(scope(header))
+    seen = importing.look([path]).variables
+    assert list(seen) == ["Time", "Channel A", "Channel B"]
+    assert [columns.si_of(variable.unit) for variable in seen.values()] == ["s", "V", "V"]
+    assert seen["Channel B"].unit == "mV"
+    text = importing.propose([path])
+    for guess in ('[run.columns.t]\nvariable = "Time"', '[run.columns.u]\nvariable = "Channel A"'):
+        assert f"{guess}  # a guess" in text
+    assert '[run.columns.x]\nvariable = "Channel B"  # a guess\n# if that is the voltage of a sensor' in text
+
+
+def test_commas_between_quotation_marks_are_decimal(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = "".join(f'"{a:.9f}","{b:.9f}"\n'.replace(".", ",") for a, b in zip(U, X[:, 0], strict=True))
+    path.write_text('"Voltage","Position"\n"V","um"\n' + rows)
+    check(mapped(tmp_path, two_columns('variable = "Voltage"', 'variable = "Position"'), path), rel=1e-7)
+
+
+def test_one_map_serves_many_files(tmp_path: Path) -> None:
+    paths = [tmp_path / f"scope_{k}.csv" for k in range(6)]
+    for k, path in enumerate(paths):
+        path.write_text(scope(SCOPES["three header lines"], 1.0 + k))
+    text = importing.propose(paths)
+    assert "and likewise in 5 more" in text and text.count("[[run]]") == 1
+    where = '[run.columns.x]\nvariable = "Channel B"  # a guess'
+    assert where in text
+    found = mapped(tmp_path, text.replace(where, f'{where}\nunit = "um"\nscale = 0.5'), *paths)
+    assert [run.name for run in found.runs] == [path.stem for path in paths]
+    for k, run in enumerate(found.runs):
+        assert run.measured() == pytest.approx(0.5e-6 * (1.0 + k) * X[:, 0], rel=1e-7, abs=1e-15)
+    with pytest.raises(InputError, match="two runs would be written to one file"):
+        mapped(tmp_path, text, paths[0], paths[0], name="twice")
+
+
+def test_files_that_hold_different_variables_are_read_together(tmp_path: Path) -> None:
+    np.save(tmp_path / "u.npy", U)
+    np.save(tmp_path / "x.npy", X[:, 0])
+    assert "per_file" not in importing.propose([tmp_path / "u.npy", tmp_path / "x.npy"])
 
 
 # --- Refusals

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from flexdesign import large_stroke
 from flexdesign.fem.load_path import StrokePath
 from flexdesign.large_stroke import LargeStroke
 
@@ -47,3 +51,25 @@ def test_changes_are_those_at_full_drive() -> None:
     assert named["stroke"] == pytest.approx(found.path.output[5])
     assert named["K_out_change"] == pytest.approx(found.output_stiffness[5] / 1e5 - 1)
     assert named["K_in_change"] == named["lambda_change"] == 0.0
+
+
+def test_progress_is_told_in_shares_of_full_drive_and_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps of Newton's method mean nothing to who waits."""
+    said: list[str] = []
+    clock = iter([100.0, 110.0, 130.0])
+
+    def pushed(*_: object, enough: Callable[[float, float], bool]) -> StrokePath:
+        assert [enough(25.0 * k, 2.5e-6 * k) for k in (1e-6, 1, 3, 4)] == [False, False, False, True]
+        ones = np.ones(2)
+        return StrokePath(np.array([0.0, 100.0]), np.array([0.0, 1e-5]), ones, ones, ones, ones)
+
+    monkeypatch.setattr(large_stroke, "stroke_path", pushed)
+    monkeypatch.setattr(large_stroke, "perf_counter", lambda: next(clock))
+    linear = SimpleNamespace(actuator_force=lambda *_: 100.0)
+    # 100 N over 10 N/um and 10 um of extension: the free stroke of 20 um.
+    large_stroke.follow(None, None, None, None, linear, 1e7, 2e-5, 4, said.append)  # type: ignore[arg-type]
+    assert said == [
+        "pushing to full drive in about 4 steps",
+        "25 % of full drive reached, 30 s left",
+        "75 % of full drive reached, 10 s left",
+    ]

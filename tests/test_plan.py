@@ -296,7 +296,9 @@ def test_a_known_mass_lowers_the_resonance_as_springs_and_masses_have_it() -> No
 
 
 def test_the_command_writes_files_and_a_report(tmp_path: Path, command_line: Run) -> None:
-    ended = command_line("plan", "lin2019_stage", "--set", "axis.x.damping_ratio=0.03", "--json", "--out", "bench")
+    ended = command_line(
+        "plan", "lin2019_stage", "--set", "axis.x.damping_ratio=0.03", "--slew", "none", "--json", "--out", "bench"
+    )  # fmt: skip
     assert ended.code == 0
     result = json.loads(ended.stdout)
     assert result["kind"] == "plan" and result["seed"] == 1
@@ -310,7 +312,7 @@ def test_the_command_writes_files_and_a_report(tmp_path: Path, command_line: Run
 def test_the_command_resolves(tmp_path: Path, command_line: Run) -> None:
     ended = command_line(
         "plan", "lin2019_stage", "--set", "axis.x.damping_ratio=0.03", "--resolve", "payload_mass", "stiffness_loss",
-        "--sensor-noise", "20 nm", "--out", "bench",
+        "--sensor-noise", "20 nm", "--slew", "none", "--out", "bench",
     )  # fmt: skip
     assert ended.code == 0
     assert "Added mass tells payload_mass from stiffness_loss best" in " ".join(ended.stdout.split())
@@ -321,10 +323,12 @@ def test_the_command_resolves(tmp_path: Path, command_line: Run) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        ((), "axis.x.driver.slew: is missing: no command is written"),
+        (("--current", "50 mA"), "axis.x.actuator.capacitance: is missing"),
         (("--axis", "q"), "is no axis of the model; it has x, y, z"),
         (("--slew", "5 mm"), "--slew = 5 mm"),
         (("--rate", "-5 Hz"), "must be more than zero"),
-        (("--resolve", "creep", "nonsense"), "is not a known effect"),
+        (("--resolve", "creep", "nonsense", "--slew", "none"), "is not a known effect"),
         (("--volts", "-20 V", "50 V"), "outside of 0 V to 150 V"),
     ],
 )

@@ -332,7 +332,7 @@ def test_a_difference_has_a_cause_that_was_seen_or_is_unexplained(tmp_path: Path
     """Of 120 um 50 V reach 100, for no reason that is known, and a range of 40 V allows 80."""
     study = experiment(SINE, compared("loop_span", "120 um", "1 um"))
     said = verdicts(simulated(tmp_path, LINEAR, study))["loop span, x: open loop"]
-    assert said == "-16.7 %, beyond ±: unexplained"
+    assert said == "-20.0 um, beyond ±: unexplained"
     narrow = LINEAR + RANGE.replace("100 V", "40 V")
     said = verdicts(simulated(tmp_path, narrow, study))["loop span, x: open loop"]
     assert said.endswith("beyond ±: limits cut the command")
@@ -435,7 +435,7 @@ def test_json_has_stdout_to_itself_and_is_deterministic(inputs: Path, command_li
     result = json.loads(first.stdout)
     assert [case["controller"] for case in result["cases"]] == ["open loop", "mine"] * 2 + ["open loop"]
     assert result["cases"][1]["gains"]["x"]["kp"]["unit"] == "V/um"
-    assert "a step: mine, soft" in first.stderr
+    assert "run 1 of 5: a step, open loop" in first.stderr and "left: a step, mine, soft" in first.stderr
 
 
 def test_an_override_reaches_model_and_study(inputs: Path, command_line: Run) -> None:
@@ -565,3 +565,10 @@ def test_beside_a_feedforward_all_of_a_pid_sees_the_reference(inputs: Path) -> N
     errors = [case.measure("x", "max_error") for case in (both, alone)]
     assert errors[0] is not None and errors[1] is not None
     assert errors[0].value < errors[1].value
+
+
+def test_the_terminal_says_of_what_a_share_is(tmp_path: Path) -> None:
+    """Without published numbers the table holds what was measured; "of span 0.1 %" names nothing."""
+    found = simulated(tmp_path, LINEAR, experiment(SINE))
+    (row,) = simulation_report.digest(found).rows
+    assert row[3].startswith("loop width per span ")

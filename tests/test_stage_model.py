@@ -806,3 +806,28 @@ def test_what_is_known_is_no_longer_assumed() -> None:
         "bouc_wen.rest",
     )
     assert axis.still_assumed(["damping_ratio"]) == ("bouc_wen",)
+
+
+# --- what is not in a model ---------------------------------------------------------------------------------------
+
+UNKNOWN_STACK = ActuatorData(40e-6, (0.0, 100.0), stiffness=60e6)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "absent"),
+    [
+        ({}, ("hysteresis", "creep", "sensor noise", "driver bandwidth")),
+        ({"effects": {"bouc_wen": {}, "creep": {}}}, ("sensor noise", "driver bandwidth")),
+        ({"effects": {"prandtl_ishlinskii": {}}}, ("creep", "sensor noise", "driver bandwidth")),
+        ({"sensor": Sensor(noise=2e-8), "driver": Driver(bandwidth=1e3)}, ("hysteresis", "creep")),
+        ({"actuator": replace(UNKNOWN_STACK, kind="voice coil")}, ()),
+        ({"actuator": None}, ()),
+    ],
+)
+def test_what_a_piezo_stage_lacks_is_listed(numbers: dict[str, object], absent: tuple[str, ...]) -> None:
+    axis = AxisModel(
+        **{"natural_frequency": 100.0, "damping_ratio": 0.01, "gain": 1e-6, "actuator": UNKNOWN_STACK, **numbers}
+    )  # type: ignore[arg-type]
+    assert axis.absent == absent
+    text = stage_model.to_toml(StageModel({"x": axis}, ControllerTiming(1e3), name="it"))
+    assert (f"# assumed to be none, as nothing here tells: {', '.join(absent)}\n" in text) == bool(absent)

@@ -159,6 +159,16 @@ def test_a_changed_dimension_changes_solid_and_models_alike(validation: Validati
     assert ratio == pytest.approx(0.9**3, rel=1e-9)
 
 
+def test_the_summary_says_what_the_stage_model_assumes(validation: Validation) -> None:
+    """Nothing in a design tells of hysteresis: a piezo engineer must not think that there is none."""
+    summary = validation_report.document(validation).summary
+    assert "Stage model, y: assumed, neither measured nor computed: damping_ratio = 0.01." in summary
+    absent = "hysteresis, creep, sensor noise, driver bandwidth"
+    assert f"Stage model, y: not in the model, and assumed to be none: {absent}." in summary
+    assert validation.stage_model is not None
+    assert f"assumed to be none, as nothing here tells: {absent}" in stage_model.to_toml(validation.stage_model)
+
+
 def test_stage_model_is_the_finite_element_model(validation: Validation, tmp_path: Path) -> None:
     model = validation.stage_model
     assert model is not None

@@ -148,6 +148,26 @@ def of_axis(model: StageModel, name: str, asked: Asked | None = None) -> Limits:
     return Limits(low, high, slew, bandwidth, rate, capacitance, origin)
 
 
+def refuse_unlimited(model: StageModel, name: str, limits: Limits) -> None:
+    """Refuse to plan for a bench of which nobody said how fast its voltage may change: stacks crack, drivers trip.
+
+    Raises
+    ------
+    InputError
+        If the slew is infinite; it says which of slew, current and capacitance are missing.
+    """
+    if math.isfinite(limits.slew):
+        return
+    known = 'or --current "50 mA"'
+    if limits.capacitance is None:
+        known += f' and axis.{name}.actuator.capacitance (--set axis.{name}.actuator.capacitance="3.6 uF")'
+    remedy = (
+        f'is missing: no command is written while nothing says how fast the voltage may change; give --slew "2000 V/s" '
+        f"{known}; --slew none if nothing limits it"
+    )
+    raise InputError(f"{model.name or 'stage model'}.toml", f"axis.{name}.driver.slew", None, remedy)
+
+
 def _volts(axis: AxisModel, name: str, file: str, asked: Asked, origin: dict[str, str]) -> tuple[float, float]:
     low, high = stages.limits(axis)
     origin["volts"] = f"axis.{name}.actuator.voltage_range and driver.limits"

@@ -24,9 +24,12 @@ them back, and says what is wrong with them.
 
     flexdesign import u.npy y.npy --map map.toml -o recordings/mirror
 
+    flexdesign import scope_*.csv --map map.toml -o recordings/scope
+
 **What a map says:** which variable is which column (`variable`, `unit`, `scale`, `offset`, `channel`, `input`), the
 sample `rate` where there is no column t, and the `axes` of arrays: sample or frequency, channel, input, realisation (a
-run each), period (in a row). What `measurements.toml` may say is passed on.
+run each), period (in a row). What `measurements.toml` may say is passed on. With `per_file = true` one map serves
+many files of the same variables: each file makes runs of its own, named after it.
 
 **Frequency responses** have a column `f` and a complex one, `response`; or `magnitude` and `phase`; or `re` and `im`;
 and `coherence` where it was recorded.
@@ -55,7 +58,7 @@ def import_(
     from flexdesign import importing
 
     if map_file is None:
-        typer.echo(importing.template(importing.look(recordings)), nl=False)
+        typer.echo(importing.propose(recordings), nl=False)
         return
     found = importing.bring_in(recordings, map_file, out or Path("recordings") / recordings[0].stem)
     for run in found.runs:

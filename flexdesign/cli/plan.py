@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -12,11 +13,13 @@ from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progr
 HELP = """Write command files for the bench, within its limits, so that a diagnosis will work.
 
 MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. Commands are
-shaped to its modes and damping; where slew or motion would be too large they are made smaller, and it is said.
+shaped to its modes and damping; where slew or motion would be too large they are made smaller, and it is said. How
+fast the voltage may change must be known: from `driver.slew` of the model, --slew, or --current and the capacitance of
+the stacks. Without these no command is written; `--slew none` says that nothing limits it.
 
 **Examples**
 
-    flexdesign plan my_stage.toml --axis x --out bench
+    flexdesign plan my_stage.toml --axis x --slew "2000 V/s" --out bench
 
     flexdesign plan my_stage.toml --current "50 mA" --bandwidth "400 Hz" --rate "8 kHz"
 
@@ -33,6 +36,9 @@ report.html, report.md, result.json and the figures, into --out.
 **Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
 """
 
+#: What --slew is where nothing limits how fast the voltage may change.
+NO_LIMIT = "none"
+
 
 @app.command(help=HELP)
 def plan(
@@ -45,7 +51,9 @@ def plan(
     volts: Annotated[
         tuple[str, str] | None, typer.Option(metavar="LOW HIGH", help='Narrower range, e.g. "0 V" "100 V".')
     ] = None,
-    slew: Annotated[str | None, typer.Option(help='Fastest change of the command, e.g. "2000 V/s".')] = None,
+    slew: Annotated[
+        str | None, typer.Option(help='Fastest change of the command, e.g. "2000 V/s"; none if nothing limits it.')
+    ] = None,
     current: Annotated[str | None, typer.Option(help='Largest current of the driver, e.g. "50 mA".')] = None,
     bandwidth: Annotated[
         str | None, typer.Option(help="No tone above it [default: 0.4 of the rate].", show_default=False)
@@ -74,19 +82,18 @@ def plan(
         numbers = stage.axes[chosen]
         asked = bench.Asked(
             None if volts is None else (_number("--volts", volts[0], "V"), _number("--volts", volts[1], "V")),
-            *(
-                _number(name, text, si) if text else None
-                for name, text, si in (
-                    ("--slew", slew, "V/s"), ("--current", current, "A"), ("--bandwidth", bandwidth, "Hz"),
-                    ("--rate", rate, "Hz"),
-                )
-            ),
-        )  # fmt: skip
+            math.inf if slew == NO_LIMIT else _given("--slew", slew, "V/s"),
+            _given("--current", current, "A"),
+            _given("--bandwidth", bandwidth, "Hz"),
+            _given("--rate", rate, "Hz"),
+        )
         noise = _number("--sensor-noise", sensor_noise, numbers.response) if sensor_noise else numbers.sensor.noise
+        limits = bench.of_axis(stage, chosen, asked)
+        if slew is None:
+            bench.refuse_unlimited(stage, chosen, limits)
         folder = out or Path("reports") / f"{stage.name}_plan"
         render.prepare(folder)
         say("shaping the commands")
-        limits = bench.of_axis(stage, chosen, asked)
         dynamics = bench.dynamics(stage, chosen, limits)
         experiments, resolved = bench.suite_of(dynamics, limits, seed), None
         if resolve:
@@ -106,6 +113,10 @@ def plan(
         return
     shown = plan_pages.separations(resolved) if resolved else plan_pages.table(named, limits)
     terminal.brief(document, shown, plan_pages.listed(written))
+
+
+def _given(option: str, text: str | None, si: str) -> float | None:
+    return _number(option, text, si) if text else None
 
 
 def _number(option: str, text: str, si: str) -> float:

@@ -14,7 +14,6 @@ app = typer.Typer(
     name="flexdesign",
     help="Design piezo-driven flexure stages, simulate them, and fit them to recordings.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},

@@ -44,7 +44,8 @@ minutes.
 
 **Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
 
-Meshes and solutions are cached by content, so that a second run takes seconds and an interrupted one resumes.
+Meshes and solutions are cached by content, so that a second run takes seconds, most of them for drawing, and an
+interrupted one resumes.
 """
 
 #: The files that the terminal names.

@@ -22,7 +22,6 @@ from flexdesign.materials import Material
 from flexdesign.part import Part
 
 FloatArray = NDArray[np.float64]
-Progress = Callable[[str], None]
 
 #: A level is solved when a correction is this small, relative to the largest displacement.
 SETTLED = 1e-7
@@ -61,7 +60,6 @@ def load_path(
     model: LargeDisplacement,
     loads: FloatArray,
     levels: Sequence[float],
-    progress: Progress = lambda _: None,
 ) -> Iterator[Equilibrium]:
     """Yield equilibria under multiples of a dead load, one after the other.
 
@@ -73,15 +71,13 @@ def load_path(
         Nodal forces, shape (n_dofs, k) [N]: the load of the path, then others whose rates are wanted.
     levels
         Multiples of the first load, each reached from the one before.
-    progress
-        Is told what is going on.
 
     Raises
     ------
     ArithmeticError
         If a level is not reached: the body buckles before it.
     """
-    walk = _Walk(model, loads, max(map(abs, levels)), progress)
+    walk = _Walk(model, loads, max(map(abs, levels)))
     for level in levels:
         yield walk.to(level)
     walk.factor.free()
@@ -90,8 +86,8 @@ def load_path(
 class _Walk:
     """Where a load path has got to: an equilibrium, and the tangent's factor there."""
 
-    def __init__(self, model: LargeDisplacement, loads: FloatArray, largest: float, progress: Progress) -> None:
-        self.model, self.loads, self.progress = model, loads, progress
+    def __init__(self, model: LargeDisplacement, loads: FloatArray, largest: float) -> None:
+        self.model, self.loads = model, loads
         self.scale = float(np.linalg.norm(loads[model.free, 0])) * largest
         self.level, self.displacement = 0.0, np.zeros(len(loads))
         self.factor = factorize(model.forces_and_tangent(self.displacement)[1])
@@ -122,7 +118,6 @@ class _Walk:
             forces, tangent = model.forces_and_tangent(displacement)
             left = aim * self.loads[free, 0] - forces[free]
             residual = float(np.linalg.norm(left)) / self.scale
-            self.progress(f"load {aim:.4g}, iteration {iteration}: {residual:.1e} out of balance")
             if factor is not None:
                 factor.free()
             if not residual < GROWN * worst:  # false for NaN
@@ -177,7 +172,6 @@ def stroke_path(
     domain: Domain,
     mesh: TaggedMesh,
     forces: Sequence[float],
-    progress: Progress = lambda _: None,
     *,
     enough: Callable[[float, float], bool] = lambda force, extension: False,
 ) -> StrokePath:
@@ -189,10 +183,8 @@ def stroke_path(
         What is pushed.
     forces
         Actuator forces [N], growing in size, none of them zero.
-    progress
-        Is told what is going on.
     enough
-        Tells from force [N] and extension [m] whether to stop there.
+        Tells from force [N] and extension [m], after each step, whether to stop there.
 
     Raises
     ------
@@ -207,7 +199,7 @@ def stroke_path(
     free = statics.free_dofs(body, domain, cls, held)
     work = 2 ** len(domain.planes) * loads
     rows = []
-    path = load_path(LargeDisplacement(body, free), loads, [1e-6 * forces[0], *forces], progress)
+    path = load_path(LargeDisplacement(body, free), loads, [1e-6 * forces[0], *forces])
     for point in path:
         extension, output = work.T @ point.displacement
         (c11, _), (c12, c22) = work.T @ point.rates

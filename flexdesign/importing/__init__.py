@@ -7,6 +7,6 @@ makes runs of the variables; `folder` writes them beside a ``measurements.toml``
 from flexdesign.importing.contents import Contents, Variable
 from flexdesign.importing.folder import Imported, bring_in
 from flexdesign.importing.readers import look
-from flexdesign.importing.template import template
+from flexdesign.importing.template import propose, template
 
-__all__ = ["Contents", "Imported", "Variable", "bring_in", "look", "template"]
+__all__ = ["Contents", "Imported", "Variable", "bring_in", "look", "propose", "template"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -18,6 +19,8 @@ from flexdesign.importing.contents import Array, Variable, stored
 SEPARATORS = (";", "\t", ",", " ")
 #: Rows from which the separator is told.
 SAMPLE = 20
+#: Units of more letters are words, in which capitals mean nothing: mV is not MV, but Volt is volt.
+LONGEST_SYMBOL = 3
 _WHOLE_CELL = re.compile(r"(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]$")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
 
@@ -47,9 +50,10 @@ class Dialect:
 def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable], tuple[str, ...]]:
     """Return the columns of a table by name, and the lines above its header.
 
-    The header is the last line before the first row of numbers that has as many cells; a unit stands there in brackets,
-    ``x [um]`` or ``x (um)``, or in a line of its own below. Columns without a name are called ``column 1`` and so on.
-    Empty cells, and words where a number should be, are NaN.
+    Header lines are those before the first row of numbers that have as many cells, whatever their number: a line whose
+    cells are all units gives the units, the line above it the names. A unit may stand behind its name in brackets,
+    ``x [um]`` or ``x (um)``. Columns without a name are called ``column 1`` and so on. Empty cells, and words where a
+    number should be, are NaN.
 
     Raises
     ------
@@ -60,7 +64,7 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
     kept = [line for line in lines if line.strip()]
     separator = dialect.separator or _separator(kept)
     table = [_cells(line.lstrip("#% ") if line[0] in "#%" else line, separator) for line in kept]
-    decimal = dialect.decimal or _decimal(table, separator)
+    decimal = dialect.decimal or _decimal(table)
     first = next((k for k, row in enumerate(table) if _is_numbers(row, decimal)), None)
     if first is None:
         remedy = "has no row of numbers; say in [text] how it is written (separator, decimal, skip, encoding)"
@@ -73,8 +77,9 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
         raise InputError(path, f"row {ragged + 1} of numbers", kept[first + ragged], f"{remedy}; remove or complete it")
     numbers = np.array([[_number(cell, decimal) for cell in row] for row in rows])
     above = [k for k in range(first) if (len(table[k]) == width and width > 1) or (k == first - 1 and width == 1)]
-    names, units = _names([table[k] for k in above[-2:]], width)
-    notes = tuple(line.strip() for k, line in enumerate(kept[:first]) if k not in above[-2:])
+    headers = _headers([table[k] for k in above])
+    names, units = _names([table[above[k]] for k in headers], width)
+    notes = tuple(line.strip() for k, line in enumerate(kept[:first]) if k not in [above[k] for k in headers])
     return {name: stored(numbers[:, k], units[k]) for k, name in enumerate(names)}, notes
 
 
@@ -106,13 +111,16 @@ def _separator(lines: Sequence[str]) -> str:
 
 
 def _cells(line: str, separator: str) -> list[str]:
-    cells = line.split() if separator == " " else line.split(separator)
+    if separator == " ":
+        cells = line.split()
+    elif '"' in line:  # a separator between quotation marks is none
+        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    else:
+        cells = line.split(separator)
     return [cell.strip().strip('"').strip() for cell in cells]
 
 
-def _decimal(table: Sequence[Sequence[str]], separator: str) -> str:
-    if separator == ",":
-        return "."
+def _decimal(table: Sequence[Sequence[str]]) -> str:
     cells = [cell for row in table[-SAMPLE:] for cell in row]
     return "," if any(_DECIMAL_COMMA.match(cell) for cell in cells) else "."
 
@@ -130,6 +138,36 @@ def _is_numbers(row: Sequence[str], decimal: str) -> bool:
     return len(filled) > 0 and not np.isnan(filled).any()
 
 
+def _headers(lines: Sequence[Sequence[str]]) -> list[int]:
+    """Return which of the header lines has the names and, behind it, which the units, if one has.
+
+    Without a line of units it is the last two, as names and as what stands below them; of three lines or more it is the
+    last one, of which the others are titles.
+    """
+    of_units = next((k for k in range(len(lines) - 1, 0, -1) if _are_units(lines[k])), None)
+    if of_units is not None:
+        return [of_units - 1, of_units]
+    last = list(range(len(lines)))
+    return last[-1:] if len(last) > 2 else last[-2:]
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    """Tell whether all cells but empty ones name a unit, and one does."""
+    filled = [cell.strip("[]() ") for cell in cells if cell.strip("[]() ")]
+    return bool(filled) and all(_unit(cell) for cell in filled)
+
+
+def _unit(cell: str) -> str:
+    """Return the unit that a cell names, also as instruments write it: ``Volt``, ``second``; empty if none."""
+    for written in (cell, cell.lower() if len(cell) > LONGEST_SYMBOL else cell):
+        try:
+            columns.si_of(written)
+        except ValueError:
+            continue
+        return written
+    return ""
+
+
 def _names(headers: Sequence[Sequence[str]], width: int) -> tuple[list[str], list[str]]:
     """Return names and units of the columns from at most two lines above the numbers."""
     titles = [*(headers[0] if headers else ()), *[""] * width][:width]
@@ -142,5 +180,5 @@ def _names(headers: Sequence[Sequence[str]], width: int) -> tuple[list[str], lis
         if not name or name in names:
             name = f"{name} {k + 1}" if name else f"column {k + 1}"
         names.append(name)
-        units.append(unit)
+        units.append(_unit(unit) or unit)
     return names, units

@@ -44,7 +44,7 @@ def bring_in(paths: Sequence[Path], map_file: Path, folder: Path) -> Imported:
         folder cannot be written or has a ``measurements.toml`` already.
     """
     plan = read_map(map_file)
-    recordings = assemble(look(paths, plan.dialect), plan)
+    recordings = _assembled(paths, plan)
     described = folder / DESCRIPTION
     if described.exists():
         raise InputError(
@@ -52,7 +52,8 @@ def bring_in(paths: Sequence[Path], map_file: Path, folder: Path) -> Imported:
         )
     names = [recording.name for recording in recordings]
     if twice := next((name for name in names if names.count(name) > 1), None):
-        raise InputError(map_file, "run.name", twice, "two runs would be written to one file; give another name")
+        remedy = "two runs would be written to one file; give another name, or rename one of the files"
+        raise InputError(map_file, "run.name", twice, remedy)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix=".writing-") as scratch:
@@ -66,6 +67,18 @@ def bring_in(paths: Sequence[Path], map_file: Path, folder: Path) -> Imported:
     found = tuple(replace(each, remarks=(*said[each.name], *each.remarks)) for each in found)
     responses = tuple(each for each in found if isinstance(each, FrequencyResponse))
     return Imported(folder, tuple(each for each in found if isinstance(each, Run)), responses)
+
+
+def _assembled(paths: Sequence[Path], plan: Map) -> list[Recording]:
+    """Return the recordings of all files: read together, or of each by itself, which are then named after it."""
+    if not plan.per_file:
+        return assemble(look(paths, plan.dialect), plan)
+    made = []
+    for path in paths:
+        for recording in assemble(look([path], plan.dialect), plan):
+            own = plan.runs[recording.number][0].name
+            made.append(replace(recording, name=f"{path.stem}_{recording.name}") if own else recording)
+    return made
 
 
 def _written(recordings: Sequence[Recording], plan: Map, paths: Sequence[Path], folder: Path) -> list[Path]:

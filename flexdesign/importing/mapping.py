@@ -44,6 +44,9 @@ A column may be computed, with units checked; what a formula may have says `flex
     formula = "per_length * (qg + pulse / (kv * kp))"
     unit = "V"
 
+One map serves many files that hold the same variables: with ``per_file = true`` it is applied to each file by itself,
+and each makes runs of its own, named after the file.
+
 What ``measurements.toml`` may say (``command_is``, ``limits``, ``sensors``, ``role`` ...) may stand here as well, and
 is passed on. Channels are chosen; each realisation is a run of its own; periods follow one another in time. A table in
 text that is not understood is described in ``[text]``: separator, decimal, skip, encoding.
@@ -72,7 +75,7 @@ LONGEST = 100
 #: What the axes of an array can be; along the first or the second one of them there are the numbers of a column.
 AXES = ("sample", "frequency", "channel", "input", "realisation", "period")
 #: Keys of a map that are not passed on to ``measurements.toml``.
-OWN = ("rate", "axes", "text", "constants", "variables", "run", "name", "columns")
+OWN = ("rate", "axes", "per_file", "text", "constants", "variables", "run", "name", "columns")
 #: The column of a frequency response in complex numbers.
 RESPONSE = "response"
 #: Which SI units the columns of a frequency response may have.
@@ -143,6 +146,7 @@ class MapTable(Setup):
     rate: in_si("Hz", 1e-6, 1e12) | None = None  # type: ignore[valid-type]
     axes: Annotated[tuple[str, ...] | None, BeforeValidator(_axes)] = None
     text: TextTable = TextTable()
+    per_file: bool = False
     constants: Any = None
     variables: Any = None
 
@@ -197,6 +201,8 @@ class Map:
         Variables of the files, by the names that formulas use.
     said
         What is passed on to ``measurements.toml``, as it is written: of all runs, and of each.
+    per_file
+        Whether the map is applied to each file by itself.
     """
 
     path: Path
@@ -206,6 +212,7 @@ class Map:
     variables: Mapping[str, VariableTable]
     said: Mapping[str, Any]
     said_of_runs: tuple[Mapping[str, Any], ...]
+    per_file: bool = False
 
 
 def read_map(path: Path) -> Map:
@@ -240,7 +247,7 @@ def read_map(path: Path) -> Map:
     if both := sorted(constants.keys() & variables.keys()):
         raise InputError(path, f"variables.{both[0]}", None, "is the name of a constant as well; rename one of them")
     said = _passed_on(content), tuple(_passed_on(each) for each in tables)
-    return Map(path, dialect, tuple(runs), constants, variables, *said)
+    return Map(path, dialect, tuple(runs), constants, variables, *said, per_file=table.per_file)
 
 
 def _passed_on(table: Mapping[str, Any]) -> dict[str, Any]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from flexdesign import columns
 from flexdesign.importing.contents import Contents, Variable
 from flexdesign.importing.mapping import OF_RESPONSES, RESPONSE
+from flexdesign.importing.readers import look
 from flexdesign.runs import ALLOWED
 
 #: Words by which programs call the columns of a run, in small letters; a name that begins with one will do.
@@ -22,16 +24,34 @@ WORDS = {
 OF_LINES = {"f": ("f", "freq", "frequency", "frequencies", "hz"), "coherence": ("coherence", "coh")}
 #: Names of scalars that are a sampling rate in Hz.
 RATES = ("fs", "fsamp", "rate", "sample_rate", "samplerate", "samplingrate", "sampling_rate")
+#: What those columns measure, by which a variable is guessed whose name says nothing.
+BY_UNIT = {"t": ("s",), "x": ("m", "rad"), "u": ("V",)}
 #: The unit that is written where nothing is known.
 USUAL = {"t": "s", "u": "V", "x": "um", "f": "Hz", RESPONSE: "um/V", "coherence": "1"}
 
 
-def template(contents: Contents) -> str:
+def propose(paths: Sequence[Path]) -> str:
+    """Return a map for files: for each by itself where all hold variables of the same names, else for all together.
+
+    Raises
+    ------
+    InputError
+        As `look` does.
+    """
+    alone = [look([path]) for path in paths]
+    if len(alone) > 1 and all(list(each.variables) == list(alone[0].variables) for each in alone):
+        return template(alone[0], beside=paths[1:])
+    return template(look(paths))
+
+
+def template(contents: Contents, beside: Sequence[Path] = ()) -> str:
     """Return a map as text: what the files hold in comments, then a run with the columns that can be guessed.
 
     The text is TOML. Guesses are marked; lines that nobody can guess are ``?`` and refused until they are replaced.
+    Files `beside` hold the same variables, and the map is for each of them.
     """
-    lines = [f"# What is in {', '.join(path.name for path in contents.paths)}:", "#"]
+    more = f", and likewise in {len(beside)} more" if beside else ""
+    lines = [f"# What is in {', '.join(path.name for path in contents.paths)}{more}:", "#"]
     rows = [_row(name, variable) for name, variable in contents.variables.items()]
     widths = [max(len(row[k]) for row in rows) for k in range(3)]
     for row in rows:
@@ -46,13 +66,16 @@ def template(contents: Contents) -> str:
         "",
         f"title = {json.dumps(contents.paths[0].stem)}",
     ]
+    if beside:
+        lines.append("per_file = true  # each file by itself makes a run, named after it")
     has_time = is_response or "t" in guesses or any(v.step for v in contents.variables.values())
     if not has_time:
         lines.append(f'rate = "{_rate(contents) or "?"}"  # or map a column t')
     if several:
         of = "frequency, channel, input, realisation" if is_response else "sample, channel, realisation, period"
         lines.append(f'axes = ["?", "?"]  # of {of}')
-    lines += ["", "[[run]]", f"name = {json.dumps(contents.paths[0].stem)}", '# kind = "multisine"']
+    named = [] if beside else [f"name = {json.dumps(contents.paths[0].stem)}"]
+    lines += ["", "[[run]]", *named, '# kind = "multisine"']
     optional = {"t", "coherence"} - guesses.keys()
     for column in ("f", RESPONSE, "coherence") if is_response else ("t", "u", "x"):
         if column in optional:
@@ -88,7 +111,30 @@ def _guesses(contents: Contents, wanted: Mapping[str, Sequence[str]]) -> dict[st
             if name not in found.values() and (begins or last.partition("_")[0] in words):
                 found[column] = name
                 break
+    if wanted is WORDS:
+        found |= _by_units(contents, [name for name in arrays if name not in found.values()], set(wanted) - set(found))
     return found
+
+
+def _by_units(contents: Contents, arrays: Sequence[str], missing: Collection[str]) -> dict[str, str]:
+    """Return the variables that can be but one column by their units: seconds, volts of a command, motion."""
+    found: dict[str, str] = {}
+    for column in (column for column in BY_UNIT if column in missing):
+        fits = [name for name in arrays if name not in found.values() and _measures(contents, name, BY_UNIT[column])]
+        if len(fits) == 1 or (fits and column == "u"):  # of several voltages a scope's first channel is the command
+            found[column] = fits[0]
+    left = [name for name in arrays if name not in found.values()]
+    if "x" in missing and "x" not in found and len(left) == 1:
+        found["x"] = left[0]
+    return found
+
+
+def _measures(contents: Contents, name: str, allowed: Sequence[str]) -> bool:
+    """Tell whether the unit of a variable is one of those of some SI units."""
+    try:
+        return bool(columns.si_of(contents.variables[name].unit, allowed))
+    except ValueError:
+        return False
 
 
 def _column(column: str, name: str | None, contents: Contents) -> list[str]:
@@ -101,6 +147,8 @@ def _column(column: str, name: str | None, contents: Contents) -> list[str]:
     except ValueError:
         stands = f"  # the file says {variable.unit!r}" if variable and variable.unit else ""
         lines.append(f'unit = "?"{stands}' if stands or not variable else f'unit = "?"  # {USUAL[column]}?')
+    if variable and name and column == "x" and _measures(contents, name, ("V",)):
+        lines.append('# if that is the voltage of a sensor: unit = "um" and scale, in um for each unit of it')
     if variable and np.squeeze(np.empty(variable.shape, dtype=bool)).ndim > 1:
         lines.append("channel = 1")
     return lines

@@ -23,8 +23,8 @@ def document(found: Optimum) -> Document:
     """Write the report."""
     drawn, missing = design_pictures.draw({_words(found): evaluators.version_of(found.plan, Case(found.last.values))})
     sections = [
-        Section("The optimum", missing, [optimum(found), _ends(found)], drawn),
-        Section("What it gives", [_who(found)], [_quantities(found)]),
+        Section("The optimum", missing, [optimum(found)], drawn),
+        Section("What it gives", [_who(found)], [_quantities(found), *_beside(found)]),
     ]
     if len(found.rounds) > 1:
         text = "Each round optimises the formulas times what finite elements found over them in the round before."
@@ -47,7 +47,8 @@ def summary(found: Optimum) -> list[str]:
         text = f"Nothing was found that keeps all limits; the nearest breaks {broken}. {text}"
     elif found.plan.limits:
         text += f" It keeps {' and '.join(map(str, found.plan.limits))}."
-    return [text, f"{same} of {searches} searches ended there; {_who(found)}"]
+    agreed = f"{same} of {searches} searches ended there; {_who(found)}"
+    return [text, *_ends(found), *_like(found), agreed]
 
 
 def _who(found: Optimum) -> str:
@@ -57,8 +58,14 @@ def _who(found: Optimum) -> str:
 
 
 def optimum(found: Optimum) -> Table:
-    """Return what varied, at the optimum."""
-    return Table(["what varied", "optimum"], [[key, _given(found, key)] for key in found.last.values])
+    """Return what varied, at the optimum, and between which limits."""
+    rows = []
+    for factor in found.plan.factors:
+        low, high = (factor.shown(end) for end in factor.ends) if factor.ends else ("", "")
+        end = found.end_of(factor)
+        between = f"{low} to {high}" if factor.ends else ", ".join(factor.shown(value) for value in factor.values)
+        rows.append([factor.key, _given(found, factor.key), between, f"at its {end} limit" if end else ""])
+    return Table(["what varied", "optimum", "searched", ""], rows)
 
 
 def _given(found: Optimum, key: str) -> str:
@@ -66,16 +73,33 @@ def _given(found: Optimum, key: str) -> str:
     return factor.shown(found.last.values[key])
 
 
-def _ends(found: Optimum) -> Table:
-    """Return the numbers that stand at the end of their range, where a wider one would do better."""
-    rows = []
-    for factor in found.plan.factors:
-        low, high = factor.ends or (0.0, 0.0)
-        share = (float(found.last.values[factor.key]) - low) / (high - low) if factor.ends else 0.5
-        if not 1e-4 < share < 1 - 1e-4:
-            rows.append([factor.key, _given(found, factor.key), "lower" if share < 0.5 else "upper"])
-    caption = "What stands at the end of its range, and might do better beyond"
-    return Table(["at an end", "value", "which"], rows or [["none", "–", "–"]], caption)
+def _ends(found: Optimum) -> list[str]:
+    """Say what stands at the limit of its range, where a wider one would do better."""
+    at_end = [factor for factor in found.plan.factors if found.end_of(factor)]
+    told = [
+        f"{factor.key.rpartition('.')[2]} at its {found.end_of(factor)} limit, {_given(found, factor.key)}"
+        for factor in at_end
+    ]
+    if not told:
+        return []
+    return [f"The search ended with {', and with '.join(told)}: a wider range may give a better design."]
+
+
+def _like(found: Optimum) -> list[str]:
+    """Say what stress, safety and frequency the optimum has."""
+    if not found.further:
+        return []
+    return [f"At the optimum: {', '.join(f'{_name(q)} {q.shown()}' for q in found.further)}."]
+
+
+def _name(quantity: Quantity) -> str:
+    name = quantity.name.replace("_", " ")
+    return f"{name} ({quantity.boundary})" if quantity.boundary else name
+
+
+def _beside(found: Optimum) -> list[Table]:
+    rows = [[quantity.name, quantity.boundary, quantity.shown()] for quantity in found.further]
+    return [Table(["stress, safety, frequency", "holds", "finite elements"], rows)] if rows else []
 
 
 def _quantities(found: Optimum) -> Table:
@@ -116,6 +140,7 @@ def to_toml(found: Optimum, folder: Path) -> str:
     changed = [f"{key}={_given(found, key)}" for key in found.last.values]
     content = files.read_toml(plan.design.file, [*plan.overrides, *changed])
     content["title"] = f"{plan.design.title}, optimised"
+    content["provenance"] = f"optimised: {plan.aims[0]}; what did not vary is that of {plan.design.file.name}"
     return f"# {summary(found)[0]}\n" + designs.to_toml(plan.design, content, folder)
 
 
@@ -132,6 +157,8 @@ def result(found: Optimum) -> dict[str, Any]:
         "values": {key: _given(found, key) for key in last.values},
         "formulas": [quantity.to_json() for quantity in last.formulas.values()],
         "finite_elements": [quantity.to_json() for quantity in (last.elements or {}).values()],
+        "at_limits": {f.key: found.end_of(f) for f in plan.factors if found.end_of(f)},
+        "further": [quantity.to_json() for quantity in found.further],
         "rounds": len(found.rounds),
         "searches": {"ended": found.agreed[1], "at_the_optimum": found.agreed[0]},
         "made_by": {

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from flexdesign import units
 from flexdesign.experiments import AS_MODELLED
+from flexdesign.model import Quantity
 from flexdesign.report.document import Section, Table
 from flexdesign.simulation import Case, Compared, Simulation
 
@@ -85,10 +87,17 @@ def _verdict(simulation: Simulation, case: Case, compared: Compared) -> str:
         within = ours.value < published.si
         return "within it" if within else f"beyond it{cause and f': {cause}'}"
     off, width = ours.value - published.si, published.half_width
-    relative = f"{100 * off / published.si:+.3g} %" if published.si else f"off by {ours.shown(3)}"
     if width is None:
-        return relative
-    return f"{relative}, within ±" if abs(off) <= width else f"{relative}, beyond ±: {cause or 'unexplained'}"
+        return f"{100 * off / published.si:+.3g} %" if published.si else f"off by {ours.shown(3)}"
+    if abs(off) <= width:
+        return f"{_difference(off, ours)}, within ±"
+    return f"{_difference(off, ours)}, beyond ±: {cause or 'unexplained'}"
+
+
+def _difference(off: float, ours: Quantity) -> str:
+    """Write a difference as its uncertainty is written, which it is judged by; of two shares in points."""
+    written = replace(ours, value=abs(off), sigma=None).shown(3)
+    return f"{'-' if off < 0 else '+'}{written.removesuffix(' %')}{' points' if written.endswith(' %') else ''}"
 
 
 def _fitted(simulation: Simulation, case: Case, axis: str) -> tuple[str, ...]:

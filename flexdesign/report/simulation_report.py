@@ -14,8 +14,8 @@ from flexdesign.files import FORMAT
 from flexdesign.model import Quantity
 from flexdesign.report import published_rows, render, simulation_figures
 from flexdesign.report.document import Document, Section, Table
-from flexdesign.report.published_rows import WORDS, who
-from flexdesign.simulation import Case, Simulation, validity
+from flexdesign.report.published_rows import ALONE, WORDS, who
+from flexdesign.simulation import Case, Simulation, grouped, validity
 from flexdesign.stage_model import to_toml
 
 #: Those that a terminal shows.
@@ -112,7 +112,7 @@ def _summary(simulation: Simulation) -> list[str]:
     text = f"{len(simulation.plan.experiments)} experiments, {len(cases)} runs"
     worst = max((case.response.error for case in cases if case.response.diverged is None), default=math.nan)
     text += f"; the largest estimated integration error is {worst:.0e} of a run's span."
-    paragraphs = [text, simulation.plan.note, *_grouped(validity(simulation.model))]
+    paragraphs = [text, simulation.plan.note, *grouped(validity(simulation.model))]
     if simulation.skipped:
         names = ", ".join(f"{s.experiment.name} ({s.controller}, {s.variant})" for s in simulation.skipped)
         paragraphs.append(f"Not run, as no controller was found: {names}.")
@@ -120,15 +120,6 @@ def _summary(simulation: Simulation) -> list[str]:
         names = ", ".join(f"{case.experiment.name} ({case.controller}, {case.variant})" for case in unstable)
         paragraphs.append(f"Unstable: {names}.")
     return [paragraph for paragraph in paragraphs if paragraph]
-
-
-def _grouped(sentences: Sequence[str]) -> list[str]:
-    """Say once what is said of several axes."""
-    axes: dict[str, list[str]] = {}
-    for sentence in sentences:
-        axis, _, text = sentence.partition(": ")
-        axes.setdefault(text, []).append(axis)
-    return [f"{', '.join(names)}: {text}" for text, names in axes.items()]
 
 
 def digest(simulation: Simulation) -> Table:
@@ -141,7 +132,7 @@ def digest(simulation: Simulation) -> Table:
         for axis in case.experiment.axes:
             found = [q for q in case.measures.get(axis, ()) if q.name in BRIEF]
             nothing = "–" if case.response.diverged is None else "unstable"
-            said = ", ".join(f"{WORDS[q.name]} {_text(q)}" for q in found) or nothing
+            said = ", ".join(f"{ALONE.get(q.name) or WORDS[q.name]} {_text(q)}" for q in found) or nothing
             rows.append([case.experiment.name, who(case), axis, said])
     return Table(["experiment", "run", "axis", "measured"], rows)
 

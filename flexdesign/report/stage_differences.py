@@ -201,25 +201,26 @@ def _variants(validation: StageValidation, axes: Axes) -> Table:
 
 
 def _left(validation: StageValidation, axes: Axes) -> list[Table]:
-    """Return a table for what other programs published: how far off FEM is, and what a variant leaves."""
+    """Return a table for what other programs published: its deviation from FEM as in Table 1, and from a variant."""
     best, tables = nearest(validation), []
     for label in _others(validation):
         rows = []
         for comparison in (c for c in told(validation, axes) if label in c.analytic):
             fem, theirs = comparison.fem, comparison.analytic[label]
-            row = [axes.short(fem), written(validation, label, theirs), _deviation(fem.value, theirs.value)]
+            row = [axes.short(fem), written(validation, label, theirs), _deviation(theirs.value, fem.value)]
             if best is not None:
                 value = validation.as_in(best, fem.key)
-                row += [_as(validation, best, fem.key), "–" if value is None else _deviation(value, theirs.value)]
+                row += [_as(validation, best, fem.key), "–" if value is None else _deviation(theirs.value, value)]
             rows.append(row)
-        columns = ["quantity", label, "FEM off by"]
-        columns += [best, "left, unexplained"] if best is not None else []
-        tables.append(Table(columns, rows, f"Against {label}, relative to it"))
+        columns = ["quantity", label, "deviation from FEM"]
+        columns += [best, "deviation from that, unexplained"] if best is not None else []
+        tables.append(Table(columns, rows, f"{label}: deviations from FEM, as in the first table"))
     return tables
 
 
 def _deviation(value: float, reference: float) -> str:
-    return percent(value / reference - 1)
+    """Write how far a value is off a reference; of one that symmetry forbids there is no percentage."""
+    return percent(value / reference - 1) if reference else "symmetry forbids it"
 
 
 def _as(validation: StageValidation, variant: str, key: str) -> str:

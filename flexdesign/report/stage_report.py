@@ -16,6 +16,7 @@ from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.pictures import drawn_or_said
 from flexdesign.report.stage_words import Axes, axis_of, computed, percent, written
 from flexdesign.report.wording import shown
+from flexdesign.simulation import handed_over
 from flexdesign.stage_coupling import Cause, CrossMotion
 from flexdesign.validation import Comparison, provenance
 from flexdesign.validation.stage_course import StageValidation
@@ -48,12 +49,19 @@ def _beside(validation: StageValidation, comparison: Comparison, model: str) -> 
 
 def show(document: Document, validation: StageValidation, files: Sequence[Path]) -> None:
     """Print the summary, Table 1 without its boundaries, which the report has, and where that is."""
-    whole = table_1(validation)
-    rows = [
-        [name.partition(",")[0], fem, *(cell.replace(" %)", "%)") for cell in cells)]
-        for name, fem, *cells in whole.rows
-    ]
-    terminal.brief(document, Table(whole.columns, rows, whole.caption), files)
+    terminal.brief(document, brief_table_1(validation), files)
+
+
+def brief_table_1(validation: StageValidation) -> Table:
+    """Return Table 1 for a terminal: without boundaries, its unit with the name of each quantity."""
+    whole, rows = table_1(validation), []
+    for (name, fem, *cells), comparison in zip(
+        whole.rows, stage_differences.told(validation, Axes(validation)), strict=True
+    ):
+        unit = comparison.fem.unit
+        called = f"{name.partition(',')[0]} [{unit}]" if unit else name.partition(",")[0]
+        rows.append([called, fem.removesuffix(f" {unit}"), *(cell.replace(" %)", "%)") for cell in cells)])
+    return Table(whole.columns, rows, whole.caption)
 
 
 def document(validation: StageValidation, progress: Progress = lambda _: None) -> Document:
@@ -114,7 +122,7 @@ def _summary(validation: StageValidation) -> list[str]:
         )
     if validation.motions:
         paragraphs.append(_coupling_in_short(validation, axes))
-    return paragraphs
+    return [*paragraphs, *handed_over(validation.stage_model)]
 
 
 def _coupling_in_short(validation: StageValidation, axes: Axes) -> str:
@@ -174,7 +182,7 @@ def _stage_model(validation: StageValidation) -> Section:
             " The hysteresis is that of the free stack, as the design has it, times travel per free stroke; the gain "
             "is k_v of eq (26), larger than travel over voltage by what hysteresis holds back."
         )
-    return Section("Stage model for simulations", [text], [Table(columns, rows)])
+    return Section("Stage model for simulations", [text, *handed_over(model)], [Table(columns, rows)])
 
 
 def _meshes(validation: StageValidation) -> Section:

@@ -85,7 +85,8 @@ def _drawn(table: Table, *, wraps: bool = False) -> RichTable:
     drawn = RichTable(title=table.caption or None, title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for index, head in enumerate(table.columns):
         words = index < 1 or (wraps and table.wordy[index])
-        drawn.add_column(head, justify="left" if words else "right", no_wrap=index > 0 and not wraps)
+        # What is too long is broken into lines: nothing is cut off.
+        drawn.add_column(head, justify="left" if words else "right", no_wrap=index > 0 and not wraps, overflow="fold")
     for row in table.rows:
         drawn.add_row(*row)
     return drawn

@@ -22,6 +22,7 @@ from flexdesign.report import (
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.pictures import drawn_or_said
 from flexdesign.report.wording import name_of, shown
+from flexdesign.simulation import handed_over
 from flexdesign.validation import Validation, provenance
 
 Progress = Callable[[str], None]
@@ -127,6 +128,7 @@ def _summary(validation: Validation) -> list[str]:
         paragraphs.append(cross_check_words.verdict(validation.cross_check))
     if design.provenance:
         paragraphs.append(f"Note on this design: {design.provenance}.")
+    paragraphs += handed_over(validation.stage_model)
     return [paragraph for paragraph in paragraphs if paragraph]
 
 

@@ -13,6 +13,15 @@ from flexdesign.stage_model.shown import Shown
 #: in the third digit, 0.5 %, and half of mass's and stiffness's errors add to the frequency's own.
 AGREEMENT = 0.01
 
+#: Effects of the catalogue that make a loop between rising and falling voltage.
+HYSTERESES = (
+    "bouc_wen",
+    "prandtl_ishlinskii",
+    "asymmetric_hysteresis",
+    "rate_dependent_hysteresis",
+    "hysteretic_spring",
+)
+
 
 class Contradiction(ValueError):
     """Numbers of one axis that cannot be true together.
@@ -224,6 +233,22 @@ class AxisModel:
         of_stacks = ("stiffness", "contact_stiffness", "capacitance", "preload")
         is_stack = any(getattr(self.actuator, name) is not None for name in of_stacks)
         return self.actuator.kind or (PIEZO if is_stack else "")
+
+    @property
+    def absent(self) -> tuple[str, ...]:
+        """What every piezo stack, sensor or driver has and this axis has not: it is assumed to be none, in words.
+
+        Empty for an axis that is not said to have a stack.
+        """
+        if self.driven_by != PIEZO:
+            return ()
+        there = {
+            "hysteresis": any(name in self.effects for name in HYSTERESES),
+            "creep": "creep" in self.effects,
+            "sensor noise": self.sensor.noise > 0,
+            "driver bandwidth": math.isfinite(self.driver.bandwidth) or "driver_bandwidth" in self.effects,
+        }
+        return tuple(name for name, has in there.items() if not has)
 
     @property
     def main_share(self) -> float:

@@ -88,6 +88,8 @@ def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]
         yield f"uncertainty = {{ {relative} }}    # relative, 1 sigma"
     if axis.assumed:
         yield f"assumed = [{', '.join(_TEXT.write(_named(name, ways)) for name in axis.assumed)}]"
+    if axis.absent:
+        yield f"# assumed to be none, as nothing here tells: {', '.join(axis.absent)}"
     if axis.fitted:
         yield f"fitted = [{', '.join(map(_TEXT.write, axis.fitted))}]"
     for mode in axis.modes:

@@ -26,6 +26,13 @@ from flexdesign.study import MeshSettings, ModeSettings, OutputSettings, Study
 
 #: Asked of extruded parts and of stages where mesh settings state no accuracy.
 ACCURACY = 0.01
+#: Edge length at the hinge roots, in hinge thicknesses, of the two meshes that stress and frequency are asked of: they
+#: are then known to about 1 %, in seconds.
+COARSE_AT_ROOT = 0.5
+#: What an optimum is told to be like beside its aim and limits.
+BESIDE = ("hinge_stress", "safety_against_yield", "safety_against_fatigue", "first_frequency", "drive_frequency")
+#: How boundaries call a part or stage with its actuators.
+INSTALLED = "installed"
 #: A process keeps so much of meshes and condensed parts of stages [bytes], the latest.
 KEPT = 400e6
 
@@ -100,6 +107,31 @@ def stage_model(design: Design, mesh: MeshSettings) -> StageModel:
         remedy = "is missing, so that nothing drives the stage; write [actuator]"
         raise InputError(design.file, "actuator", None, remedy)
     return stage
+
+
+def beside(design: Design, mesh: MeshSettings, found: Sequence[Quantity]) -> list[Quantity]:
+    """Return stress, safety and frequency of a part or a stage, as far as they are known of it.
+
+    Parameters
+    ----------
+    design
+        The part or the stage.
+    mesh
+        How to mesh.
+    found
+        What `by_elements` returned; a part that was extruded is solved on two coarse meshes beside.
+
+    Raises
+    ------
+    InputError
+        If a mesh cannot be used.
+    """
+    if not design.is_stage and not any(q.name == "hinge_stress" for q in found):
+        coarse = {"accuracy": None, "levels": 2, "at_root": mesh.at_root or COARSE_AT_ROOT}
+        found = _meshed(design, mesh.model_copy(update=coarse))[0]
+    told = [q for q in found if q.name.startswith(BESIDE)]
+    driven = {q.name for q in told if INSTALLED in q.boundary}  # without the actuator where there is none
+    return [q for q in told if q.name not in driven or INSTALLED in q.boundary]
 
 
 def _study(design: Design, mesh: MeshSettings) -> Study:

@@ -23,7 +23,7 @@ from flexdesign.model import Quantity, by_key
 from flexdesign.sweeps import evaluators
 from flexdesign.sweeps.answers import as_named, key_of
 from flexdesign.sweeps.choosing import Aim, Limit
-from flexdesign.sweeps.elements import by_elements, fast_solid
+from flexdesign.sweeps.elements import beside, by_elements, fast_solid
 from flexdesign.sweeps.plan import SweepPlan
 from flexdesign.sweeps.sampling import Case, Factor, cases
 
@@ -37,6 +37,8 @@ SAMPLED, FOLLOWED, STEPS, DIFFERENCE = 64, 6, 100, 1e-6
 SLACK = 1e-6
 #: Rounds of finite elements, and the change of the aim that needs no further one.
 ROUNDS, SETTLED = 4, 2e-3
+#: Within this share of its width from an end of its range a dimension stands at that end.
+AT_END = 1e-4
 #: What a design costs that cannot be built.
 UNBUILDABLE = 1e3
 
@@ -74,12 +76,23 @@ class Optimum:
         How many searches of the last round ended at its optimum, of how many.
     broken
         Limits that the optimum breaks: nothing was found that keeps them all.
+    further
+        Stress, safety and frequency by finite elements, if they were asked.
     """
 
     plan: SweepPlan
     rounds: Sequence[Round]
     agreed: tuple[int, int]
     broken: tuple[Limit, ...]
+    further: Sequence[Quantity] = ()
+
+    def end_of(self, factor: Factor) -> str:
+        """Return at which end of its range something stands, "lower" or "upper"; nothing within it."""
+        if factor.ends is None:
+            return ""
+        low, high = factor.ends
+        share = (float(self.last.values[factor.key]) - low) / (high - low)
+        return "lower" if share <= AT_END else "upper" if share >= 1 - AT_END else ""
 
     @property
     def last(self) -> Round:
@@ -134,7 +147,13 @@ def optimise(plan: SweepPlan, *, check: bool = True, progress: Progress = lambda
             correction = {key: elements[key].value / q.value for key, q in formulas.items() if key in elements}
     found_there = rounds[-1].formulas if elements is None else elements
     broken = tuple(limit for limit in plan.limits if _violation(limit, found_there) > (SETTLED if check else SLACK))
-    return Optimum(plan, rounds, agreed, broken)
+    further: Sequence[Quantity] = ()
+    if elements is not None:
+        progress("stress, safety and frequency of the optimum")
+        with threadpool_limits(1):
+            optimum = evaluators.version_of(plan, Case(best.values))
+            further = beside(optimum, plan.mesh, list(elements.values()))
+    return Optimum(plan, rounds, agreed, broken, further)
 
 
 def _refuse_unknown(plan: SweepPlan) -> None:

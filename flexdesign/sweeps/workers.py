@@ -11,6 +11,7 @@ from typing import Protocol
 
 from threadpoolctl import threadpool_limits
 
+from flexdesign import isolated
 from flexdesign.errors import InputError
 from flexdesign.sweeps.answers import Answers
 from flexdesign.sweeps.evaluators import Question, answers
@@ -81,6 +82,7 @@ def _pool(jobs: int) -> ProcessPoolExecutor:
 
 
 def _begin() -> None:
+    isolated.end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the sweep itself is told, and ends its processes
     threadpool_limits(1)
 

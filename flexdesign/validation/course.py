@@ -53,7 +53,8 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
         file = parts.file_of(type(part)) if error.file == "part" else error.file
         raise InputError(file, error.field, error.value, error.remedy) from error
     formulas = _formulas(design, part, study.output.load)
-    shares_of_formulas = part.formula_shares(design.material)
+    shares_of_formulas = _formula_shares(design, part)
+    _examine_intermediates(design, part)
     method = refinement.method_of(study, part, body)
     levels = refinement.refined(study, part, body, method, cache, progress)
     gathered = refinement.gathered(study, levels, method.scatter)
@@ -131,15 +132,45 @@ def _formulas(design: Design, part: parts.Part, load: float | None) -> dict[str,
     given: object = part.formulas(design.material, stiffness, load)
 
     def refused(remedy: str) -> InputError:
-        return InputError(parts.file_of(type(part)), f"{type(part).__name__}.formulas()", None, remedy)
+        return _refused(part, "formulas", remedy)
 
-    if not isinstance(given, Mapping) or not all(_are_quantities(found) for found in given.values()):
+    try:
+        told = isinstance(given, Mapping) and all(_are_quantities(found) for found in given.values())
+    except InputError:
+        raise
+    except Exception as error:  # models that are computed when they are asked for, by code of the part
+        remedy = f"fails with {parts.reason(error, parts.file_of(type(part)))}; correct the part"
+        raise refused(remedy) from error
+    if not isinstance(given, Mapping) or not told:
         raise refused("must return quantities by the model's name: {'PRB': [Quantity(...)]}")
     formulas = {str(model): by_key(found) for model, found in given.items()}
     known = {Quantity(name, 1.0, "", "", boundary).key for name, boundary in static_tables.measurable(design)}
     if not any(known & found.keys() for found in formulas.values()):
         raise refused(f"returns nothing to compare; give at least one of {', '.join(sorted(known))}")
     return formulas
+
+
+def _formula_shares(design: Design, part: parts.Part) -> Mapping[str, Mapping[str, float]]:
+    """Return what the compliances of the first model consist of; raise InputError if that is no table of numbers."""
+    given: object = part.formula_shares(design.material)
+    splits: list[object] = list(given.values()) if isinstance(given, Mapping) else [None]
+    pieces = [piece for split in splits if isinstance(split, Mapping) for piece in split.values()]
+    are_tables = all(isinstance(split, Mapping) for split in splits)
+    if isinstance(given, Mapping) and are_tables and all(isinstance(piece, (int, float)) for piece in pieces):
+        return given
+    example = "{'K_in_output_free': {'hinge bending': 5e-7}}"
+    raise _refused(part, "formula_shares", f"must return compliances [m/N] by quantity and piece: {example}, or {{}}")
+
+
+def _examine_intermediates(design: Design, part: parts.Part) -> None:
+    """Raise InputError if the report could not show what a part returns on the way to its formulas."""
+    given: object = part.intermediates(design.material, 1.0)
+    if not isinstance(given, Mapping) or not _are_quantities(list(given.values())):
+        raise _refused(part, "intermediates", "must return quantities by name: {'M': Quantity(...)}, or {}")
+
+
+def _refused(part: parts.Part, method: str, remedy: str) -> InputError:
+    return InputError(parts.file_of(type(part)), f"{type(part).__name__}.{method}()", None, remedy)
 
 
 def _are_quantities(found: object) -> bool:

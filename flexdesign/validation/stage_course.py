@@ -7,16 +7,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 
-from flexdesign import condensing, refinement, stage_coupling, static_tables, units
+from flexdesign import condensing, refinement, stage_coupling, static_tables
+from flexdesign import part as parts
 from flexdesign.assembly import Assembly
 from flexdesign.cache import Cache
 from flexdesign.condensing import StageLevel
 from flexdesign.design import Design
 from flexdesign.errors import InputError, suggest
-from flexdesign.fem import second_order
 from flexdesign.fem.assembled import AssembledStage
 from flexdesign.fem.convergence import Scatter
-from flexdesign.fem.corotated import CorotatedStage, NoEquilibrium
 from flexdesign.model import Quantity, by_key
 from flexdesign.quantities import stage_shares
 from flexdesign.quantities.stage import TOLD
@@ -26,7 +25,7 @@ from flexdesign.quantities.stage_shares import InputChain, Spring
 from flexdesign.stage_coupling import Cause, CrossMotion
 from flexdesign.stage_model import StageModel
 from flexdesign.study import Study
-from flexdesign.validation import ladder
+from flexdesign.validation import driving, ladder
 from flexdesign.validation.findings import Comparison
 from flexdesign.validation.ladder import Ladder
 from flexdesign.validation.stage_published import read_published, stated
@@ -144,13 +143,14 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     began, design = perf_counter(), study.design
     assembly = design.stage().assembly()
     _refuse_unknown(study, assembly)
+    _examine(design)
     published = read_published(study, assembly)
     levels = condensing.refined(study, assembly, cache, progress, inside=DRIVEN)
     finest = levels[-1].stage
     found, sizes = [level.found for level in levels], [level.size for level in levels]
     limits = condensing.gathered(levels)
     driven = [
-        _motions(study, level, condensing.labelled(progress, f"mesh {number} of {len(levels)}"))
+        driving.Driven(study, level, cache, condensing.labelled(progress, f"mesh {number} of {len(levels)}")).motions()
         for number, level in enumerate(levels[:DRIVEN], 1)
     ]
     motions, full = driven[0]
@@ -185,31 +185,6 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
         stage_model=stage_model_of(design, finest, by_key(limits), _quadratic(motions, by_key(limits))),
         seconds=perf_counter() - began,
     )
-
-
-def _motions(
-    study: Study, level: StageLevel, progress: Progress, *, full: bool = True
-) -> tuple[list[CrossMotion], list[CrossMotion]]:
-    """Drive each axis through large displacements at the stated input and, if `full`, at the actuator's free stroke."""
-    if not study.output.large_steps:
-        return [], []
-    progress("integrating second order")
-    energies = {id(kind.part): second_order.of(kind.part) for kind in level.kinds}
-    linear, assembly = level.stage, level.stage.assembly
-    stage = CorotatedStage(assembly, {name: energies[id(part)] for name, part in linear.parts.items()})
-    actuator = study.design.actuator
-
-    def driven(axis: str, extension: float) -> CrossMotion:
-        progress(f"large displacements: driving {axis} both ways")
-        try:
-            return stage_coupling.cross_motion(stage, linear, axis, extension)
-        except NoEquilibrium as error:
-            value = units.to_text(extension, "um", si="m")
-            raise InputError(study.design.file, f"stage.inputs.{axis}", value, str(error)) from error
-
-    inputs = {axis: stated(study, axis) for axis in assembly.axes}
-    far = {axis: actuator.free_stroke for axis in inputs if actuator and full and inputs[axis] != actuator.free_stroke}
-    return [driven(*each) for each in inputs.items()], [driven(*each) for each in far.items()]
 
 
 def compare(
@@ -249,6 +224,26 @@ def _compliance(design: Design) -> Mapping[str, Quantity]:
         return {}
 
 
+def _examine(design: Design) -> None:
+    """Raise InputError, before long work begins, if what the stage says by formulas cannot be used."""
+    stage = design.stage()
+
+    def require(fact: bool, method: str, remedy: str) -> None:
+        if not fact:
+            raise InputError(parts.file_of(type(stage)), f"{type(stage).__name__}.{method}()", None, remedy)
+
+    stiffness = design.actuator.installed_stiffness if design.actuator else None
+    given: object = stage.formulas(design.material, stiffness, None)
+    models = list(given.values()) if isinstance(given, Mapping) else [None]
+    known = all(isinstance(found, Sequence) and all(isinstance(q, Quantity) for q in found) for found in models)
+    require(known, "formulas", "must return quantities by the model's name: {'PRB': [Quantity(...)]}, or {}")
+    springs: object = stage.springs(design.material)
+    require(isinstance(springs, Mapping), "springs", "must return by axis (name, count, Quantity, source), or {}")
+    require(
+        isinstance(stage.arms(), Mapping), "arms", "must return lengths [m] by (axis drawn aside, driven axis), or {}"
+    )
+
+
 def _refuse_unknown(study: Study, assembly: Assembly) -> None:
     """Refuse what a stage has not, and what is done for a part alone, before long work begins."""
     if study.mesh.cross_check:
@@ -268,7 +263,7 @@ def _variant(study: Study, label: str, cache: Cache, progress: Progress) -> list
     for power in range(study.mesh.levels - 1, study.mesh.levels - 1 - DRIVEN, -1):
         coarseness = study.mesh.refinement**power
         level = condensing.condensed(other, assembly, kinds, coarseness, cache, inside=True, progress=say)
-        motions, _ = _motions(other, level, say, full=False)
+        motions, _ = driving.Driven(other, level, cache, say).motions(full=False)
         found.append({**level.found, **_moved(motions)})
     return found
 

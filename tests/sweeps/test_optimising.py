@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -79,6 +80,7 @@ def test_formulas_that_are_off_are_corrected_until_both_agree(tmp_path: Path, mo
         return evaluators.by_formulas(replace(made, dimensions={**made.dimensions, "hinge_thickness": t}), "PRB")
 
     monkeypatch.setattr(optimising, "by_elements", thicker)
+    monkeypatch.setattr(optimising, "beside", lambda *_: [])
     found = optimising.optimise(plan(tmp_path))
     alone = optimising.optimise(plan(tmp_path), check=False)
     assert 1 < len(found.rounds) <= optimising.ROUNDS
@@ -128,6 +130,41 @@ def test_the_command_writes_a_design_that_keeps_its_word(command_line: Callable[
     broken = command_line("optimize", "study.toml", "--no-check", "--set", "limits.|stroke_output_free|=> 20 mm")
     assert broken.code == 1
     assert "Nothing was found that keeps all limits" in broken.stdout
+
+
+def test_the_terminal_says_what_stands_at_its_limit_and_what_the_optimum_is_like(
+    command_line: Callable[..., Ended], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The wider the stiffer, by the formulas: the width stands at its upper limit, the thickness within."""
+    monkeypatch.setattr(optimising, "by_elements", lambda made, *_: evaluators.by_formulas(made, "PRB"))
+    coarse = STUDY + "[mesh]\nlevels = 2\nat_root = 1.5\ngrowth = 1.5\n"
+    (tmp_path / "study.toml").write_text(coarse)
+    ended = command_line("optimize", "study.toml", "--out", "out")
+    assert ended.code == 0, ended.stderr
+    said = " ".join(ended.stdout.split())
+    assert "ended with width at its upper limit, 25 mm: a wider range" in said
+    assert "hinge_thickness at its" not in said
+    assert "10 mm to 25 mm at its upper limit" in said
+    for words in ("hinge stress (full voltage)", "safety against yield", "drive frequency (actuator installed)"):
+        assert words in said
+    found = sweeps.read(tmp_path / "study.toml")
+    values = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert values["at_limits"] == {"dimensions.width": "upper"}
+    quantities = {q["name"]: q["value"] for q in values["further"]}
+    strength = found.design.material.yield_strength
+    assert strength is not None
+    # Both are extrapolated, each by itself: their product is that of the meshes but for the square of what is left.
+    assert quantities["safety_against_yield"] == pytest.approx(strength / quantities["hinge_stress"] / 1e6, rel=1e-3)
+
+
+def test_an_optimum_is_not_said_to_be_the_design_it_began_with(
+    command_line: Callable[..., Ended], tmp_path: Path
+) -> None:
+    (tmp_path / "study.toml").write_text(STUDY)
+    assert "printed stiffness" in plan(tmp_path).design.provenance
+    assert command_line("optimize", "study.toml", "--no-check", "--out", "out").code == 0
+    found = design.read(tmp_path / "out" / "optimum.toml")
+    assert "printed" not in found.provenance and found.provenance.startswith("optimised: largest K_out")
 
 
 def test_sweeps_draw_what_suits_what_varies(command_line: Callable[..., Ended], tmp_path: Path) -> None:

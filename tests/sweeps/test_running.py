@@ -115,6 +115,25 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(study: Path, tmp_path: Path
     assert sweeps.run(plan, Store(out)).computed == 0
 
 
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="asks Linux for the children of a process")
+def test_workers_end_when_their_parent_was_killed(study: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    process = started(command(study, out, "--jobs", "2", "--set", f"sample.count={100 * CASES}"), tmp_path)
+    wait_for(lambda: kept(out) > 0)
+    workers = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    assert len(workers) >= 2
+    process.kill()  # this one alone, and with no chance to end them
+    process.communicate(timeout=20)  # ends once nobody has its pipes open
+    wait_for(lambda: not any(_lives(pid) for pid in workers), 10.0)
+
+
+def _lives(pid: str) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
 def test_ctrl_c_keeps_what_is_done_and_says_so(study: Path, tmp_path: Path) -> None:
     out, many = tmp_path / "out", 100 * CASES  # some seconds of work: this process may have to wait its turn
     process = started(command(study, out, "--jobs", "1", "--set", f"sample.count={many}"), tmp_path)
