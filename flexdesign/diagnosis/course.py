@@ -32,7 +32,7 @@ from flexdesign.errors import InputError
 from flexdesign.evidence.calibration import calibrate, evaluate_design
 from flexdesign.evidence.case import Case
 from flexdesign.evidence.determination import drop_undetermined, hold_undetermined
-from flexdesign.evidence.model_comparison import Step, compare
+from flexdesign.evidence.model_comparison import INDISTINGUISHABLE, Step, compare
 from flexdesign.evidence.rival import Rival, cost_of_terms, rival
 from flexdesign.evidence.screening import Candidate
 from flexdesign.evidence.selection import GROSS, confusable, select, select_otherwise
@@ -40,7 +40,7 @@ from flexdesign.evidence.stand import Stand, escape, fit, predict_tests, refine,
 from flexdesign.runs import FrequencyResponse, Run
 from flexdesign.stage_model import StageModel
 
-#: Calibration is refused where it makes the validation error larger by this factor: more than chance of their noise.
+#: Calibration is refused where it makes the validation error larger by this factor, and chi^2 by more than chance does.
 WORSE = 1.02
 #: Smooth functions are the better explanation where they leave no more than this share of what effects leave above the
 #: noise, in squares.
@@ -160,7 +160,7 @@ def search(
     designed = evaluate_design(replace(case, believed=BELIEVED), dynamics)
     case.progress("calibrating")
     if ahead is None:
-        stand = calibrate(case, grid_frequency(case, grid_delay(case, dynamics)), seed)
+        stand = calibrate(case, grid_frequency(case, grid_delay(case, dynamics)), seed, designed)
     else:
         stand = fit(case, with_values(dynamics, ahead.calibrated.model))
     if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
@@ -170,7 +170,12 @@ def search(
         stand = escape(case, stand)
     if designed is None or stand is None:
         raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
-    is_refused = bool(case.validate.records) and setting.error(stand) > WORSE * setting.error(designed)
+    rise = stand.held_cost - designed.held_cost
+    is_refused = (
+        bool(case.validate.records)
+        and setting.error(stand) > WORSE * setting.error(designed)
+        and rise > INDISTINGUISHABLE * stand.discrepancy
+    )
     if is_refused or stand.scale > GROSS:
         kept = evaluate_design(with_beginnings(case, dynamics, setting.rounded(designed)), designed.model)
         designed = kept or designed

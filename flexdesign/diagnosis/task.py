@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from flexdesign.evidence.sharing import Shared, sharing
 from flexdesign.evidence.stand import Stand, difference, fit
 from flexdesign.identification import HYSTERESIS, LINEAR
 from flexdesign.model import Model
+from flexdesign.runs import Run
 from flexdesign.stage_model import AxisModel, StageModel
 
 Array = NDArray[np.float64]
@@ -39,8 +40,14 @@ EXACT_AT_LAST, STEPS_AT_LAST = 0.002, 64
 BELIEVED = 4.0
 #: A plausible change of a number of which nothing is known, relative.
 CHANGE = 0.3
-#: What is said of such a run.
-SMOOTH = "the command is taken as smooth between its samples, which fits better than straight lines"
+#: What is said where nobody stated what a command does between its samples, by what fits better than straight lines.
+FITS_BETTER = {
+    "smooth": "the command is taken as smooth between its samples, which fits better than straight lines",
+    "hold": (
+        "nobody says what the command does between its samples: that it is held fits better than straight lines, which "
+        "would need a delay of half a sample; state `between_samples` in measurements.toml"
+    ),
+}
 
 
 @contextmanager
@@ -51,26 +58,32 @@ def simulating(threads: int) -> Iterator[Shared]:
 
 
 def choose_interpolation(model: StageModel, setting: Setting, each: Any, progress: Callable[[str], None]) -> Setting:
-    """Return the setting with measured commands smooth between their samples, if nobody said and that fits better.
+    """Return the setting with what fits better between the samples of commands, where nobody said what they do.
 
-    Straight lines make a sine of frequency w smaller by (w h)^2 / 12, which would pass for a lag or a further mode.
+    A measured command is smooth: straight lines make a sine of frequency w smaller by (w h)^2 / 12, which would pass
+    for a lag or a further mode. A command that was sent is often held: straight lines are half a sample early, which
+    would pass for a delay.
     """
-    unsaid = [run for run in setting.runs if run.command_is != "dac" and not run.between_is_stated]
+    unsaid = [run for run in setting.runs if not run.between_is_stated]
     if not unsaid:
         return setting
     progress("asking what commands do between their samples")
-    smooth = tuple(
-        replace(run, between_samples="smooth", remarks=(*run.remarks, SMOOTH)) if run in unsaid else run
-        for run in setting.runs
-    )
-    curved, found = replace(setting, runs=smooth), list[Stand]()
-    for tried in (setting, curved):
+    other, found = replace(setting, runs=tuple(map(_otherwise, setting.runs))), list[Stand]()
+    for tried in (setting, other):
         dynamics, case = case_of(model, tried, each, lambda _: None)
         if (stand := fit(case, dynamics, effort=STARTED)) is None:
             return setting
         found.append(stand)
     needed = INDISTINGUISHABLE * max(found[0].scale, 1.0)
-    return curved if found[1].cost < found[0].cost - needed else setting
+    return other if found[1].cost < found[0].cost - needed else setting
+
+
+def _otherwise(run: Run) -> Run:
+    """Return a run whose command is not straight between its samples, where nobody said what it does."""
+    if run.between_is_stated:
+        return run
+    shape: Literal["hold", "smooth"] = "hold" if run.command_is == "dac" else "smooth"
+    return replace(run, between_samples=shape, remarks=(*run.remarks, FITS_BETTER[shape]))
 
 
 def _from_rest(axis: AxisModel) -> AxisModel:

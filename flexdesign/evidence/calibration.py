@@ -33,20 +33,22 @@ def evaluate_design(case: Case, model: Model) -> Stand | None:
     return None if solution is None else evaluate_fit(case, solution, ())
 
 
-def calibrate(case: Case, model: Model, seed: int = 0) -> Stand | None:
+def calibrate(case: Case, model: Model, seed: int = 0, designed: Stand | None = None) -> Stand | None:
     """Fit the model's own numbers from several starts; return the best fit.
 
-    The first start is the model as it is. Where the fit from there leaves more than noise, others are the best points
-    of a sample of the plausible ranges.
+    The first start is the model as it is. Where the fit from there leaves more than noise, others are the design with
+    the initial states that suit it, and the best points of a sample of the plausible ranges.
     """
     first = solve_case(case, model, effort=STARTED)
     best = None if first is None else evaluate_fit(case, first, ())
     if best is not None and not best.exceeds_noise:
         return best
     found = [] if first is None else [first]
-    for k, values in enumerate(_sample(case, model, seed)):
-        case.progress(f"calibrating: start {k + 2} of {STARTS + 1}")
-        made = solve_case(case, model.replace(values), effort=STARTED)
+    starts = [] if designed is None else [designed.model]
+    starts += [model.replace(values) for values in _sample(case, model, seed)]
+    for k, start in enumerate(starts):
+        case.progress(f"calibrating: start {k + 2} of {len(starts) + 1}")
+        made = solve_case(case, start, effort=STARTED)
         found += [] if made is None else [made]
     solution = min(found, key=lambda solution: solution.cost, default=None)
     return best if solution is None or solution is first else evaluate_fit(case, solution, ())

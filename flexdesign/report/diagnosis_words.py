@@ -9,6 +9,7 @@ from flexdesign import effects, units
 from flexdesign.bench import Resolved
 from flexdesign.diagnosis import Diagnosis, Named, Rung, Value
 from flexdesign.diagnosis.standing import Judged, compared
+from flexdesign.diagnosis.task import FITS_BETTER
 from flexdesign.diagnosis.telling import Telling
 from flexdesign.dynamics.axis_run import doubts
 from flexdesign.evidence import Estimate
@@ -163,6 +164,8 @@ def summary(found: Diagnosis, tellings: Sequence[Telling]) -> list[str]:
         said.append(f"Beyond what was known of the model: {'; '.join(found.conflicts)}.")
     if found.confidence:
         said.append(f"Take care: {found.confidence}.")
+    remarks = {remark for run in found.runs for remark in run.remarks}
+    said += [f"Take care: {assumed}." for assumed in FITS_BETTER.values() if assumed in remarks]
     return said
 
 

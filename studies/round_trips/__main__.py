@@ -1,0 +1,155 @@
+"""The command ``python -m studies.round_trips``.
+
+For every effect of the catalogue that one axis shows, the stage of Lin et al. (2019) is simulated with it as
+``flexdesign simulate --runs`` does: without feedback, through the standard experiments. Noise is added, and the
+recordings are diagnosed with the stage model that lacks the effect. The program is on both sides, so that this tests
+its conventions; an independent simulator is that of ``studies.hidden_effect_trial``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign import effects, runs, simulation, stage_model, standard_experiments, versions
+from flexdesign.diagnosis import Diagnosis, diagnose
+from flexdesign.diagnosis.candidates import candidates
+from flexdesign.dynamics.axis_model import AxisDynamics
+from flexdesign.stage_model import StageModel
+
+Array = NDArray[np.float64]
+STAGE, AXIS, VOLTS = "lin2019_stage", "x", 150.0
+#: Noise that is added [m], and quiet samples before each record, from which it is read.
+NOISE, QUIET = 20e-9, 500
+#: Effects whose answer is known from the catalogue to be another's as well: either name is right.
+BETWEEN = ("hold", "unsaid")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What was said of an effect.
+
+    Parameters
+    ----------
+    effect, between
+        What was hidden, and whether it was said that commands are held between samples.
+    size
+        How far the effect moves the readings, rms, over the noise.
+    verdict, named
+        The answer; effects that the runs cannot tell apart stand in one string.
+    values, is_right, holds
+        True and found value of the strength, whether the name is right, and whether the interval holds the truth.
+    """
+
+    effect: str
+    between: str
+    size: float
+    verdict: str
+    named: tuple[str, ...]
+    values: str
+    is_right: bool
+    holds: bool | None
+
+
+def names() -> list[str]:
+    """Return the effects that an axis alone can show in runs without a payload."""
+    axis = stage_model.read(STAGE, []).axes[AXIS]
+    plain = AxisDynamics(AXIS, replace(axis, effects={}), VOLTS)
+    return [c.name for c in candidates(plain) if not c.after and c.name not in axis.effects]
+
+
+def with_effect(model: StageModel, name: str) -> tuple[StageModel, dict[str, float]]:
+    """Return a stage with an effect at the strength of the catalogue, and the numbers of the effect."""
+    dynamics = AxisDynamics(AXIS, model.axes[AXIS], VOLTS, delay=model.controller.delay)
+    added = dynamics.with_effect(effects.find(name), name)
+    before = {p.name: p.start for p in dynamics.parameters()}
+    numbers = {p.name: float(p.start or 0.0) for p in added.parameters() if p.start != before.get(p.name)}
+    timing = replace(model.controller, delay=added.delay)
+    return replace(model, axes={**model.axes, AXIS: added.axis}, controller=timing), numbers
+
+
+def recordings(model: StageModel, seed: int) -> dict[str, tuple[Array, Array, Array]]:
+    """Return time [s], command [V] and reading [m] of the standard experiments, by name, with noise."""
+    plan = standard_experiments.plan(model)
+    open_loop = [replace_controllers(each) for each in plan.experiments if AXIS in each.axes]
+    found = simulation.run(model, {}, replace(plan, experiments=tuple(open_loop)), lambda _: None)
+    rng, made = np.random.default_rng(seed), {}
+    for case in found.cases:
+        every = max(1, round(1 / (model.controller.rate * case.response.time[1])))
+        command = case.response.command[0, ::every]
+        reading = case.response.reading[0, ::every]
+        command, reading = (np.concatenate([np.full(QUIET, v[0]), v]) for v in (command, reading))
+        reading = reading + NOISE * rng.standard_normal(len(reading))
+        made[case.experiment.name] = np.arange(len(command)) / model.controller.rate, command, reading
+    return made
+
+
+def replace_controllers(experiment: object) -> object:
+    """Return an experiment without feedback."""
+    return experiment.model_copy(update={"controllers": ("open loop",)})  # type: ignore[attr-defined]
+
+
+def round_trip(name: str, between: str, seed: int) -> Outcome:
+    """Simulate a stage with an effect, and diagnose its recordings."""
+    plain = stage_model.read(STAGE, [])
+    hidden, numbers = with_effect(plain, name)
+    seen, without = recordings(hidden, seed), recordings(plain, seed)
+    moved = np.concatenate([np.ptp([1.0]) + (a := seen[k][2] - without[k][2]) - np.mean(a) for k in seen])
+    with TemporaryDirectory() as folder:
+        tables = []
+        for run, (time, command, reading) in seen.items():
+            file = f"{run.replace(' ', '_')}.csv"
+            runs.write_run(Path(folder) / file, time, {"u [V]": command, f"{AXIS} [um]": reading})
+            tables.append(f'[[run]]\nfile = "{file}"\nbetween_samples = "hold"\n')
+        if between == "hold":
+            (Path(folder) / "measurements.toml").write_text("\n".join(tables), encoding="utf-8")
+        found = diagnose(plain, runs.read_recordings([Path(folder)]), axis=AXIS)
+    return outcome(name, between, float(np.sqrt(np.mean(moved**2)) / NOISE), numbers, found)
+
+
+def outcome(name: str, between: str, size: float, numbers: dict[str, float], found: Diagnosis) -> Outcome:
+    """Compare the answer with what was hidden."""
+    groups = {group[0]: group for group in found.confusable}
+    named = tuple(" or ".join(groups.get(each.name, (each.name,))) for each in found.effects)
+    is_right = len(named) == 1 and name in named[0].split(" or ")
+    told = {v.parameter.name: v for each in found.effects for v in each.values if each.name == name}
+    shared = [key for key in told if key in numbers]
+    holds = None
+    if shared:
+        holds = all(
+            (interval := told[key].interval) is None or interval[0] <= numbers[key] <= interval[1] for key in shared
+        )
+    values = "; ".join(f"{key} {numbers[key]:.4g}: {told[key].value:.5g} {told[key].interval}" for key in shared)
+    return Outcome(name, between, size, found.verdict, named, values, is_right, holds)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Make the round trips, print one line for each, and write the table."""
+    parser = argparse.ArgumentParser(prog="python -m studies.round_trips", description=__doc__)
+    parser.add_argument("effects", nargs="*", help="names of effects; all by default")
+    parser.add_argument("--between", choices=BETWEEN, default="hold", help="what is said of held commands")
+    parser.add_argument("--seed", type=int, default=1, help="of the noise")
+    parser.add_argument("--out", type=Path, default=Path("reports/round_trips"), help="folder of the table")
+    given = parser.parse_args(arguments)
+    outcomes = []
+    for name in given.effects or names():
+        made = round_trip(name, given.between, given.seed)
+        outcomes.append(made)
+        said = f"{made.verdict}: {' and '.join(made.named) or 'none'}"
+        print(f"{name:32} {made.size:8.3g} x noise  {'right' if made.is_right else 'WRONG'}  {said}  {made.values}", flush=True)
+    given.out.mkdir(parents=True, exist_ok=True)
+    result = {"noise": NOISE, "seed": given.seed, "versions": versions.installed(), "rows": [vars(o) for o in outcomes]}
+    (given.out / "result.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
