@@ -36,19 +36,20 @@ def evaluate_design(case: Case, model: Model) -> Stand | None:
 def calibrate(case: Case, model: Model, seed: int = 0, designed: Stand | None = None) -> Stand | None:
     """Fit the model's own numbers from several starts; return the best fit.
 
-    The first start is the model as it is. Where the fit from there leaves more than noise, others are the design with
-    the initial states that suit it, and the best points of a sample of the plausible ranges.
+    The first start is the model as it is. Where the design with the initial states that suit it explains more than the
+    fit from there, it is the second start. Where more than noise remains, others are the best points of a sample of the
+    plausible ranges.
     """
     first = solve_case(case, model, effort=STARTED)
+    if designed is not None and (first is None or designed.cost < first.cost):
+        first = solve_case(case, designed.model, effort=STARTED) or first
     best = None if first is None else evaluate_fit(case, first, ())
     if best is not None and not best.exceeds_noise:
         return best
     found = [] if first is None else [first]
-    starts = [] if designed is None else [designed.model]
-    starts += [model.replace(values) for values in _sample(case, model, seed)]
-    for k, start in enumerate(starts):
-        case.progress(f"calibrating: start {k + 2} of {len(starts) + 1}")
-        made = solve_case(case, start, effort=STARTED)
+    for k, values in enumerate(_sample(case, model, seed)):
+        case.progress(f"calibrating: start {k + 2} of {STARTS + 1}")
+        made = solve_case(case, model.replace(values), effort=STARTED)
         found += [] if made is None else [made]
     solution = min(found, key=lambda solution: solution.cost, default=None)
     return best if solution is None or solution is first else evaluate_fit(case, solution, ())

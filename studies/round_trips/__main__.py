@@ -27,9 +27,9 @@ from flexdesign.stage_model import StageModel
 
 Array = NDArray[np.float64]
 STAGE, AXIS, VOLTS = "lin2019_stage", "x", 150.0
-#: Noise that is added [m], and quiet samples before each record, from which it is read.
-NOISE, QUIET = 20e-9, 500
-#: Effects whose answer is known from the catalogue to be another's as well: either name is right.
+#: Noise that is added [m].
+NOISE = 20e-9
+#: What the description of the recordings says of their commands, which are held.
 BETWEEN = ("hold", "unsaid")
 
 
@@ -79,22 +79,17 @@ def with_effect(model: StageModel, name: str) -> tuple[StageModel, dict[str, flo
 def recordings(model: StageModel, seed: int) -> dict[str, tuple[Array, Array, Array]]:
     """Return time [s], command [V] and reading [m] of the standard experiments, by name, with noise."""
     plan = standard_experiments.plan(model)
-    open_loop = [replace_controllers(each) for each in plan.experiments if AXIS in each.axes]
+    of_axis = [each for each in plan.experiments if AXIS in each.axes]
+    open_loop = [each.model_copy(update={"controllers": ("open loop",)}) for each in of_axis]
     found = simulation.run(model, {}, replace(plan, experiments=tuple(open_loop)), lambda _: None)
     rng, made = np.random.default_rng(seed), {}
     for case in found.cases:
         every = max(1, round(1 / (model.controller.rate * case.response.time[1])))
         command = case.response.command[0, ::every]
         reading = case.response.reading[0, ::every]
-        command, reading = (np.concatenate([np.full(QUIET, v[0]), v]) for v in (command, reading))
         reading = reading + NOISE * rng.standard_normal(len(reading))
         made[case.experiment.name] = np.arange(len(command)) / model.controller.rate, command, reading
     return made
-
-
-def replace_controllers(experiment: object) -> object:
-    """Return an experiment without feedback."""
-    return experiment.model_copy(update={"controllers": ("open loop",)})  # type: ignore[attr-defined]
 
 
 def round_trip(name: str, between: str, seed: int) -> Outcome:
@@ -102,7 +97,9 @@ def round_trip(name: str, between: str, seed: int) -> Outcome:
     plain = stage_model.read(STAGE, [])
     hidden, numbers = with_effect(plain, name)
     seen, without = recordings(hidden, seed), recordings(plain, seed)
-    moved = np.concatenate([np.ptp([1.0]) + (a := seen[k][2] - without[k][2]) - np.mean(a) for k in seen])
+    moved = np.concatenate(
+        [difference - np.mean(difference) for difference in (seen[k][2] - without[k][2] for k in seen)]
+    )
     with TemporaryDirectory() as folder:
         tables = []
         for run, (time, command, reading) in seen.items():
@@ -144,7 +141,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         made = round_trip(name, given.between, given.seed)
         outcomes.append(made)
         said = f"{made.verdict}: {' and '.join(made.named) or 'none'}"
-        print(f"{name:32} {made.size:8.3g} x noise  {'right' if made.is_right else 'WRONG'}  {said}  {made.values}", flush=True)
+        print(
+            f"{name:32} {made.size:8.3g} x noise  {'right' if made.is_right else 'WRONG'}  {said}  {made.values}",
+            flush=True,
+        )
     given.out.mkdir(parents=True, exist_ok=True)
     result = {"noise": NOISE, "seed": given.seed, "versions": versions.installed(), "rows": [vars(o) for o in outcomes]}
     (given.out / "result.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
