@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from flexdesign import effects, files, shipped, units
+from flexdesign import changes, effects, files, shipped, units
 from flexdesign.errors import InputError, suggest
 from flexdesign.files import is_file
 from flexdesign.stage_model import fields, shown
@@ -115,7 +115,8 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> StageModel:
     content = files.read_toml(path)
     _same_axes(content.get("axis"), overrides)
     with files.attributed(overrides):
-        return _stage(files.overlay(content, overrides), path)
+        stage = _stage(files.overlay(content, overrides), path)
+    return replace(stage, title=changes.titled(stage.title or stage.name, overrides)) if overrides else stage
 
 
 def changed(model: StageModel, overrides: Sequence[str]) -> StageModel:
