@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli import tables
-from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, options, place, print_json, progress
+from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, listed, place, print_json, progress
 
 HELP = """Fit one effect to recorded runs, and write it into a stage model.
 
@@ -67,8 +67,9 @@ def add(
         stage = stage_model.read(model, overrides or [])
         name = adding.known_effect(effect, "EFFECT")
         seen = runs.read_recordings(recordings)
-        files, settings = [stage_model.find(model), *recordings], [*(overrides or []), *options(axis=axis, noise=noise)]
-        where = place(out, origin.name_of(files[0]), f"add {effect}", files, settings, f"_with_{Path(effect).stem}")
+        files, options = [stage_model.find(model), *recordings], listed(axis=axis, noise=noise)
+        ending = f"_with_{Path(effect).stem}"
+        where = place(out, origin.name_of(files[0]), f"add {effect}", files, overrides or [], options, ending)
         if model_file:
             identification_report.write_model(model_file, None)
         stated = adding.size(stage, seen, axis, "--noise", noise)

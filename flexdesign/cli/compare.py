@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli import tables
-from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, options, place, print_json, progress
+from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, listed, place, print_json, progress
 
 HELP = """Compare a stage model with recorded runs: by how much it fails, and where.
 
@@ -63,8 +63,8 @@ def compare(
     with progress() as say:
         stage = stage_model.read(model, overrides or [])
         seen = runs.read_recordings(recordings)
-        files, settings = [stage_model.find(model), *recordings], [*(overrides or []), *options(axis=axis, noise=noise)]
-        where = place(out, origin.name_of(files[0]), "compare", files, settings, "_compared")
+        files, options = [stage_model.find(model), *recordings], listed(axis=axis, noise=noise)
+        where = place(out, origin.name_of(files[0]), "compare", files, overrides or [], options, "_compared")
         stated = adding.size(stage, seen, axis, "--noise", noise)
         found = comparing.compare(stage, seen, axis=axis, noise=stated, progress=say)
         say("writing")

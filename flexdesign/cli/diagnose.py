@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli import tables
-from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, options, place, print_json, progress
+from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, listed, place, print_json, progress
 
 HELP = """Find which physical effect a stage model lacks, from recorded runs.
 
@@ -95,8 +95,8 @@ def diagnose(
         least = adding.size(stage, seen, axis, "--tolerance", tolerance)
         stated = adding.size(stage, seen, axis, "--noise", noise)
         files = [stage_model.find(model), *recordings]
-        settings = [*(overrides or []), *options(axis=axis, noise=noise, tolerance=tolerance, effect=effect)]
-        where = place(out, origin.name_of(files[0]), "diagnose", files, settings, "_diagnosed")
+        options = listed(axis=axis, noise=noise, tolerance=tolerance, effect=effect)
+        where = place(out, origin.name_of(files[0]), "diagnose", files, overrides or [], options, "_diagnosed")
         if model_file:
             identification_report.write_model(model_file, None)
         told = Progress(say)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, StageOverrides, app, options, place, print_json, progress
+from flexdesign.cli.shared import AsJson, StageOverrides, app, listed, place, print_json, progress
 
 HELP = """Fit the free numbers of a stage model to recorded runs, and say what the runs leave open.
 
@@ -63,8 +63,8 @@ def identify(
     with progress() as say:
         stage = stage_model.read(model, overrides or [])
         seen = runs.read_runs(recordings)
-        files, settings = [stage_model.find(model), *recordings], [*(overrides or []), *options(axis=axis, free=free)]
-        where = place(out, origin.name_of(files[0]), "identify", files, settings, "_identified")
+        files, options = [stage_model.find(model), *recordings], listed(axis=axis, free=free)
+        where = place(out, origin.name_of(files[0]), "identify", files, overrides or [], options, "_identified")
         if model_file:
             identification_report.write_model(model_file, None)
         found = identification.identify(stage, seen, axis=axis, free=names, progress=say)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, StageOverrides, app, options, place, print_json, progress
+from flexdesign.cli.shared import AsJson, StageOverrides, app, listed, place, print_json, progress
 
 HELP = """Write command files for the bench, within its limits, so that a diagnosis will work.
 
@@ -83,12 +83,12 @@ def plan(
             ),
         )  # fmt: skip
         noise = _number("--sensor-noise", sensor_noise, numbers.response) if sensor_noise else numbers.sensor.noise
-        given = options(
+        options = listed(
             resolve=resolve, axis=axis, volts=volts, slew=slew, current=current, bandwidth=bandwidth, rate=rate,
             sensor_noise=sensor_noise, seed=seed if seed != 1 else None,
         )  # fmt: skip
-        file, settings = stage_model.find(model), [*(overrides or []), *given]
-        where = place(out, origin.name_of(file), "plan", [file], settings, "_plan")
+        file = stage_model.find(model)
+        where = place(out, origin.name_of(file), "plan", [file], overrides or [], options, "_plan")
         say("shaping the commands")
         limits = bench.of_axis(stage, chosen, asked)
         dynamics = bench.dynamics(stage, chosen, limits)

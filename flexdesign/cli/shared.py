@@ -89,12 +89,18 @@ class Place:
 
 
 def place(
-    out: Path | None, name: str, verb: str, files: Sequence[Path], settings: Sequence[str] = (), ending: str = ""
+    out: Path | None,
+    name: str,
+    verb: str,
+    files: Sequence[Path],
+    overrides: Sequence[str] = (),
+    options: Sequence[str] = (),
+    ending: str = "",
 ) -> Place:
     """Return where a report goes, and check that it can be written there.
 
-    Without `out` that is the folder `name`, changes from the command line and `ending` in reports/. If a report of
-    another command, other files or other settings stands there, a hash in the name tells the new folder from it.
+    Without `out` that is the folder `name`, overrides from the command line and `ending` in reports/. If a report of
+    another command, other files or other options stands there, a hash in the name tells the new folder from it.
 
     Raises
     ------
@@ -103,18 +109,18 @@ def place(
     """
     from flexdesign.report import origin, render
 
-    inputs = origin.Inputs(verb, files, settings)
-    folder = out or Path("reports") / f"{name}{changes.as_name(settings)}{ending}"
+    inputs = origin.Inputs(verb, files, [*overrides, *options])
+    folder = out or Path("reports") / f"{name}{changes.as_name(overrides)}{ending}"
     if out is None and (found := origin.standing(folder)) and origin.is_another(found, inputs):
         folder = folder.with_name(f"{folder.name}_{inputs.digest}")
     render.prepare(folder)
     return Place(folder, inputs, origin.replaced(folder, inputs))
 
 
-def options(**given: object) -> list[str]:
+def listed(**given: object) -> list[str]:
     """Return the options of a verb that were given, as settings: ``axis=x``.
 
-    >>> options(axis="x", noise=None, volts=("0 V", "100 V"))
+    >>> listed(axis="x", noise=None, volts=("0 V", "100 V"))
     ['axis=x', 'volts=0 V 100 V']
     """
     texts = {name: " ".join(map(str, v)) if isinstance(v, (list, tuple)) else v for name, v in given.items()}

@@ -46,7 +46,7 @@ def compare(model: str, paths: Sequence[Path], overrides: Sequence[str], out: Pa
 
     with progress() as say:
         stands, table = _read(model, paths, overrides)
-        where = _place(stands, "compare", paths, overrides, out, "_compared")
+        where = _place(stands, "compare", paths, overrides, [], out, "_compared")
         found = tables.compare(stands, table)
         say("writing")
         document, result = table_report.comparison_document(found), table_report.comparison_result(found)
@@ -72,8 +72,8 @@ def diagnose(
     with progress() as say:
         stands, table = _read(model, paths, overrides, bare=bare)
         more = _own_effects(own)
-        settings = [*overrides, *(["bare"] if bare else []), *(f"effect={each}" for each in own)]
-        where = _place(stands, "diagnose", paths, settings, out, "_diagnosed")
+        options = [*(["bare"] if bare else []), *(f"effect={each}" for each in own)]
+        where = _place(stands, "diagnose", paths, overrides, options, out, "_diagnosed")
         found = tables.diagnose(stands, table, say, more)
         say("writing")
         better = found.found.model if found.verdict == "effects-found" else stands
@@ -99,7 +99,7 @@ def add(
         name = _known_effect(effect, "EFFECT")
         if name in stands.effects:
             raise InputError("command line", "EFFECT", effect, "is in the model already")
-        where = _place(stands, f"add {effect}", paths, overrides, out, f"_with_{Path(effect).stem}")
+        where = _place(stands, f"add {effect}", paths, overrides, [], out, f"_with_{Path(effect).stem}")
         found = tables.add(stands, name, table, say)
         say("writing")
         document, result, written = _report(found, found.found.model, overrides, where, design_file)
@@ -107,13 +107,19 @@ def add(
 
 
 def _place(
-    model: StaticModel, verb: str, paths: Sequence[Path], settings: Sequence[str], out: Path | None, ending: str
+    model: StaticModel,
+    verb: str,
+    paths: Sequence[Path],
+    overrides: Sequence[str],
+    options: Sequence[str],
+    out: Path | None,
+    ending: str,
 ) -> Place:
     """Return where the report of a design beside tables goes."""
     from flexdesign.report import origin
 
     file = model.design.file
-    return place(out, origin.name_of(file), verb, [file, *paths], settings, ending)
+    return place(out, origin.name_of(file), verb, [file, *paths], overrides, options, ending)
 
 
 def _report(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +11,11 @@ from flexdesign.condensing import Kind
 from flexdesign.fem import convergence
 from flexdesign.files import FORMAT
 from flexdesign.quantities.stage_modes import ModeShares
-from flexdesign.report import ladder_section, stage_differences, stage_motion, stage_pictures, terminal
+from flexdesign.report import card, ladder_section, stage_differences, stage_motion, stage_pictures, terminal
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.pictures import drawn_or_said
 from flexdesign.report.stage_words import Axes, axis_of, computed, percent, written
-from flexdesign.report.wording import shown
+from flexdesign.report.wording import flat, shown
 from flexdesign.stage_coupling import Cause, CrossMotion
 from flexdesign.validation import Comparison, provenance
 from flexdesign.validation.stage_course import StageValidation
@@ -75,7 +75,7 @@ def document(validation: StageValidation, progress: Progress = lambda _: None) -
         _inputs(validation),
     ]
     told = [s for s in sections if s.tables or s.figures or s.paragraphs]
-    return Document(_title(validation), _summary(validation), told)
+    return Document(_title(validation), _summary(validation), told, card.facts_of_stage(validation))
 
 
 def _ladder(validation: StageValidation) -> Section:
@@ -101,7 +101,7 @@ def _summary(validation: StageValidation) -> list[str]:
             validation.fem(f"{name}_{axis}_{boundary}")
             for name, boundary in (("K_out", "inputs_free"), ("K_in", "table_free"), ("lambda", "table_free"))
         )
-        travel = f", travel {shown(validation.fem(f'stroke_{axis}_table_free'))}" if design.actuator else ""
+        travel = f", linear travel {shown(validation.fem(f'stroke_{axis}_table_free'))}" if design.actuator else ""
         told.append(
             f"{axes.label(axis)}: K_out {shown(k_out)}, K_in {shown(k_in)}, amplification {shown(ratio)}{travel}"
         )
@@ -231,17 +231,9 @@ def _inputs(validation: StageValidation) -> Section:
         [name, value, described[name].symbol, described[name].meaning] for name, value in made["dimensions"].items()
     ]
     keys = ("provenance", "stage", "material", "actuator", "mesh", "inputs", "variants", "versions")
-    other = [[key, _flat(made[key])] for key in keys if made[key]]
+    other = [[key, flat(made[key])] for key in keys if made[key]]
     tables = [Table(["dimension", "value", "symbol", "meaning"], dimensions), Table(["input", "value"], other)]
     return Section("Inputs and versions", (), tables, folded=True)
-
-
-def _flat(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_flat(item)}" for key, item in value.items())
-    if isinstance(value, (list, tuple)):
-        return ", ".join(map(_flat, value))
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def result(validation: StageValidation) -> dict[str, Any]:

@@ -216,7 +216,7 @@ def _columns(path: Path, names: Sequence[str], design: Design) -> dict[str, tupl
         if name in head:
             continue
         match = _DIMENSION.match(name)
-        if match is None or match[1] not in known:
+        if match is None or match[1] not in known or (known[match[1]].si == "1") != (match[2] == "1"):
             stem = match[1] if match else name
             remedy = f"is neither one of {', '.join(head)} nor a dimension with its unit{suggest(stem, list(known))}"
             raise InputError(path, "header", name, remedy)
