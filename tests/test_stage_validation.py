@@ -318,7 +318,7 @@ def test_report_says_what_is_reconstructed_circular_measured_and_unexplained(run
     assert text.startswith("# Stage on coarse meshes, reconstructed: validation")
     for heading in ("What explains the differences", "Coupling", "Tilt of the table", "What is assumed"):
         assert f"## {heading}\n" in text
-    assert "left, unexplained" in text
+    assert "residual, unexplained" in text
     assert "nothing: the number itself lies inside the uncertainty" in text  # 0.96 ± 6.7 %
     assert "differs by more than the uncertainty: unexplained" in text  # 223 of 358 um
 

@@ -91,9 +91,7 @@ def warnings(validation: Validation) -> list[str]:
         if q.name.endswith("_change") and "full drive" in q.boundary and abs(q.value) > CHANGES
     ]
     if changes:
-        told.append(
-            f"Stiffness and amplification are those at rest. On the way to full voltage they change: {', '.join(changes)}."
-        )
+        told.append(f"Stiffness and amplification are those at rest. On the way to full voltage: {', '.join(changes)}.")
     if design.actuator and validation.large is None:
         told.append("Large displacements were not followed: the stroke is the linear one.")
     if validation.estimated_error > ERROR:

@@ -108,7 +108,7 @@ def summary(found: Identification) -> list[str]:
     seen = [run for run in found.runs if run.role == "identify"]
     kept = [run for run in found.runs if run.role != "identify"]
     text = f"{_listed([e.name for e in found.estimates])} fitted to {_listed([run.name for run in seen])}: "
-    text += f"what is left is {_range(found, seen)}"
+    text += f"the residual is {_range(found, seen)}"
     text += f"; of runs that the fit did not see, {_range(found, kept)}." if kept else "."
     said = [*found.doubts, text]
     if "bouc_wen" not in found.before.axes[found.axis].effects:
@@ -189,12 +189,12 @@ def _figures(found: Identification, run: RunMatch) -> list[Figure]:
     left = (run.measured - run.predicted)[compared] / fine
     signal = [Curve("measured", t, measured), Curve("predicted", t, run.predicted[compared] / scale, dashed=True)]
     over_time = panels(
-        [signal, [Curve("measured less predicted", t, left)]],
+        [signal, [Curve("residual, measured less predicted", t, left)]],
         "time [s]",
-        [f"{found.axis} [{_sign(large)}]", f"left [{_sign(small)}]"],
+        [f"{found.axis} [{_sign(large)}]", f"residual [{_sign(small)}]"],
     )
     file = f"{run.name}.svg"
-    made = [Figure(file, over_time, f"{run.name} ({run.role}): measured and predicted, and what is left")]
+    made = [Figure(file, over_time, f"{run.name} ({run.role}): measured, predicted, and the residual")]
     if is_slow(run, found.model.axes[found.axis].natural_frequency):
         command = run.command[compared]
         loop = [

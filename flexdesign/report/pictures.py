@@ -298,8 +298,10 @@ def _scale_bar(plotter: Any, picture: Picture, grid: Any, pv: Any) -> None:
 def _marked(plotter: Any, point: tuple[float, float, float], text: str, front: float) -> None:
     """Put a dot before a point [m] of the front view, and a text into the upper left corner."""
     x, y, _ = 1e3 * np.array(point)
-    plotter.add_points(np.array([[x, y, front]]), color=MARK, point_size=18, render_points_as_spheres=True)
-    plotter.add_text(f"• {text}", position=(25, _SIZE[1] - 60), font_size=NOTE, color=MARK)
+    plotter.add_points(np.array([[x, y, front]]), color=MARK, point_size=26, render_points_as_spheres=True)
+    written = plotter.add_text(f"• {text}", position=(25, _SIZE[1] - 60), font_size=NOTE, color=MARK)
+    written.prop.SetBackgroundColor(1.0, 1.0, 1.0)
+    written.prop.SetBackgroundOpacity(0.85)
 
 
 def _animated(frames: Sequence[NDArray[np.uint8]]) -> bytes:

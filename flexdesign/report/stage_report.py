@@ -166,7 +166,7 @@ def _stage_model(validation: StageValidation) -> Section:
     columns = ["axis", "mass", "stiffness", "gain", "amplification", "K_in", "frequency"]
     text = (
         "stage_model.toml beside this report has these numbers and the couplings of second order; `flexdesign "
-        "simulate` runs it. Stiffness with actuators installed; mass from it and the mode that answers the drive. "
+        "simulate` runs it. Stiffness with actuators installed; mass from it and the mode with the largest share of the static stroke. "
         "Damping is a placeholder: geometry does not tell it."
     )
     if any("bouc_wen" in axis.effects for axis in model.axes.values()):

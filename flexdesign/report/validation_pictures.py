@@ -81,7 +81,9 @@ def _static(validation: Validation) -> list[tuple[Picture, str]]:
             "hinge stress",
         ),
         (
-            Picture("stress_hinge.png", points, tets, scalars=stress, label=label, limits=limits, focus=focus, mark=mark),
+            Picture(
+                "stress_hinge.png", points, tets, scalars=stress, label=label, limits=limits, focus=focus, mark=mark
+            ),
             f"Von Mises stress at {hinge.name}, where it is largest",
         ),
     ]  # fmt: skip

@@ -125,7 +125,7 @@ def _summary(validation: Validation) -> list[str]:
     if design.actuator:
         text += f"; with the actuator ({design.actuator.name}) in place the output travels "
         text += card.stroke_in_words(validation)
-    paragraphs = [f"{text}.", explanation.why(validation, "K_in_output_free")]
+    paragraphs = [f"{text}.", explanation.why(validation, "K_in_output_free", first=True)]
     if ratio.value < 0:
         paragraphs.append("The amplification is negative: as the actuator extends, the output is drawn in.")
     if validation.cross_check is not None:
@@ -201,8 +201,8 @@ def _large(validation: Validation) -> Section:
         "Large displacements, followed in steps of force on the coarsest mesh, from rest without preload: as the arms "
         "turn, stiffnesses and amplification change. Each row has the tangents there. The stroke is the extrapolated "
         f"linear one times {large.full_stroke / large.linear_stroke:.5g}, what large displacements make of it on that "
-        "mesh. The stage model carries what follows as quadratic and "
-        "cubic stiffness and as a slope of the amplification."
+        "mesh. The stage model carries what follows as quadratic and cubic stiffness and as a slope of the "
+        "amplification."
     )
     columns = ["drive", "force", "extension", "output", "K_in", "λ", "K_out, actuator installed"]
     drawing = charts.lines(curves, "drive [% of full voltage]", "change against rest [%]")
