@@ -114,7 +114,8 @@ def facts_of_stage(validation: StageValidation) -> list[Fact]:
     for axis in axes.told:
         label = axes.label(axis)
         if (travel := found.get(f"stroke_{axis}_table_free")) is not None:
-            card.append(Fact(f"travel {label}, linear", shown(travel), "full voltage, table free"))
+            note = f"full voltage, table free{grown(validation, axis)}"
+            card.append(Fact(f"travel {label}, linear", shown(travel), note))
         boundary = "actuators installed" if validation.study.design.actuator else "inputs free"
         stiffness = found[f"K_out_{axis}_{boundary.replace(' ', '_')}"]
         card.append(Fact(f"stiffness K_out {label}", shown(stiffness), boundary))
@@ -124,6 +125,36 @@ def facts_of_stage(validation: StageValidation) -> list[Fact]:
             card.append(Fact("first natural frequency", shown(first), boundary))
             break
     return card
+
+
+def travel_in_words(validation: StageValidation, axis: str) -> str:
+    """Return the linear travel of an axis at full voltage, and what large displacements do to it."""
+    return f"{shown(validation.fem(f'stroke_{axis}_table_free'))} (linear{grown(validation, axis)})"
+
+
+def grown(validation: StageValidation, axis: str) -> str:
+    """Say by how much large displacements change the travel per input of an axis; empty if nobody followed them.
+
+    How far the actuators get at full voltage is known of the linear stage alone, so that there is no better travel yet.
+    """
+    far = next((motion for motion in validation.at_full_stroke if motion.axis == axis), None)
+    if far is None:
+        return ""
+    travel = next(q for q in far.quantities() if q.name == "travel")
+    ratio = validation.fem(travel.key).value / far.extension / abs(validation.fem(f"lambda_{axis}_table_free").value)
+    at = units.to_text(far.extension, "um", 3, si="m")
+    return f"; large displacements change the travel per input by {100 * (abs(ratio) - 1):+.2g} % at an input of {at}"
+
+
+def quantities_of_stage(validation: StageValidation) -> dict[str, Any]:
+    """Return the card's numbers as result.json has them, travels as the linear ones that they are."""
+    found, told = _by_key(validation), {}
+    boundary = "actuators_installed" if validation.study.design.actuator else "inputs_free"
+    for axis in validation.assembly.axes:
+        keys = {f"travel_{axis}_linear": f"stroke_{axis}_table_free", f"K_out_{axis}": f"K_out_{axis}_{boundary}"}
+        told |= {name: found[key].to_json() for name, key in keys.items() if key in found}
+    first = found.get(f"frequency_1_{boundary}")
+    return told | ({"first_frequency": first.to_json()} if first is not None else {})
 
 
 def _stroke(validation: Validation) -> Fact:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -70,8 +71,12 @@ def writer(path: Path, *, stage: bool = False, inside: bool = False) -> Callable
     if stage and suffix not in SOLIDS:
         raise _refusal(path, f"a stage has no mesh of the whole, only a solid; known are {' '.join(SOLIDS)}")
     if inside:
-        with tempfile.TemporaryDirectory() as scratch:
-            _written(Path(scratch) / path.name, _on_trial, keep=False)
+        try:
+            with tempfile.TemporaryDirectory() as scratch:
+                _written(Path(scratch) / path.name, _on_trial, keep=False)
+        except OSError as error:
+            remedy = f"no file can be kept there for a while ({error.strerror or error}); set TMPDIR to another folder"
+            raise InputError("environment", "TMPDIR", os.environ.get("TMPDIR"), remedy) from error
     else:
         _written(path, _on_trial, keep=False)
     return write_solid if suffix in SOLIDS else write_mesh

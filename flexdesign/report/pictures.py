@@ -301,7 +301,7 @@ def _marked(plotter: Any, point: tuple[float, float, float], text: str, front: f
     plotter.add_points(np.array([[x, y, front]]), color=MARK, point_size=26, render_points_as_spheres=True)
     written = plotter.add_text(f"• {text}", position=(25, _SIZE[1] - 60), font_size=NOTE, color=MARK)
     written.prop.SetBackgroundColor(1.0, 1.0, 1.0)
-    written.prop.SetBackgroundOpacity(0.85)
+    written.prop.SetBackgroundOpacity(1.0)
 
 
 def _animated(frames: Sequence[NDArray[np.uint8]]) -> bytes:

@@ -101,7 +101,7 @@ def _summary(validation: StageValidation) -> list[str]:
             validation.fem(f"{name}_{axis}_{boundary}")
             for name, boundary in (("K_out", "inputs_free"), ("K_in", "table_free"), ("lambda", "table_free"))
         )
-        travel = f", linear travel {shown(validation.fem(f'stroke_{axis}_table_free'))}" if design.actuator else ""
+        travel = f", travel {card.travel_in_words(validation, axis)}" if design.actuator else ""
         told.append(
             f"{axes.label(axis)}: K_out {shown(k_out)}, K_in {shown(k_in)}, amplification {shown(ratio)}{travel}"
         )
@@ -166,8 +166,8 @@ def _stage_model(validation: StageValidation) -> Section:
     columns = ["axis", "mass", "stiffness", "gain", "amplification", "K_in", "frequency"]
     text = (
         "stage_model.toml beside this report has these numbers and the couplings of second order; `flexdesign "
-        "simulate` runs it. Stiffness with actuators installed; mass from it and the mode with the largest share of the static stroke. "
-        "Damping is a placeholder: geometry does not tell it."
+        "simulate` runs it. Stiffness with actuators installed; mass from it and the mode with the largest share of "
+        "the static stroke. Damping is a placeholder: geometry does not tell it."
     )
     if any("bouc_wen" in axis.effects for axis in model.axes.values()):
         text += (
@@ -241,6 +241,7 @@ def result(validation: StageValidation) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "kind": "stage validation",
+        "headline": card.quantities_of_stage(validation),
         "quantities": [
             c.fem.to_json() | {"analytic": {m: q.to_json() | {"error": c.error(m)} for m, q in c.analytic.items()}}
             for c in validation.comparisons
