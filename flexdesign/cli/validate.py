@@ -50,7 +50,7 @@ Meshes and solutions are cached by content, so that a second run takes seconds a
 """
 
 #: The files that the terminal names.
-NAMED = ("report.html", "report.md", "result.json", "stage_model.toml")
+NAMED = ("report.html", "report.md", "result.json", "fem.csv", "stage_model.toml")
 
 
 @app.command(help=HELP)

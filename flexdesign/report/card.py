@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from flexdesign import units
@@ -31,11 +32,11 @@ def facts(validation: Validation) -> list[Fact]:
         if key in found
     ]
     for quantity in margins(validation):
-        card.append(Fact(name_of(quantity), shown(quantity), quantity.boundary))
+        card.append(Fact(name_of(quantity), shown(quantity), quantity.boundary.partition(", ")[0]))
     if design.actuator:
         preload = units.to_text(design.actuator.preload, "N") if design.actuator.preload else "none"
         lost = found.get("output_force_that_unloads_the_stack_no_voltage")
-        note = f"used up by {shown(lost)} at the output, no voltage" if lost else "of the actuator"
+        note = f"{replace(lost, sigma=None).shown(3)} at the output uses it up" if lost else "of the actuator"
         card.append(Fact("preload", preload, note))
     return card
 
@@ -162,8 +163,8 @@ def _stroke(validation: Validation) -> Fact:
     linear = shown(found["stroke_output_free"])
     large = found.get("stroke_output_free_large_displacements")
     if large is None:
-        return Fact("stroke, linear", linear, "output free; large displacements were not followed")
-    return Fact("stroke", shown(large), f"output free, large displacements; linear: {linear}")
+        return Fact("stroke, linear", linear, "output free")
+    return Fact("stroke, large displacements", shown(large), f"linear: {linear}")
 
 
 def _by_key(validation: Validation | StageValidation) -> dict[str, Quantity]:
