@@ -201,3 +201,16 @@ def test_a_mesh_is_exported_with_stress(validation: Validation, tmp_path: Path) 
     solution = validation.finest.solution
     np.testing.assert_allclose(data["von_mises_stress_[Pa]"], force * solution.von_mises[:corners])
     np.testing.assert_allclose(data["displacement_[m]"], force * solution.input_field[:corners])
+
+
+# --- the terminal
+
+
+def test_no_name_is_cut_on_a_narrow_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    names = [f"{number}-a-name-of-letters" for number in range(3)]
+    terminal.brief(Document("A", []), Table(["run", "error", "noise"], [[n, "2.03 um", "20 nm"] for n in names]), [])
+    said = capsys.readouterr().out
+    assert "…" not in said

@@ -59,8 +59,8 @@ def simulate(
         stage = stage_model.read(model, of_model)
         plan = experiments.read(study, list(stage.axes), of_study) if study else standard_experiments.plan(stage)
         variants = experiments.variants(plan, lambda changes: stage_model.read(model, [*of_model, *changes]))
-        files = [stage_model.find(model), *([experiments.find(study)] if study else [])]
-        where = place(out, f"{origin.name_of(files[0])}_{plan.name}", "simulate", files, overrides or [])
+        read = [stage_model.find(model), *([experiments.find(study)] if study else [])]
+        where = place(out, f"{origin.name_of(read[0])}_{plan.name}", "simulate", read, overrides or [])
         found = simulation.run(stage, variants, plan, say)
         say("writing")
         document = simulation_report.document(found)

@@ -149,7 +149,8 @@ def grown(validation: StageValidation, axis: str) -> str:
 
 def quantities_of_stage(validation: StageValidation) -> dict[str, Any]:
     """Return the card's numbers as result.json has them, travels as the linear ones that they are."""
-    found, told = _by_key(validation), {}
+    found = _by_key(validation)
+    told: dict[str, Any] = {}
     boundary = "actuators_installed" if validation.study.design.actuator else "inputs_free"
     for axis in validation.assembly.axes:
         keys = {f"travel_{axis}_linear": f"stroke_{axis}_table_free", f"K_out_{axis}": f"K_out_{axis}_{boundary}"}

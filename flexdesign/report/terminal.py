@@ -101,7 +101,7 @@ def _drawn(table: Table, *, wraps: bool = False, headed: bool = True) -> RichTab
     )  # fmt: skip
     for index, head in enumerate(table.columns):
         words = index < 1 or (wraps and table.wordy[index])
-        drawn.add_column(head, justify="left" if words else "right", no_wrap=index > 0 and not wraps)
+        drawn.add_column(head, justify="left" if words else "right", no_wrap=index > 0 and not wraps, overflow="fold")
     for row in table.rows:
         drawn.add_row(*row)
     return drawn

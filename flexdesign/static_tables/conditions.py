@@ -13,11 +13,12 @@ from flexdesign import units
 from flexdesign.design import Design
 from flexdesign.errors import InputError
 
-#: What a comment tells, by its name: what of a design changes it, and how it is written.
+#: What a comment tells, by its name, which no comment of a user has by chance: what of a design changes it, and how it
+#: is written.
 TOLD: Mapping[str, tuple[str, Callable[[Design], str]]] = {
-    "part": ("part", lambda design: design.part_class.__name__),
-    "material": ("material", lambda design: design.material.name),
-    "stiffness with seats of the actuator": (
+    "computed with the part": ("part", lambda design: design.part_class.__name__),
+    "computed with the material": ("material", lambda design: design.material.name),
+    "computed with an actuator, seats included, of": (
         "actuator",
         lambda d: units.to_text(d.actuator.installed_stiffness, "N/um", 6, si="N/m") if d.actuator else "none",
     ),
