@@ -15,7 +15,7 @@ import pytest
 from flexdesign import changes, design, static_tables, study, validation
 from flexdesign.errors import InputError
 from flexdesign.model import Quantity
-from flexdesign.report import origin, render, validation_report
+from flexdesign.report import export, origin, render, validation_report
 from flexdesign.report.document import Document, Fact, Section, Table
 from flexdesign.stage_model import StageModel
 from tests.conftest import Ended
@@ -209,3 +209,36 @@ def test_a_bare_name_is_exported_beside_the_report(tmp_path: Path, command_line:
     assert (tmp_path / "out" / "part.step").read_text().startswith("ISO-10303-21")
     assert not (tmp_path / "part.step").exists()
     assert "(part.step)" in (tmp_path / "out" / "report.md").read_text()
+
+
+# --- a folder where a file is meant
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("simulate", "d"), "d: is a folder; name a stage model"),
+        (("simulate", "lin2019_stage", "d"), "d: is a folder; name a study of experiments"),
+        (("diagnose", "bridge_amplifier", "bench.csv", "-o", "d"), "-o = d: cannot be written (it is a folder)"),
+        (("add", "bridge_amplifier", "over_cut", "bench.csv", "-o", "d"), "-o = d: cannot be written (it is a folder)"),
+        (("validate", "--out", "out", "--export", "part.step"), "--export = part.step: is a folder"),
+    ],
+)
+def test_a_folder_where_a_file_is_meant_is_named_at_once(
+    command_line: Run, arguments: tuple[str, ...], words: str
+) -> None:
+    for folder in ("d", "out/part.step"):
+        Path(folder).mkdir(parents=True)
+    Path("bench.csv").write_text("quantity,value,unit,sigma,boundary\nK_in,2000,N/mm,10,free\n")
+    ended = command_line(*arguments)
+    assert ended.code == 2 and words in ended.stderr.splitlines()[-1]
+
+
+def test_a_full_temporary_folder_is_told_of_an_export(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tempfile.TemporaryDirectory", full)
+    with pytest.raises(InputError, match="No space left on device") as caught:
+        export.writers(["mesh.vtu"], tmp_path / "out")
+    assert caught.value.field == "TMPDIR"

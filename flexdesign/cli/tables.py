@@ -74,6 +74,7 @@ def diagnose(
         more = _own_effects(own)
         options = [*(["bare"] if bare else []), *(f"effect={each}" for each in own)]
         where = _place(stands, "diagnose", paths, overrides, options, out, "_diagnosed")
+        _refuse_folder(design_file)
         found = tables.diagnose(stands, table, say, more)
         say("writing")
         better = found.found.model if found.verdict == "effects-found" else stands
@@ -100,6 +101,7 @@ def add(
         if name in stands.effects:
             raise InputError("command line", "EFFECT", effect, "is in the model already")
         where = _place(stands, f"add {effect}", paths, overrides, [], out, f"_with_{Path(effect).stem}")
+        _refuse_folder(design_file)
         found = tables.add(stands, name, table, say)
         say("writing")
         document, result, written = _report(found, found.found.model, overrides, where, design_file)
@@ -209,6 +211,12 @@ def design_text(model: StaticModel, overrides: Sequence[str], folder: Path) -> s
         if values != there.get(name)
     }
     return design.to_toml(model.design, content, folder)
+
+
+def _refuse_folder(path: Path | None) -> None:
+    """Refuse a folder where the design's file is meant, before long work begins."""
+    if path is not None and path.is_dir():
+        raise InputError("command line", "-o", str(path), "cannot be written (it is a folder); choose another file")
 
 
 def _write(path: Path, text: str) -> Path:

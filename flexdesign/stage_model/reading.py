@@ -92,6 +92,8 @@ def find(name: str | Path) -> Path:
         return found
     if is_file(path / "stage_model.toml"):
         raise InputError(path, "", None, f"is a folder; name the file in it: {path / 'stage_model.toml'}")
+    if files.is_folder(path):
+        raise InputError(path, "", None, "is a folder; name a stage model, which flexdesign validate writes")
     remedy = f"no such stage model{suggest(path.stem, known)}; flexdesign validate writes one: stage_model.toml"
     raise InputError("command line", "MODEL", files.as_written(str(name)), remedy)
 
