@@ -23,8 +23,8 @@ from flexdesign.files import is_file, is_folder
 
 #: Files that verbs write under one name in every folder: the folder's name tells them apart.
 COMMON = ("stage_model", "design", "optimum", "dimensions")
-#: Options that say where things go, and nothing of what is done; those that stand alone, and those with a value.
-PLACES, VALUED = ("--json",), ("--out", "--cache")
+#: Options that say where things go and who works, and nothing of the result; alone, and with a value.
+PLACES, VALUED = ("--json",), ("--out", "--cache", "--jobs", "--scheduler")
 #: Letters of a file's hash.
 DIGITS = 12
 
