@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from flexdesign import files, materials, part, shipped
+from flexdesign import changes, files, materials, part, shipped
 from flexdesign.assembly import Stage
 from flexdesign.effects import statics
 from flexdesign.errors import InputError, suggest
@@ -109,6 +109,8 @@ class Design:
         Of its dimensions and its modulus.
     effects
         Static effects that it has beside what the drawing tells: values of their parameters, SI, by name.
+    changed
+        What overrides changed of its file: ``dimensions.width``, ``material``, ``actuator``.
     """
 
     name: str
@@ -121,6 +123,7 @@ class Design:
     actuator: Actuator | None
     tolerances: Tolerances = field(default_factory=Tolerances)
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    changed: tuple[str, ...] = ()
 
     @property
     def is_stage(self) -> bool:
@@ -210,7 +213,7 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
     dimensions = _dimensions(part_class, checked.dimensions, path)
     design = Design(
         name=path.stem,
-        title=checked.title or path.stem.replace("_", " "),
+        title=changes.titled(checked.title or path.stem.replace("_", " "), overrides),
         provenance=_still(checked.provenance, overrides),
         file=path,
         part_class=part_class,
@@ -219,6 +222,7 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
         actuator=checked.actuator,
         tolerances=checked.tolerances,
         effects=_effects(checked.effects, path),
+        changed=tuple(dict.fromkeys(_top(override) for override in overrides)),
     )
     try:
         if design.is_stage:
@@ -237,6 +241,12 @@ def _still(provenance: str, overrides: Sequence[str]) -> str:
     if not provenance or not changed:
         return provenance
     return f"{provenance}; changed since, so that this no longer holds: {', '.join(changed)}"
+
+
+def _top(override: str) -> str:
+    """Return what an override changes: a dimension, or a whole table of the design."""
+    key = files.overridden(override)
+    return key if key.startswith("dimensions.") else key.partition(".")[0]
 
 
 def _effects(given: Mapping[str, Mapping[str, Any]], path: Path) -> dict[str, dict[str, float]]:

@@ -11,12 +11,14 @@ and s is the slope of the amplification (`stroke_dependent_amplification`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.load_path import StrokePath, stroke_path
@@ -69,6 +71,31 @@ class LargeStroke:
         c11 = 1 / self.path.input_stiffness[0]
         return float(self.free_stroke * self.path.amplification[0] * c11 / (c11 + 1 / self.actuator))
 
+    @property
+    def full_stroke(self) -> float:
+        """Output motion at full drive on this mesh [m], between the steps by cubics with the tangents at their ends."""
+        path = self.path
+        per_force = (1 / self.actuator + 1 / path.input_stiffness) / self.free_stroke  # drive
+        slopes = path.amplification / path.input_stiffness / per_force
+        return float(CubicHermiteSpline(self.drive, path.output, slopes)(1.0))
+
+    def stroke(self, linear: Quantity) -> Quantity:
+        """Return the output motion at full drive, freed from the error of this mesh as far as that is linear.
+
+        The linear stroke, which is extrapolated over several meshes, is multiplied by what large displacements make of
+        it on this one. That ratio has an error, too: the change, times the relative error of the linear stroke here.
+
+        Parameters
+        ----------
+        linear
+            The linear stroke with its discretisation error.
+        """
+        ratio, here = self.full_stroke / self.linear_stroke, self.linear_stroke / linear.value - 1
+        own = abs(linear.sigma or 0.0)
+        sigma = math.hypot(ratio * own, (ratio - 1) * max(abs(here * linear.value), own))
+        source = f"{linear.source}, times the effect of large displacements on the coarsest mesh".removeprefix(", ")
+        return Quantity("stroke", ratio * linear.value, "m", "um", "output free, large displacements", source, sigma)
+
     def stiffening(self) -> tuple[float, float]:
         """Return q [1/m] and c [1/m^2]: least squares through the tangents 1 + 2 q y + 3 c y^2."""
         y, k = self.path.output[1:], self.output_stiffness
@@ -91,15 +118,13 @@ class LargeStroke:
         }
 
     def quantities(self) -> list[Quantity]:
-        """Return how much stiffnesses and amplification change from rest to full drive."""
+        """Return how much stiffnesses and amplification change from rest to full drive, on this mesh."""
         path, source = self.path, "FEM, large displacements, coarsest mesh"
 
         def change(tangents: FloatArray) -> float:
             return float(np.interp(1.0, self.drive, tangents) / tangents[0] - 1)
 
-        output = float(np.interp(1.0, self.drive, path.output))
         return [
-            Quantity("stroke", output, "m", "um", "output free, large displacements", source),
             Quantity("K_in_change", change(path.input_stiffness), "1", "%", "full drive, output free", source),
             Quantity("lambda_change", change(path.amplification), "1", "%", "full drive, output free", source),
             Quantity("K_out_change", change(self.output_stiffness), "1", "%", "full drive, actuator installed", source),

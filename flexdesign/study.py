@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from flexdesign import changes, files
 from flexdesign import design as designs
-from flexdesign import files
 from flexdesign.design import Design
 from flexdesign.errors import InputError, suggest
 from flexdesign.files import Bounds, Table, in_si, is_file, whole
@@ -166,8 +166,8 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> Study:
         design_path = path if is_design else _beside(path, checked.design)
     design = designs.read(design_path, of_design)
     if checked.title:
-        design = replace(design, title=checked.title)
-    variants = {label: designs.read(design_path, [*of_design, *changes]) for label, changes in checked.variants.items()}
+        design = replace(design, title=changes.titled(checked.title, of_design))
+    variants = {label: designs.read(design_path, [*of_design, *theirs]) for label, theirs in checked.variants.items()}
     return Study(
         path,
         path.stem,

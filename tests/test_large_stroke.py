@@ -11,6 +11,7 @@ import pytest
 from flexdesign import large_stroke
 from flexdesign.fem.load_path import StrokePath
 from flexdesign.large_stroke import LargeStroke
+from flexdesign.model import Quantity
 
 ACTUATOR, FREE = 50e6, 40e-6
 C11, AMPLIFICATION = 5e-7, -8.0
@@ -48,7 +49,7 @@ def test_the_law_of_a_path_is_found_again(q: float, c: float, s: float) -> None:
 def test_changes_are_those_at_full_drive() -> None:
     found = LargeStroke(path(200.0, 3e4, 150.0, np.linspace(0, 1.2, 7)), ACTUATOR, FREE)
     named = {quantity.name: quantity.value for quantity in found.quantities()}
-    assert named["stroke"] == pytest.approx(found.path.output[5])
+    assert found.full_stroke == pytest.approx(found.path.output[5])
     assert named["K_out_change"] == pytest.approx(found.output_stiffness[5] / 1e5 - 1)
     assert named["K_in_change"] == named["lambda_change"] == 0.0
 
@@ -73,3 +74,31 @@ def test_progress_is_told_in_shares_of_full_drive_and_time_left(monkeypatch: pyt
         "25 % of full drive reached, 30 s left",
         "75 % of full drive reached, 10 s left",
     ]
+
+
+def test_the_stroke_keeps_the_error_of_the_linear_one() -> None:
+    """On a mesh that is 2 % off, large displacements change the extrapolated stroke by the same factor as its own."""
+    found = LargeStroke(path(200.0, 3e4, 150.0, np.linspace(0, 1.2, 7)), ACTUATOR, FREE)
+    linear = Quantity("stroke", found.linear_stroke / 1.02, "m", "um", "output free", "FEM", 1e-6)
+    told = found.stroke(linear)
+    ratio = found.full_stroke / found.linear_stroke
+    assert told.value == pytest.approx(ratio * linear.value)
+    assert told.key == "stroke_output_free_large_displacements"
+    assert told.sigma is not None and told.sigma > abs(ratio) * 1e-6
+
+
+def test_full_drive_between_two_steps_is_found_by_their_tangents() -> None:
+    """A path of few steps, whose tangents are its own, has the stroke of one of many."""
+    q = 100.0
+
+    def stroke(points: int) -> float:
+        force = np.linspace(0, 1.3, points) * FREE / (C11 + 1 / ACTUATOR)
+        linear = AMPLIFICATION * C11 * force
+        one = np.ones(points)
+        tangents = AMPLIFICATION * (1 + 2 * q * linear)
+        output = linear + q * linear**2
+        return LargeStroke(
+            StrokePath(force, C11 * force, output, one / C11, 1e5 * one, tangents), ACTUATOR, FREE
+        ).full_stroke
+
+    assert stroke(5) == pytest.approx(stroke(400), rel=1e-9)

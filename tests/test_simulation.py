@@ -425,7 +425,11 @@ def test_recordings_are_what_identify_reads(inputs: Path, command_line: Run) -> 
     assert np.ptp(sine.measured()) * 1e6 == pytest.approx(travel["value"], rel=1e-5)  # digits in the file
 
 
-def test_json_has_stdout_to_itself_and_is_deterministic(inputs: Path, command_line: Run) -> None:
+def test_json_has_stdout_to_itself_and_is_deterministic(
+    inputs: Path, command_line: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a report the date alone differs, unless the environment states it."""
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
     first = command_line("simulate", "model.toml", "study.toml", "--json", "--out", "one")
     second = command_line("simulate", "model.toml", "study.toml", "--json", "--out", "two")
     assert (first.code, second.code) == (0, 0)
@@ -445,7 +449,8 @@ def test_an_override_reaches_model_and_study(inputs: Path, command_line: Run) ->
     assert ended.code == 0
     robust = json.loads(ended.stdout)["cases"][0]
     assert robust["margins"]["x"]["largest_sensitivity"] <= 1.3 * (1 + 1e-3)
-    folder = inputs / "reports" / "model_study"
+    (folder,) = (inputs / "reports").iterdir()
+    assert folder.name == "model_study_axis.x.gain_3_um_V_robust_ms_1.3_title_mine"
     assert stage_model.read(folder / "stage_model.toml").axes["x"].gain == pytest.approx(3e-6)
     assert "mine" in (folder / "report.md").read_text(encoding="utf-8").splitlines()[0]
 

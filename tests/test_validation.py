@@ -197,7 +197,9 @@ def test_report_is_complete_and_self_contained(validation: Validation, document:
     written = render.write(tmp_path, document, validation_report.result(validation), {})
     page = (tmp_path / "report.html").read_text()
     assert {path.name for path in written} == {path.name for path in tmp_path.iterdir()}
-    assert not re.search(r"(src|href)=\"(?!data:|#)", page), "the page must open offline"
+    assert not re.search(r"src=\"(?!data:)", page), "the page must open offline"
+    linked = set(re.findall(r"href=\"(?!#)([^\"]*)\"", page))
+    assert linked == {"result.json"} <= {path.name for path in written}, "links go to files beside the report"
     assert (tmp_path / "report.html").stat().st_size < 5e6
     assert "prefers-color-scheme: dark" in page
     assert page.count("<img") == len(document.figures) >= 8

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli import tables
-from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, print_json, progress
+from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, listed, place, print_json, progress
 
 HELP = """Fit one effect to recorded runs, and write it into a stage model.
 
@@ -61,14 +61,15 @@ def add(
         return
     from flexdesign import runs, stage_model
     from flexdesign.diagnosis import adding
-    from flexdesign.report import addition_report, identification_report, render, terminal
+    from flexdesign.report import addition_report, identification_report, origin, terminal
 
     with progress() as say:
         stage = stage_model.read(model, overrides or [])
         name = adding.known_effect(effect, "EFFECT")
         seen = runs.read_recordings(recordings)
-        folder = out or Path("reports") / f"{stage.name}_with_{Path(effect).stem}"
-        render.prepare(folder)
+        files, options = [stage_model.find(model), *recordings], listed(axis=axis, noise=noise)
+        ending = f"_with_{Path(effect).stem}"
+        where = place(out, origin.name_of(files[0]), f"add {effect}", files, overrides or [], options, ending)
         if model_file:
             identification_report.write_model(model_file, None)
         stated = adding.size(stage, seen, axis, "--noise", noise)
@@ -76,8 +77,8 @@ def add(
         loop = adding.in_the_loop(found, say)
         say("writing")
         document, result = addition_report.document(found, loop), addition_report.result(found, loop)
-        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(found.model, folder)}
-        written = [path for path in render.write(folder, document, result, others) if path.suffix != ".svg"]
+        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(found.model, where.folder)}
+        written = [path for path in where.write(document, result, others) if path.suffix != ".svg"]
         if model_file:
             identification_report.write_model(model_file, found.model)
             written.append(model_file)

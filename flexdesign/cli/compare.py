@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli import tables
-from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, print_json, progress
+from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, listed, place, print_json, progress
 
 HELP = """Compare a stage model with recorded runs: by how much it fails, and where.
 
@@ -58,18 +58,18 @@ def compare(
         return
     from flexdesign import runs, stage_model
     from flexdesign.diagnosis import adding, comparing
-    from flexdesign.report import comparison_report, render, terminal
+    from flexdesign.report import comparison_report, origin, terminal
 
     with progress() as say:
         stage = stage_model.read(model, overrides or [])
         seen = runs.read_recordings(recordings)
-        folder = out or Path("reports") / f"{stage.name}_compared"
-        render.prepare(folder)
+        files, options = [stage_model.find(model), *recordings], listed(axis=axis, noise=noise)
+        where = place(out, origin.name_of(files[0]), "compare", files, overrides or [], options, "_compared")
         stated = adding.size(stage, seen, axis, "--noise", noise)
         found = comparing.compare(stage, seen, axis=axis, noise=stated, progress=say)
         say("writing")
         document, result = comparison_report.document(found), comparison_report.result(found)
-        written = [path for path in render.write(folder, document, result, {}) if path.suffix != ".svg"]
+        written = [path for path in where.write(document, result, {}) if path.suffix != ".svg"]
     if as_json:
         print_json(result)
         return

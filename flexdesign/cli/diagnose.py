@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli import tables
-from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, print_json, progress
+from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, listed, place, print_json, progress
 
 HELP = """Find which physical effect a stage model lacks, from recorded runs.
 
@@ -86,7 +86,7 @@ def diagnose(
     from flexdesign import diagnosis, runs, stage_model
     from flexdesign.diagnosis import adding, telling
     from flexdesign.diagnosis.progress import Progress
-    from flexdesign.report import diagnosis_report, diagnosis_result, identification_report, render, terminal
+    from flexdesign.report import diagnosis_report, diagnosis_result, identification_report, origin, terminal
 
     with progress() as say:
         stage = stage_model.read(model, overrides or [])
@@ -94,8 +94,9 @@ def diagnose(
         more = adding.own_effects(effect or [])
         least = adding.size(stage, seen, axis, "--tolerance", tolerance)
         stated = adding.size(stage, seen, axis, "--noise", noise)
-        folder = out or Path("reports") / f"{stage.name}_diagnosed"
-        render.prepare(folder)
+        files = [stage_model.find(model), *recordings]
+        options = listed(axis=axis, noise=noise, tolerance=tolerance, effect=effect)
+        where = place(out, origin.name_of(files[0]), "diagnose", files, overrides or [], options, "_diagnosed")
         if model_file:
             identification_report.write_model(model_file, None)
         told = Progress(say)
@@ -104,8 +105,8 @@ def diagnose(
         say("writing")
         better = adding.with_knowledge(found.model, found.axis, adding.values(found), (*found.runs, *found.responses))
         document, result = diagnosis_report.document(found, apart), diagnosis_result.result(found, apart)
-        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(better, folder)}
-        written = [path for path in render.write(folder, document, result, others) if path.suffix != ".svg"]
+        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(better, where.folder)}
+        written = [path for path in where.write(document, result, others) if path.suffix != ".svg"]
         if model_file:
             identification_report.write_model(model_file, better)
             written.append(model_file)

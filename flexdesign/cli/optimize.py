@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, app, print_json, progress
+from flexdesign.cli.shared import AsJson, app, place, print_json, progress
 
 HELP = """Find the dimensions that serve an aim best and keep their limits, checked by finite elements.
 
@@ -45,16 +45,15 @@ def optimize(
 ) -> None:
     """Optimise a design and write its report."""
     from flexdesign import sweeps
-    from flexdesign.report import optimum_report, render, terminal
+    from flexdesign.report import optimum_report, origin, terminal
     from flexdesign.sweeps import optimising
 
     with progress() as say:
         plan = sweeps.read(study, overrides or [])
-        folder = out or Path("reports") / plan.name
-        render.prepare(folder)
+        where = place(out, origin.name_of(plan.file), "optimize", [plan.file, plan.subject_file], overrides or [])
         found = optimising.optimise(plan, check=check, progress=say)
         document, result = optimum_report.document(found), optimum_report.result(found)
-        written = render.write(folder, document, result, {"optimum.toml": optimum_report.to_toml(found, folder)})
+        written = where.write(document, result, {"optimum.toml": optimum_report.to_toml(found, where.folder)})
     if as_json:
         print_json(result)
     else:

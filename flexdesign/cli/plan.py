@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
+from flexdesign.cli.shared import AsJson, StageOverrides, app, listed, place, print_json, progress
 
 HELP = """Write command files for the bench, within its limits, so that a diagnosis will work.
 
@@ -74,7 +74,7 @@ def plan(
     """Write command files and their report."""
     from flexdesign import bench, stage_model
     from flexdesign.bench import files
-    from flexdesign.report import plan_pages, render, terminal
+    from flexdesign.report import origin, plan_pages, terminal
 
     with progress() as say:
         stage = stage_model.read(model, overrides or [])
@@ -91,8 +91,12 @@ def plan(
         limits = bench.of_axis(stage, chosen, asked)
         if slew is None:
             bench.refuse_unlimited(stage, chosen, limits)
-        folder = out or Path("reports") / f"{stage.name}_plan"
-        render.prepare(folder)
+        options = listed(
+            resolve=resolve, axis=axis, volts=volts, slew=slew, current=current, bandwidth=bandwidth, rate=rate,
+            sensor_noise=sensor_noise, seed=seed if seed != 1 else None,
+        )  # fmt: skip
+        file = stage_model.find(model)
+        where = place(out, origin.name_of(file), "plan", [file], overrides or [], options, "_plan")
         say("shaping the commands")
         dynamics = bench.dynamics(stage, chosen, limits)
         experiments, resolved = bench.suite_of(dynamics, limits, seed), None
@@ -106,8 +110,8 @@ def plan(
         say("writing")
         document = plan_pages.document(title, named, limits, seed, resolved)
         result = plan_pages.result(named, limits, seed, resolved)
-        written = render.write(folder, document, result, {})
-        written += files.write(folder / "commands", experiments, chosen, numbers, limits, title, noise or None)
+        written = where.write(document, result, {})
+        written += files.write(where.folder / "commands", experiments, chosen, numbers, limits, title, noise or None)
     if as_json:
         print_json(result)
         return

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
+from flexdesign.cli.shared import AsJson, StageOverrides, app, place, print_json, progress
 from flexdesign.errors import InputError
 
 HELP = """Simulate a stage: hysteresis, feedforward, PID, steps, tracking, lines.
@@ -49,7 +49,7 @@ def simulate(
 ) -> None:
     """Run experiments and write their report."""
     from flexdesign import experiments, files, simulation, stage_model, standard_experiments
-    from flexdesign.report import render, simulation_report, terminal
+    from flexdesign.report import origin, simulation_report, terminal
 
     of_study = [o for o in overrides or [] if files.overridden(o) in experiments.SETTINGS]
     of_model = [o for o in overrides or [] if o not in of_study]
@@ -59,16 +59,16 @@ def simulate(
         stage = stage_model.read(model, of_model)
         plan = experiments.read(study, list(stage.axes), of_study) if study else standard_experiments.plan(stage)
         variants = experiments.variants(plan, lambda changes: stage_model.read(model, [*of_model, *changes]))
-        folder = out or Path("reports") / f"{stage.name}_{plan.name}"
-        render.prepare(folder)
+        read = [stage_model.find(model), *([experiments.find(study)] if study else [])]
+        where = place(out, f"{origin.name_of(read[0])}_{plan.name}", "simulate", read, overrides or [])
         found = simulation.run(stage, variants, plan, say)
         say("writing")
         document = simulation_report.document(found)
         result = simulation_report.result(found)
-        others = {"stage_model.toml": stage_model.to_toml(found.model, folder)}
-        written = render.write(folder, document, result, others)
+        others = {"stage_model.toml": stage_model.to_toml(found.model, where.folder)}
+        written = where.write(document, result, others)
         if with_runs:
-            simulation_report.write_runs(found, folder / "runs")
+            simulation_report.write_runs(found, where.folder / "runs")
     if as_json:
         print_json(result)
         return

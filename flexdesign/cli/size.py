@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, app, print_json
+from flexdesign.cli.shared import AsJson, app, place, print_json
 
 if TYPE_CHECKING:
     from flexdesign.model import Quantity
@@ -53,11 +53,14 @@ def size(
 ) -> None:
     """Size a stage, and write its dimensions."""
     from flexdesign import sizing
-    from flexdesign.report import render, terminal
+    from flexdesign.report import terminal
 
     found = sizing.size(targets, overrides or [])
     document, result = _document(found), found.result()
-    written = render.write(out, document, result, {"dimensions.toml": found.to_toml()}) if out else []
+    written: list[Path] = []
+    if out:
+        where = place(out, out.name, "size", [sizing.find(targets)], overrides or [])
+        written = where.write(document, result, {"dimensions.toml": found.to_toml()})
     if as_json:
         print_json(result)
         return

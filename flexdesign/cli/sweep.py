@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, app, print_json, progress
+from flexdesign.cli.shared import AsJson, app, place, print_json, progress
 
 HELP = """Evaluate many versions of a design, keep every answer, and pick the best.
 
@@ -64,7 +64,8 @@ def sweep(
         typer.Option("--set", metavar="KEY=VALUE", help="Change one value, e.g. sample.count=256; may be repeated."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for report and answers [default: reports/STUDY].", show_default=False)
+        Path | None,
+        typer.Option(help="Folder for report and answers [default: reports/STUDY_CHANGES].", show_default=False),
     ] = None,
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Processes at a time [default: one per processor].", show_default=False)
@@ -77,21 +78,20 @@ def sweep(
 ) -> None:
     """Run a sweep and write its report."""
     from flexdesign import sweeps
-    from flexdesign.report import render, sweep_report, terminal
+    from flexdesign.report import origin, sweep_report, terminal
     from flexdesign.sweeps.store import Store
 
     with progress() as say:
         plan = sweeps.read(study, overrides or [])
-        folder = out or Path("reports") / plan.name
-        render.prepare(folder)
-        store = Store(folder)
+        where = place(out, origin.name_of(plan.file), "sweep", [plan.file, plan.subject_file], overrides or [])
+        store = Store(where.folder)
         found = sweeps.run(plan, store, jobs=jobs or os.cpu_count() or 1, scheduler=scheduler, progress=say)
         say("writing the report")
         document, result = sweep_report.document(found), sweep_report.result(found)
         tables: dict[str, str | bytes] = {"cases.csv": sweep_report.csv(found)}
         if (parquet := sweep_report.parquet(found)) is not None:
             tables["cases.parquet"] = parquet
-        written = render.write(folder, document, result, tables)
+        written = where.write(document, result, tables)
     if as_json:
         print_json(result)
         return

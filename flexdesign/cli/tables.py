@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexdesign.cli.shared import print_json, progress
+from flexdesign.cli.shared import Place, place, print_json, progress
 from flexdesign.errors import InputError
 
 if TYPE_CHECKING:
@@ -42,16 +42,15 @@ def refuse_bare(bare: bool) -> None:
 def compare(model: str, paths: Sequence[Path], overrides: Sequence[str], out: Path | None, as_json: bool) -> None:
     """Compare a design with static tables and write the report."""
     from flexdesign.comparison import tables
-    from flexdesign.report import render, table_report
+    from flexdesign.report import table_report
 
     with progress() as say:
         stands, table = _read(model, paths, overrides)
-        folder = out or Path("reports") / f"{stands.design.name}_compared"
-        render.prepare(folder)
+        where = _place(stands, "compare", paths, overrides, [], out, "_compared")
         found = tables.compare(stands, table)
         say("writing")
         document, result = table_report.comparison_document(found), table_report.comparison_result(found)
-        written = render.write(folder, document, result, {})
+        written = where.write(document, result, {})
     _print(document, result, table_report.rows_in_brief(found), written, as_json)
 
 
@@ -68,17 +67,18 @@ def diagnose(
 ) -> None:
     """Diagnose a design from static tables, effects of the user's own tried as well, and write the report."""
     from flexdesign.diagnosis import tables
-    from flexdesign.report import render, table_report
+    from flexdesign.report import table_report
 
     with progress() as say:
         stands, table = _read(model, paths, overrides, bare=bare)
         more = _own_effects(own)
-        folder = out or Path("reports") / f"{stands.design.name}_diagnosed"
-        render.prepare(folder)
+        options = [*(["bare"] if bare else []), *(f"effect={each}" for each in own)]
+        where = _place(stands, "diagnose", paths, overrides, options, out, "_diagnosed")
+        _refuse_folder(design_file)
         found = tables.diagnose(stands, table, say, more)
         say("writing")
         better = found.found.model if found.verdict == "effects-found" else stands
-        document, result, written = _report(found, better, overrides, folder, design_file)
+        document, result, written = _report(found, better, overrides, where, design_file)
     _print(document, result, table_report.ladder(found), written, as_json)
 
 
@@ -93,30 +93,46 @@ def add(
 ) -> None:
     """Fit one effect to static tables, and write it into a design."""
     from flexdesign.diagnosis import tables
-    from flexdesign.report import render, table_report
+    from flexdesign.report import table_report
 
     with progress() as say:
         stands, table = _read(model, paths, overrides)
         name = _known_effect(effect, "EFFECT")
         if name in stands.effects:
             raise InputError("command line", "EFFECT", effect, "is in the model already")
-        folder = out or Path("reports") / f"{stands.design.name}_with_{Path(effect).stem}"
-        render.prepare(folder)
+        where = _place(stands, f"add {effect}", paths, overrides, [], out, f"_with_{Path(effect).stem}")
+        _refuse_folder(design_file)
         found = tables.add(stands, name, table, say)
         say("writing")
-        document, result, written = _report(found, found.found.model, overrides, folder, design_file)
+        document, result, written = _report(found, found.found.model, overrides, where, design_file)
     _print(document, result, table_report.ladder(found), written, as_json)
 
 
+def _place(
+    model: StaticModel,
+    verb: str,
+    paths: Sequence[Path],
+    overrides: Sequence[str],
+    options: Sequence[str],
+    out: Path | None,
+    ending: str,
+) -> Place:
+    """Return where the report of a design beside tables goes."""
+    from flexdesign.report import origin
+
+    file = model.design.file
+    return place(out, origin.name_of(file), verb, [file, *paths], overrides, options, ending)
+
+
 def _report(
-    found: TableDiagnosis, better: StaticModel, overrides: Sequence[str], folder: Path, design_file: Path | None
+    found: TableDiagnosis, better: StaticModel, overrides: Sequence[str], where: Place, design_file: Path | None
 ) -> tuple[Document, dict[str, Any], list[Path]]:
     """Write the report of a diagnosis, and the better design beside it or where it is wanted."""
-    from flexdesign.report import render, table_report
+    from flexdesign.report import table_report
 
     document, result = table_report.diagnosis_document(found), table_report.diagnosis_result(found)
-    text = design_text(better, overrides, design_file.parent if design_file else folder)
-    written = render.write(folder, document, result, {} if design_file else {"design.toml": text})
+    text = design_text(better, overrides, design_file.parent if design_file else where.folder)
+    written = where.write(document, result, {} if design_file else {"design.toml": text})
     return document, result, [*written, *([_write(design_file, text)] if design_file else [])]
 
 
@@ -195,6 +211,12 @@ def design_text(model: StaticModel, overrides: Sequence[str], folder: Path) -> s
         if values != there.get(name)
     }
     return design.to_toml(model.design, content, folder)
+
+
+def _refuse_folder(path: Path | None) -> None:
+    """Refuse a folder where the design's file is meant, before long work begins."""
+    if path is not None and path.is_dir():
+        raise InputError("command line", "-o", str(path), "cannot be written (it is a folder); choose another file")
 
 
 def _write(path: Path, text: str) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from flexdesign.cli.shared import AsJson, app, print_json, progress
+from flexdesign.cli.shared import AsJson, app, place, print_json, progress
 
 HELP = """Solve a design with FEM and set the analytic model beside it.
 
@@ -40,7 +41,8 @@ report has stiffness, amplification and coupling axis by axis, beside the formul
 mesh, as a symmetric piece and whole, and the report says whether the answers agree within their estimates; that takes
 minutes.
 
-**What it writes:** report.html, report.md, result.json, stage_model.toml and the pictures, into --out.
+**What it writes:** report.html, report.md, result.json, fem.csv, stage_model.toml and the pictures, into --out. A
+design changed with --set has a folder and a title of its own; its fem.csv tells `compare` what was changed.
 
 **Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
 
@@ -49,7 +51,7 @@ interrupted one resumes.
 """
 
 #: The files that the terminal names.
-NAMED = ("report.html", "report.md", "result.json", "stage_model.toml")
+NAMED = ("report.html", "report.md", "result.json", "fem.csv", "stage_model.toml")
 
 
 @app.command(help=HELP)
@@ -62,7 +64,7 @@ def validate(
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the report [default: reports/STUDY].", show_default=False)
+        Path | None, typer.Option(help="Folder for the report [default: reports/STUDY_CHANGES].", show_default=False)
     ] = None,
     as_json: AsJson = False,
     cache: Annotated[
@@ -76,23 +78,24 @@ def validate(
         list[str] | None,
         typer.Option(
             metavar="FILE",
-            help="Also write the solid (.step) or the finest mesh (.vtu, .msh, .inp ...); may be repeated.",
+            help="Also write the solid (.step), or the finest mesh with displacements and stress (.vtu, .msh, .inp "
+            "...); a bare name goes into the report's folder; may be repeated.",
         ),
     ] = None,
 ) -> None:
     """Run a validation and write its report."""
-    from flexdesign import stage_model
+    from flexdesign import part, stage_model
     from flexdesign import study as studies
     from flexdesign.cache import Cache, default_folder
     from flexdesign.report import export as exporting
-    from flexdesign.report import render
+    from flexdesign.report import origin
 
     with progress() as say:
         asked = studies.read(study, overrides or [])
         kind = _stage() if asked.design.is_stage else _part()
-        folder = out or Path("reports") / asked.name
-        exports = [(path, exporting.writer(Path(path), stage=asked.design.is_stage)) for path in export or []]
-        render.prepare(folder)
+        files = dict.fromkeys([asked.file, asked.design.file, part.file_of(asked.design.part_class)])
+        where = place(out, origin.name_of(asked.file), "validate", list(files), overrides or [])
+        exports = exporting.writers(export or [], where.folder, stage=asked.design.is_stage)
         store = Cache(cache or default_folder())
         store.prepare()
         found = kind.run(asked, store, say)
@@ -100,13 +103,16 @@ def validate(
         document = kind.document(found, say)
         others = {"stage_model.toml": stage_model.to_toml(found.stage_model)} if found.stage_model else {}
         others |= kind.tables(found)
-        written = render.write(folder, document, result, others)
+        links = [os.path.relpath(path, where.folder) for path, _ in exports]
+        written = where.write(document, result, others, links)
         for path, write in exports:
-            write(found, Path(path))
+            write(found, path)
+            written.append(path)
     if as_json:
         print_json(result)
         return
-    kind.show(document, found, [path for path in written if path.name in NAMED])
+    named = [path for path in written if path.name in NAMED or path in dict(exports)]
+    kind.show(document, found, named)
 
 
 @dataclass(frozen=True)
@@ -139,4 +145,5 @@ def _tables(found: Any) -> dict[str, str]:
     from flexdesign import static_tables
 
     beside = found.further if found.study.design.is_stage else []  # a part's formulas have all that a table holds
-    return {"fem.csv": static_tables.to_csv([*(comparison.fem for comparison in found.comparisons), *beside])}
+    quantities = [*(comparison.fem for comparison in found.comparisons), *beside]
+    return {"fem.csv": static_tables.to_csv(quantities, found.study.design)}

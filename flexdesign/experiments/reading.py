@@ -219,5 +219,7 @@ def find(name: str | Path) -> Path:
     found, known = shipped.in_studies(name, "[[experiment]]")
     if found is not None:
         return found
+    if files.is_folder(path):
+        raise InputError(path, "", None, "is a folder; name a study of experiments (.toml)")
     remedy = f"no such study of experiments{suggest(path.stem, known)}"
     raise InputError("command line", "STUDY", files.as_written(str(name)), remedy)

@@ -4,7 +4,7 @@ from flexdesign.quantities.gathering import of_compliance, of_solution
 from flexdesign.quantities.handover import AXIS, stage_model
 from flexdesign.quantities.motion import COMPONENTS, POINTS, six_degrees
 from flexdesign.quantities.shares import compliance_shares, energy_shares
-from flexdesign.quantities.strength import hinge_peak, peak_stresses, stated_force, stresses
+from flexdesign.quantities.strength import hinge_peak, hinge_peak_node, peak_stresses, stated_force, stresses
 from flexdesign.quantities.vibration import drive_share, output_share
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "drive_share",
     "energy_shares",
     "hinge_peak",
+    "hinge_peak_node",
     "of_compliance",
     "of_solution",
     "output_share",

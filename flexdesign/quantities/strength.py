@@ -79,9 +79,16 @@ def hinge_peak(solution: Solution, field: np.ndarray | None = None) -> float:
     Other edges of the solid and the rim of the held face have singularities of their own, which say nothing of the
     design.
     """
+    values = solution.von_mises if field is None else field
+    return float(values[hinge_peak_node(solution, values)])
+
+
+def hinge_peak_node(solution: Solution, field: np.ndarray | None = None) -> int:
+    """Return the node at which `hinge_peak` is found."""
     hinges = [section.member for section in solution.input_sections if section.member.kind == "hinge"]
     near = np.any([_distance(solution.positions, hinge) <= hinge.thickness for hinge in hinges], axis=0)
-    return float((solution.von_mises if field is None else field)[near].max())
+    values = solution.von_mises if field is None else field
+    return int(np.flatnonzero(near)[np.argmax(values[near])])
 
 
 def _margins(study: Study, solution: Solution, per_force: float, where: str) -> list[Quantity]:

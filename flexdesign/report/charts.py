@@ -9,6 +9,8 @@ from typing import Any
 
 #: A grey that stands out on white and on black alike.
 NEUTRAL = "#8a949e"
+#: Width of a drawing on the page, and the smallest letters there [px]; report.html has the same width.
+PAGE, SMALLEST = 704.0, 11.0
 #: What of a coordinate is too fine to see.
 _SURPLUS = re.compile(rb"(\.\d\d)\d+")
 COLOURS = ("#0b84b5", "#e0702c", "#3f9c4d", "#b0529e", "#c9a227", "#6d7cce", "#8d6e63", "#5f9ea0", "#d0506a", "#9aa5af")
@@ -88,12 +90,26 @@ def _as_written(figure: Any) -> None:
         text.set_parse_math(text in numbers)
 
 
+def _legible(figure: Any) -> None:
+    """Make letters so large that they are read where the page makes a wide drawing smaller."""
+    from matplotlib.text import Text
+
+    smallest = SMALLEST * 72.0 * figure.get_figwidth() / PAGE
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            if axis.get_ticklabels() and axis.get_ticklabels()[0].get_fontsize() < smallest:
+                axis.set_tick_params(which="both", labelsize=smallest)
+    for text in figure.findobj(Text):
+        text.set_fontsize(max(text.get_fontsize(), smallest))
+
+
 def svg(figure: Any) -> bytes:
     """Return a drawing as SVG that is the same in every run; hundredths of a point are finer than any screen."""
     import matplotlib
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     _as_written(figure)
+    _legible(figure)
     if (layout := figure.get_layout_engine()) is not None:
         # Laid out here, or everything would be drawn once more, unseen, before it is.
         FigureCanvasSVG(figure)

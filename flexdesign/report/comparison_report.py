@@ -140,7 +140,7 @@ def document(found: Comparison) -> Document:
         Section("Errors", [*_noise_remarks(found), *remarks], [errors(found)]),
         *lines,
         Section("Where it fails", _where_text(found), [], [_shares(found)]),
-        Section("What is left", _left_text(), [], _pictures(found, traces)),
+        Section("Residuals", _left_text(), [], _pictures(found, traces)),
         Section("Runs", [], [], [f for run in found.runs for f in _figures(found, run)]),
         Section("Shares in numbers", [], [_table(found, b) for b in found.where], folded=True),
     ]
@@ -210,7 +210,7 @@ def _figures(found: Comparison, run: RunComparison) -> list[Figure]:
     t, measured, predicted = run.time[compared], run.measured[compared] / scale, run.predicted[compared] / scale
     signal = [Curve("measured", t, measured), Curve("predicted", t, predicted, dashed=True)]
     left = [Curve("measured less predicted", t, run.residual[compared] / fine)]
-    labels = [f"{found.axis} [{words.sign(large)}]", f"left [{words.sign(small)}]"]
+    labels = [f"{found.axis} [{words.sign(large)}]", f"residual [{words.sign(small)}]"]
     file = f"{run.name}.svg"
     ratio = units.significant(run.ratio, 3)
     caption = f"{run.name} ({run.role}): {words.error(found.response, run.rms)} rms, {ratio} times the noise floor"

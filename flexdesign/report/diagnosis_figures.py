@@ -46,7 +46,7 @@ DRAWN = 4
 
 
 def pictures(names: Sequence[str]) -> list[str]:
-    """Return which pictures of what is left show some effects, the telling one first.
+    """Return which pictures of the residual show some effects, the telling one first.
 
     An effect says which experiment reveals it; a step is drawn over the logarithm of time, a triangle over position, a
     multisine as a spectrum.
@@ -113,7 +113,7 @@ def run_figures(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
     kept = [run.name for run in first.runs if run.role == "validate"] or [run.name for run in first.runs]
     large, small = shown_in(first.response)
     scale, factor = units.factor(large, first.response), finer(first.response)
-    labels = (f"{first.axis} [{words.sign(large)}]", f"left [{words.sign(small)}]")
+    labels = (f"{first.axis} [{words.sign(large)}]", f"residual [{words.sign(small)}]")
     made = []
     for name in kept[:DRAWN]:
         runs = [next(run for run in stand.runs if run.name == name) for _, stand in stands]
@@ -141,14 +141,14 @@ def more_pictures(stands: Sequence[tuple[str, Comparison]], kinds: Sequence[str]
     if not stands[0][1].runs:
         return []
     drawn = where_figures(stands, kinds[2:], shares=False)
-    return [Section("More pictures of what is left", [], [], drawn, folded=True)]
+    return [Section("More pictures of the residual", [], [], drawn, folded=True)]
 
 
 def _run_caption(stands: Sequence[tuple[str, Comparison]], runs: Sequence[RunComparison]) -> str:
     response = stands[0][1].response
     errors = [f"{name} {words.error(response, run.rms)}" for (name, _), run in zip(stands, runs, strict=True)]
     floor = words.error(response, runs[0].floor, 2)
-    return f"{runs[0].name}: what is left, rms: {', '.join(errors)}; noise {floor}"
+    return f"{runs[0].name}: residual, rms: {', '.join(errors)}; noise {floor}"
 
 
 def _picture(kind: str, stand: Comparison, name: str, suffix: str) -> Figure | None:
@@ -184,8 +184,8 @@ def _loops(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
     small = shown_in(first.response)[1]
     scale = units.factor(small, first.response)
     left = [(name, run.residual[there] / scale) for (name, _), run in zip(stands, runs, strict=True)]
-    drawn = drawings.loop(runs[0].command[there], left, f"left [{words.sign(small)}]")
-    return [Figure("loop.svg", drawn, f"{slow}, its end: what is left over the command; a loop means memory")]
+    drawn = drawings.loop(runs[0].command[there], left, f"residual [{words.sign(small)}]")
+    return [Figure("loop.svg", drawn, f"{slow}, its end: the residual over the command; a loop means memory")]
 
 
 def _last_turns(command: Array) -> Flags:

@@ -81,6 +81,23 @@ class Section:
 
 
 @dataclass(frozen=True)
+class Fact:
+    """One number of a report's card.
+
+    Parameters
+    ----------
+    name, value
+        What it is, and the number with its unit.
+    note
+        Under which conditions, or what it is to be set beside.
+    """
+
+    name: str
+    value: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
 class Document:
     """A whole report.
 
@@ -90,11 +107,17 @@ class Document:
         Its heading and the answer in a few sentences.
     sections
         In order.
+    card
+        The numbers that most readers look for, before the summary.
+    warnings
+        What a reader must know before using any of the numbers.
     """
 
     title: str
     summary: Sequence[str]
     sections: Sequence[Section] = field(default_factory=tuple)
+    card: Sequence[Fact] = ()
+    warnings: Sequence[str] = ()
 
     @property
     def figures(self) -> list[Figure]:

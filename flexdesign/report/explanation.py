@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flexdesign.report import charts
 from flexdesign.report.document import Figure, Section, Table
-from flexdesign.report.wording import PIECES, name_of
+from flexdesign.report.wording import MODELS, PIECES, name_of
 from flexdesign.validation import Comparison, Validation
 
 #: Deviations below this need no explanation, and pieces below the other are not named.
@@ -30,8 +30,11 @@ def section(validation: Validation) -> Section:
     )
 
 
-def why(validation: Validation, key: str) -> str:
-    """Say which neglected compliances account for the first model's error in one stiffness; empty if it has none."""
+def why(validation: Validation, key: str, *, first: bool = False) -> str:
+    """Say which neglected compliances account for the first model's error in one stiffness; empty if it has none.
+
+    Where the model's name stands `first` in a text it is explained.
+    """
     split, formula = validation.shares[key], validation.formula_shares.get(key)
     if formula is None:
         return ""
@@ -48,8 +51,9 @@ def why(validation: Validation, key: str) -> str:
     missing = _listed({piece: gap for piece, gap in gaps.items() if gap > NAMED})
     excess = _listed({piece: -gap for piece, gap in gaps.items() if gap < -NAMED})
     gap = 100 * (1 - 1 / (1 + error))
+    named = f"{model} ({MODELS[model]})" if first and model in MODELS else model
     text = (
-        f"{model} puts {what} {100 * abs(error):.0f} % {'above' if error > 0 else 'below'} FEM: its compliance is "
+        f"{named} puts {what} {100 * abs(error):.0f} % {'above' if error > 0 else 'below'} FEM: its compliance is "
         f"{abs(gap):.1f} % {'smaller' if gap > 0 else 'larger'}."
     )
     if missing:

@@ -217,12 +217,12 @@ def _figures(found: Identification, run: RunMatch) -> list[Figure]:
     left = (run.measured - run.predicted)[compared] / fine
     signal = [Curve("measured", t, measured), Curve("predicted", t, run.predicted[compared] / scale, dashed=True)]
     over_time = panels(
-        [signal, [Curve("measured less predicted", t, left)]],
+        [signal, [Curve("residual, measured less predicted", t, left)]],
         "time [s]",
         [f"{found.axis} [{_sign(large)}]", f"residual [{_sign(small)}]"],
     )
     file = f"{run.name}.svg"
-    made = [Figure(file, over_time, f"{run.name} ({run.role}): measured and predicted, and the residual")]
+    made = [Figure(file, over_time, f"{run.name} ({run.role}): measured, predicted, and the residual")]
     if is_slow(run, found.model.axes[found.axis].natural_frequency):
         command = run.command[compared]
         loop = [

@@ -29,6 +29,18 @@ _SIZE, _SMALL = (1500, 940), (720, 450)
 #: What a moving picture shows of its displacement: half a period, which it then goes back; the time of a frame [ms].
 SWING, FRAME = tuple(np.cos(np.pi * np.arange(9) / 8).tolist()), 60
 _INK = "#2b3138"
+#: The colour of a mark, which no colour map has.
+MARK = "#d62728"
+#: Reports show a picture at about a third of its size: letters are so large that 11 pixels or more remain there. A text
+#: of VTK's in points takes about 1.4 pixels each.
+TITLE, LABEL, NOTE = 40, 36, 24
+#: How far the part stands above the middle, so that a scalar bar has room: relative to half the height.
+LOWERED = 0.15
+#: How a scalar bar is lettered and placed.
+BAR: dict[str, Any] = {
+    "color": _INK, "vertical": False, "position_x": 0.25, "position_y": 0.02, "width": 0.5, "height": 0.13,
+    "fmt": "%.3g", "n_labels": 4, "title_font_size": TITLE, "label_font_size": LABEL, "unconstrained_font_size": True,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -54,6 +66,10 @@ class Picture:
         Centre and half-height of the view, [m]; None for the whole part.
     view
         From the front, or obliquely.
+    notes
+        What is written into the picture.
+    mark
+        A point [m] of a front view that is marked, and what is said of it in a corner.
     """
 
     file: str
@@ -67,6 +83,7 @@ class Picture:
     focus: tuple[tuple[float, float, float], float] | None = None
     view: Literal["front", "oblique"] = "front"
     notes: Sequence[str] = field(default_factory=tuple)
+    mark: tuple[tuple[float, float, float], str] | None = None
 
 
 @dataclass(frozen=True)
@@ -208,19 +225,7 @@ def _draw(picture: Picture, pv: Any) -> bytes:
     surface = _skin(shown)
     style: dict[str, Any] = {"color": "#b9c6d1"}
     if picture.scalars is not None:
-        bar = {
-            "title": f"{picture.label}\n",
-            "color": _INK,
-            "vertical": False,
-            "position_x": 0.3,
-            "position_y": 0.03,
-            "width": 0.4,
-            "height": 0.07,
-            "fmt": "%.3g",
-            "n_labels": 4,
-            "title_font_size": 24,
-            "label_font_size": 22,
-        }
+        bar = {"title": f"{picture.label}\n", **BAR}
         style = {"scalars": picture.label, "cmap": "viridis", "clim": picture.limits, "scalar_bar_args": bar}
     plotter.add_mesh(
         surface, show_edges=picture.edges, edge_color="#41505c", line_width=0.6, smooth_shading=False, **style
@@ -232,10 +237,15 @@ def _draw(picture: Picture, pv: Any) -> bytes:
         plotter.add_mesh(outline, color=_INK, line_width=1.5)
     direction = np.array([0.0, 0.0, 1.0]) if picture.view == "front" else np.array([0.45, 0.55, 1.0])
     _aim(plotter, grid, direction, _SIZE, picture.focus)
+    if picture.scalars is not None:  # above the scalar bar
+        plotter.camera.focal_point -= np.array([0.0, LOWERED * plotter.camera.parallel_scale, 0.0])
+        plotter.camera.position -= np.array([0.0, LOWERED * plotter.camera.parallel_scale, 0.0])
     if picture.view == "front":
         _scale_bar(plotter, picture, grid, pv)
     for row, note in enumerate(picture.notes):
-        plotter.add_text(note, position=(25, _SIZE[1] - 45 - 32 * row), font_size=12, color=_INK)
+        plotter.add_text(note, position=(25, _SIZE[1] - 60 - 50 * row), font_size=NOTE, color=_INK)
+    if picture.mark is not None:
+        _marked(plotter, *picture.mark, front=float(grid.points[:, 2].max()) + 1.0)
     image = plotter.screenshot(return_img=True)
     plotter.close()
     return _png(image)
@@ -280,9 +290,18 @@ def _scale_bar(plotter: Any, picture: Picture, grid: Any, pv: Any) -> None:
     end = start + np.array([length, 0, 0])
     plotter.add_mesh(pv.Line(start, end), color=_INK, line_width=5)
     plotter.add_point_labels(
-        [(start + end) / 2 + [0, 0.03 * scale, 0]], [f"{length:g} mm"], font_size=26, text_color=_INK, shape=None,
+        [(start + end) / 2 + [0, 0.03 * scale, 0]], [f"{length:g} mm"], font_size=LABEL, text_color=_INK, shape=None,
         show_points=False, always_visible=True, justification_horizontal="center", justification_vertical="bottom",
     )  # fmt: skip
+
+
+def _marked(plotter: Any, point: tuple[float, float, float], text: str, front: float) -> None:
+    """Put a dot before a point [m] of the front view, and a text into the upper left corner."""
+    x, y, _ = 1e3 * np.array(point)
+    plotter.add_points(np.array([[x, y, front]]), color=MARK, point_size=26, render_points_as_spheres=True)
+    written = plotter.add_text(f"• {text}", position=(25, _SIZE[1] - 60), font_size=NOTE, color=MARK)
+    written.prop.SetBackgroundColor(1.0, 1.0, 1.0)
+    written.prop.SetBackgroundOpacity(1.0)
 
 
 def _animated(frames: Sequence[NDArray[np.uint8]]) -> bytes:

@@ -106,7 +106,7 @@ def _separation(resolved: Resolved) -> Section:
     for each in resolved.proposed:
         seen = Seen(each.command, each.second, each.first)
         drawn, words = effect_charts.draw(seen, response, (_called(first), f"{_called(second)}, refitted"))
-        caption = f"{words} ({_plain(each.command)}); below, what is left between the two"
+        caption = f"{words} ({_plain(each.command)}); below, the difference of the two"
         figures.append(Figure(f"separates_{each.command.name}.svg", drawn, caption))
     title = f"What tells {_called(first)} from {_called(second)}"
     return Section(title, text, [separations(resolved)], figures)

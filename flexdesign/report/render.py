@@ -5,24 +5,47 @@ from __future__ import annotations
 import base64
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, select_autoescape
 
+from flexdesign import __version__
 from flexdesign.errors import InputError
+from flexdesign.report import origin
 from flexdesign.report.document import Document, Figure
 
 
-def to_html(document: Document) -> str:
+@dataclass(frozen=True)
+class Made:
+    """When and how a report was made, and which files lie beside it.
+
+    Parameters
+    ----------
+    date, command, version
+        When, by which command line, by which version.
+    files
+        Names of files beside the report, pictures left out.
+    """
+
+    date: str
+    command: str
+    version: str
+    files: Sequence[str] = ()
+
+
+def to_html(document: Document, made: Made | None = None) -> str:
     """Return one self-contained page, readable in light and dark."""
-    return _environment().get_template("report.html").render(document=document, embed=_embedded)
+    template = _environment().get_template("report.html")
+    return template.render(document=document, embed=_embedded, made=made, link=quote)
 
 
-def to_markdown(document: Document) -> str:
+def to_markdown(document: Document, made: Made | None = None) -> str:
     """Return Markdown with tables, figures linked by file name."""
-    return _environment().get_template("report.md").render(document=document)
+    return _environment().get_template("report.md").render(document=document, made=made, link=quote)
 
 
 def prepare(folder: Path) -> None:
@@ -47,9 +70,16 @@ def prepare(folder: Path) -> None:
         raise _refusal(folder, error) from error
 
 
-def write(folder: Path, document: Document, result: Mapping[str, Any], others: Mapping[str, str | bytes]) -> list[Path]:
+def write(
+    folder: Path,
+    document: Document,
+    result: Mapping[str, Any],
+    others: Mapping[str, str | bytes],
+    links: Sequence[str] = (),
+) -> list[Path]:
     """Write report.html, report.md, result.json, the figures and other files.
 
+    The report has the date, the command line and links to the other files; `links` are more files in the folder.
     Everything is written beside its place first and moved there at the end, so that a failure leaves what was there.
 
     Raises
@@ -59,8 +89,9 @@ def write(folder: Path, document: Document, result: Mapping[str, Any], others: M
     """
     contents: dict[str, bytes] = {figure.file: figure.data for figure in document.figures}
     contents |= {name: data.encode() if isinstance(data, str) else data for name, data in others.items()}
-    contents["report.md"] = to_markdown(document).encode()
-    contents["report.html"] = to_html(document).encode()
+    made = Made(origin.date(), origin.command(), __version__, [*others, "result.json", *links])
+    contents["report.md"] = to_markdown(document, made).encode()
+    contents["report.html"] = to_html(document, made).encode()
     contents["result.json"] = (json.dumps(result, indent=2, ensure_ascii=False) + "\n").encode()
     try:
         folder.mkdir(parents=True, exist_ok=True)

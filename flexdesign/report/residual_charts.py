@@ -87,7 +87,7 @@ def shares(breakdowns: Sequence[Bars]) -> bytes:
 
 
 def spectrum(traces: Sequence[Trace], noise: Sequence[Array], frequencies: Array, unit: str, mode: float) -> bytes:
-    """Draw the spectra of what was measured, of what is left, and of the noise; means over the runs.
+    """Draw the spectra of what was measured, of the residual, and of the noise; means over the runs.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def since_step(traces: Sequence[Trace], fine: str, factor: float) -> bytes | Non
     axes.semilogx(places[seen], whole[seen], color=COLOURS[1], linewidth=2.2, label="mean of all steps")
     axes.set_xscale("log")
     axes.set_xlabel("time since the step [s]")
-    axes.set_ylabel(f"left, along the step [{fine}]")
+    axes.set_ylabel(f"residual along the step [{fine}]")
     below(figure, axes, 3)
     return svg(figure)
 

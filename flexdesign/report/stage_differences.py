@@ -22,7 +22,7 @@ REMARKS = {
 
 
 def section(validation: StageValidation) -> Section:
-    """Return the section: springs, the way from formula to FEM, variants, and what is left."""
+    """Return the section: springs, the way from formula to FEM, variants, and the residual."""
     axes = Axes(validation)
     text = [*_circular(validation), *_remarks(validation), _springs_text(), _chain_text(validation, axes)]
     tables = [*_springs(validation, axes), *_chains(validation, axes)]
@@ -181,7 +181,7 @@ def _variants_text(validation: StageValidation, axes: Axes) -> str:
         return f"{text} None comes nearer to {named} than the stage itself: what differs is unexplained."
     return (
         f"{text} Nearest to {named} is “{best}”: how many amplifiers or guides share the load is not stated there, and "
-        "this reading closes best. What is left after it is unexplained."
+        "this reading closes best. The residual is unexplained."
     )
 
 

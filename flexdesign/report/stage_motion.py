@@ -239,8 +239,8 @@ def modes(validation: StageValidation, figures: Sequence[Figure]) -> Section:
     axes = Axes(validation)
     text = [
         "Parts by their condensed mass, bodies rigid, frame at rest. An actuator is a spring between its inputs and "
-        "has no mass here, so that frequencies with actuators are upper bounds. What a mode answers the actuators of "
-        "an axis with is its part of the table's static motion under voltage; all modes together make 100 %. The "
+        "has no mass here, so that frequencies with actuators are upper bounds. A mode's share of an axis' "
+        "static stroke is its part of the table's motion under a constant voltage; all modes together make 100 %. The "
         "table's motion is told by its part of the kinetic energy; the rest is in blocks, bridges, limbs and "
         "amplifiers.",
         *_carried(validation, axes),
@@ -251,19 +251,19 @@ def modes(validation: StageValidation, figures: Sequence[Figure]) -> Section:
         )
     states = zip(("no", "yes"), validation.modes, strict=True)
     rows = [_mode(validation, mode, state) for state, found in states for mode in found]
-    heads = [f"answers {axis.upper()} with" for axis in axes.names]
+    heads = [f"share of static stroke {axis.upper()}" for axis in axes.names]
     table = Table(["frequency", "actuators", *heads, "what the table does"], rows, "Lowest modes on the finest mesh")
     limits = [
         [q.name.replace("_", " "), axes.where(q), shown(q)]
         for q in validation.further
         if q.name.startswith("drive_") and axes.tells(q)
     ]
-    told = [Table(["quantity", "boundary", "FEM"], limits, "The mode that answers an axis' actuators most")]
+    told = [Table(["quantity", "boundary", "FEM"], limits, "The mode with the largest share of an axis' static stroke")]
     return Section("Natural frequencies", text, [*(told if limits else []), table], figures, gallery=True)
 
 
 def _carried(validation: StageValidation, axes: Axes) -> list[str]:
-    """Name modes that move the table along an axis without answering its actuators much."""
+    """Name modes that move the table along an axis and have a small share of its static stroke."""
     told = []
     for axis in axes.told:
         for mode in validation.modes[1]:
@@ -271,8 +271,8 @@ def _carried(validation: StageValidation, axes: Axes) -> list[str]:
             if moved >= NAMED and answers < NAMED:
                 told.append(
                     f"the mode at {units.significant(mode.mode.frequency, 4)} Hz moves the table along {axis} "
-                    f"({100 * moved:.0f} % of its energy) but answers the actuators of {axes.label(axis)} with "
-                    f"{100 * answers:.1f} % only: a load on the table rings it, the drive hardly does"
+                    f"({100 * moved:.0f} % of its energy) but has {100 * answers:.1f} % of the static stroke of "
+                    f"{axes.label(axis)} only: a load on the table excites it, the drive hardly does"
                 )
     return [f"Note {'; '.join(told)}."] if told else []
 

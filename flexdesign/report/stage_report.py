@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +11,11 @@ from flexdesign.condensing import Kind
 from flexdesign.fem import convergence
 from flexdesign.files import FORMAT
 from flexdesign.quantities.stage_modes import ModeShares
-from flexdesign.report import ladder_section, stage_differences, stage_motion, stage_pictures, terminal
+from flexdesign.report import card, ladder_section, stage_differences, stage_motion, stage_pictures, terminal
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.pictures import drawn_or_said
 from flexdesign.report.stage_words import Axes, axis_of, computed, percent, written
-from flexdesign.report.wording import shown
+from flexdesign.report.wording import flat, shown
 from flexdesign.simulation import handed_over
 from flexdesign.stage_coupling import Cause, CrossMotion
 from flexdesign.validation import Comparison, provenance
@@ -83,7 +83,7 @@ def document(validation: StageValidation, progress: Progress = lambda _: None) -
         _inputs(validation),
     ]
     told = [s for s in sections if s.tables or s.figures or s.paragraphs]
-    return Document(_title(validation), _summary(validation), told)
+    return Document(_title(validation), _summary(validation), told, card.facts_of_stage(validation))
 
 
 def _ladder(validation: StageValidation) -> Section:
@@ -109,7 +109,7 @@ def _summary(validation: StageValidation) -> list[str]:
             validation.fem(f"{name}_{axis}_{boundary}")
             for name, boundary in (("K_out", "inputs_free"), ("K_in", "table_free"), ("lambda", "table_free"))
         )
-        travel = f", travel {shown(validation.fem(f'stroke_{axis}_table_free'))}" if design.actuator else ""
+        travel = f", travel {card.travel_in_words(validation, axis)}" if design.actuator else ""
         told.append(
             f"{axes.label(axis)}: K_out {shown(k_out)}, K_in {shown(k_in)}, amplification {shown(ratio)}{travel}"
         )
@@ -174,8 +174,8 @@ def _stage_model(validation: StageValidation) -> Section:
     columns = ["axis", "mass", "stiffness", "gain", "amplification", "K_in", "frequency"]
     text = (
         "stage_model.toml beside this report has these numbers and the couplings of second order; `flexdesign "
-        "simulate` runs it. Stiffness with actuators installed; mass from it and the mode that answers the drive. "
-        "Damping is a placeholder: geometry does not tell it."
+        "simulate` runs it. Stiffness with actuators installed; mass from it and the mode with the largest share of "
+        "the static stroke. Damping is a placeholder: geometry does not tell it."
     )
     if any("bouc_wen" in axis.effects for axis in model.axes.values()):
         text += (
@@ -239,17 +239,9 @@ def _inputs(validation: StageValidation) -> Section:
         [name, value, described[name].symbol, described[name].meaning] for name, value in made["dimensions"].items()
     ]
     keys = ("provenance", "stage", "material", "actuator", "mesh", "inputs", "variants", "versions")
-    other = [[key, _flat(made[key])] for key in keys if made[key]]
+    other = [[key, flat(made[key])] for key in keys if made[key]]
     tables = [Table(["dimension", "value", "symbol", "meaning"], dimensions), Table(["input", "value"], other)]
     return Section("Inputs and versions", (), tables, folded=True)
-
-
-def _flat(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_flat(item)}" for key, item in value.items())
-    if isinstance(value, (list, tuple)):
-        return ", ".join(map(_flat, value))
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def result(validation: StageValidation) -> dict[str, Any]:
@@ -257,6 +249,7 @@ def result(validation: StageValidation) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "kind": "stage validation",
+        "headline": card.quantities_of_stage(validation),
         "quantities": [
             c.fem.to_json() | {"analytic": {m: q.to_json() | {"error": c.error(m)} for m, q in c.analytic.items()}}
             for c in validation.comparisons

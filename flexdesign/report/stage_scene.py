@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.report.pictures import apart
+from flexdesign.report.pictures import BAR, NOTE, apart
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -135,7 +135,7 @@ def _drawn(skins: Sequence[Skin], edges: Sequence[IntArray], scene: Scene, pv: A
             named, bcolor=None, face="rectangle", size=(0.16, 0.03 * len(named)), loc="lower right", border=False
         )
     for row, note in enumerate(scene.notes):
-        plotter.add_text(note, position=(28, scene.size[1] - 46 - 32 * row), font_size=13, color=INK)
+        plotter.add_text(note, position=(28, scene.size[1] - 60 - 50 * row), font_size=NOTE, color=INK)
     _aim(plotter, np.vstack([skin.points for skin in skins]) * 1e3, scene)
     plotter.add_axes(color=INK, line_width=3, viewport=(0.0, 0.0, 0.12, 0.18))
     image = np.asarray(plotter.screenshot(return_img=True))
@@ -168,11 +168,7 @@ def sharp_edges(skin: Skin) -> IntArray:
 
 
 def _bar(plotter: Any, label: str, mapper: Any) -> None:
-    plotter.add_scalar_bar(
-        title=f"{label}\n", mapper=mapper, color=INK, vertical=False, fmt="%.0f",
-        position_x=0.32, position_y=0.02, width=0.36, height=0.07,
-        n_labels=5, title_font_size=24, label_font_size=22,
-    )  # fmt: skip
+    plotter.add_scalar_bar(title=f"{label}\n", mapper=mapper, **{**BAR, "fmt": "%.0f"})
 
 
 def _aim(plotter: Any, points: FloatArray, scene: Scene) -> None:

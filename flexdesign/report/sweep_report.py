@@ -85,7 +85,7 @@ def summary(sweep: Sweep) -> list[str]:
     for quantity, each in _indices(sweep).items():
         order = np.argsort(-each.total)[:2]
         most = " and ".join(f"{plan.factors[i].name} ({100 * each.total[i]:.0f} %)" for i in order)
-        said.append(f"{quantity} hangs on {most} most.")
+        said.append(f"{quantity} depends most on {most}.")
     if plan.limits:
         said.append(f"{len(kept)} keep {' and '.join(map(str, plan.limits))}.")
     if front and len(plan.aims) == 1:

@@ -76,10 +76,10 @@ def _symmetry(validation: Validation) -> str:
             "travel, is not in a linear solve."
         )
     kept = ", ".join(f"{plane.axis} = 0" for plane in validation.domain.planes)
-    left = f"; {kept} is left" if kept else ", so that the part as a whole has none"
+    left = f"; {kept} remains" if kept else ", so that the part as a whole has none"
     kind, planes = "plane" if len(lost) == 1 else "planes", " and ".join(f"{axis} = 0" for axis in lost)
     return (
         f"The crystal's axes lie askew to the part's symmetry {kind} {planes}{left}. The part moves sideways or tilts "
         "even where the actuator pushes on its axis. What was solved is meshed as its own mirror image only roughly; "
-        "that leaves some coupling of its own."
+        "that adds a coupling of its own."
     )

@@ -208,7 +208,8 @@ def _compared(comparison: TableComparison) -> dict[str, Any]:
         "rows": [
             {
                 "quantity": row.key,
-                "dimensions_mm": {name: 1e3 * value for name, value in row.dimensions.items()},
+                "dimensions_mm": {n: 1e3 * value for n, value in row.dimensions.items() if n not in row.numbers},
+                "numbers": {name: value for name, value in row.dimensions.items() if name in row.numbers},
                 "measured_si": float(measured[i]),
                 "predicted_si": float(comparison.predicted[i]),
                 "validation_uncertainty_si": float(comparison.uncertainty.validation[i]),

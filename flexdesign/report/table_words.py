@@ -31,7 +31,10 @@ def called(name: str) -> str:
 
 def measurement(row: Row) -> str:
     """Return what a row measures: ``K_out, input held, hinge_thickness 0.3 mm``."""
-    shown = ", ".join(f"{name} {1e3 * value:.4g} mm" for name, value in row.dimensions.items())
+    shown = ", ".join(
+        f"{name} {value:.4g}" if name in row.numbers else f"{name} {1e3 * value:.4g} mm"
+        for name, value in row.dimensions.items()
+    )
     return f"{row.quantity}, {row.boundary}{', ' + shown if shown else ''}"
 
 

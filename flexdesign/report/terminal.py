@@ -34,6 +34,7 @@ def show(document: Document, validation: Validation, written: Sequence[Path]) ->
     """Print Table 1, the summary and where the report is."""
     console = _console()
     console.print(Text(f"\n{printable(document.title)}", style="bold"))
+    _card(console, document)
     console.print(_drawn(_compact(validation_report.table_1(validation))))
     for paragraph in document.summary:
         console.print(f"{paragraph}\n")
@@ -48,11 +49,23 @@ def brief(document: Document, table: Table, written: Sequence[Path]) -> None:
     """Print the summary, one table, and where the report is."""
     console = _console()
     console.print(Text(f"\n{printable(document.title)}", style="bold"))
+    _card(console, document)
     for paragraph in document.summary:
         console.print(f"{paragraph}\n")
     console.print(_drawn(table, wraps=True))
     for path in written:
         console.print(f"  {path}", soft_wrap=True)
+
+
+def _card(console: Console, document: Document) -> None:
+    """Print the card and the warnings of a report."""
+    if document.card:
+        rows = [[fact.name, fact.value, fact.note] for fact in document.card]
+        console.print(_drawn(Table(["", "", ""], rows), wraps=True, headed=False))
+    for warning in document.warnings:
+        console.print(f"Warning: {printable(warning)}")
+    if document.card or document.warnings:
+        console.print()
 
 
 def _console(**options: Any) -> Console:
@@ -81,8 +94,11 @@ def _compact(table: Table) -> Table:
     return Table(["", "FEM", "", *heads], rows, table.caption)
 
 
-def _drawn(table: Table, *, wraps: bool = False) -> RichTable:
-    drawn = RichTable(title=table.caption or None, title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
+def _drawn(table: Table, *, wraps: bool = False, headed: bool = True) -> RichTable:
+    drawn = RichTable(
+        title=table.caption or None, title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0),
+        show_header=headed,
+    )  # fmt: skip
     for index, head in enumerate(table.columns):
         words = index < 1 or (wraps and table.wordy[index])
         # What is too long is broken into lines: nothing is cut off.

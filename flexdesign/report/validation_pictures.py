@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from flexdesign import quantities, units
 from flexdesign.fem import ports
-from flexdesign.fem.analysis import ModeRecord
+from flexdesign.fem.analysis import ModeRecord, Solution
 from flexdesign.fem.mesh import mirrored
-from flexdesign.report import pictures
+from flexdesign.model import Member
+from flexdesign.report import pictures, vibrations
 from flexdesign.report.document import Figure
 from flexdesign.report.pictures import Picture, Reel, Shot
 from flexdesign.validation import Validation
@@ -54,7 +55,8 @@ def _static(validation: Validation) -> list[tuple[Picture, str]]:
     motion, stress, label = whole["motion"], whole["stress"], "von Mises stress [MPa]"
     travel = np.linalg.norm(motion, axis=1)
     scale = _round_down(DRAWN * _size(points) / travel.max())
-    hinge = level.solution.input_sections[0].member
+    place, peak, hinge = hinge_maximum(solution)
+    mark = (place, f"{'largest on this mesh' if validation.sharp else 'maximum'}: {1e-6 * force * peak:.3g} MPa")
     focus = (hinge.centre, 1.6 * max(hinge.length, 4 * hinge.thickness))
     limits = (0.0, 1.2e-6 * force * max(s.nominal_stress for s in level.solution.input_sections))
     return [
@@ -69,19 +71,31 @@ def _static(validation: Validation) -> list[tuple[Picture, str]]:
         (
             Picture(
                 "deformation.png", points, tets, scale * motion, travel * 1e6, "displacement [um]",
-                notes=[f"displacements drawn {scale:g} times as large"],
+                limits=(0.0, 1e6 * float(travel.max())), notes=[f"displacements drawn {scale:g} times as large"],
             ),
             f"Deformation at {boundary}, with the undeformed outline",
         ),
         (
-            Picture("stress.png", points, tets, scalars=stress, label=label, limits=limits),
-            f"Von Mises stress at {boundary}; the colours end at 1.2 times the nominal hinge stress",
+            Picture("stress.png", points, tets, scalars=stress, label=label, limits=limits, mark=mark),
+            f"Von Mises stress at {boundary}, the largest at a hinge marked; the colours end at 1.2 times the nominal "
+            "hinge stress",
         ),
         (
-            Picture("stress_hinge.png", points, tets, scalars=stress, label=label, limits=limits, focus=focus),
-            f"Von Mises stress at {hinge.name}",
+            Picture(
+                "stress_hinge.png", points, tets, scalars=stress, label=label, limits=limits, focus=focus, mark=mark
+            ),
+            f"Von Mises stress at {hinge.name}, where it is largest",
         ),
     ]  # fmt: skip
+
+
+def hinge_maximum(solution: Solution) -> tuple[tuple[float, float, float], float, Member]:
+    """Return where the von Mises stress at the hinges is largest [m], how large it is [Pa/N], and at which hinge."""
+    node = quantities.hinge_peak_node(solution)
+    x, y, z = (float(coordinate) for coordinate in solution.positions[node])
+    hinges = [section.member for section in solution.input_sections if section.member.kind == "hinge"]
+    nearest = min(hinges, key=lambda hinge: math.dist(hinge.centre[:2], (x, y)))
+    return (x, y, z), float(solution.von_mises[node]), nearest
 
 
 def shown_modes(validation: Validation) -> list[ModeRecord]:
@@ -131,7 +145,9 @@ def _mode_caption(validation: Validation, rank: int, mode: ModeRecord, *, main: 
     role = ", the mode that carries the output, moving" if main else ""
     masses = ", ".join(f"{share:.0f} % in {axis}" for axis, share in zip("xyz", shares, strict=True) if share > 0.5)
     shaken = f"effective mass {masses}" if masses else "no effective mass"
-    return f"Mode {rank}{role}: {units.significant(mode.frequency, 4)} Hz, {mode.symmetry}; {shaken}"
+    return (
+        f"Mode {rank}{role}: {units.significant(mode.frequency, 4)} Hz, {vibrations.symmetry(mode.symmetry)}; {shaken}"
+    )
 
 
 def _size(points: np.ndarray) -> float:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from flexdesign import quantities, units
 from flexdesign.files import FORMAT
 from flexdesign.model import Quantity
 from flexdesign.report import (
+    card,
     charts,
     cross_check_words,
     explanation,
@@ -21,7 +22,7 @@ from flexdesign.report import (
 )
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.pictures import drawn_or_said
-from flexdesign.report.wording import name_of, shown
+from flexdesign.report.wording import MODELS, flat, name_of, shown
 from flexdesign.simulation import handed_over
 from flexdesign.validation import Validation, provenance
 
@@ -43,7 +44,8 @@ def table_1(validation: Validation) -> Table:
             analytic, error = comparison.analytic.get(model), comparison.error(model)
             row += [analytic.shown() if analytic else "–", f"{100 * error:+.1f} %" if error is not None else "–"]
         rows.append(row)
-    return Table(columns, rows, "FEM ± estimated discretisation error; errors relative to FEM")
+    known = "".join(f"; {model}: {MODELS[model]}" for model in models if model in MODELS)
+    return Table(columns, rows, f"FEM ± estimated discretisation error; errors relative to FEM{known}")
 
 
 def result(validation: Validation) -> dict[str, Any]:
@@ -51,6 +53,8 @@ def result(validation: Validation) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "kind": "validation",
+        "headline": card.quantities(validation),
+        "warnings": card.warnings(validation),
         "quantities": [
             c.fem.to_json() | {"analytic": {m: q.to_json() | {"error": c.error(m)} for m, q in c.analytic.items()}}
             for c in validation.comparisons
@@ -98,20 +102,21 @@ def document(validation: Validation, progress: Progress = lambda _: None) -> Doc
     sections = [
         Section("FEM beside formulas", _table_1_text(validation), [table_1(validation)]),
         Section("Shape and deformation", missing, figures=still),
-        explanation.section(validation),
-        ladder_section.section(validation),
+        _stress(validation),
         _actuator(validation),
         _large(validation),
-        table_motion.section(validation),
         vibrations.section(validation, vibrating),
-        _stress(validation),
+        explanation.section(validation),
+        ladder_section.section(validation),
+        table_motion.section(validation),
         _mesh(validation),
         cross_check_words.section(validation.cross_check),
         _formulas(validation),
         _inputs(validation),
     ]
     told = [s for s in sections if s.tables or s.figures or s.paragraphs]
-    return Document(f"{validation.study.design.title}: validation", _summary(validation), told)
+    title = f"{validation.study.design.title}: validation"
+    return Document(title, _summary(validation), told, card.facts(validation), card.warnings(validation))
 
 
 def _summary(validation: Validation) -> list[str]:
@@ -119,9 +124,9 @@ def _summary(validation: Validation) -> list[str]:
     k_in, ratio = validation.fem("K_in_output_free"), validation.fem("lambda_output_free")
     text = f"FEM gives an input stiffness of {shown(k_in)} and an amplification of {shown(ratio)}, output free"
     if design.actuator:
-        travel = shown(validation.fem("stroke_output_free"))
-        text += f"; with the actuator ({design.actuator.name}) in place the output travels {travel}"
-    paragraphs = [f"{text}.", explanation.why(validation, "K_in_output_free")]
+        text += f"; with the actuator ({design.actuator.name}) in place the output travels "
+        text += card.stroke_in_words(validation)
+    paragraphs = [f"{text}.", explanation.why(validation, "K_in_output_free", first=True)]
     if ratio.value < 0:
         paragraphs.append("The amplification is negative: as the actuator extends, the output is drawn in.")
     if validation.cross_check is not None:
@@ -150,7 +155,7 @@ def _actuator(validation: Validation) -> Section:
         return Section("With the actuator")
     keys = ("stroke", "blocked_force", "actuator_force", "preload_shift", "output_force_that_unloads_the_stack")
     found = [q for q in validation.further if q.name in keys and "large" not in q.boundary]
-    rows = [[name_of(q), q.boundary, shown(q)] for q in found]
+    rows = [[f"{name_of(q)}, linear" if q.name == "stroke" else name_of(q), q.boundary, shown(q)] for q in found]
     stroke, blocked = validation.fem("stroke_output_free"), validation.fem("blocked_force_output_held")
     stiffness, holding = validation.fem("K_out_actuator_installed").value, -blocked.value
     curves = [("full voltage", [0.0, holding], [stroke.value * 1e6, 0.0])]
@@ -195,9 +200,11 @@ def _large(validation: Validation) -> Section:
         ("K_out", drive.tolist(), (100 * (large.output_stiffness / large.output_stiffness[0] - 1)).tolist()),
     ]
     text = (
-        "Large displacements, followed in steps of force on the coarsest mesh: as the arms turn, stiffnesses and "
-        "amplification change. Each row has the tangents there. The stage model carries what follows as quadratic and "
-        "cubic stiffness and as a slope of the amplification."
+        "Large displacements, followed in steps of force on the coarsest mesh, from rest without preload: as the arms "
+        "turn, stiffnesses and amplification change. Each row has the tangents there. The stroke is the extrapolated "
+        f"linear one times {large.full_stroke / large.linear_stroke:.5g}, what large displacements make of it on that "
+        "mesh. The stage model carries what follows as quadratic and cubic stiffness and as a slope of the "
+        "amplification."
     )
     columns = ["drive", "force", "extension", "output", "K_in", "λ", "K_out, actuator installed"]
     drawing = charts.lines(curves, "drive [% of full voltage]", "change against rest [%]")
@@ -313,14 +320,6 @@ def _inputs(validation: Validation) -> Section:
         [name, value, described[name].symbol, described[name].meaning] for name, value in made["dimensions"].items()
     ]
     keys = ("part", "material", "actuator", "mesh", "modes", "output", "versions")
-    other = [[key, _flat(made[key])] for key in keys]
+    other = [[key, flat(made[key])] for key in keys if made[key] is not None]
     tables = [Table(["dimension", "value", "symbol", "meaning"], dimensions), Table(["input", "value"], other)]
     return Section("Inputs and versions", (), tables, folded=True)
-
-
-def _flat(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_flat(item)}" for key, item in value.items())
-    if isinstance(value, (list, tuple)):
-        return " to ".join(map(_flat, value))
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

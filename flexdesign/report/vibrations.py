@@ -25,17 +25,18 @@ def section(validation: Validation, figures: Sequence[Figure]) -> Section:
         "Ground held. The actuator is a spring between the input blocks that holds nothing sideways, and has no mass "
         "here: the frequencies are upper bounds for modes that move the input blocks. The second table lists single "
         f"modes on one mesh ({facts['unknowns']} unknowns), before extrapolation.",
-        "What a mode answers the actuator with is its part of the output's static motion under voltage, negative where "
-        "it moves the output the other way; all modes together make 100 %. Its mass in x, y or z is the effective one: "
-        f"what shakes along in the mode, of the part's {units.to_text(facts['mass'], 'g', si='kg')}, when the ground "
-        "is shaken that way; there, too, all modes together make 100 %. A dash stands where the mode has none.",
+        "A mode's share of the static stroke is its part of the output's motion under a constant voltage, by mode "
+        "superposition. It is negative where the mode moves the output the other way; all modes together make 100 %. "
+        "The mass in x, y or z is the effective modal mass for a base motion that way, relative to the part's "
+        f"{units.to_text(facts['mass'], 'g', si='kg')}; there, too, all modes together make 100 %. A dash stands for "
+        "zero.",
     ]
     if figures:
         text.append(
             "Colours run from rest (dark) to the largest motion (bright); how large a mode is drawn says nothing."
         )
     limits = [[name_of(q), q.boundary, shown(q)] for q in validation.further if q.name in LIMITS]
-    heads = ["frequency", "actuator", "symmetry", "carries of 1/K_out", "answers with"]
+    heads = ["frequency", "actuator", "symmetry", "share of 1/K_out", "share of static stroke"]
     tables = [
         Table(["quantity", "boundary", "FEM"], limits),
         Table([*heads, *(f"mass in {axis}" for axis in "xyz")], _rows(validation)),
@@ -55,8 +56,25 @@ def _rows(validation: Validation) -> list[list[str]]:
             answer = f"{round(100 * driven)} %" if installed and share > 0 else "–"
             masses = [100 * mass / solution.facts["mass"] for mass in mode.effective_mass]
             shaken = [f"{mass:.1f} %" if mass >= 0.05 else "–" for mass in masses]
-            rows.append([f"{units.significant(mode.frequency, 4)} Hz", state, mode.symmetry, moved, answer, *shaken])
+            rows.append(
+                [f"{units.significant(mode.frequency, 4)} Hz", state, symmetry(mode.symmetry), moved, answer, *shaken]
+            )
     return rows
+
+
+def symmetry(name: str) -> str:
+    """Return the symmetry of a mode in words.
+
+    >>> symmetry("odd in x, even in z"), symmetry("whole part")
+    ('antisymmetric about the plane x = 0, symmetric about z = 0', 'no symmetry')
+    """
+    words = []
+    for each in name.split(", "):
+        kind, is_in, axis = each.partition(" in ")
+        if not is_in:
+            return "no symmetry"
+        words.append(f"{'symmetric' if kind == 'even' else 'antisymmetric'} about {axis} = 0")
+    return ", ".join(words).replace("about ", "about the plane ", 1)
 
 
 def result(mode: ModeRecord) -> dict[str, Any]:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from typing import Any
+
 from flexdesign.model import Quantity
 
 #: How quantities are called in tables.
@@ -18,10 +22,10 @@ NAMES = {
     "preload_shift": "shift of the output by the preload",
     "output_force_that_unloads_the_stack": "output force that uses up the preload",
     "first_frequency": "first natural frequency",
-    "drive_frequency": "frequency of the mode that answers the actuator most",
-    "drive_share": "what that mode answers the actuator with",
-    "output_frequency": "frequency of the mode that carries the output",
-    "output_share": "what that mode carries of 1/K_out",
+    "drive_frequency": "frequency of the mode with the largest share of the static stroke",
+    "drive_share": "share of that mode in the static stroke",
+    "output_frequency": "frequency of the mode with the largest share of 1/K_out",
+    "output_share": "share of that mode in 1/K_out",
     "tilt": "tilt of the output per travel",
     "coupling_x": "sideways motion in x per travel",
     "coupling_y": "sideways motion in y per travel",
@@ -47,6 +51,29 @@ PIECES = {
 }
 #: How the regions of a part are called.
 REGIONS = {"hinge": "hinges", "arm": "arms", "rod": "input rods", "guide": "guides", "block": "blocks"}
+
+
+#: What the names of models mean, told where they stand first.
+MODELS = {"PRB": "the pseudo-rigid-body model, in which hinges bend and all else is rigid"}
+
+
+def flat(value: Any) -> str:
+    """Write an input that is a table or a list in one line, without what is not set.
+
+    >>> flat({"levels": 3, "accuracy": None, "contact_stiffness": "inf N/um", "voltage_range": ["0 V", "150 V"]})
+    'levels 3, contact_stiffness infinite, voltage_range 0 V to 150 V'
+    """
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {flat(item)}" for key, item in value.items() if item not in (None, ""))
+    if isinstance(value, (list, tuple)):
+        is_range = len(value) == 2 and all(str(each).lstrip("+-")[:1].isdigit() for each in value)
+        return (" to " if is_range else ", ").join(map(flat, value))
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}" if math.isfinite(value) else "infinite"
+    text = str(value)
+    return "infinite" if text.startswith("inf ") else text
 
 
 def name_of(quantity: Quantity) -> str:

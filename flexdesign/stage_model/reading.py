@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from flexdesign import effects, files, shipped, units
+from flexdesign import changes, effects, files, shipped, units
 from flexdesign.errors import InputError, suggest
 from flexdesign.files import is_file
 from flexdesign.stage_model import fields, shown
@@ -92,6 +92,8 @@ def find(name: str | Path) -> Path:
         return found
     if is_file(path / "stage_model.toml"):
         raise InputError(path, "", None, f"is a folder; name the file in it: {path / 'stage_model.toml'}")
+    if files.is_folder(path):
+        raise InputError(path, "", None, "is a folder; name a stage model, which flexdesign validate writes")
     remedy = f"no such stage model{suggest(path.stem, known)}; flexdesign validate writes one: stage_model.toml"
     raise InputError("command line", "MODEL", files.as_written(str(name)), remedy)
 
@@ -115,7 +117,8 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> StageModel:
     content = files.read_toml(path)
     _same_axes(content.get("axis"), overrides)
     with files.attributed(overrides):
-        return _stage(files.overlay(content, overrides), path)
+        stage = _stage(files.overlay(content, overrides), path)
+    return replace(stage, title=changes.titled(stage.title or stage.name, overrides)) if overrides else stage
 
 
 def changed(model: StageModel, overrides: Sequence[str]) -> StageModel:

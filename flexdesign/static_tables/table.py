@@ -22,6 +22,7 @@ from flexdesign.design import Design
 from flexdesign.errors import InputError, suggest
 from flexdesign.files import Bounds
 from flexdesign.model import Quantity
+from flexdesign.static_tables import conditions
 
 Array = NDArray[np.float64]
 #: What can be measured: SI unit, which port's boundary it names, and in words.
@@ -60,7 +61,9 @@ class Row:
     unit
         The unit in which it was written.
     dimensions
-        Those in which the part differs from the design [m].
+        Those in which the part differs from the design, SI.
+    numbers
+        Names of those that are no lengths but numbers, such as how many branches there are.
     """
 
     quantity: str
@@ -69,6 +72,7 @@ class Row:
     sigma: float | None
     unit: str
     dimensions: Mapping[str, float] = field(default_factory=dict)
+    numbers: frozenset[str] = frozenset()
 
     @property
     def part(self) -> tuple[tuple[str, float], ...]:
@@ -141,12 +145,19 @@ def _axes(design: Design) -> tuple[str, ...]:
     return tuple(design.stage().assembly().axes) if design.is_stage else ()
 
 
-def to_csv(found: Sequence[Quantity]) -> str:
-    """Return quantities as a file that `read` takes; those that no table holds are left out."""
+def to_csv(found: Sequence[Quantity], design: Design | None = None) -> str:
+    """Return quantities as a file that `read` takes; those that no table holds are left out.
+
+    What overrides changed of the `design` goes with them: dimensions in columns, material, actuator and part in
+    comments, which `read` sets beside the design that it is given.
+    """
     stream = io.StringIO()
+    changed = conditions.changed(design) if design else {}
+    dimensions = conditions.dimensions(design) if design else {}
+    stream.write("".join(f"# {name}: {text}\n" for name, text in changed.items()))
     writer = csv.writer(stream, lineterminator="\n")
     of_stage = any(", " in quantity.boundary for quantity in found)
-    writer.writerow([*HEAD, AXIS] if of_stage else HEAD)
+    writer.writerow([*HEAD, *([AXIS] if of_stage else []), *dimensions])
     for quantity in found:
         axis, _, boundary = quantity.boundary.rpartition(", ")
         port = QUANTITIES.get(quantity.name, ("", "", ""))[1]
@@ -155,7 +166,7 @@ def to_csv(found: Sequence[Quantity]) -> str:
             sigma = "" if quantity.sigma is None else f"{quantity.sigma / scale:.6g}"
             value = f"{quantity.value / scale:.8g}"
             cells = [quantity.name, value, quantity.unit or "1", sigma, boundary]
-            writer.writerow([*cells, axis] if of_stage else cells)
+            writer.writerow([*cells, *([axis] if of_stage else []), *dimensions.values()])
     return stream.getvalue()
 
 
@@ -175,6 +186,7 @@ def _read(path: Path, design: Design) -> list[Row]:
         raise InputError(path, "", None, remedy) from error
     if not lines:
         raise InputError(path, "", None, f"is empty; begin with the header {','.join(HEAD)}")
+    conditions.refuse_others(path, text, design)
     (_, head), *body = lines
     names = [cell.strip() for cell in head]
     dimensions = _columns(path, names, design)
@@ -198,13 +210,13 @@ def _columns(path: Path, names: Sequence[str], design: Design) -> dict[str, tupl
     for name in names:
         if names.count(name) > 1:
             raise InputError(path, "header", name, "two columns have this name")
-    known = {p.name: Bounds(p.si, *p.plausible) for p in design.part_class.dimensions if p.si == "m"}
+    known = {p.name: Bounds(p.si, *p.plausible) for p in design.part_class.dimensions}
     found = {}
     for name in names:
         if name in head:
             continue
         match = _DIMENSION.match(name)
-        if match is None or match[1] not in known:
+        if match is None or match[1] not in known or (known[match[1]].si == "1") != (match[2] == "1"):
             stem = match[1] if match else name
             remedy = f"is neither one of {', '.join(head)} nor a dimension with its unit{suggest(stem, list(known))}"
             raise InputError(path, "header", name, remedy)
@@ -243,7 +255,7 @@ def _row(
     for column, (name, bounds, its_unit) in dimensions.items():
         if cells[column]:
             try:
-                read[name] = bounds.read(f"{cells[column]} {its_unit}")
+                read[name] = bounds.read(float(cells[column]) if its_unit == "1" else f"{cells[column]} {its_unit}")
             except ValueError as error:
                 raise InputError(path, f"line {line}, column {column}", cells[column], str(error)) from None
     boundary = _boundary(path, line, cells["boundary"], port, quantity, STAGE_BOUNDARIES if axes else BOUNDARIES)
@@ -253,7 +265,8 @@ def _row(
             remedy = f"is no axis of this stage{suggest(axis, list(axes))}"
             raise InputError(path, f"line {line}, column {AXIS}", axis or None, remedy)
         boundary = f"{axis}, {boundary}"
-    return Row(quantity, boundary, value, sigma, unit, read)
+    numbers = frozenset(name for name, _, its_unit in dimensions.values() if name in read and its_unit == "1")
+    return Row(quantity, boundary, value, sigma, unit, read, numbers)
 
 
 def _boundary(

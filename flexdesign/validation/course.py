@@ -60,7 +60,9 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
     gathered = refinement.gathered(study, levels, method.scatter)
     comparisons, further = _compare(formulas, gathered)
     large = _large(study, part, body, levels[0], cache, progress)
-    further += large.quantities() if large else []
+    if large is not None:
+        further += [large.stroke(by_key([*further, *(c.fem for c in comparisons)])["stroke_output_free"])]
+        further += large.quantities()
     others = cross_check.run(study, part, body, method, levels, cache, progress) if study.mesh.cross_check else None
     return Validation(
         study=study,

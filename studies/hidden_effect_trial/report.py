@@ -129,8 +129,8 @@ def percent(rate: float) -> str:
 
 def _matrix_text() -> list[str]:
     return [
-        "Rows are what was hidden, columns what was said. An effect that was named in a group which the recordings "
-        "truly cannot separate counts as the hidden one. Pairs count as right or wrong."
+        "Rows are what was hidden; the picture's columns are what was said. An effect that was named in a group which "
+        "the recordings truly cannot separate counts as the hidden one. Pairs count as right or wrong."
     ]
 
 
@@ -145,9 +145,15 @@ def _order(judged: Judged) -> tuple[list[str], list[str], dict[str, dict[str, in
 
 
 def _matrix(judged: Judged) -> Table:
+    """Return the rows of the matrix in words: its columns are as many as the catalogue has effects."""
     rows, columns, counts = _order(judged)
-    texts = [[in_words(row), *(str(counts[row].get(column, "–")) for column in columns)] for row in rows]
-    return Table(["hidden", *(in_words(column) for column in columns)], texts)
+    texts = []
+    for row in rows:
+        right = RIGHT.get(row, row)
+        others = [f"{in_words(c)} {counts[row][c]}" for c in columns if c != right and counts[row].get(c)]
+        total = sum(counts[row].values())
+        texts.append([in_words(row), str(total), str(counts[row].get(right, 0)), ", ".join(others) or "–"])
+    return Table(["hidden", "said in all", "right", "said otherwise"], texts)
 
 
 def in_words(name: str) -> str:
@@ -160,7 +166,7 @@ def _picture(judged: Judged) -> Figure:
     from matplotlib.figure import Figure as Canvas
 
     rows, columns, counts = _order(judged)
-    canvas = Canvas(figsize=(2.4 + 0.3 * len(columns), 2.0 + 0.3 * len(rows)), layout="constrained")
+    canvas = Canvas(figsize=(3.6 + 0.3 * len(columns), 3.4 + 0.3 * len(rows)), layout="constrained")
     axes = canvas.add_subplot()
     charts.plain(axes)
     for i, row in enumerate(rows):
@@ -172,12 +178,12 @@ def _picture(judged: Judged) -> Figure:
                 axes.add_patch(_square(j, i, side, charts.COLOURS[0] if fits else charts.COLOURS[1]))
                 # A number that its square is too small for stands beside it.
                 place, colour = (j, "white") if side > 0.5 else (j + side / 2.0 + 0.22, charts.COLOURS[1])
-                axes.text(place, i, str(count), ha="center", va="center", fontsize=7, color=colour)
-    axes.set(
-        xlim=(-0.6, len(columns) - 0.2), ylim=(len(rows) - 0.4, -0.6), xlabel="said", ylabel="hidden", aspect="equal"
-    )
-    axes.set_xticks(range(len(columns)), [in_words(c) for c in columns], rotation=90, fontsize=8)
-    axes.set_yticks(range(len(rows)), [in_words(r) for r in rows], fontsize=8)
+                axes.text(place, i, str(count), ha="center", va="center", fontsize=12, color=colour)
+    axes.set(xlim=(-0.6, len(columns) - 0.2), ylim=(len(rows) - 0.4, -0.6), aspect="equal")
+    axes.set_xlabel("said", fontsize=14)
+    axes.set_ylabel("hidden", fontsize=14)
+    axes.set_xticks(range(len(columns)), [in_words(c) for c in columns], rotation=90, fontsize=13)
+    axes.set_yticks(range(len(rows)), [in_words(r) for r in rows], fontsize=13)
     return Figure("confusion.svg", charts.svg(canvas), "What was hidden, and what was said; areas are shares of a row.")
 
 
