@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 STAGE, AXIS, VOLTS = "lin2019_stage", "x", 150.0
 #: Noise that is added [m].
 NOISE = 20e-9
+#: An effect that moves the readings by less, rms, over the noise, should not be named.
+SEEN = 1.0
 #: What the description of the recordings says of their commands, which are held.
 BETWEEN = ("hold", "unsaid")
 
@@ -46,7 +48,7 @@ class Outcome:
     verdict, named
         The answer; effects that the runs cannot tell apart stand in one string.
     values, is_right, holds
-        True and found value of the strength, whether the name is right, and whether the interval holds the truth.
+        True and found values, whether the answer is right, and whether the intervals hold the truth.
     """
 
     effect: str
@@ -116,7 +118,7 @@ def outcome(name: str, between: str, size: float, numbers: dict[str, float], fou
     """Compare the answer with what was hidden."""
     groups = {group[0]: group for group in found.confusable}
     named = tuple(" or ".join(groups.get(each.name, (each.name,))) for each in found.effects)
-    is_right = len(named) == 1 and name in named[0].split(" or ")
+    is_right = len(named) == 1 and name in named[0].split(" or ") if size >= SEEN else not named
     told = {v.parameter.name: v for each in found.effects for v in each.values if each.name == name}
     shared = [key for key in told if key in numbers]
     holds = None
