@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexdesign.analytic.lagrange import Coordinate, DrivenAxis, Elements, Term, as_printed
-from flexdesign.analytic.prb import PseudoRigidBridge, leaf_rotational_stiffness
+from flexdesign.analytic.prb import SOURCE, PseudoRigidBridge, leaf_rotational_stiffness
 from flexdesign.model import Quantity
 
 #: Name of their term among the springs.
@@ -62,6 +62,8 @@ class BranchedAxis:
         How many bend, and the travel of one over that of the table.
     hinges
         What else bends.
+    masses
+        What moves; none where masses do not matter.
     """
 
     names: tuple[str, ...]
@@ -69,13 +71,14 @@ class BranchedAxis:
     amplifiers: int
     share: float
     hinges: tuple[Hinges, ...]
+    masses: tuple[Term, ...] = ()
 
     @property
     def coordinate(self) -> Coordinate:
-        """Its springs."""
+        """Its springs and masses."""
         bridge = Term(AMPLIFIERS, self.amplifiers, self.amplifier.output_stiffness, self.share)
         others = (hinges.term(self.amplifier.youngs_modulus) for hinges in self.hinges)
-        return Coordinate(" and ".join(self.names), (), (bridge, *others))
+        return Coordinate(" and ".join(self.names), self.masses, (bridge, *others))
 
     @property
     def load(self) -> float:
@@ -88,7 +91,13 @@ class BranchedAxis:
         return _quantities(self, DrivenAxis(self.coordinate, self.amplifier, self.load))
 
 
-def as_the_paper_counts(axes: Sequence[BranchedAxis], arm: float) -> list[Quantity]:
+def as_the_paper_counts(
+    axes: Sequence[BranchedAxis],
+    arm: float,
+    amplifier_masses: tuple[float, float] = (0.0, 0.0),
+    table_mass: float = 0.0,
+    guide_mass: float = 0.0,
+) -> list[Quantity]:
     """Return the same by the counts of Lin et al. (2019), eq. (21), each amplifier loaded by its own output stiffness.
 
     Parameters
@@ -97,16 +106,31 @@ def as_the_paper_counts(axes: Sequence[BranchedAxis], arm: float) -> list[Quanti
         X/Y, then Z.
     arm
         L_1 of the guide hinges, which are those of the amplifiers [m].
+    amplifier_masses
+        M_b of an amplifier of X/Y and of Z [kg]; the paper has one for both.
+    table_mass, guide_mass
+        M_s and M_p [kg].
     """
     bridge = axes[0].amplifier
-    printed = as_printed(Elements(bridge.output_stiffness, bridge.hinge_stiffness, arm))
+    printed = [
+        as_printed(
+            Elements(bridge.output_stiffness, bridge.hinge_stiffness, arm, amplifier_mass, table_mass, guide_mass)
+        )[index]
+        for index, amplifier_mass in enumerate(amplifier_masses)
+    ]
     pairs = zip(axes, printed, strict=True)
     return [q for axis, coordinate in pairs for q in _quantities(axis, DrivenAxis(coordinate, axis.amplifier))]
 
 
 def _quantities(axis: BranchedAxis, driven: DrivenAxis) -> list[Quantity]:
-    found = []
+    found, at_rest = [], driven.coordinate
     for name in axis.names:
+        if at_rest.mass:
+            source = f"{SOURCE}, eqs. (20) to (22)"
+            found += [
+                Quantity("output_mass", at_rest.mass, "kg", "g", f"{name}, inputs free", source),
+                Quantity("output_frequency", at_rest.natural_frequency, "Hz", "Hz", f"{name}, inputs free", source),
+            ]
         found += [
             Quantity("K_out", driven.coordinate.stiffness, "N/m", "N/mm", f"{name}, inputs free"),
             Quantity("K_in", driven.input_stiffness, "N/m", "N/mm", f"{name}, table free"),
