@@ -16,7 +16,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ from flexdesign.design import Design
 from flexdesign.errors import InputError, suggest
 from flexdesign.files import Table, in_si, whole
 from flexdesign.model import Quantity, by_key
+from flexdesign.printed import Printed
 from flexdesign.study import MeshSettings, Study
 from flexdesign.sweeps.evaluators import MODELS, by_formulas, version
 
@@ -68,6 +68,7 @@ class _File(Table):
     format: int
     title: str = ""
     provenance: str = ""
+    note: str = ""
     design: str
     free: tuple[str, ...] = Field(examples=['free = ["width", "hinge_length"]'])
     start: dict[str, Any] = Field(default_factory=dict)
@@ -127,8 +128,8 @@ class StageSizing:
 
     Parameters
     ----------
-    name, title, provenance
-        Of the file, and what the design is to say of itself.
+    name, title, provenance, note
+        Of the file, what the design is to say of itself, and what the report is to say.
     started, design
         Where the search started, and what it found.
     free
@@ -144,6 +145,7 @@ class StageSizing:
     name: str
     title: str
     provenance: str
+    note: str
     started: Design
     design: Design
     free: tuple[str, ...]
@@ -209,22 +211,32 @@ def size(
     InputError
         If the file, the design or a mesh cannot be used.
     """
+    problem = _read(name, overrides)
+    if solver is None:
+        assert cache is not None
+        solver = _elements(problem.study, cache, progress)
+    return _search(problem, solver, progress)
+
+
+def rows_of(name: str | Path, design: Design, solved: Mapping[str, Quantity]) -> list[Row]:
+    """Return the targets of a file beside what a design has: formulas, arms, and `solved` by finite elements."""
+    problem = _read(name)
+    return problem.rows(design, solved, problem.targets)
+
+
+def _read(name: str | Path, overrides: Sequence[str] = ()) -> _Problem:
     path = sizing.find(name)
     with files.attributed(overrides):
         checked = files.check(_File, files.overlay(files.read_toml(path), overrides), path)
     start = tuple(f"dimensions.{key}={_text(value)}" for key, value in checked.start.items())
-    study = replace(studies.read(checked.design, start), mesh=checked.mesh)
-    if not study.design.is_stage:
+    if not studies.read(checked.design).design.is_stage:
         raise InputError(path, "design", checked.design, "is no stage; name a stage's design")
+    study = replace(studies.read(checked.design, start), mesh=checked.mesh)
     unknown = next((each for each in checked.free if each not in study.design.dimensions), None)
     if unknown is not None:
         remedy = f"is no dimension of this stage{suggest(unknown, list(study.design.dimensions))}"
         raise InputError(path, "free", unknown, remedy)
-    problem = _Problem(checked, study, start, path)
-    if solver is None:
-        assert cache is not None
-        solver = _elements(study, cache, progress)
-    return _search(problem, solver, progress)
+    return _Problem(checked, study, start, path)
 
 
 @dataclass(frozen=True)
@@ -324,6 +336,7 @@ def _search(problem: _Problem, solver: Solver, progress: Progress) -> StageSizin
         problem.path.stem,
         checked.title or problem.path.stem.replace("_", " "),
         checked.provenance,
+        checked.note,
         problem.study.design,
         design,
         checked.free,
@@ -359,10 +372,9 @@ def _asked(text: str, like: Quantity, path: Path, place: str) -> Quantity:
     unit = (spread or number).lstrip("+-.0123456789eE").strip()
     digits = number.split()[0]
     try:
-        value = units.from_text(f"{digits} {unit}".strip(), like.si)
-        exponent = int(Decimal(digits).as_tuple().exponent)
-        half = 0.5 * 10.0**exponent * abs(value / float(digits))
-        sigma = units.from_text(spread, like.si) if spread else half
+        printed = Printed(place, "", f"{digits} {unit}".strip())
+        value = printed.value(like.si)
+        sigma = units.from_text(spread, like.si) if spread else printed.half_digit(like.si)
     except (ValueError, ArithmeticError) as error:
         raise InputError(path, place, text, str(error)) from None
     if value <= 0:

@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -21,6 +22,9 @@ app = typer.Typer(
 )
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print result.json on stdout, and nothing else.")]
+CacheFolder = Annotated[
+    Path | None, typer.Option("--cache", help="Folder of meshes and solutions [default: the user's cache].")
+]
 Noise = Annotated[
     str | None,
     typer.Option(

@@ -22,7 +22,7 @@ NAMES = {
     "drive_share": "what that mode answers the actuator with",
     "output_frequency": "frequency of the mode that carries the output",
     "output_share": "what that mode carries of 1/K_out",
-    "output_mass": "modal mass of that mode at the output",
+    "output_mass": "modal mass at the output",
     "tilt": "tilt of the output per travel",
     "coupling_x": "sideways motion in x per travel",
     "coupling_y": "sideways motion in y per travel",
