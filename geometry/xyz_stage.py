@@ -319,7 +319,11 @@ class XYZStage:
 
     def springs(self, material: Material) -> Mapping[str, Sequence[tuple[str, int, Quantity, str]]]:
         """Return what the table's motion bends, by axis."""
-        return {name: axis.coordinate.table() for axis in self._axes(material) for name in axis.names}
+        return {
+            name: [row for row in axis.coordinate.table() if row[2].si == "N/m"]  # its masses are no springs
+            for axis in self._axes(material)
+            for name in axis.names
+        }
 
     def arms(self) -> Mapping[tuple[str, str], float]:
         """Return L_1 for X and Y, L_2 for Z, and for what Z does to X and Y the distance of the limbs' cross hinges."""

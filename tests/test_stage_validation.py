@@ -32,17 +32,17 @@ from flexdesign.report.stage_words import Axes
 from flexdesign.sweeps import elements
 from flexdesign.validation import stage_course, stage_published, stage_variants
 from flexdesign.validation.stage_course import StageValidation, validate_stage
-from tests.conftest import Ended
+from tests.conftest import FOUR_SIDED, Ended
 from tests.test_lin2019 import steady_span
 
 #: What two solutions of the same equations may differ by; couplings that symmetry forbids are nothing but that.
 ROUNDING, NOTHING = 1e-9, 1e-12
 
 #: Coarse enough for half a minute: stiffnesses are right within a few percent, symmetry and balance exactly.
-STUDY = """\
+STUDY = f"""\
 format = 1
 title = "Stage on coarse meshes"
-design = "lin2019_xyz_stage"
+design = "{FOUR_SIDED.as_posix()}"
 
 [mesh]
 levels = 2
