@@ -228,7 +228,7 @@ def _read(name: str | Path, overrides: Sequence[str] = ()) -> _Problem:
     path = sizing.find(name)
     with files.attributed(overrides):
         checked = files.check(_File, files.overlay(files.read_toml(path), overrides), path)
-    start = tuple(f"dimensions.{key}={_text(value)}" for key, value in checked.start.items())
+    start = tuple(f"dimensions.{key}={json.dumps(value)}" for key, value in checked.start.items())
     if not studies.read(checked.design).design.is_stage:
         raise InputError(path, "design", checked.design, "is no stage; name a stage's design")
     study = replace(studies.read(checked.design, start), mesh=checked.mesh)
@@ -385,10 +385,6 @@ def _asked(text: str, like: Quantity, path: Path, place: str) -> Quantity:
 def _key(target: Target) -> str:
     """Return the target's key among those of its kind."""
     return target.quantity.boundary.replace(" ", "_") if target.kind == "arms" else target.quantity.key
-
-
-def _text(value: Any) -> str:
-    return json.dumps(value) if isinstance(value, str) else str(value)
 
 
 def _lines(found: StageSizing) -> Iterator[str]:

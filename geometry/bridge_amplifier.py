@@ -348,22 +348,15 @@ class BridgeAmplifier:
         return Formulas({"PRB": pseudo_rigid, "textbook": by_textbook, "compliance": compliant})
 
     def free_vibration(self, material: Material) -> lagrange.Coordinate:
-        """Return M_b and K_b: Lin et al. (2019), eqs. (18) and (19), the output free.
-
-        m_1 is an input block with its two rods, m_3 the output block, J that of an arm between its hinges.
-        """
-        area, model = material.density * self.width, self._pseudo_rigid(material)
-        arm = self.arm_span - self.hinge_length
-        arm_mass = area * arm * self.arm_thickness
+        """Return M_b and K_b of eqs. (18) and (19), m_1 an input block with its two rods, m_3 the output block."""
+        per_area, model = material.density * self.width, self._pseudo_rigid(material)
+        arm, high = self.arm_span - self.hinge_length, self.arm_thickness
         block = self.input_block_depth * self.input_block_height + 2 * self.rod_thickness * self.rod_length
         return lagrange.amplifier(
-            input_block=area * block,
-            output_block=area * self.block_width * self.output_block_height,
-            arm_inertia=arm_mass * (arm**2 + self.arm_thickness**2) / 12,
-            hinge_stiffness=model.hinge_stiffness,
-            arm_span=self.arm_span,
-            amplification=abs(model.amplification()),
-        )
+            input_block=per_area * block, output_block=per_area * self.block_width * self.output_block_height,
+            arm_inertia=per_area * arm * high * (arm**2 + high**2) / 12, hinge_stiffness=model.hinge_stiffness,
+            arm_span=self.arm_span, amplification=abs(model.amplification()),
+        )  # fmt: skip
 
     def formula_shares(self, material: Material) -> Mapping[str, Mapping[str, float]]:
         """Return what the pseudo-rigid-body model's compliances consist of [m/N]."""

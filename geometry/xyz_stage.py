@@ -40,8 +40,7 @@ from functools import cache, cached_property
 from typing import Any, ClassVar
 
 from flexdesign import part
-from flexdesign.analytic.branched_stage import BranchedAxis, Hinges, as_the_paper_counts
-from flexdesign.analytic.lagrange import Term
+from flexdesign.analytic.branched_stage import BranchedAxis, Hinges, Masses, as_the_paper_counts
 from flexdesign.analytic.prb import PseudoRigidBridge
 from flexdesign.assembly import Assembly, Axis, Body, Box, cad
 from flexdesign.assembly.branches import Bar, Branch, Leaf, centred, spanning, strung
@@ -313,17 +312,13 @@ class XYZStage:
         """Return the stage as the paper's equation (21) counts its springs, and as they are counted here."""
         axes = self._axes(material)
         counted = [quantity for axis in axes for quantity in axis.quantities()]
-        m_b, m_s, m_p = self._masses(material)
-        paper = as_the_paper_counts(axes, self.limb_length, m_b, m_s, m_p)
+        paper = as_the_paper_counts(axes, self.limb_length, self._masses(material))
         return {"paper (21)": paper, "springs counted": counted}
 
     def springs(self, material: Material) -> Mapping[str, Sequence[tuple[str, int, Quantity, str]]]:
         """Return what the table's motion bends, by axis."""
-        return {
-            name: [row for row in axis.coordinate.table() if row[2].si == "N/m"]  # its masses are no springs
-            for axis in self._axes(material)
-            for name in axis.names
-        }
+        tables = {name: axis.coordinate.table() for axis in self._axes(material) for name in axis.names}
+        return {name: [row for row in rows if row[2].si == "N/m"] for name, rows in tables.items()}
 
     def arms(self) -> Mapping[tuple[str, str], float]:
         """Return L_1 for X and Y, L_2 for Z, and for what Z does to X and Y the distance of the limbs' cross hinges."""
@@ -333,16 +328,20 @@ class XYZStage:
             ("z", "y"): self.strut_length, ("x", "z"): across, ("y", "z"): across,
         }  # fmt: skip
 
-    def _masses(self, material: Material) -> tuple[tuple[float, float], float, float]:
-        """Return M_b of X/Y and of Z, M_s and M_p [kg].
-
-        A parallel guide of Z is the half of a bridge that one of its two arms guides, with a third of that arm.
-        """
-        amplifiers = (self.xy_amplifier, self.convex)
-        m_b, m_b_z = (amplifier.free_vibration(material).mass for amplifier in amplifiers)
-        arm = self.guide_width**2 * self.guide_length
-        m_p = material.density * (self._bridge().volume / 2 + arm / 3)
-        return (m_b, m_b_z), material.density * Body("table", self._table()).volume, m_p
+    def _masses(self, material: Material) -> Masses:
+        """Return what moves; a guide of Z is half a bridge and, for its arm, which turns, a third of that."""
+        bodies = [*self._sideways().bodies, *self._upward().bodies, Body("table", self._table())]
+        mass = {body.name: material.density * body.volume for body in bodies}
+        return Masses(
+            table=mass["table"],
+            guide=mass["bridge"] / 2 + mass["bridge_guide_left_1"] / 3,
+            amplifier_xy=self.xy_amplifier.free_vibration(material).mass,
+            amplifier_z=self.convex.free_vibration(material).mass,
+            block=mass["block"],
+            carrier=mass["carrier"],
+            limb=mass["limb_left_3"],
+            strut=mass["strut_3"],
+        )
 
     def _axes(self, material: Material) -> tuple[BranchedAxis, BranchedAxis]:
         xy, z = (
@@ -369,43 +368,11 @@ class XYZStage:
             Hinges("guide hinges of the bridges", 16, *guide, share=0.5),
             Hinges("guide hinges of the carriers", 16, *guide),
         )
-        (m_b, m_b_z), m_s, m_p = self._masses(material)
-        block, carrier = (
-            material.density * sum(body.volume for body in branch.bodies if body.name == name)
-            for branch, name in ((self._sideways(), "block"), (self._upward(), "carrier"))
-        )
-        limb, strut = (
-            material.density * bar.section[bar_axis] * bar.section[other] * bar.length
-            for pieces, bar_axis, other in ((self._limb(), 1, 2), (self._strut(), 0, 1))
-            for bar in [max((p for p in pieces if isinstance(p, Bar)), key=lambda p: p.length)]
-        )
-        table = Term("table M_s", 1, m_s)
-        moved_x = (
-            table,
-            Term("amplifiers M_b", sides, m_b),
-            Term("blocks", sides, block),
-            Term("limbs along", 2 * sides, limb),
-            Term("limbs across, a third", 2 * sides, limb / 3),
-            Term("struts, a third", 4, strut / 3),
-        )
-        moved_z = (
-            table,
-            Term("amplifiers M_b", 8, m_b_z, 0.5),
-            Term("carriers", 4, carrier),
-            Term("guides M_p", 8, m_p, 0.5),
-            Term("struts", 4, strut),
-            Term("limbs, a third", 4 * sides, limb / 3),
-        )
+        masses = self._masses(material)
         return (
-            BranchedAxis(("x", "y"), xy, sides, 1.0, sideways, moved_x),
-            BranchedAxis(("z",), z, 8, 0.5, upwards, moved_z),
+            BranchedAxis(("x", "y"), xy, sides, 1.0, sideways, masses.sideways(sides)),
+            BranchedAxis(("z",), z, 8, 0.5, upwards, masses.upwards(sides)),
         )
-
-    def _bridge(self) -> Box:
-        """Return the bridge between a pair of Z amplifiers, its lower face at the level of the carrier's top."""
-        half = self.width / 2
-        across = (self._convex_x - half, self._concave_x + half)
-        return spanning(across, centred(self.block_width), (0.0, self.body_thickness))
 
     def _table(self) -> tuple[Box, ...]:
         """Return the plate and, under it, a cross of ribs from strut to strut."""

@@ -91,13 +91,55 @@ class BranchedAxis:
         return _quantities(self, DrivenAxis(self.coordinate, self.amplifier, self.load))
 
 
-def as_the_paper_counts(
-    axes: Sequence[BranchedAxis],
-    arm: float,
-    amplifier_masses: tuple[float, float] = (0.0, 0.0),
-    table_mass: float = 0.0,
-    guide_mass: float = 0.0,
-) -> list[Quantity]:
+@dataclass(frozen=True)
+class Masses:
+    """One of everything that moves [kg].
+
+    Parameters
+    ----------
+    table, guide
+        M_s, and M_p of a parallel guide of Z.
+    amplifier_xy, amplifier_z
+        M_b; the paper has one for both.
+    block, carrier
+        What an X/Y amplifier moves, and what a pair of Z amplifiers does.
+    limb, strut
+        That carry the motion to the table.
+    """
+
+    table: float
+    guide: float
+    amplifier_xy: float
+    amplifier_z: float
+    block: float
+    carrier: float
+    limb: float
+    strut: float
+
+    def sideways(self, sides: int) -> tuple[Term, ...]:
+        """Return what moves along X with amplifiers on so many sides; what turns about an end counts a third."""
+        return (
+            Term("table M_s", 1, self.table),
+            Term("amplifiers M_b", sides, self.amplifier_xy),
+            Term("blocks", sides, self.block),
+            Term("limbs along", 2 * sides, self.limb),
+            Term("limbs across, a third", 2 * sides, self.limb / 3),
+            Term("struts, a third", 4, self.strut / 3),
+        )
+
+    def upwards(self, sides: int) -> tuple[Term, ...]:
+        """Return what moves along Z, amplifiers and guides by half."""
+        return (
+            Term("table M_s", 1, self.table),
+            Term("amplifiers M_b", 8, self.amplifier_z, 0.5),
+            Term("carriers", 4, self.carrier),
+            Term("guides M_p", 8, self.guide, 0.5),
+            Term("struts", 4, self.strut),
+            Term("limbs, a third", 4 * sides, self.limb / 3),
+        )
+
+
+def as_the_paper_counts(axes: Sequence[BranchedAxis], arm: float, masses: Masses) -> list[Quantity]:
     """Return the same by the counts of Lin et al. (2019), eq. (21), each amplifier loaded by its own output stiffness.
 
     Parameters
@@ -106,17 +148,14 @@ def as_the_paper_counts(
         X/Y, then Z.
     arm
         L_1 of the guide hinges, which are those of the amplifiers [m].
-    amplifier_masses
-        M_b of an amplifier of X/Y and of Z [kg]; the paper has one for both.
-    table_mass, guide_mass
-        M_s and M_p [kg].
+    masses
+        Of which (21) counts M_s, M_b and M_p.
     """
     bridge = axes[0].amplifier
+    k_b, k_r = bridge.output_stiffness, bridge.hinge_stiffness
     printed = [
-        as_printed(
-            Elements(bridge.output_stiffness, bridge.hinge_stiffness, arm, amplifier_mass, table_mass, guide_mass)
-        )[index]
-        for index, amplifier_mass in enumerate(amplifier_masses)
+        as_printed(Elements(k_b, k_r, arm, m_b, masses.table, masses.guide))[index]
+        for index, m_b in enumerate((masses.amplifier_xy, masses.amplifier_z))
     ]
     pairs = zip(axes, printed, strict=True)
     return [q for axis, coordinate in pairs for q in _quantities(axis, DrivenAxis(coordinate, axis.amplifier))]

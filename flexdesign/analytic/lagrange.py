@@ -125,13 +125,7 @@ class Coordinate:
         return math.sqrt(self.stiffness / self.mass) / (2 * math.pi)
 
     def quantities(self, boundary: str = "input free") -> tuple[Quantity, Quantity]:
-        """Return mass and natural frequency as what finite elements call output mass and output frequency.
-
-        Raises
-        ------
-        ValueError
-            If nothing has mass.
-        """
+        """Return mass and natural frequency as what finite elements call output mass and output frequency."""
         source = self.kinetic[0].equation
         return (
             Quantity("output_mass", self.mass, "kg", "g", boundary, source),

@@ -56,7 +56,7 @@ def reproduce(
         found = reproduction.reproduce(publication, store, say, overrides or [])
         say("writing")
         document, result = reproduction_report.document(found), reproduction_report.result(found)
-        written = render.write(folder, document, result)
+        written = render.write(folder, document, result, {})
     if as_json:
         print_json(result)
         return

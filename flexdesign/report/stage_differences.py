@@ -19,7 +19,7 @@ REMARKS = {
     "counts four times the mass M_b of an amplifier in X and Y, but one times its stiffness K_b. The springs counted "
     "here are those of all amplifiers whose output moves with the table. Its masses are the table's M_s, the "
     "amplifiers' M_b of (19) and the guides' M_p; blocks, carriers, limbs and struts move too, and are counted with "
-    "the springs. The sizes of all these bodies are choices, so that a mass beside (31) tests the choices.",
+    "the springs. The sizes of all these bodies are choices, so that a mass beside (31) tells of the choices alone.",
 }
 #: What depends on the sizes of bodies, which are choices where dimensions are reconstructed.
 OF_BODIES = ("output_mass", "output_frequency")

@@ -86,7 +86,8 @@ def _gains(paper: Publication) -> Iterator[Item]:
         "Figs 7 and 9 to 11 show two amplifications",
     )  # fmt: skip
     why = f"Figs 7 and 9 to 11 show one amplification, with 120 V as {strokes} of the actuator's 40 um"
-    yield replace(row, why=why if row.verdict == "agrees" else row.why, uses=(*row.uses, (fig7, "voltage"), (fig9, "input")))
+    uses = (*row.uses, (fig7, "voltage"), (fig9, "input"))
+    yield replace(row, why=why if row.verdict == "agrees" else row.why, uses=uses)
     for axis, moved in (("x", x_moved), ("z", z_moved)):
         gain = paper("eq (31)", f"gain_{_suffix(axis)}")
         measured = moved.value("m") / paper(fig9, "input").value("m")
