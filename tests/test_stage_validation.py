@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from flexdesign import cli, condensing, experiments, refinement, simulation, stage_model, static_tables
+from flexdesign import cli, condensing, experiments, refinement, simulation, stage_model, stage_sizing, static_tables
 from flexdesign import design as designs
+from flexdesign import study as studies
 from flexdesign.cache import Cache
 from flexdesign.condensing import StageLevel
 from flexdesign.errors import InputError
@@ -502,3 +503,45 @@ def test_a_sweep_asks_stages_as_a_validation_does(run: Run, monkeypatch: pytest.
     assert len(made) == len(run.found.levels) * kinds
     assert stiff["stroke_x_table_free"].value > 1.01 * soft["stroke_x_table_free"].value
     assert_same(stiff["K_in_x_table_free"], soft["K_in_x_table_free"])
+
+
+# --- masses of (18) to (22), and the shipped stage --------------------------------------------------------------------
+
+
+def test_masses_of_21_stand_beside_modal_masses_and_frequencies(run: Run) -> None:
+    """M_s + 4 M_b in X, M_s + 2 M_b + 2 M_p in Z; the modal mass at the table carries K_out at its frequency."""
+    design = run.found.study.design
+    masses = design.stage()._masses(design.material)  # type: ignore[attr-defined]
+    expected = {
+        "x": masses.table + 4 * masses.amplifier_xy,
+        "z": masses.table + 2 * masses.amplifier_z + 2 * masses.guide,
+    }
+    for axis, mass in expected.items():
+        (row,) = (c for c in run.found.comparisons if c.fem.key == f"output_mass_{axis}_inputs_free")
+        assert row.analytic["paper (21)"].value == pytest.approx(mass)
+        assert row.fem.value > row.analytic["springs counted"].value > mass
+        frequency, stiffness = (
+            run.found.fem(f"{name}_{axis}_inputs_free").value for name in ("output_frequency", "K_out")
+        )
+        assert row.fem.value * (2 * np.pi * frequency) ** 2 == pytest.approx(stiffness, rel=0.15)
+        assert run.found.fem(f"output_mass_{axis}_actuators_installed").value > 0
+    text = (run.folder / "report.md").read_text(encoding="utf-8")
+    assert "| modal mass X/Y, inputs free |" in text and "tells of the choices alone" in text
+
+
+def test_springs_of_the_formulas_hold_no_masses(run: Run) -> None:
+    design = run.found.study.design
+    for rows in design.stage().springs(design.material).values():
+        assert all(quantity.si == "N/m" for _, _, quantity, _ in rows)
+
+
+def test_the_shipped_stage_has_what_it_was_sized_to(tmp_path: Path) -> None:
+    """Formulas and arms exactly; K_out and travels by FEM within two percent, what such coarse meshes are good for."""
+    study = studies.read("table1", ["output.large_steps=0", "mesh.at_root=0.3", 'mesh.largest="2.5 mm"'])
+    store = Cache(tmp_path)
+    store.prepare()
+    levels = condensing.refined(study, study.design.stage().assembly(), store)
+    rows = stage_sizing.rows_of("lin2019_stage_targets", study.design, by_key(condensing.gathered(levels)))
+    assert len(rows) == 11
+    for row in rows:
+        assert row.met or (row.target.kind == "elements" and abs(row.off) < 0.02), row

@@ -14,18 +14,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign import refinement
-from flexdesign.cache import Cache
+from flexdesign import refinement, versions
+from flexdesign.cache import Cache, content_key
 from flexdesign.errors import InputError
 from flexdesign.fem import analysis
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.elasticity import Elasticity, shape_functions, stress_points
-from flexdesign.fem.mesh import MeshError
+from flexdesign.fem.mesh import MeshError, TaggedMesh
 from flexdesign.fem.stress import NODES
+from flexdesign.materials import Material
 from flexdesign.model import Quantity
 from flexdesign.part import Part
 from flexdesign.study import Study
@@ -55,7 +57,7 @@ class IndependentCheck:
     unknowns
         Of the mesh.
     seconds
-        Wall time of mesh and solution.
+        Wall time of mesh and solution; of the run that made them, if cached.
     failure
         Why it gave no answer; empty if it did.
     """
@@ -110,22 +112,37 @@ def run(
         mesh, _ = refinement.meshed(method, body, COARSENESS, part.linkage().of_kind("hinge"), cache, say)
     except MeshError as error:
         return IndependentCheck({}, chosen, seconds=perf_counter() - began, failure=str(error))
-    material = study.design.material
-    try:
-        solution = analysis.solve(
-            part, material, body, mesh, actuator=0.0, mode_count=0, all_classes=False, progress=say
-        )
-    except (MemoryError, InputError) as error:
-        return IndependentCheck({}, chosen, seconds=perf_counter() - began, failure=str(error))
-    shares = recovered(Elasticity(mesh, material), solution.input_field, solution.output_field)
-    c = solution.compliance
-    values = (c.input_stiffness, c.amplification, c.output_stiffness(0.0))
+    key = content_key(
+        refinement.engine(), content_key(*mesh.arrays().values()), study.design.material.mechanics,
+        versions.installed(refinement.LIBRARIES), [vars(port) for port in part.ports()],
+    )  # fmt: skip
+    stored = cache.load("independent", key)
+    if stored is None:
+        try:
+            answer = _solved(part, study.design.material, body, mesh, say)
+        except (MemoryError, InputError) as error:
+            return IndependentCheck({}, chosen, seconds=perf_counter() - began, failure=str(error))
+        answer["seconds"] = perf_counter() - began
+        cache.store("independent", key, {}, answer)
+    else:
+        answer = stored[1]
     found = {
         key: replace(chosen[key], value=value * corrected, sigma=abs(value) * error, source="FEM, one pytetwild mesh")
-        for key, value, (corrected, error) in zip(KEYS, values, _freed(*shares), strict=True)
+        for key, value, (corrected, error) in zip(KEYS, answer["values"], _freed(*answer["shares"]), strict=True)
         if key in chosen
     }
-    return IndependentCheck(found, chosen, solution.facts["unknowns"], perf_counter() - began)
+    return IndependentCheck(found, chosen, int(answer["unknowns"]), float(answer["seconds"]))
+
+
+def _solved(part: Part, material: Material, body: Domain, mesh: TaggedMesh, say: Progress) -> dict[str, Any]:
+    """Return stiffnesses and amplification of a mesh, and what recovery says of them."""
+    found = analysis.solve(part, material, body, mesh, actuator=0.0, mode_count=0, all_classes=False, progress=say)
+    c = found.compliance
+    return {
+        "values": [c.input_stiffness, c.amplification, c.output_stiffness(0.0)],
+        "shares": list(recovered(Elasticity(mesh, material), found.input_field, found.output_field)),
+        "unknowns": found.facts["unknowns"],
+    }
 
 
 def recovered(body: Elasticity, first: FloatArray, second: FloatArray) -> tuple[float, float, float]:
