@@ -26,6 +26,7 @@ demo: $(VENV)/.ready ## Validate the bridge amplifier, then diagnose recordings 
 example: $(VENV)/.ready ## Make the kept example reports anew; README's tables and pictures are theirs
 	$(BIN)/flexdesign validate bridge_amplifier --out reports/examples/bridge_amplifier
 	$(BIN)/flexdesign simulate lin2019_stage lin2019_experiments --out reports/examples/lin2019_experiments
+	$(BIN)/flexdesign reproduce lin2019 --out reports/examples/lin2019
 	$(BIN)/flexdesign sweep hinge_thickness --out reports/examples/hinge_thickness
 	$(BIN)/python -m studies.lin2019_gains --out reports/examples/lin2019_gains
 	$(BIN)/flexdesign diagnose $(HIDDEN)/model.toml $(HIDDEN)/runs --out reports/examples/hidden_effect_demo

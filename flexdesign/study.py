@@ -46,6 +46,8 @@ class MeshSettings(Table):
 
     With `cross_check` the part is also solved in every other way that it allows, with each method and on its
     fundamental domain and whole, and the report sets the answers side by side.
+
+    Unless `independent` is false, a part that is not meshed by pytetwild gets one mesh of it besides, as a check.
     """
 
     method: Literal["auto", "wild", "extruded"] = "auto"
@@ -58,6 +60,7 @@ class MeshSettings(Table):
     refinement: in_si("1", 1.1, 2.0) = 1.35  # type: ignore[valid-type]
     envelope: in_si("1", 1e-3, 0.05) = 0.05  # type: ignore[valid-type]
     cross_check: bool = False
+    independent: bool = True
 
 
 class ModeSettings(Table):

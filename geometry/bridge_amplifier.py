@@ -28,11 +28,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar
 
-from flexdesign.analytic import prb, textbook
+from flexdesign.analytic import lagrange, prb, textbook
 from flexdesign.analytic.compliance import ComplianceModel, drawn
 from flexdesign.errors import InputError
 from flexdesign.materials import Material
-from flexdesign.model import Formulas, Linkage, Member, Parameter, Quantity, Root
+from flexdesign.model import Formulas, Linkage, Member, Parameter, Quantity, Root, by_key
 from flexdesign.model.linkage import Vector
 from flexdesign.part import Axis, Outline, Port, SymmetryPlane
 
@@ -335,7 +335,8 @@ class BridgeAmplifier:
         def pseudo_rigid() -> Sequence[Quantity]:
             model = self._pseudo_rigid(material)
             found = prb.quantities(model, actuator_stiffness=actuator_stiffness)
-            return _outwards(found if output_load is None else found | prb.quantities(model, output_load))
+            loaded = {} if output_load is None else prb.quantities(model, output_load)
+            return _outwards(found | loaded | by_key(self.free_vibration(material).quantities()))
 
         def by_textbook() -> Sequence[Quantity]:
             return _outwards(textbook.quantities(self._textbook(material), actuator_stiffness))
@@ -345,6 +346,17 @@ class BridgeAmplifier:
             return tuple(model.having(drawn(self)).quantities().values())
 
         return Formulas({"PRB": pseudo_rigid, "textbook": by_textbook, "compliance": compliant})
+
+    def free_vibration(self, material: Material) -> lagrange.Coordinate:
+        """Return M_b and K_b of eqs. (18) and (19), m_1 an input block with its two rods, m_3 the output block."""
+        per_area, model = material.density * self.width, self._pseudo_rigid(material)
+        arm, high = self.arm_span - self.hinge_length, self.arm_thickness
+        block = self.input_block_depth * self.input_block_height + 2 * self.rod_thickness * self.rod_length
+        return lagrange.amplifier(
+            input_block=per_area * block, output_block=per_area * self.block_width * self.output_block_height,
+            arm_inertia=per_area * arm * high * (arm**2 + high**2) / 12, hinge_stiffness=model.hinge_stiffness,
+            arm_span=self.arm_span, amplification=abs(model.amplification()),
+        )  # fmt: skip
 
     def formula_shares(self, material: Material) -> Mapping[str, Mapping[str, float]]:
         """Return what the pseudo-rigid-body model's compliances consist of [m/N]."""

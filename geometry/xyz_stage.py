@@ -40,7 +40,7 @@ from functools import cache, cached_property
 from typing import Any, ClassVar
 
 from flexdesign import part
-from flexdesign.analytic.branched_stage import BranchedAxis, Hinges, as_the_paper_counts
+from flexdesign.analytic.branched_stage import BranchedAxis, Hinges, Masses, as_the_paper_counts
 from flexdesign.analytic.prb import PseudoRigidBridge
 from flexdesign.assembly import Assembly, Axis, Body, Box, cad
 from flexdesign.assembly.branches import Bar, Branch, Leaf, centred, spanning, strung
@@ -312,11 +312,13 @@ class XYZStage:
         """Return the stage as the paper's equation (21) counts its springs, and as they are counted here."""
         axes = self._axes(material)
         counted = [quantity for axis in axes for quantity in axis.quantities()]
-        return {"paper (21)": as_the_paper_counts(axes, self.limb_length), "springs counted": counted}
+        paper = as_the_paper_counts(axes, self.limb_length, self._masses(material))
+        return {"paper (21)": paper, "springs counted": counted}
 
     def springs(self, material: Material) -> Mapping[str, Sequence[tuple[str, int, Quantity, str]]]:
         """Return what the table's motion bends, by axis."""
-        return {name: axis.coordinate.table() for axis in self._axes(material) for name in axis.names}
+        tables = {name: axis.coordinate.table() for axis in self._axes(material) for name in axis.names}
+        return {name: [row for row in rows if row[2].si == "N/m"] for name, rows in tables.items()}
 
     def arms(self) -> Mapping[tuple[str, str], float]:
         """Return L_1 for X and Y, L_2 for Z, and for what Z does to X and Y the distance of the limbs' cross hinges."""
@@ -325,6 +327,21 @@ class XYZStage:
             ("y", "x"): self.limb_length, ("x", "y"): self.limb_length, ("z", "x"): self.strut_length,
             ("z", "y"): self.strut_length, ("x", "z"): across, ("y", "z"): across,
         }  # fmt: skip
+
+    def _masses(self, material: Material) -> Masses:
+        """Return what moves; a guide of Z is half a bridge and, for its arm, which turns, a third of that."""
+        bodies = [*self._sideways().bodies, *self._upward().bodies, Body("table", self._table())]
+        mass = {body.name: material.density * body.volume for body in bodies}
+        return Masses(
+            table=mass["table"],
+            guide=mass["bridge"] / 2 + mass["bridge_guide_left_1"] / 3,
+            amplifier_xy=self.xy_amplifier.free_vibration(material).mass,
+            amplifier_z=self.convex.free_vibration(material).mass,
+            block=mass["block"],
+            carrier=mass["carrier"],
+            limb=mass["limb_left_3"],
+            strut=mass["strut_3"],
+        )
 
     def _axes(self, material: Material) -> tuple[BranchedAxis, BranchedAxis]:
         xy, z = (
@@ -351,7 +368,11 @@ class XYZStage:
             Hinges("guide hinges of the bridges", 16, *guide, share=0.5),
             Hinges("guide hinges of the carriers", 16, *guide),
         )
-        return BranchedAxis(("x", "y"), xy, sides, 1.0, sideways), BranchedAxis(("z",), z, 8, 0.5, upwards)
+        masses = self._masses(material)
+        return (
+            BranchedAxis(("x", "y"), xy, sides, 1.0, sideways, masses.sideways(sides)),
+            BranchedAxis(("z",), z, 8, 0.5, upwards, masses.upwards(sides)),
+        )
 
     def _table(self) -> tuple[Box, ...]:
         """Return the plate and, under it, a cross of ribs from strut to strut."""

@@ -17,6 +17,10 @@ settings.register_profile("flexdesign", deadline=None, derandomize=True)
 settings.load_profile("flexdesign")
 
 
+#: A stage with amplifiers on four sides, to which reference values belong.
+FOUR_SIDED = Path(__file__).resolve().parent / "designs" / "four_sided_stage.toml"
+
+
 @dataclass(frozen=True)
 class Ended:
     """How a command ended."""

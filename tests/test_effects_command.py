@@ -51,7 +51,7 @@ EFFECT = Effect(
 @pytest.fixture(scope="module")
 def shown() -> Callable[[str], bench.Signature]:
     """Return what shows an effect on the light stage."""
-    model = stage_model.read("lin2019_stage", ["axis.x.damping_ratio=0.0242"])
+    model = stage_model.read("lin2019_stage", ["axis.x.damping_ratio=0.0242", 'axis.x.sensor.resolution="0 um"'])
     limits = bench.of_axis(model, "x")
     dynamics = bench.dynamics(model, "x", limits)
     menu = [*bench.suite_of(dynamics, limits), *bench.elsewhere(dynamics, limits)]

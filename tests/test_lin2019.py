@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,10 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import experiments, simulation, stage_model
+from flexdesign import experiments, printed, simulation, stage_model
 from flexdesign.control import PID
 from flexdesign.control.implied import plants_for_delays
-from flexdesign.experiments import Published
 from flexdesign.report import simulation_report
 from flexdesign.report.render import to_markdown
 from flexdesign.simulation import Case, Simulation
@@ -23,23 +20,24 @@ from flexdesign.stage_model import StageModel
 
 ROOT = Path(__file__).resolve().parent.parent
 STAGE, STUDY = ROOT / "studies" / "lin2019_stage.toml", ROOT / "studies" / "lin2019_experiments.toml"
-#: The text of the paper, where it lies beside the checkout; it is not ours to give away.
-PAPER = ROOT.parent / "shared" / "paper" / "lin2019-micromotion-stage.txt"
+PAPER = printed.read(ROOT / "studies" / "lin2019.toml")
+
+
+def _printed(place: str, names: tuple[str, ...], axis: str, units: tuple[str, ...]) -> tuple[float, ...]:
+    suffix = "xy" if axis == "x" else "z"
+    return tuple(PAPER(place, f"{name}_{suffix}").value(unit) for name, unit in zip(names, units, strict=True))
+
 
 #: Eq (31): static gain, and both time constants [s]; Table 1: output stiffness of the model's row [N/m].
-PRINTED = {"x": (6.0777, 1.3708e-3, 1.3635e-3, 18.3e3), "z": (6.3621, 0.89631e-3, 0.89631e-3, 25.6e3)}
-#: Eq (34).
-GAINS = {"x": PID(0.01355, 3.988e-3, 0.997e-3), "z": PID(0.04894, 3.134e-3, 0.7835e-3)}
-#: What is run of the study, and under which controllers (all that it names, where none are given).
-RUN: dict[str, tuple[str, ...]] = {
-    "P8 X": (),
-    "P8 Z": (),
-    "P10": (),
-    "P11 X": (),
-    "P11 Z": (),
-    "P16": ("open loop", "printed", "robust"),
-    "P16 Z": (),
+PRINTED = {
+    axis: (
+        *_printed("eq (31)", ("gain", "t1", "t2"), axis, ("1", "s", "s")),
+        *_printed("Table 1, model", ("K_out",), axis, ("N/m",)),
+    )
+    for axis in "xz"
 }
+#: Eq (34).
+GAINS = {axis: PID(*_printed("eq (34)", ("kp", "ti", "td"), axis, ("1", "s", "s"))) for axis in "xz"}
 
 
 @pytest.fixture(scope="module")
@@ -49,15 +47,8 @@ def stage() -> StageModel:
 
 @pytest.fixture(scope="module")
 def found(stage: StageModel) -> Simulation:
-    """Return the experiments that are quick to run; the lines of P19 and P20 take their 50 s of motion each."""
+    """Return all experiments, as the command runs them."""
     plan = experiments.read(STUDY, list(stage.axes))
-    tried = [
-        e.model_copy(update={"controllers": RUN[e.name]}) if RUN[e.name] else e
-        for e in plan.experiments
-        if e.name in RUN
-    ]
-    assert [e.name for e in tried] == list(RUN)
-    plan = replace(plan, experiments=tuple(tried))
     variants = experiments.variants(plan, lambda changes: stage_model.read(STAGE, changes))
     return simulation.run(stage, variants, plan, lambda _: None)
 
@@ -105,16 +96,15 @@ def test_what_the_paper_does_not_print_is_marked_as_assumed(stage: StageModel) -
 
 
 def test_the_coupling_is_eq_25_at_the_ratios_of_table_1(stage: StageModel) -> None:
-    """dx^2/2L over the dx of 20 um at the input: 0.089 % and 0.045 %, to half a digit.
-
-    The amplification is that of eq (30) with (31), k_in / (4 k gain), k_in = 1.8 N/um and k = 18.3 N/mm of Table 1.
-    """
-    motion = 20e-6 * 1.8e6 / (4 * 18.3e3 * 6.0777)
-    for to, origin, percent in (("y", "x", 0.089), ("x", "y", 0.089), ("z", "x", 0.045), ("z", "y", 0.045)):
-        assert 100 * stage.coupling.quadratic[to, origin] * motion == pytest.approx(percent, abs=5e-4)
+    """dx^2/2L over the dx that 20 um at the input make by the gain of (31): 0.089 % and 0.045 %, to half a digit."""
+    motion = PAPER("Figs 4 and 5", "input_xy").value("m") * PRINTED["x"][0]
+    for to, origin in (("y", "x"), ("x", "y"), ("z", "x"), ("z", "y")):
+        asked = PAPER("Table 1, model", f"coupling_{'z' if to == 'z' else 'y'}_x")
+        ratio = stage.coupling.quadratic[to, origin] * motion
+        assert ratio == pytest.approx(asked.value("1"), abs=asked.half_digit("1"))
     length = {key: 1 / (2 * value) for key, value in stage.coupling.quadratic.items()}
-    assert length["y", "x"] == pytest.approx(45.5e-3, rel=1e-3)
-    assert length["z", "x"] == pytest.approx(89.9e-3, rel=1e-3)
+    assert length["y", "x"] == pytest.approx(68.3e-3, rel=1e-3)
+    assert length["z", "x"] == pytest.approx(135.1e-3, rel=1e-3)
 
 
 @pytest.mark.parametrize("axis", ["x", "z"])
@@ -148,34 +138,6 @@ def test_the_printed_gains_are_scaled_by_the_static_gain(stage: StageModel) -> N
         assert (gains.ti, gains.td) == (pytest.approx(pid.ti), pytest.approx(pid.td))
         for own in (1.98e-6, -1e-6):
             assert gains.in_volts(own) * own == pytest.approx(pid.kp * PRINTED[axis][0])
-
-
-# --- published numbers against the paper -----------------------------------------------------------------------------
-
-
-def published() -> list[tuple[str, Published]]:
-    plan = experiments.read(STUDY, ["x", "y", "z"])
-    return [(e.name, p) for e in plan.experiments for p in e.published]
-
-
-@pytest.mark.skipif(not PAPER.is_file(), reason="the text of the paper does not lie beside the checkout")
-@pytest.mark.parametrize(("name", "entry"), published(), ids=lambda given: getattr(given, "value", given))
-def test_a_published_number_stands_in_the_paper(name: str, entry: Published) -> None:
-    """With its unit; settling times as the paper words them."""
-    as_printed = {("P16", "400 ms"): "0.4 s", ("P16", "200 ms"): "50 %"}  # 200 ms are half of 0.4 s
-    digits, unit = as_printed.get((name, entry.value), entry.value).split()
-    unit = unit.replace("um", "[uμµ]m")
-    text = PAPER.read_text(encoding="utf-8", errors="replace")
-    assert re.search(rf"(?<![\d.]){re.escape(digits)} ?{unit}", text), entry.value
-
-
-@pytest.mark.skipif(not PAPER.is_file(), reason="the text of the paper does not lie beside the checkout")
-def test_the_numbers_of_the_plants_and_gains_stand_in_the_paper() -> None:
-    text = PAPER.read_text(encoding="utf-8", errors="replace")
-    content = tomllib.loads(STUDY.read_text(encoding="utf-8"))["controllers"]["printed"]["axis"]
-    for axis in ("x", "z"):
-        assert str(content[axis]["kp"]) in text and str(content[axis]["plant_gain"]) in text
-        assert str(PRINTED[axis][0]) == str(content[axis]["plant_gain"])
 
 
 # --- results --------------------------------------------------------------------------------------------------------
@@ -284,9 +246,59 @@ def test_the_measured_coupling_takes_the_place_of_eq_25() -> None:
     assert not any(model.coupling.quadratic.values())
 
 
+# --- P17 to P20 -----------------------------------------------------------------------------------------------------
+
+
+def test_x_rings_more_than_z_on_the_square_wave(found: Simulation) -> None:
+    """By exp(-pi zeta / sqrt(1 - zeta^2)) of the step made: 93 % at 0.0242 in X, 73 % at 0.0994 in Z; section 4.3.2."""
+    share = {}
+    for name, axis in (("P17 X", "x"), ("P17 Z", "z")):
+        one = case(found, name, variant="light damping")
+        step = one.experiment.trajectory.sampled(1e-3).max() - measured(one, axis, "steady_error")
+        share[axis] = measured(one, axis, "overshoot") / step
+        damping = found.variants["light damping"].axes[axis].damping_ratio
+        assert share[axis] == pytest.approx(math.exp(-math.pi * damping / math.sqrt(1 - damping**2)), rel=0.01)
+    assert share["x"] == pytest.approx(0.93, abs=0.01) and share["z"] == pytest.approx(0.73, abs=0.01)
+
+
+def test_feedforward_leaves_a_hundredth_of_the_open_loops_error_on_the_sine(found: Simulation) -> None:
+    """On the plants of light damping, which follow 0.5 Hz at once: the open loop's error is half the loop's width."""
+    for name, axis in (("P18 X", "x"), ("P18 Z", "z")):
+        alone, forward = (case(found, name, c, "light damping") for c in ("open loop", "feedforward"))
+        width = measured(alone, axis, "loop_width")
+        assert measured(alone, axis, "max_error") == pytest.approx(width / 2, rel=0.06)
+        assert measured(forward, axis, "max_error") < measured(alone, axis, "max_error") / 100
+
+
+def test_the_sensors_resolution_is_what_feedback_leaves_on_the_line(found: Simulation, stage: StageModel) -> None:
+    """P19: less than 2 um, and some tenths of a step of 0.75 um; without steps the loop follows thirty times closer."""
+    resolved = case(found, "P19", "feedforward + printed")
+    step = stage.axes["x"].sensor.resolution
+    left = measured(resolved, "all axes", "max_contour_error")
+    assert 0.2 * step < left < step < PAPER("section 4.3.2, Fig 18", "error").value("m")
+    plan = experiments.read(STUDY, list(stage.axes))
+    (line,) = (e for e in plan.experiments if e.name == "P19")
+    line = line.model_copy(update={"controllers": ("feedforward + printed",), "variants": ("as modelled",)})
+    sharp = stage_model.read(STAGE, [f'axis.{axis}.sensor.resolution="0 um"' for axis in stage.axes])
+    smooth = simulation.run(sharp, {}, replace(plan, experiments=(line,)), lambda _: None)
+    assert measured(case(smooth, "P19", "feedforward + printed"), "all axes", "max_contour_error") < left / 10
+
+
+def test_no_run_of_the_line_in_space_leaves_what_fig_19_prints(found: Simulation) -> None:
+    """P20: neither as modelled nor with the measured coupling, under feedback or without, is it 6.23 um +- 0.83 um."""
+    printed_error = PAPER("section 4.3.2, Fig 19", "error").value("m")
+    lefts = [measured(one, "all axes", "max_contour_error") for one in found.cases if one.experiment.name == "P20"]
+    assert len(lefts) == 4
+    assert all(abs(left - printed_error) > 0.83e-6 for left in lefts)
+    coupled = measured(case(found, "P20", "feedforward", "coupled as measured"), "all axes", "max_contour_error")
+    assert coupled > printed_error > measured(case(found, "P20", "feedforward"), "all axes", "max_contour_error")
+
+
 def test_the_report_sets_published_numbers_beside_ours(found: Simulation, report: str) -> None:
     rows = [line for line in report.splitlines() if line.startswith("| P11 X |")]
-    assert any("1.76 % ± 5.7 %" in row and "-1.48 points, within ±" in row for row in rows)
+    assert any("1.76 % ± 0.31 %" in row and "beyond ±" in row for row in rows)
+    rows = [line for line in report.splitlines() if line.startswith("| P20 |")]
+    assert len(rows) == 4 and all("6.23 um ± 0.83 um" in row and "beyond ±" in row for row in rows)
     rows = [line for line in report.splitlines() if line.startswith("| P16 |")]
     assert any("< 200 ms" in row and "beyond it" in row for row in rows)
     rows = [line for line in report.splitlines() if line.startswith("| P8 ")]
@@ -299,4 +311,5 @@ def test_the_report_sets_published_numbers_beside_ours(found: Simulation, report
         for _, c in found.compared(e)
         if c.ours is not None
     }
-    assert compared == listed  # every published number found its measure
+    # Every published number found its measure, but those of the square wave: at its jumps any error is the whole jump.
+    assert compared == listed - {("P17 X", "max_error_relative"), ("P17 Z", "max_error_relative")}

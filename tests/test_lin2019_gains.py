@@ -20,7 +20,6 @@ from studies.lin2019_gains.findings import fitted, rounding
 from studies.lin2019_gains.printed import AXES, PRINTED
 
 ROOT = Path(__file__).resolve().parent.parent
-PAPER = ROOT.parent / "shared" / "paper" / "lin2019-micromotion-stage.txt"
 PERIOD = 1e-3
 XY, Z = AXES
 
@@ -49,29 +48,6 @@ def candidate(axis: dict[str, Any], label: str) -> dict[str, Any]:
 
 
 # --- Inputs
-
-
-def test_the_inputs_are_the_papers() -> None:
-    if not PAPER.is_file():
-        pytest.skip(f"the paper's text is not at {PAPER}")
-    text = PAPER.read_text(encoding="utf-8")
-    for axis, suffix in ((XY, "x/y"), (Z, "z")):
-        gain, t1, t2 = re.search(
-            rf"G\(s\)_{{?{suffix}}}? = \\frac{{([\d.]+)}}{{\(1 \+ ([\d.]+)s\)\(1 \+ ([\d.]+)s\)}}", text
-        ).groups()  # type: ignore[union-attr]
-        assert (axis["gain"], axis["t1"], axis["t2"]) == (float(gain), float(t1), float(t2))
-        for key, symbol in (("kp", "K_p"), ("ti", "T_i"), ("td", "T_d")):
-            number = re.search(rf"{symbol}\^{{?{suffix}}}? = ([\d.]+)", text)
-            assert number and axis[key] == float(number[1].rstrip("."))
-        assert f"T = {axis['period']:g}$ s" in text
-    rows = {name: re.search(rf"^{name}\t(.*)$", text, re.M) for name in ("Model", "FEA")}
-    model, fea = ([float(x) for x in row[1].split("\t")[:4]] for row in rows.values() if row)
-    assert [XY["stiffness"], Z["stiffness"]] == pytest.approx([1e3 * k for k in model[:2]])
-    assert [XY["input_stiffness"], Z["input_stiffness"]] == pytest.approx([1e6 * k for k in model[2:]])
-    assert [XY["fea_stiffness"], Z["fea_stiffness"]] == pytest.approx([1e3 * k for k in fea[:2]])
-    for key in ("stroke", "moved", "input", "overshoot", "settling", "shorter"):
-        for printed in filter(None, (PRINTED[key].xy, PRINTED[key].z)):
-            assert re.search(rf"(?<![\d.]){re.escape(printed.split()[0])}(?![\d]|\.\d)", text), printed
 
 
 def test_every_input_has_a_place() -> None:

@@ -229,7 +229,8 @@ def test_the_added_mass_is_suggested_from_the_model_s() -> None:
 
 @pytest.fixture(scope="module")
 def menu() -> tuple[AxisDynamics, list[bench.Command]]:
-    model = stage_model.read("lin2019_stage", ["axis.x.damping_ratio=0.0242"])
+    changes = ["axis.x.damping_ratio=0.0242", 'axis.x.sensor.resolution="0 um"']  # its steps are as large as effects
+    model = stage_model.read("lin2019_stage", changes)
     limits = bench.of_axis(model, "x")
     dynamics = bench.dynamics(model, "x", limits)
     return dynamics, [*bench.suite_of(dynamics, limits), *bench.elsewhere(dynamics, limits)]
@@ -329,7 +330,7 @@ def test_the_command_resolves(tmp_path: Path, command_line: Run) -> None:
         (("--slew", "5 mm"), "--slew = 5 mm"),
         (("--rate", "-5 Hz"), "must be more than zero"),
         (("--resolve", "creep", "nonsense", "--slew", "none"), "is not a known effect"),
-        (("--volts", "-20 V", "50 V"), "outside of 0 V to 150 V"),
+        (("--volts", "-20 V", "50 V"), "outside of 0 V to 131.4 V"),
     ],
 )
 def test_the_command_refuses(command_line: Run, arguments: tuple[str, ...], words: str) -> None:

@@ -25,7 +25,7 @@ DEMO = ROOT / "studies" / "hidden_effect_demo"
 
 def test_table_is_the_example_report() -> None:
     rows = [line for line in README.splitlines() if re.match(r"(K_in|K_out|λ) ", line)]
-    compared = [quantity for quantity in EXAMPLE["quantities"] if quantity.get("analytic")]
+    compared = [q for q in EXAMPLE["quantities"] if q.get("analytic") and q["name"] in ("K_in", "K_out", "lambda")]
     assert len(rows) == len(compared) == 5
     for row, found in zip(rows, compared, strict=True):
         fem = Quantity(found["name"], found["value"], "1", "", sigma=found["sigma"]).shown()

@@ -18,8 +18,9 @@ from flexdesign.model import Quantity
 from flexdesign.static_tables import Row, StaticModel, StaticTable
 from flexdesign.validation import ladder
 from tests.analytic.test_stage_compliance import FEM
+from tests.conftest import FOUR_SIDED
 
-STAGE = design.read(design.find("lin2019_xyz_stage"))
+STAGE = design.read(FOUR_SIDED)
 MODEL = static_tables.of_design(STAGE)
 HEAD = "quantity,value,unit,sigma,boundary,axis\n"
 
@@ -143,7 +144,7 @@ def test_adding_writes_a_design_that_compare_agrees_with(tmp_path):
     softer = tmp_path / "softer.toml"
     run = CliRunner().invoke
     out = str(tmp_path / "out")
-    added = run(app, ["add", "lin2019_xyz_stage", "modulus", str(path), "-o", str(softer), "--out", out, "--json"])
+    added = run(app, ["add", str(FOUR_SIDED), "modulus", str(path), "-o", str(softer), "--out", out, "--json"])
     assert added.exit_code == 0, added.output
     low, high = json.loads(added.stdout)["effects"]["modulus"]["excess"]["interval_95"]
     assert low < -12 < high

@@ -15,7 +15,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from flexdesign import cli, condensing, experiments, refinement, simulation, stage_coupling, stage_model, static_tables
+from flexdesign import (
+    cli,
+    condensing,
+    experiments,
+    refinement,
+    simulation,
+    stage_coupling,
+    stage_model,
+    stage_sizing,
+    static_tables,
+)
 from flexdesign import design as designs
 from flexdesign import study as studies
 from flexdesign.cache import Cache
@@ -33,17 +43,17 @@ from flexdesign.report.stage_words import Axes
 from flexdesign.sweeps import elements
 from flexdesign.validation import stage_course, stage_published, stage_variants
 from flexdesign.validation.stage_course import StageValidation, validate_stage
-from tests.conftest import Ended
+from tests.conftest import FOUR_SIDED, Ended
 from tests.test_lin2019 import steady_span
 
 #: What two solutions of the same equations may differ by; couplings that symmetry forbids are nothing but that.
 ROUNDING, NOTHING = 1e-9, 1e-12
 
 #: Coarse enough for half a minute: stiffnesses are right within a few percent, symmetry and balance exactly.
-STUDY = """\
+STUDY = f"""\
 format = 1
 title = "Stage on coarse meshes"
-design = "lin2019_xyz_stage"
+design = "{FOUR_SIDED.as_posix()}"
 
 [mesh]
 levels = 2
@@ -574,3 +584,45 @@ def test_what_a_stage_says_is_examined_before_anything_is_condensed(
         validate_stage(studies.read(str(tmp_path / "mine.toml")), Cache(tmp_path / "cache"))
     assert (Path(refused.value.file).name, refused.value.field) == ("mine.py", f"XYZStage.{method}()")
     assert remedy in refused.value.remedy
+
+
+# --- masses of (18) to (22), and the shipped stage --------------------------------------------------------------------
+
+
+def test_masses_of_21_stand_beside_modal_masses_and_frequencies(run: Run) -> None:
+    """M_s + 4 M_b in X, M_s + 2 M_b + 2 M_p in Z; the modal mass at the table carries K_out at its frequency."""
+    design = run.found.study.design
+    masses = design.stage()._masses(design.material)  # type: ignore[attr-defined]
+    expected = {
+        "x": masses.table + 4 * masses.amplifier_xy,
+        "z": masses.table + 2 * masses.amplifier_z + 2 * masses.guide,
+    }
+    for axis, mass in expected.items():
+        (row,) = (c for c in run.found.comparisons if c.fem.key == f"output_mass_{axis}_inputs_free")
+        assert row.analytic["paper (21)"].value == pytest.approx(mass)
+        assert row.fem.value > row.analytic["springs counted"].value > mass
+        frequency, stiffness = (
+            run.found.fem(f"{name}_{axis}_inputs_free").value for name in ("output_frequency", "K_out")
+        )
+        assert row.fem.value * (2 * np.pi * frequency) ** 2 == pytest.approx(stiffness, rel=0.15)
+        assert run.found.fem(f"output_mass_{axis}_actuators_installed").value > 0
+    text = (run.folder / "report.md").read_text(encoding="utf-8")
+    assert "| modal mass X/Y, inputs free |" in text and "tells of the choices alone" in text
+
+
+def test_springs_of_the_formulas_hold_no_masses(run: Run) -> None:
+    design = run.found.study.design
+    for rows in design.stage().springs(design.material).values():
+        assert all(quantity.si == "N/m" for _, _, quantity, _ in rows)
+
+
+def test_the_shipped_stage_has_what_it_was_sized_to(tmp_path: Path) -> None:
+    """Formulas and arms exactly; K_out and travels by FEM within two percent, what such coarse meshes are good for."""
+    study = studies.read("table1", ["output.large_steps=0", "mesh.at_root=0.3", 'mesh.largest="2.5 mm"'])
+    store = Cache(tmp_path)
+    store.prepare()
+    levels = condensing.refined(study, study.design.stage().assembly(), store)
+    rows = stage_sizing.rows_of("lin2019_stage_targets", study.design, by_key(condensing.gathered(levels)))
+    assert len(rows) == 11
+    for row in rows:
+        assert row.met or (row.target.kind == "elements" and abs(row.off) < 0.02), row

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexdesign.analytic.lagrange import Coordinate, DrivenAxis, Elements, Term, as_printed
-from flexdesign.analytic.prb import PseudoRigidBridge, leaf_rotational_stiffness
+from flexdesign.analytic.prb import SOURCE, PseudoRigidBridge, leaf_rotational_stiffness
 from flexdesign.model import Quantity
 
 #: Name of their term among the springs.
@@ -62,6 +62,8 @@ class BranchedAxis:
         How many bend, and the travel of one over that of the table.
     hinges
         What else bends.
+    masses
+        What moves; none where masses do not matter.
     """
 
     names: tuple[str, ...]
@@ -69,13 +71,14 @@ class BranchedAxis:
     amplifiers: int
     share: float
     hinges: tuple[Hinges, ...]
+    masses: tuple[Term, ...] = ()
 
     @property
     def coordinate(self) -> Coordinate:
-        """Its springs."""
+        """Its springs and masses."""
         bridge = Term(AMPLIFIERS, self.amplifiers, self.amplifier.output_stiffness, self.share)
         others = (hinges.term(self.amplifier.youngs_modulus) for hinges in self.hinges)
-        return Coordinate(" and ".join(self.names), (), (bridge, *others))
+        return Coordinate(" and ".join(self.names), self.masses, (bridge, *others))
 
     @property
     def load(self) -> float:
@@ -88,7 +91,55 @@ class BranchedAxis:
         return _quantities(self, DrivenAxis(self.coordinate, self.amplifier, self.load))
 
 
-def as_the_paper_counts(axes: Sequence[BranchedAxis], arm: float) -> list[Quantity]:
+@dataclass(frozen=True)
+class Masses:
+    """One of everything that moves [kg].
+
+    Parameters
+    ----------
+    table, guide
+        M_s, and M_p of a parallel guide of Z.
+    amplifier_xy, amplifier_z
+        M_b; the paper has one for both.
+    block, carrier
+        What an X/Y amplifier moves, and what a pair of Z amplifiers does.
+    limb, strut
+        That carry the motion to the table.
+    """
+
+    table: float
+    guide: float
+    amplifier_xy: float
+    amplifier_z: float
+    block: float
+    carrier: float
+    limb: float
+    strut: float
+
+    def sideways(self, sides: int) -> tuple[Term, ...]:
+        """Return what moves along X with amplifiers on so many sides; what turns about an end counts a third."""
+        return (
+            Term("table M_s", 1, self.table),
+            Term("amplifiers M_b", sides, self.amplifier_xy),
+            Term("blocks", sides, self.block),
+            Term("limbs along", 2 * sides, self.limb),
+            Term("limbs across, a third", 2 * sides, self.limb / 3),
+            Term("struts, a third", 4, self.strut / 3),
+        )
+
+    def upwards(self, sides: int) -> tuple[Term, ...]:
+        """Return what moves along Z, amplifiers and guides by half."""
+        return (
+            Term("table M_s", 1, self.table),
+            Term("amplifiers M_b", 8, self.amplifier_z, 0.5),
+            Term("carriers", 4, self.carrier),
+            Term("guides M_p", 8, self.guide, 0.5),
+            Term("struts", 4, self.strut),
+            Term("limbs, a third", 4 * sides, self.limb / 3),
+        )
+
+
+def as_the_paper_counts(axes: Sequence[BranchedAxis], arm: float, masses: Masses) -> list[Quantity]:
     """Return the same by the counts of Lin et al. (2019), eq. (21), each amplifier loaded by its own output stiffness.
 
     Parameters
@@ -97,16 +148,28 @@ def as_the_paper_counts(axes: Sequence[BranchedAxis], arm: float) -> list[Quanti
         X/Y, then Z.
     arm
         L_1 of the guide hinges, which are those of the amplifiers [m].
+    masses
+        Of which (21) counts M_s, M_b and M_p.
     """
     bridge = axes[0].amplifier
-    printed = as_printed(Elements(bridge.output_stiffness, bridge.hinge_stiffness, arm))
+    k_b, k_r = bridge.output_stiffness, bridge.hinge_stiffness
+    printed = [
+        as_printed(Elements(k_b, k_r, arm, m_b, masses.table, masses.guide))[index]
+        for index, m_b in enumerate((masses.amplifier_xy, masses.amplifier_z))
+    ]
     pairs = zip(axes, printed, strict=True)
     return [q for axis, coordinate in pairs for q in _quantities(axis, DrivenAxis(coordinate, axis.amplifier))]
 
 
 def _quantities(axis: BranchedAxis, driven: DrivenAxis) -> list[Quantity]:
-    found = []
+    found, at_rest = [], driven.coordinate
     for name in axis.names:
+        if at_rest.mass:
+            source = f"{SOURCE}, eqs. (20) to (22)"
+            found += [
+                Quantity("output_mass", at_rest.mass, "kg", "g", f"{name}, inputs free", source),
+                Quantity("output_frequency", at_rest.natural_frequency, "Hz", "Hz", f"{name}, inputs free", source),
+            ]
         found += [
             Quantity("K_out", driven.coordinate.stiffness, "N/m", "N/mm", f"{name}, inputs free"),
             Quantity("K_in", driven.input_stiffness, "N/m", "N/mm", f"{name}, table free"),

@@ -124,6 +124,14 @@ class Coordinate:
             raise ValueError(f"{self.name} has no mass, and so no natural frequency")
         return math.sqrt(self.stiffness / self.mass) / (2 * math.pi)
 
+    def quantities(self, boundary: str = "input free") -> tuple[Quantity, Quantity]:
+        """Return mass and natural frequency as what finite elements call output mass and output frequency."""
+        source = self.kinetic[0].equation
+        return (
+            Quantity("output_mass", self.mass, "kg", "g", boundary, source),
+            Quantity("output_frequency", self.natural_frequency, "Hz", "Hz", boundary, source),
+        )
+
     def table(self) -> tuple[tuple[str, int, Quantity, str], ...]:
         """Return name, count, contribution and equation of every term: the masses, then the stiffnesses."""
         return tuple(

@@ -19,6 +19,7 @@ from flexdesign.cli import validate as validate
 from flexdesign.cli import sweep as sweep
 from flexdesign.cli import optimize as optimize
 from flexdesign.cli import simulate as simulate
+from flexdesign.cli import reproduce as reproduce
 from flexdesign.cli import identify as identify
 from flexdesign.cli import compare as compare
 from flexdesign.cli import diagnose as diagnose

@@ -29,6 +29,9 @@ app = typer.Typer(
 )
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print result.json on stdout, and nothing else.")]
+CacheFolder = Annotated[
+    Path | None, typer.Option("--cache", help="Folder of meshes and solutions [default: the user's cache].")
+]
 Noise = Annotated[
     str | None,
     typer.Option(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, app, place, print_json
+from flexdesign.cli.shared import AsJson, CacheFolder, app, place, print_json, progress
 
 if TYPE_CHECKING:
     from flexdesign.model import Quantity
@@ -19,7 +19,9 @@ HELP = """Find the dimensions of amplifiers and guides from what a stage shall d
 
 TARGETS is a file with stiffness, input stiffness, amplification or gain of the axes X/Y and Z and the coupling of a
 motion along X, or the bare name of one in studies/. The formulas of Lin et al. (2019) are solved for hinges, arms,
-input rods and the chains that guide the table; width, hinge thickness and rod thickness are chosen.
+input rods and the chains that guide the table; width, hinge thickness and rod thickness are chosen. A file that names a
+stage and its free dimensions asks for numbers of the formulas and of finite elements at once: least squares on the
+formulas and the compliance model, corrected by a few solutions of the whole stage by finite elements.
 
 **Examples**
 
@@ -29,9 +31,12 @@ input rods and the chains that guide the table; width, hinge thickness and rod t
 
     flexdesign size lin2019_targets --set choices.hinge_thickness="0.4 mm" --json
 
+    flexdesign size lin2019_stage_targets --out reports/lin2019_stage_targets
+
 **What --set can change:** `targets.*` (of amplification and gain the one that is set takes the place of the other),
 `topology.*` (how many amplifiers and guide hinges take part), `choices.*`, `material`, `rounded`. With `rounded` the
-targets are printed numbers, and ± says how far half a unit of their last digits moves a dimension, at worst.
+targets are printed numbers, and ± says how far half a unit of their last digits moves a dimension, at worst. Of a whole
+stage: `targets.formulas.*`, `targets.arms.*`, `targets.elements.*`, `start.*`, `free`, `prior`, `iterations`, `mesh.*`.
 
 **What it writes:** dimensions.toml, report.html, report.md and result.json, into --out; without it nothing.
 
@@ -50,11 +55,15 @@ def size(
         Path | None, typer.Option(help="Folder for the dimensions [default: none].", show_default=False)
     ] = None,
     as_json: AsJson = False,
+    cache: CacheFolder = None,
 ) -> None:
     """Size a stage, and write its dimensions."""
-    from flexdesign import sizing
+    from flexdesign import sizing, stage_sizing
     from flexdesign.report import terminal
 
+    if stage_sizing.is_stage_targets(targets):
+        _by_elements(targets, overrides or [], out, as_json, cache)
+        return
     found = sizing.size(targets, overrides or [])
     document, result = _document(found), found.result()
     written: list[Path] = []
@@ -65,6 +74,27 @@ def size(
         print_json(result)
         return
     terminal.brief(document, _dimensions(found), written)
+
+
+def _by_elements(targets: str, overrides: list[str], out: Path | None, as_json: bool, cache: Path | None) -> None:
+    """Size a whole stage by formulas and finite elements, and write its dimensions."""
+    from flexdesign import sizing, stage_sizing
+    from flexdesign.cache import Cache, default_folder
+    from flexdesign.report import stage_sizing_report, terminal
+
+    with progress() as say:
+        store = Cache(cache or default_folder())
+        store.prepare()
+        found = stage_sizing.size(targets, overrides, store, say)
+    document, result = stage_sizing_report.document(found), found.result()
+    written: list[Path] = []
+    if out:
+        where = place(out, out.name, "size", [sizing.find(targets)], overrides)
+        written = where.write(document, result, {"dimensions.toml": found.to_toml()})
+    if as_json:
+        print_json(result)
+        return
+    terminal.brief(document, stage_sizing_report.targets(found), written)
 
 
 def _document(found: Sizing) -> Document:

@@ -36,10 +36,11 @@ report has stiffness, amplification and coupling axis by axis, beside the formul
 
 **What --set can change:** the design (`dimensions.*`, `material`, `actuator.*`, `part`) and the study (`mesh.method`,
 `mesh.levels`, `mesh.accuracy`, `mesh.at_root`, `mesh.growth`, `mesh.largest`, `mesh.refinement`, `mesh.envelope`,
-`mesh.cross_check`, `modes.count`, `output.load`, `output.stroke`, `output.actuator_offset`, `output.sensor`,
-`output.large_steps`, and of a stage `stage.inputs.AXIS`). With `mesh.cross_check` the part is solved on every kind of
-mesh, as a symmetric piece and whole, and the report says whether the answers agree within their estimates; that takes
-minutes.
+`mesh.cross_check`, `mesh.independent`, `modes.count`, `output.load`, `output.stroke`, `output.actuator_offset`,
+`output.sensor`, `output.large_steps`, and of a stage `stage.inputs.AXIS`). A part that is drawn out of a section is
+also solved on one mesh by pytetwild, as an independent check of the numbers; `mesh.independent=false` leaves that out.
+With `mesh.cross_check` the part is solved on every kind of mesh, as a symmetric piece and whole, and the report says
+whether the answers agree within their estimates; that takes minutes.
 
 **What it writes:** report.html, report.md, result.json, fem.csv, stage_model.toml and the pictures, into --out. A
 design changed with --set has a folder and a title of its own; its fem.csv tells `compare` what was changed.

@@ -15,7 +15,7 @@ in whatever elements they sit: what stands still has its actuators, too.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from flexdesign.fem.assembled import AssembledStage
 from flexdesign.model import Quantity
-from flexdesign.quantities.stage_modes import mode_shares
+from flexdesign.quantities.stage_modes import ModeShares, mode_shares
 from flexdesign.study import Study
 
 FloatArray = NDArray[np.float64]
@@ -108,6 +108,10 @@ def asked(axes: Iterable[str], *, installed: bool) -> list[Quantity]:
             ]
     for boundary in ("inputs free", "actuators installed") if installed else ("inputs free",):
         found += [Quantity(f"frequency_{rank}", math.nan, "Hz", "Hz", boundary) for rank in range(1, TOLD + 1)]
+    for axis in axes:
+        for boundary in ("inputs free", "actuators installed") if installed else ("inputs free",):
+            found.append(Quantity("output_mass", math.nan, "kg", "g", f"{axis}, {boundary}"))
+            found.append(Quantity("output_frequency", math.nan, "Hz", "Hz", f"{axis}, {boundary}"))
     for axis in axes if installed else ():
         found.append(Quantity("drive_frequency", math.nan, "Hz", "Hz", f"{axis}, actuators installed"))
         found.append(Quantity("drive_share", math.nan, "1", "%", f"{axis}, actuators installed"))
@@ -140,15 +144,31 @@ def of_stage(study: Study, stage: AssembledStage) -> list[Quantity]:
 
 def _frequencies(stage: AssembledStage, actuator: float) -> dict[str, float]:
     """Return the first modes without and with actuators [N/m], and for each axis the one that answers its drive."""
-    found = {}
+    found = _outputs(stage, mode_shares(stage, 0.0, SOUGHT), "inputs_free")
     for stiffness, boundary in ((0.0, "inputs_free"), (actuator, "actuators_installed")):
         if stiffness or boundary == "inputs_free":
             for rank, mode in enumerate(stage.modes(TOLD, stiffness), 1):
                 found[f"frequency_{rank}_{boundary}"] = mode.frequency
     if actuator:
         modes = mode_shares(stage, actuator, SOUGHT)
+        found |= _outputs(stage, modes, "actuators_installed")
         for axis in stage.assembly.axes:
             main = max(modes, key=lambda mode: mode.answers[axis])
             found[f"drive_frequency_{axis}_actuators_installed"] = main.mode.frequency
             found[f"drive_share_{axis}_actuators_installed"] = main.answers[axis]
+    return found
+
+
+def _outputs(stage: AssembledStage, modes: Sequence[ModeShares], boundary: str) -> dict[str, float]:
+    """Return for each axis frequency and modal mass of the mode that carries most of the table's compliance.
+
+    With phi scaled to unit modal mass and t the table's motion along the axis, the mode's mass at the table is
+    1 / (t phi)^2, and it carries (t phi)^2 / omega^2 of the compliance.
+    """
+    found = {}
+    for axis, drive in stage.assembly.axes.items():
+        along = np.array(drive.direction) @ stage.table[:3]
+        main = max((m.mode for m in modes), key=lambda mode: abs(along @ mode.amplitudes) / mode.frequency)
+        found[f"output_mass_{axis}_{boundary}"] = float(along @ main.amplitudes) ** -2
+        found[f"output_frequency_{axis}_{boundary}"] = main.frequency
     return found

@@ -42,6 +42,7 @@ def frequencies(solution: Solution, actuator: float) -> list[Quantity]:
             Quantity("first_frequency", modes[0].frequency, "Hz", "Hz", boundary),
             Quantity("output_frequency", modes[main].frequency, "Hz", "Hz", boundary),
             Quantity("output_share", shares[main], "1", "%", boundary),
+            Quantity("output_mass", modes[main].output_mass, "kg", "g", boundary),
         ]
         if installed:
             shares = [drive_share(mode, solution.compliance, actuator) for mode in modes]

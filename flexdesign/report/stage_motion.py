@@ -143,8 +143,9 @@ def beside_measurements(validation: StageValidation) -> Section:
             rows.append([*cells, off, verdict(comparison, theirs)])
     columns = ["quantity", "boundary", "FEM", "measured ± uncertainty", "off by", "what it proves"]
     text = [
-        "A measurement proves as much as its uncertainty lets it. A coupling inside the sensor's linearity may be the "
-        "sensor's own; FEM's coupling is that of second order, the measured one of all orders.",
+        "A measurement proves as much as its uncertainty lets it. A measured coupling also has the sensor's "
+        "misalignment, which no uncertainty here covers: a degree off its axis reads 1.7 % of the travel. FEM's "
+        "coupling is that of second order, the measured one of all orders.",
         *_amplified(validation, axes, found),
         *_needed(validation, axes, found),
     ]

@@ -233,7 +233,7 @@ def _assumptions(validation: StageValidation) -> Section:
 
 
 def _inputs(validation: StageValidation) -> Section:
-    made = provenance(validation.study)
+    made = provenance(validation.study, _methods(validation))
     described = {p.name: p for p in validation.study.design.part_class.dimensions}
     dimensions = [
         [name, value, described[name].symbol, described[name].meaning] for name, value in made["dimensions"].items()
@@ -242,6 +242,10 @@ def _inputs(validation: StageValidation) -> Section:
     other = [[key, flat(made[key])] for key in keys if made[key]]
     tables = [Table(["dimension", "value", "symbol", "meaning"], dimensions), Table(["input", "value"], other)]
     return Section("Inputs and versions", (), tables, folded=True)
+
+
+def _methods(validation: StageValidation) -> set[str]:
+    return {kind.method for level in validation.levels for kind in level.kinds}
 
 
 def result(validation: StageValidation) -> dict[str, Any]:
@@ -289,7 +293,7 @@ def result(validation: StageValidation) -> dict[str, Any]:
             for level in validation.levels
         ],
         "assembled_unknowns": validation.stages[-1].size,
-        "made_by": provenance(validation.study),
+        "made_by": provenance(validation.study, _methods(validation)),
     }  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from flexdesign.validation.stage_course import StageValidation
 #: Axes whose quantities differ by less than this, relative, are alike.
 ALIKE = 1e-6
 #: How quantities are called in short.
-SHORT = {"lambda": "λ"}
+SHORT = {"lambda": "λ", "output_mass": "modal mass", "output_frequency": "frequency"}
 
 
 class Axes:

@@ -14,6 +14,7 @@ from flexdesign.report import (
     charts,
     cross_check_words,
     explanation,
+    independent_words,
     ladder_section,
     strength_words,
     table_motion,
@@ -91,7 +92,8 @@ def result(validation: Validation) -> dict[str, Any]:
             for h in validation.finest.hinges
         ],
         "cross_check": cross_check_words.result(validation.cross_check),
-        "made_by": provenance(validation.study),
+        "independent_mesh": independent_words.result(validation.independent),
+        "made_by": provenance(validation.study, validation.methods, validation.solvers),
     }
 
 
@@ -111,6 +113,7 @@ def document(validation: Validation, progress: Progress = lambda _: None) -> Doc
         table_motion.section(validation),
         _mesh(validation),
         cross_check_words.section(validation.cross_check),
+        independent_words.section(validation.independent),
         _formulas(validation),
         _inputs(validation),
     ]
@@ -131,6 +134,8 @@ def _summary(validation: Validation) -> list[str]:
         paragraphs.append("The amplification is negative: as the actuator extends, the output is drawn in.")
     if validation.cross_check is not None:
         paragraphs.append(cross_check_words.verdict(validation.cross_check))
+    if validation.independent is not None:
+        paragraphs.append(independent_words.verdict(validation.independent))
     if design.provenance:
         paragraphs.append(f"Note on this design: {design.provenance}.")
     paragraphs += handed_over(validation.stage_model)
@@ -314,7 +319,7 @@ def _formulas(validation: Validation) -> Section:
 
 
 def _inputs(validation: Validation) -> Section:
-    made = provenance(validation.study)
+    made = provenance(validation.study, validation.methods, validation.solvers)
     described = {p.name: p for p in validation.study.design.part_class.dimensions}
     dimensions = [
         [name, value, described[name].symbol, described[name].meaning] for name, value in made["dimensions"].items()

@@ -15,7 +15,7 @@ from flexdesign.validation import Validation
 #: So many modes are listed, without the actuator and with it.
 LISTED = 6
 #: The quantities that are extrapolated.
-LIMITS = ("first_frequency", "output_frequency", "output_share")
+LIMITS = ("first_frequency", "output_frequency", "output_mass", "output_share")
 
 
 def section(validation: Validation, figures: Sequence[Figure]) -> Section:
@@ -35,7 +35,8 @@ def section(validation: Validation, figures: Sequence[Figure]) -> Section:
         text.append(
             "Colours run from rest (dark) to the largest motion (bright); how large a mode is drawn says nothing."
         )
-    limits = [[name_of(q), q.boundary, shown(q)] for q in validation.further if q.name in LIMITS]
+    extrapolated = [*(comparison.fem for comparison in validation.comparisons), *validation.further]
+    limits = [[name_of(q), q.boundary, shown(q)] for q in extrapolated if q.name in LIMITS]
     heads = ["frequency", "actuator", "symmetry", "share of 1/K_out", "share of static stroke"]
     tables = [
         Table(["quantity", "boundary", "FEM"], limits),

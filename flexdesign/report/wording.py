@@ -26,6 +26,7 @@ NAMES = {
     "drive_share": "share of that mode in the static stroke",
     "output_frequency": "frequency of the mode with the largest share of 1/K_out",
     "output_share": "share of that mode in 1/K_out",
+    "output_mass": "modal mass at the output m_out",
     "tilt": "tilt of the output per travel",
     "coupling_x": "sideways motion in x per travel",
     "coupling_y": "sideways motion in y per travel",

@@ -20,7 +20,7 @@ from flexdesign.large_stroke import LargeStroke
 from flexdesign.model import Quantity, by_key
 from flexdesign.refinement import Level
 from flexdesign.study import Study
-from flexdesign.validation import cross_check, ladder
+from flexdesign.validation import cross_check, independent, ladder
 from flexdesign.validation.findings import Comparison, Validation
 
 Progress = Callable[[str], None]
@@ -64,6 +64,9 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
         further += [large.stroke(by_key([*further, *(c.fem for c in comparisons)])["stroke_output_free"])]
         further += large.quantities()
     others = cross_check.run(study, part, body, method, levels, cache, progress) if study.mesh.cross_check else None
+    reported = by_key(gathered)
+    apart = method.name != "wild" and study.mesh.independent
+    alone = independent.run(study, part, body, reported, cache, progress) if apart else None
     return Validation(
         study=study,
         domain=body,
@@ -76,6 +79,7 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
         large=large,
         ladder=ladder.climb(design, {c.fem.key: c.fem for c in comparisons}),
         cross_check=others,
+        independent=alone,
         stage_model=quantities.stage_model(
             design,
             by_key(further) | {c.fem.key: c.fem for c in comparisons},

@@ -16,6 +16,7 @@ from flexdesign.refinement import Level
 from flexdesign.stage_model import StageModel
 from flexdesign.study import Study
 from flexdesign.validation.cross_check import CrossCheck
+from flexdesign.validation.independent import IndependentCheck
 from flexdesign.validation.ladder import Ladder
 
 
@@ -65,6 +66,8 @@ class Validation:
         The way from the pseudo-rigid model to FEM; None for a part that the compliance model cannot take.
     cross_check
         The part solved in other ways, too; None if nobody asked.
+    independent
+        One mesh of another mesher; None if nobody wants it, or that mesher made all meshes.
     stage_model
         What dynamics needs; None without an actuator.
     seconds
@@ -82,8 +85,20 @@ class Validation:
     large: LargeStroke | None
     ladder: Ladder | None
     cross_check: CrossCheck | None
+    independent: IndependentCheck | None
     stage_model: StageModel | None
     seconds: float
+
+    @property
+    def methods(self) -> set[str]:
+        """Names of the methods that made meshes, of the checks too."""
+        others = {way.method for way in self.cross_check.others} if self.cross_check else set()
+        return {self.method.name, *others, *(["wild"] if self.independent else [])}
+
+    @property
+    def solvers(self) -> set[str]:
+        """What solved the equations."""
+        return {level.solution.facts["solver"] for level in self.levels}
 
     @property
     def finest(self) -> Level:

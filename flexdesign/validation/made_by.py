@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 from flexdesign import part as parts
@@ -10,8 +11,18 @@ from flexdesign.files import as_text
 from flexdesign.study import Study
 
 
-def provenance(study: Study) -> dict[str, Any]:
-    """Return the inputs and versions that made a result."""
+def provenance(study: Study, methods: Collection[str], solvers: Collection[str] = ()) -> dict[str, Any]:
+    """Return the inputs and versions that made a result, of the libraries that took part.
+
+    Parameters
+    ----------
+    study
+        What was asked.
+    methods
+        The names of those that made meshes.
+    solvers
+        What solved the equations, in words; of a stage the one at hand, as its parts may come from the cache.
+    """
     design = study.design
     kind, source = design.part_class.__name__, parts.source_hash(design.part_class)
     si = {parameter.name: parameter.si for parameter in design.part_class.dimensions}
@@ -28,8 +39,18 @@ def provenance(study: Study) -> dict[str, Any]:
         "actuator": as_text(design.actuator) if design.actuator else None,
         "mesh": as_text(study.mesh),
         **(_of_stage(study) if design.is_stage else {"modes": as_text(study.modes), "output": as_text(study.output)}),
-        "versions": versions.installed(refinement.LIBRARIES),
+        "versions": versions.installed(_took_part(methods, solvers)),
     }
+
+
+def _took_part(methods: Collection[str], solvers: Collection[str]) -> list[str]:
+    """Return the libraries that took part: solids, elements and arrays always, a mesher or a solver where it did."""
+    left_out = {"meshio"}  # export alone
+    if "wild" not in methods:
+        left_out.add("pytetwild")
+    if solvers and not any("PARDISO" in name for name in solvers):
+        left_out.add("pypardiso")
+    return [name for name in refinement.LIBRARIES if name not in left_out]
 
 
 def _of_stage(study: Study) -> dict[str, Any]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from decimal import Decimal
 from typing import Literal, NamedTuple
 
-from flexdesign import units
+from flexdesign import printed, units
 from flexdesign.control import PID, Plant, Ultimate
 from flexdesign.control.ziegler_nichols import from_rule
 
@@ -22,24 +21,38 @@ class Sourced(NamedTuple):
     place: str
 
 
+PAPER = printed.read("lin2019")
+
+
+def _sourced(meaning: str, si: str, xy: tuple[str, str], z: tuple[str, str] | None) -> Sourced:
+    """Return a number of studies/lin2019.toml, by place and name for X/Y and for Z; None where none is printed."""
+    return Sourced(meaning, PAPER(*xy).text, PAPER(*z).text if z else "", si, xy[0])
+
+
+def _both(meaning: str, si: str, place: str, name: str) -> Sourced:
+    """Return a number that is printed for X/Y and for Z."""
+    return _sourced(meaning, si, (place, f"{name}_xy"), (place, f"{name}_z"))
+
+
+_FIG_7, _FIG_9, _FIG_13 = "section 4.2, Fig 7", "section 4.2, Figs 9 to 11", "section 4.3.2, Fig 13"
 #: Every number that enters. All else is computed.
 PRINTED = {
-    "gain": Sourced("static gain", "6.0777", "6.3621", "1", "eq (31)"),
-    "t1": Sourced("first time constant", "0.0013708 s", "0.00089631 s", "s", "eq (31)"),
-    "t2": Sourced("second time constant", "0.0013635 s", "0.00089631 s", "s", "eq (31)"),
-    "kp": Sourced("proportional gain", "0.01355", "0.04894", "1", "eq (34)"),
-    "ti": Sourced("integral time", "0.003988 s", "0.003134 s", "s", "eq (34)"),
-    "td": Sourced("derivative time", "0.000997 s", "0.0007835 s", "s", "eq (34)"),
-    "period": Sourced("sampling interval", "0.001 s", "0.001 s", "s", "eq (33)"),
-    "stiffness": Sourced("output stiffness, model", "18.3 N/mm", "25.6 N/mm", "N/m", "Table 1"),
-    "fea_stiffness": Sourced("output stiffness, FEA", "19.0 N/mm", "24.1 N/mm", "N/m", "Table 1"),
-    "input_stiffness": Sourced("input stiffness, model", "1.8 N/um", "2.6 N/um", "N/m", "Table 1"),
-    "stroke": Sourced("motion at 120 V", "238 um", "202 um", "m", "section 4.2, Fig 7"),
-    "moved": Sourced("motion in the coupling test", "262.64 um", "222.96 um", "m", "section 4.2, Figs 9, 11"),
-    "input": Sourced("input in the coupling test", "40 um", "40 um", "m", "section 4.2"),
-    "overshoot": Sourced("overshoot, open loop", "30 um", "", "m", "section 4.3.2, Fig 13"),
-    "settling": Sourced("settling time, open loop", "0.4 s", "", "s", "section 4.3.2, Fig 13"),
-    "shorter": Sourced("settling time saved by PID, more than", "50 %", "", "1", "section 4.3.2"),
+    "gain": _both("static gain", "1", "eq (31)", "gain"),
+    "t1": _both("first time constant", "s", "eq (31)", "t1"),
+    "t2": _both("second time constant", "s", "eq (31)", "t2"),
+    "kp": _both("proportional gain", "1", "eq (34)", "kp"),
+    "ti": _both("integral time", "s", "eq (34)", "ti"),
+    "td": _both("derivative time", "s", "eq (34)", "td"),
+    "period": _sourced("sampling interval", "s", ("eq (33)", "period"), ("eq (33)", "period")),
+    "stiffness": _both("output stiffness, model", "N/m", "Table 1, model", "K_out"),
+    "fea_stiffness": _both("output stiffness, FEA", "N/m", "Table 1, FEA", "K_out"),
+    "input_stiffness": _both("input stiffness, model", "N/m", "Table 1, model", "K_in"),
+    "stroke": _both("motion at 120 V", "m", _FIG_7, "span"),
+    "moved": _sourced("motion in the coupling test", "m", (_FIG_9, "travel_x"), (_FIG_9, "travel_z")),
+    "input": _sourced("input in the coupling test", "m", (_FIG_9, "input"), (_FIG_9, "input")),
+    "overshoot": _sourced("overshoot, open loop", "m", (_FIG_13, "overshoot"), None),
+    "settling": _sourced("settling time, open loop", "s", (_FIG_13, "settling"), None),
+    "shorter": _sourced("settling time saved by PID, more than", "1", (_FIG_13, "shorter"), None),
 }
 
 
@@ -59,9 +72,7 @@ class Axis:
 
     def half_digit(self, key: str) -> float:
         """Return half a unit of the last digit printed, in SI."""
-        number, _, unit = self.text(key).partition(" ")
-        exponent = Decimal(number).as_tuple().exponent
-        return 0.5 * 10.0 ** int(exponent) * units.factor(unit or "1", PRINTED[key].si)
+        return printed.Printed(PRINTED[key].place, key, self.text(key)).half_digit(PRINTED[key].si)
 
     @property
     def model(self) -> Plant:

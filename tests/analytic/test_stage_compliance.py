@@ -22,10 +22,11 @@ from flexdesign.materials import Material
 from flexdesign.model import Elastic, Member
 from flexdesign.validation import ladder
 from geometry.leaf_hinge import LeafHinge
+from tests.conftest import FOUR_SIDED
 
 #: As the design's hinge of the limbs, but for the digits: K_r of the amplifiers' hinges, which equation (21) takes.
 LIMB_HINGE = "0.62996052494743658 mm"
-STAGE = design.read(design.find("lin2019_xyz_stage"), [f'dimensions.limb_hinge_thickness="{LIMB_HINGE}"'])
+STAGE = design.read(FOUR_SIDED, [f'dimensions.limb_hinge_thickness="{LIMB_HINGE}"'])
 
 
 def of(read, **effects):

@@ -20,6 +20,7 @@ from flexdesign.fem.second_order import SecondOrder
 from flexdesign.fem.superelement import Superelement
 from studies.verification.large import elastica
 from studies.verification.solids import CORK
+from tests.conftest import FOUR_SIDED
 from tests.fem.test_second_order import Block, strip
 from tests.fem.test_superelement import coarse, leaf
 from tests.fem.test_superelement import parallelogram as on_hinges
@@ -353,7 +354,7 @@ def test_an_amplifier_goes_the_way_of_its_whole_mesh() -> None:
 @pytest.fixture(scope="module")
 def stage() -> CorotatedStage:
     """The paper's stage, of coarse meshes."""
-    drawn = design.read(design.find("lin2019_xyz_stage"))
+    drawn = design.read(FOUR_SIDED)
     assembly = drawn.stage().assembly()
     laws: dict[str, SecondOrder] = {}
     for piece, elements in assembly.kinds():

@@ -1,0 +1,63 @@
+"""``flexdesign reproduce``: every number that a publication prints, beside ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flexdesign.cli.shared import AsJson, CacheFolder, app, print_json, progress
+
+HELP = """Set every number that a publication prints beside ours, each with a verdict.
+
+PUBLICATION is a file of printed numbers, or the bare name of one in studies/. Its stage is solved by finite elements,
+its experiments are simulated, and the report has a row for every table, figure and equation: theirs, ours, and whether
+the two agree, are equal by construction, cannot both be true and why, or whether nothing was printed.
+
+**Examples**
+
+    flexdesign reproduce lin2019
+
+    flexdesign reproduce lin2019 --out reports/paper --json
+
+**What --set can change:** the study of the stage (`mesh.*`, `dimensions.*` and all else that `validate` takes).
+
+**What it writes:** report.html, report.md, result.json and the figures, into --out.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+
+It takes some minutes; meshes and condensed parts are cached, so that a second run takes less.
+"""
+
+
+@app.command(help=HELP)
+def reproduce(
+    publication: Annotated[str, typer.Argument(help="Printed numbers: a path, or a bare name.")] = "lin2019",
+    overrides: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change one value, e.g. mesh.levels=3.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the report [default: reports/PUBLICATION].", show_default=False)
+    ] = None,
+    as_json: AsJson = False,
+    cache: CacheFolder = None,
+) -> None:
+    """Reproduce a publication and write the report."""
+    from flexdesign import reproduction
+    from flexdesign.cache import Cache, default_folder
+    from flexdesign.report import render, reproduction_report, terminal
+
+    with progress() as say:
+        folder = out or Path("reports") / Path(publication).stem
+        render.prepare(folder)
+        store = Cache(cache or default_folder())
+        store.prepare()
+        found = reproduction.reproduce(publication, store, say, overrides or [])
+        say("writing")
+        document, result = reproduction_report.document(found), reproduction_report.result(found)
+        written = render.write(folder, document, result, {})
+    if as_json:
+        print_json(result)
+        return
+    terminal.brief(document, reproduction_report.verdicts(found), [path for path in written if path.suffix != ".svg"])

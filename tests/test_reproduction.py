@@ -1,0 +1,186 @@
+"""The paper reproduced: every printed number has a row, and every verdict follows from the numbers beside it."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flexdesign import cli, printed, reproduction
+from flexdesign.cache import Cache
+from flexdesign.model import Quantity
+from flexdesign.printed import Printed
+from flexdesign.report import reproduction_report
+from flexdesign.report.render import to_markdown
+from flexdesign.reproduction import VERDICTS, Item, Reproduction, bench, statics
+from flexdesign.reproduction.items import contradiction, judged
+
+ROOT = Path(__file__).resolve().parent.parent
+#: Coarse enough for half a minute: finite elements are right within a few percent.
+COARSE = ["mesh.levels=2", "mesh.at_root=1.0", "mesh.growth=1.5", 'mesh.largest="8 mm"']
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
+    store = Cache(tmp_path_factory.mktemp("cache"))
+    store.prepare()
+    return reproduction.reproduce(ROOT / "studies" / "lin2019.toml", store, overrides=COARSE)
+
+
+def row(found: Reproduction, system: str, words: str) -> Item:
+    (one,) = (item for item in found.items if item.system == system and words in item.what)
+    return one
+
+
+def test_every_printed_number_has_a_row(found: Reproduction) -> None:
+    assert found.unused() == []
+
+
+def test_every_system_of_the_paper_has_a_row(found: Reproduction) -> None:
+    assert {item.system for item in found.items} == {f"P{number}" for number in range(1, 21)}
+
+
+def test_verdicts_are_known_and_contradictions_say_why(found: Reproduction) -> None:
+    for item in found.items:
+        assert item.verdict in VERDICTS
+        assert item.why or item.verdict != "cannot be both", item
+        assert item.theirs != "–" or item.verdict == "not printed", item
+
+
+@pytest.mark.parametrize(
+    ("system", "words", "verdict"),
+    [
+        ("P3", "λ of X/Y", "by construction"),
+        ("P6", "coupling X–Y by (25)", "by construction"),
+        ("P7", "K_in of X/Y, model", "by construction"),
+        ("P7", "K_in of X/Y, FEA", "cannot be both"),
+        ("P7", "K_in of X/Y, error", "agrees"),
+        ("P8", "loop span of Z", "by construction"),
+        ("P8", "linearity” of X/Y", "agrees"),
+        ("P11", "travel at 40 um over", "agrees"),
+        ("P11", "coupling X–Y, (25)", "cannot be both"),
+        ("P12", "gain of X/Y", "cannot be both"),
+        ("P13", "gain of Z", "cannot be both"),
+        ("P15", "Kp of Z", "cannot be both"),
+        ("P16", "settling, open loop", "cannot be both"),
+        ("P17", "oscillation", "agrees"),
+        ("P18", "range of Z", "cannot be both"),
+        ("P19", "largest distance", "agrees"),
+        ("P20", "largest distance", "cannot be both"),
+    ],
+)
+def test_verdict(found: Reproduction, system: str, words: str, verdict: str) -> None:
+    assert row(found, system, words).verdict == verdict
+
+
+def test_what_follows_from_the_printed_numbers_is_told(found: Reproduction) -> None:
+    """Worked out by hand from the paper's numbers."""
+    closing = row(found, "P11", "travel at 40 um over")
+    assert (closing.theirs, closing.ours) == ("1.1035", "1.1038")
+    assert "36.25 um and 36.24 um" in closing.why
+    for system, label, implied in (
+        ("P18", "X/Y", 269.0),
+        ("P18", "Z", 247.8),
+        ("P19", "line", 198.0),
+        ("P20", "line", 60.8),
+    ):
+        text = row(found, system, f"range of {label}" if system == "P18" else "range of the line").theirs
+        assert float(text.split()[0]) == pytest.approx(implied, abs=0.05)
+    errors = [row(found, "P6", f"coupling X–{axis}, error").ours for axis in "YZ"]
+    assert errors == ["17 %", "18 %"]
+    assert row(found, "P17", "oscillation").ours.startswith("X/Y 93 % and Z 73 %")
+    assert row(found, "P12", "gain of X/Y").ours == "4.0460"
+
+
+def test_the_irreconcilable_row_has_its_numbers(found: Reproduction) -> None:
+    """Against K_b = 12.8 N/mm K_in is 1800 N/mm by (17); beside the amplifier 19.0 - 12.8 N/mm are left: less."""
+    why = row(found, "P7", "K_in of X/Y, FEA").why
+    assert "12.8 N/mm" in why and "6.2 N/mm" in why
+    at_own, at_left = (float(part.split("makes it ")[1].split()[0]) for part in why.split("(17) ")[1:3])
+    assert at_left < at_own == pytest.approx(1800, rel=0.01)
+
+
+def test_a_b_and_c_are_identified_from_the_simulated_recording(found: Reproduction) -> None:
+    words = row(found, "P10", "a, b, c").ours.replace(",", "").split()
+    a, b, c = (float(words[words.index(name) + 1]) for name in "abc")
+    assert a == pytest.approx(0.460, rel=0.01)
+    assert b == pytest.approx(0.0165, rel=0.01)
+    assert c == pytest.approx(0.0040, rel=0.05)
+
+
+def test_the_loop_is_straight_between_40_and_100_volts(found: Reproduction) -> None:
+    one = bench.case(found.experiments, "P8 X")
+    within, whole = (bench.straightness(one, "x", *ends) for ends in ((40.0, 100.0), (0.0, 120.0)))
+    assert within[0] < within[1] < min(whole) / 3
+
+
+def test_a_changed_printed_number_changes_the_verdict(found: Reproduction) -> None:
+    """Rows are computed: with Fig 7's X span 1 % off, Figs 7 and 9 no longer show one amplification."""
+    key = ("section 4.2, Fig 7", "span_xy")
+    changed = {**found.paper.printed, key: Printed(*key, "241 um")}
+    again = [item for item in statics.items(replace(found.paper, printed=changed), found.stage)]
+    (closing,) = (item for item in again if "travel at 40 um over" in item.what)
+    assert closing.verdict == "cannot be both"
+    key = ("Table 1, error", "K_out_xy")
+    changed = {**found.paper.printed, key: Printed(*key, "4.7 %")}
+    again = list(statics.items(replace(found.paper, printed=changed), found.stage))
+    (error,) = (item for item in again if "K_out of X/Y, error" in item.what)
+    assert error.verdict == "differs"
+
+
+def test_judgement() -> None:
+    theirs = Printed("Table 1", "K", "19.0 N/mm")
+    ours = Quantity("K_out", 19.2e3, "N/m", "N/mm", sigma=0.1e3)
+    assert judged("P7", "K", theirs, ours).verdict == "differs"  # 0.2 is more than 0.05 + 0.1
+    assert judged("P7", "K", theirs, ours, known=60.0).verdict == "agrees"
+    assert judged("P7", "K", theirs, ours, built="set").verdict == "by construction"
+    assert judged("P7", "K", theirs, replace(ours, value=25e3), built="set").verdict == "differs"
+    assert judged("P7", "K", theirs, ours, why="springs").verdict == "cannot be both"
+    assert judged("P7", "K", theirs, None).verdict == "not printed"
+    assert judged("P7", "K", theirs, replace(ours, value=math.inf)).verdict == "differs"
+    same = contradiction("P1", "K", [(theirs, "N/m")], 19.0, 19.04, "N/mm", "why")
+    other = contradiction("P1", "K", [(theirs, "N/m")], 19.0, 19.06, "N/mm", "why")
+    assert (same.verdict, other.verdict) == ("agrees", "cannot be both")
+
+
+def test_the_report_is_the_paper(found: Reproduction) -> None:
+    text = to_markdown(reproduction_report.document(found))
+    for words in ("Table 1", "Fig 13", "Figs 14 to 17", "Figs 18 and 19", "eight of them", "one realisation"):
+        assert words in text
+    for verdict in VERDICTS:
+        assert f"| {verdict} |" in text
+    figures = [f.file for section in reproduction_report.document(found).sections for f in section.figures]
+    assert {"P8_X_loop.svg", "P10_unknown_hysteresis_loop.svg", "P16_light_damping_time.svg", "P20_time.svg"} <= set(
+        figures
+    )
+
+
+def test_command(found: Reproduction, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    monkeypatch.setattr(reproduction, "reproduce", lambda *_: found)
+    arguments = ["reproduce", "lin2019", "--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache"), "--json"]
+    monkeypatch.setattr(sys, "argv", ["flexdesign", *arguments])
+    try:
+        cli.main()
+    except SystemExit as stop:
+        assert not stop.code
+    content = json.loads(capsys.readouterr().out)
+    assert content["kind"] == "reproduction" and len(content["rows"]) == len(found.items)
+    assert json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8")) == content
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
+def test_the_kept_example_is_of_these_numbers() -> None:
+    """`make example` made it after the last change of a printed number."""
+    content = json.loads((ROOT / "reports" / "examples" / "lin2019" / "result.json").read_text(encoding="utf-8"))
+    paper = printed.read("lin2019")
+    used = {tuple(key) for row in content["rows"] for key in row["uses"]}
+    assert used == set(paper.printed)
+    for name in ("K_out_xy", "K_out_z"):
+        text = paper("Table 1, FEA", name).text
+        assert any(r["theirs"] == text and r["verdict"] == "by construction" for r in content["rows"])
+    assert content["seconds"] < 300
