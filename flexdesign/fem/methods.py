@@ -19,7 +19,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.fem import convergence
+from flexdesign.fem import convergence, profile
 from flexdesign.fem.convergence import Scatter
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.extruded import Layers, drawn_out, planar_size, triangulated
@@ -42,11 +42,17 @@ LONGEST_ARC = 0.4
 #: meshes get coarser 2.6 and 1.9, hence 4, 3 and 2. With fewer, meshes in turn would have equally many layers, whose
 #: error, 0.2 % of K_in with two, no extrapolation sees.
 LEAST_LAYERS = 3.5
+#: The same of parts with curved necks, which no sharp root's error hides that of the layers of: 6, 4 and 3, as 5.3, 3.9
+#: and 2.9 are.
+LEAST_LAYERS_OF_NECKS = 5.3
+#: Largest edge on the finest mesh, in thicknesses of the thinnest arm or rod. Beside necks arms are as high as notches
+#: are deep, and have a larger part of what meshes leave open.
+BESIDE_LEAVES, BESIDE_NECKS = 0.4, 0.25
 #: Edges at curved necks: on the profile and inside, in local thicknesses, and the chord error on the profile, in neck
 #: thicknesses, of the finest mesh. As meshes get coarser, extruded ones shrink those on the profile as at sharp roots,
 #: so that the error of the chords, of second order, falls with the square of the edge length by which results are
 #: extrapolated. The coarsest of three meshes then has chords of 0.2 % of the neck, and three elements across it.
-EXTRUDED_NECK = (0.1, 0.17, 1.8e-4)
+EXTRUDED_NECK = (0.1, 0.12, 1.8e-4)
 WILD_NECK = (0.18, 0.18, 6e-4)
 #: Chord error of extruded meshes at curved faces, in hinge thicknesses: on the finest mesh, and at most.
 CHORD, LARGEST_CHORD = 1e-3, 1e-2
@@ -104,6 +110,11 @@ class Grading:
         return [member for member in self.members if member.kind == "hinge"]
 
     @property
+    def has_necks(self) -> bool:
+        """Whether there are curved hinges."""
+        return any(map(profile.is_curved, self.hinges))
+
+    @property
     def thinnest(self) -> float:
         """Thickness of the thinnest hinge [m]."""
         return min(hinge.thickness for hinge in self.hinges)
@@ -112,7 +123,8 @@ class Grading:
     def coarsest(self) -> float:
         """Largest edge length on the finest mesh [m]: arms and rods bend and stretch too, and want elements' due."""
         slender = [m.thickness for m in self.members if m.kind in ("arm", "rod", "guide")]
-        return self.largest or 0.4 * min(slender or [hinge.length for hinge in self.hinges])
+        share = BESIDE_NECKS if self.has_necks else BESIDE_LEAVES
+        return self.largest or share * min(slender or [hinge.length for hinge in self.hinges])
 
     def sizing(
         self,
@@ -265,7 +277,8 @@ class Extruded:
         )
         if section is not None:
             depth = (section.high - section.low) / max(sum(self._free_ends(section)), 1)
-            coarseness *= min(1.0, _count(finest, depth) / LEAST_LAYERS)
+            least = LEAST_LAYERS_OF_NECKS if grading.has_necks else LEAST_LAYERS
+            coarseness *= min(1.0, _count(finest, depth) / least)
         return Layers(coarseness * finest.at_ends, coarseness * finest.growth, coarseness * finest.largest)
 
     def _free_ends(self, section: Section) -> tuple[bool, bool]:
