@@ -117,8 +117,14 @@ def refined(
 
 def estimated_error(found: Sequence[Quantity]) -> float:
     """Return the largest relative error of stiffnesses and amplification, as estimated."""
+    worst = least_certain(found)
+    return abs((worst.sigma or 0.0) / worst.value)
+
+
+def least_certain(found: Sequence[Quantity]) -> Quantity:
+    """Return the stiffness or amplification whose relative error is the largest, as estimated."""
     judged = [quantity for quantity in found if quantity.name in ("K_in", "lambda", "K_out") and quantity.value]
-    return max(abs((quantity.sigma or 0.0) / quantity.value) for quantity in judged)
+    return max(judged, key=lambda quantity: abs((quantity.sigma or 0.0) / quantity.value))
 
 
 def is_reached(asked: float, found: Sequence[Quantity], progress: Progress) -> bool:
