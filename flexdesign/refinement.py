@@ -74,11 +74,19 @@ class Level:
 
 
 def refined(
-    study: Study, part: parts.Part, body: Domain, method: Method, cache: Cache, progress: Progress, *, omit: int = 0
+    study: Study,
+    part: parts.Part,
+    body: Domain,
+    method: Method,
+    cache: Cache,
+    progress: Progress,
+    *,
+    omit: int = 0,
+    all_classes: bool = True,
 ) -> list[Level]:
     """Solve on one mesh after the other: as many as were asked for, or as an accuracy takes; `omit` the finest.
 
-    A mesh that cannot be used, as it is too coarse for a hinge, is passed over if there are two others.
+    Without `all_classes` lateral motions and modes are left out on all of them. A mesh that cannot be used, as it is too coarse for a hinge, is passed over if there are two others.
 
     Raises
     ------
@@ -92,7 +100,7 @@ def refined(
         try:
             coarseness = study.mesh.refinement**power
             # Lateral motions and modes converge sooner: with three meshes the finest goes without them.
-            whole = coarseness > 1.0 or len(levels) < 2
+            whole = all_classes and (coarseness > 1.0 or len(levels) < 2)
             levels.append(_level(study, part, body, method, coarseness, cache, progress, all_classes=whole))
         except InputError as error:
             if not isinstance(error.__cause__, MeshError):
@@ -109,8 +117,14 @@ def refined(
 
 def estimated_error(found: Sequence[Quantity]) -> float:
     """Return the largest relative error of stiffnesses and amplification, as estimated."""
+    worst = least_certain(found)
+    return abs((worst.sigma or 0.0) / worst.value)
+
+
+def least_certain(found: Sequence[Quantity]) -> Quantity:
+    """Return the stiffness or amplification whose relative error is the largest, as estimated."""
     judged = [quantity for quantity in found if quantity.name in ("K_in", "lambda", "K_out") and quantity.value]
-    return max(abs((quantity.sigma or 0.0) / quantity.value) for quantity in judged)
+    return max(judged, key=lambda quantity: abs((quantity.sigma or 0.0) / quantity.value))
 
 
 def is_reached(asked: float, found: Sequence[Quantity], progress: Progress) -> bool:

@@ -24,6 +24,10 @@ from flexdesign.part import Piece, Port, SymmetryPlane, extrusion_axis
 MM = 1e-3
 #: Tessellations of curved faces keep to this share of the thinnest hinge.
 CHORD = 1e-2
+#: Longest edges of tessellated cylinders whose radius is at least that hinge's thickness, in chords of that error. The
+#: kernel's triangles reach across the width; the wild mesher took ten times as long for such needles, and strayed from
+#: every third notch by more than its envelope. Fillets are smaller, and their triangles too many.
+LONGEST = 1.5
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -223,8 +227,41 @@ def _face(face: Any, chord: float) -> Face:
                 [direction.X(), direction.Y(), direction.Z()],
             ]
         )
-        return Face(points, corners, None, axis=axis, radius=cylinder.Radius() * MM)
+        radius = cylinder.Radius() * MM
+        if radius >= chord / CHORD:
+            points, corners = _split(points, corners, LONGEST * float(np.sqrt(8 * radius * chord)))
+            points = _on_cylinder(points, axis, radius)
+        return Face(points, corners, None, axis=axis, radius=radius)
     return Face(points, corners, None)
+
+
+def _split(points: FloatArray, triangles: IntArray, longest: float) -> tuple[FloatArray, IntArray]:
+    """Halve triangles at their longest side until none is longer than asked for; neighbours share the new points."""
+    places = list(points)
+    middles: dict[tuple[int, int], int] = {}
+    waiting, done = [tuple(corners) for corners in triangles.tolist()], []
+    while waiting:
+        corners = waiting.pop()
+        sides = [float(np.linalg.norm(places[corners[i]] - places[corners[i - 2]])) for i in range(3)]
+        side = int(np.argmax(sides))
+        if sides[side] <= longest:
+            done.append(corners)
+            continue
+        a, b, c = corners[side], corners[side - 2], corners[side - 1]
+        ends = (min(a, b), max(a, b))
+        if ends not in middles:
+            middles[ends] = len(places)
+            places.append((places[a] + places[b]) / 2)
+        middle = middles[ends]
+        waiting += [(a, middle, c), (middle, b, c)]
+    return np.array(places), np.array(done, dtype=np.int64)
+
+
+def _on_cylinder(points: FloatArray, axis: FloatArray, radius: float) -> FloatArray:
+    origin, direction = axis
+    along = np.outer((points - origin) @ direction, direction)
+    radial = points - origin - along
+    return np.asarray(origin + along + radial * (radius / np.linalg.norm(radial, axis=1))[:, None])
 
 
 def face_of(port: Port, faces: Sequence[Face]) -> int:

@@ -167,8 +167,10 @@ class Elasticity:
         starts = np.searchsorted(found, np.arange(count + 1) * np.int64(count))
         return first > second, places.reshape(-1), found % count, starts
 
-    def strain(self, displacement: FloatArray, barycentric: FloatArray) -> FloatArray:
-        """Return the strain tensor in every element at the given places.
+    def strain(
+        self, displacement: FloatArray, barycentric: FloatArray, elements: IntArray | slice = slice(None)
+    ) -> FloatArray:
+        """Return the strain tensor in every element, or in some, at the given places.
 
         Parameters
         ----------
@@ -176,20 +178,24 @@ class Elasticity:
             Nodal displacements, shape (n, 3) [m].
         barycentric
             Barycentric coordinates of the places, shape (q, 4).
+        elements
+            Which elements.
 
         Returns
         -------
         ndarray
             Shape (m, q, 3, 3).
         """
-        gradients, _ = self.barycentric_gradients
+        gradients = self.barycentric_gradients[0][elements]
         shape = np.einsum("qak,eki->eqai", shape_derivatives(barycentric), gradients, optimize=True)
-        slope = np.einsum("eqai,eaj->eqij", shape, displacement[self.nodes], optimize=True)
+        slope = np.einsum("eqai,eaj->eqij", shape, displacement[self.nodes[elements]], optimize=True)
         return np.asarray((slope + slope.transpose(0, 1, 3, 2)) / 2)
 
-    def stress(self, displacement: FloatArray, barycentric: FloatArray) -> FloatArray:
+    def stress(
+        self, displacement: FloatArray, barycentric: FloatArray, elements: IntArray | slice = slice(None)
+    ) -> FloatArray:
         """Return the stress tensor [Pa] where `strain` returns the strain, shape (m, q, 3, 3)."""
-        return self._stressed(self.strain(displacement, barycentric))
+        return self._stressed(self.strain(displacement, barycentric, elements))
 
     def _stressed(self, strain: FloatArray) -> FloatArray:
         """Return the stress [Pa] that belongs to a strain, both (m, q, 3, 3)."""

@@ -19,14 +19,14 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.fem import convergence
+from flexdesign.fem import convergence, profile
 from flexdesign.fem.convergence import Scatter
 from flexdesign.fem.domain import Domain
 from flexdesign.fem.extruded import Layers, drawn_out, planar_size, triangulated
 from flexdesign.fem.mesh import MeshError, TaggedMesh, tetrahedralize
 from flexdesign.fem.planar import Size, Triangulation
 from flexdesign.fem.section import Section
-from flexdesign.fem.sizing import Sizing, distance, edge_length_at_roots, root_edges
+from flexdesign.fem.sizing import Neck, Sizing, distance, edge_length_at_roots, neck_edges, necks_in, root_edges
 from flexdesign.model import Member
 
 FloatArray = NDArray[np.float64]
@@ -42,6 +42,18 @@ LONGEST_ARC = 0.4
 #: meshes get coarser 2.6 and 1.9, hence 4, 3 and 2. With fewer, meshes in turn would have equally many layers, whose
 #: error, 0.2 % of K_in with two, no extrapolation sees.
 LEAST_LAYERS = 3.5
+#: The same of parts with curved necks, which no sharp root's error hides that of the layers of: 6, 4 and 3, as 5.3, 3.9
+#: and 2.9 are.
+LEAST_LAYERS_OF_NECKS = 5.3
+#: Largest edge on the finest mesh, in thicknesses of the thinnest arm or rod. Beside necks arms are as high as notches
+#: are deep, and have a larger part of what meshes leave open.
+BESIDE_LEAVES, BESIDE_NECKS = 0.4, 0.25
+#: Edges at curved necks: on the profile and inside, in local thicknesses, and the chord error on the profile, in neck
+#: thicknesses, of the finest mesh. As meshes get coarser, extruded ones shrink those on the profile as at sharp roots,
+#: so that the error of the chords, of second order, falls with the square of the edge length by which results are
+#: extrapolated. The coarsest of three meshes then has chords of 0.2 % of the neck, and three elements across it.
+EXTRUDED_NECK = (0.1, 0.12, 1.8e-4)
+WILD_NECK = (0.18, 0.18, 3.5e-4)
 #: Chord error of extruded meshes at curved faces, in hinge thicknesses: on the finest mesh, and at most.
 CHORD, LARGEST_CHORD = 1e-3, 1e-2
 
@@ -98,6 +110,11 @@ class Grading:
         return [member for member in self.members if member.kind == "hinge"]
 
     @property
+    def has_necks(self) -> bool:
+        """Whether there are curved hinges."""
+        return any(map(profile.is_curved, self.hinges))
+
+    @property
     def thinnest(self) -> float:
         """Thickness of the thinnest hinge [m]."""
         return min(hinge.thickness for hinge in self.hinges)
@@ -106,21 +123,36 @@ class Grading:
     def coarsest(self) -> float:
         """Largest edge length on the finest mesh [m]: arms and rods bend and stretch too, and want elements' due."""
         slender = [m.thickness for m in self.members if m.kind in ("arm", "rod", "guide")]
-        return self.largest or 0.4 * min(slender or [hinge.length for hinge in self.hinges])
+        share = BESIDE_NECKS if self.has_necks else BESIDE_LEAVES
+        return self.largest or share * min(slender or [hinge.length for hinge in self.hinges])
 
-    def sizing(self, at_roots: float, elsewhere: float, rounded: float = 1.0, arc: float = math.inf) -> Sizing:
+    def sizing(
+        self,
+        at_roots: float,
+        elsewhere: float,
+        neck: tuple[float, float, float],
+        rounded: float = 1.0,
+        arc: float = math.inf,
+    ) -> Sizing:
         """Return the sizing field, coarsened by factors at the roots, elsewhere, and at rounded roots besides.
 
-        At rounded roots no edge is asked to be longer than `arc` radii.
+        At rounded roots no edge is asked to be longer than `arc` radii. `neck` has the edges and the chord error of
+        curved necks on the finest mesh of the default grading; `at_root` and `growth` scale them.
         """
         edges, owners = root_edges([m for m in self.members if m.kind in ("hinge", "rod")], self.domain)
         lengths = [_resolved(owner) * (rounded if owner.root_radius > 0 else 1.0) for owner in owners]
         longest = [arc * owner.root_radius if owner.root_radius > 0 else math.inf for owner in owners]
+        surface, inside, chord = neck
+        necks = tuple(
+            Neck(hinge, surface * at_roots, inside * elsewhere, chord * at_roots**2 * hinge.thickness)
+            for hinge in necks_in(self.members, self.domain)
+        )
         return Sizing(
             roots=edges,
             at_roots=np.minimum(self.at_root * at_roots * np.array(lengths), longest),
             growth=self.growth * elsewhere,
             largest=self.coarsest * elsewhere,
+            necks=necks,
         )
 
 
@@ -139,8 +171,7 @@ class Wild:
 
     def question(self, coarseness: float) -> tuple[object, ...]:
         """Return what the mesh depends on besides the domain, for the cache."""
-        field = self._sizing(coarseness)
-        return (self.name, field.roots, field.at_roots, field.growth, field.largest, self._envelope)
+        return (self.name, *self._sizing(coarseness).key, self._envelope)
 
     def mesh(self, coarseness: float) -> TaggedMesh:
         """Return the mesh, 1 being the finest; raise MeshError if there is none to be had."""
@@ -152,11 +183,16 @@ class Wild:
 
     def size(self, mesh: TaggedMesh, coarseness: float) -> float:
         """Return the mean edge length near the roots [m]: the mesher follows what is asked loosely."""
-        roots = root_edges(self.grading.hinges, self.grading.domain)[0]
+        hinges, domain = self.grading.hinges, self.grading.domain
+        roots = np.concatenate([root_edges(hinges, domain)[0], neck_edges(hinges, domain)])
         return edge_length_at_roots(mesh.points, mesh.tets, roots, self.grading.thinnest / 2)
 
     def _sizing(self, coarseness: float) -> Sizing:
-        return self.grading.sizing(coarseness, coarseness, arc=LONGEST_ARC)
+        return self.grading.sizing(coarseness, coarseness, self._neck, arc=LONGEST_ARC)
+
+    @property
+    def _neck(self) -> tuple[float, float, float]:
+        return _scaled(WILD_NECK, self.grading.at_root / WILD_GRADING[0])
 
     @property
     def _envelope(self) -> float:
@@ -179,7 +215,7 @@ class Extruded:
         """Return what the mesh depends on besides the domain, for the cache."""
         field, layers = self._sizing(coarseness), self._layers(coarseness)
         thick = (layers.at_ends, layers.growth, layers.largest)
-        return (self.name, field.roots, field.at_roots, field.growth, field.largest, *thick, self._chord(coarseness))
+        return (self.name, *field.key, *thick, self._chord(coarseness))
 
     def mesh(self, coarseness: float) -> TaggedMesh:
         """Return the mesh, 1 being the finest; raise MeshError if there is none to be had."""
@@ -215,7 +251,8 @@ class Extruded:
         return self.finest_edge(coarseness)
 
     def _sizing(self, coarseness: float) -> Sizing:
-        field = self.grading.sizing(coarseness**2, coarseness, ROUNDED)
+        neck = _scaled(EXTRUDED_NECK, self.grading.at_root / EXTRUDED_GRADING[0])
+        field = self.grading.sizing(coarseness**2, coarseness, neck, ROUNDED)
         section = self.grading.domain.section
         if section is None:
             return field
@@ -240,7 +277,8 @@ class Extruded:
         )
         if section is not None:
             depth = (section.high - section.low) / max(sum(self._free_ends(section)), 1)
-            coarseness *= min(1.0, _count(finest, depth) / LEAST_LAYERS)
+            least = LEAST_LAYERS_OF_NECKS if grading.has_necks else LEAST_LAYERS
+            coarseness *= min(1.0, _count(finest, depth) / least)
         return Layers(coarseness * finest.at_ends, coarseness * finest.growth, coarseness * finest.largest)
 
     def _free_ends(self, section: Section) -> tuple[bool, bool]:
@@ -256,6 +294,12 @@ def _count(layers: Layers, depth: float) -> float:
     """Return how many layers there are to a depth [m] from a free end, were they not made whole."""
     graded = min(depth, max(layers.largest - layers.at_ends, 0.0) / layers.growth)
     return float(np.log1p(layers.growth * graded / layers.at_ends) / layers.growth + (depth - graded) / layers.largest)
+
+
+def _scaled(neck: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
+    """Return edges at curved necks for another `mesh.at_root`: a chord goes with the square of its length."""
+    surface, inside, chord = neck
+    return surface * factor, inside * min(factor, 1.0), chord * factor**2
 
 
 def _resolved(member: Member) -> float:

@@ -1,11 +1,12 @@
-"""Where elements must be small: the error of a flexure sits in the sharp roots of its hinges, not in the leaf.
+"""Where elements must be small: at the sharp roots of a leaf, and at the neck of a curved hinge.
 
 The target edge length grows linearly with the distance from the root edges,
 
     h(x) = min(h_max, min over roots of h_root + g * distance(x, root)),
 
-with h_root in proportion to the thickness of the member that the root belongs to, and is handed to the mesher on a
-background mesh whose points crowd around the roots in the same measure.
+with h_root in proportion to the thickness of the member that the root belongs to. A curved hinge has no sharp roots;
+its stress and its deformation sit in the neck, and the field follows its profile (`Neck`). The field is handed to the
+mesher on a background mesh whose points crowd around roots and necks in the same measure.
 """
 
 from __future__ import annotations
@@ -17,10 +18,79 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
+from flexdesign.fem import profile
 from flexdesign.fem.domain import Domain
 from flexdesign.model import Member
 
 FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Neck:
+    """The target edge length at a curved hinge, from its local thickness t(s) and the radius R of its profile.
+
+    On the profile it is min(a t(s), sqrt(8 R d)), d the chord error that is allowed; inside it grows with the distance
+    from the profile, up to b t(s).
+
+    Parameters
+    ----------
+    hinge
+        The curved hinge.
+    surface, inside
+        a and b [1].
+    chord
+        d [m].
+    """
+
+    hinge: Member
+    surface: float
+    inside: float
+    chord: float
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What the field depends on, for the cache."""
+        h = self.hinge
+        shape = (h.start, h.end, h.thickness, h.width, h.root_radius, h.curvature_radius)
+        return (*shape, self.surface, self.inside, self.chord)
+
+    @property
+    def finest(self) -> float:
+        """The edge length on the profile at the neck [m]."""
+        return min(self.surface * self.hinge.thickness, self._longest)
+
+    @property
+    def _longest(self) -> float:
+        return float(np.sqrt(8 * profile.radius(self.hinge) * self.chord))
+
+    def __call__(self, points: FloatArray, growth: float) -> FloatArray:
+        """Return the target edge length [m] at points of shape (n, 3); beyond the hinge's ends it grows on."""
+        away = points - np.array(self.hinge.centre)
+        axis, normal = profile.frame(self.hinge)
+        s, n = away @ axis, np.abs(away @ normal)
+        half = self.hinge.length / 2
+        along = np.clip(s, -half, half)
+        thickness = profile.thickness(self.hinge, along)
+        beyond = np.abs(s - along)
+        off = np.abs(n - thickness / 2)  # from the profile
+        outside = np.hypot(beyond, np.maximum(n - thickness / 2, 0.0))
+        at_profile = np.minimum(self.surface * thickness, self._longest) + growth * np.hypot(beyond, off)
+        return np.asarray(np.minimum(at_profile, self.inside * thickness + growth * outside))
+
+    def cloud(self, growth: float) -> FloatArray:
+        """Return points on the profile and the axis of the hinge, about two edge lengths apart, shape (n, 3) [m]."""
+        axis, normal = profile.frame(self.hinge)
+        s = np.linspace(-self.hinge.length / 2, self.hinge.length / 2, 401)
+        centre, half = np.array(self.hinge.centre), profile.thickness(self.hinge, s) / 2
+        lines = []
+        for side in (-1.0, 0.0, 1.0):
+            line = centre + s[:, None] * axis + (side * half)[:, None] * normal
+            places = spaced(s, 2 * self(line, growth))
+            on_line = np.column_stack([np.interp(places, s, line[:, i]) for i in range(3)])
+            for place, spacing in zip(on_line, 2 * self(on_line, growth), strict=True):
+                depth = np.array([0.0, 0.0, self.hinge.width / 2])
+                lines.append(_along(np.array([place - depth, place + depth]), spacing))
+        return np.vstack(lines)
 
 
 @dataclass(frozen=True)
@@ -35,24 +105,34 @@ class Sizing:
         h_root of each, shape (n,) [m].
     growth, largest
         g [1] and h_max [m] of the module's formula.
+    necks
+        Of the curved hinges.
     """
 
     roots: FloatArray
     at_roots: FloatArray
     growth: float
     largest: float
+    necks: tuple[Neck, ...] = ()
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Return the target edge length [m] at points of shape (n, 3)."""
         size = np.full(len(points), self.largest)
         for root, at_root in zip(self.roots, self.at_roots, strict=True):
             np.minimum(size, at_root + self.growth * distance(points, root[None]), out=size)
+        for neck in self.necks:
+            np.minimum(size, neck(points, self.growth), out=size)
         return size
 
     @property
     def finest(self) -> float:
         """The smallest edge length asked for [m]."""
-        return float(self.at_roots.min())
+        return float(min([*self.at_roots, *(neck.finest for neck in self.necks)]))
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What the field depends on, for the cache."""
+        return (self.roots, self.at_roots, self.growth, self.largest, *(neck.key for neck in self.necks))
 
     def background(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, NDArray[np.int32], FloatArray]:
         """Return points (n, 3), tetrahedra (m, 4) and edge lengths (n,) of a mesh that covers the box low..high."""
@@ -61,7 +141,8 @@ class Sizing:
             np.linspace(a - margin, b + margin, max(int((b - a) / self.largest), 4))
             for a, b in zip(low, high, strict=True)
         ]
-        cloud = [np.vstack([_along(root, h) for root, h in zip(self.roots, self.at_roots, strict=True)])]
+        cloud = [_along(root, h) for root, h in zip(self.roots, self.at_roots, strict=True)]
+        cloud += [neck.cloud(self.growth) for neck in self.necks]
         cloud.append(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3))
         for root, at_root in zip(self.roots, self.at_roots, strict=True):
             radius = at_root
@@ -118,7 +199,7 @@ def counted(places: FloatArray, wanted: FloatArray) -> FloatArray:
 def root_edges(members: Sequence[Member], domain: Domain) -> tuple[FloatArray, list[Member]]:
     """Return the edges at which members meet their neighbours, clipped to the domain, and whose edges they are.
 
-    A hinge has roots at both ends, rounded or not; an arm or rod only where the solid has an edge.
+    A leaf has roots at both ends, rounded or not; an arm or rod only where the solid has an edge; a curved hinge none.
 
     Parameters
     ----------
@@ -136,6 +217,8 @@ def root_edges(members: Sequence[Member], domain: Domain) -> tuple[FloatArray, l
     low, high = corners.min(axis=0), corners.max(axis=0)
     edges, owners = [], []
     for member in members:
+        if profile.is_curved(member):
+            continue
         for edge in _roots(member):
             clipped = np.clip(edge, low, high)
             if np.abs(edge - clipped)[:, :2].max() > 1e-9 or clipped[1, 2] - clipped[0, 2] < 1e-9:
@@ -178,6 +261,23 @@ def _thinned(points: FloatArray, sizing: Sizing) -> FloatArray:
     cell = np.floor(points / (0.5 * sizing.finest * 2.0**level)[:, None])
     _, first = np.unique(np.column_stack([level, cell]), axis=0, return_index=True)
     return points[np.sort(first)]
+
+
+def necks_in(members: Sequence[Member], domain: Domain) -> list[Member]:
+    """Return the curved hinges that lie in a domain."""
+    return [m for m in members if m.kind == "hinge" and profile.is_curved(m) and domain.keeps(m)]
+
+
+def neck_edges(members: Sequence[Member], domain: Domain) -> FloatArray:
+    """Return the edges along the width where curved hinges are thinnest, two of each, shape (n, 2, 3) [m]."""
+    edges = []
+    for hinge in necks_in(members, domain):
+        _, normal = profile.frame(hinge)
+        depth, centre = np.array([0.0, 0.0, hinge.width / 2]), np.array(hinge.centre)
+        for side in (-hinge.thickness / 2, hinge.thickness / 2):
+            place = centre + side * normal
+            edges.append([place - depth, place + depth])
+    return np.array(edges).reshape(-1, 2, 3)
 
 
 def edge_length_at_roots(points: FloatArray, tets: NDArray[np.int64], roots: FloatArray, reach: float) -> float:

@@ -24,22 +24,22 @@ POINTS = 32
 
 def stretch(member: Member, elastic: Elastic) -> float:
     """Return the stretch per force along the member [m/N]."""
-    return _integral(member, 1, 0) / (width.stretching_modulus(member, elastic) * member.width)
+    return integral(member, 1, 0) / (width.stretching_modulus(member, elastic) * member.width)
 
 
 def rotation(member: Member, elastic: Elastic) -> float:
     """Return the rotation of one end to the other per moment [rad/(N m)]."""
-    return 12 * _integral(member, 3, 0) / (width.bending_modulus(member, elastic) * member.width)
+    return 12 * integral(member, 3, 0) / (width.bending_modulus(member, elastic) * member.width)
 
 
 def sway(member: Member, elastic: Elastic) -> float:
     """Return the motion across the member per force across it, as it bends into an S [m/N]."""
-    return 12 * _integral(member, 3, 2) / (width.bending_modulus(member, elastic) * member.width)
+    return 12 * integral(member, 3, 2) / (width.bending_modulus(member, elastic) * member.width)
 
 
 def shear(member: Member, elastic: Elastic) -> float:
     """Return the motion across the member per force across it, as it shears [m/N]."""
-    return _integral(member, 1, 0) / (SHEAR_SHARE * elastic.shear_modulus * member.width)
+    return integral(member, 1, 0) / (SHEAR_SHARE * elastic.shear_modulus * member.width)
 
 
 def out_of_plane(member: Member, elastic: Elastic, yielding: float = 0.0) -> Array:
@@ -58,7 +58,7 @@ def out_of_plane(member: Member, elastic: Elastic, yielding: float = 0.0) -> Arr
         By how much a strip of the member that bends into an S gives way at its ends, over its own compliance.
     """
     young, shear, length = elastic.youngs_modulus, elastic.shear_modulus, member.length
-    mean = length / _integral(member, 1, 0)
+    mean = length / integral(member, 1, 0)
     thin, wide = sorted((mean, member.width))
     deep = young * mean * member.width**3 / 12
     across = length**3 / (12 * deep) + length / (SHEAR_SHARE * shear * mean * member.width)
@@ -96,8 +96,8 @@ def from_place(compliance: Array, place: float) -> Array:
     return np.asarray(to_place.T @ compliance @ to_place)
 
 
-def _integral(member: Member, power: int, moment: int) -> float:
-    """Return the integral of s^moment / t(s)^power along the member, s from its centre; `moment` is even."""
+def integral(member: Member, power: int, moment: int) -> float:
+    """Return the integral of s^moment / t(s)^power along the member [m], s from its centre; `moment` is even."""
     length, thickness = member.length, member.thickness
     radius = min(member.curvature_radius, length / 2) if math.isfinite(member.curvature_radius) else member.root_radius
     straight = length / 2 - radius

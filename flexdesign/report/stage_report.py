@@ -11,7 +11,15 @@ from flexdesign.condensing import Kind
 from flexdesign.fem import convergence
 from flexdesign.files import FORMAT
 from flexdesign.quantities.stage_modes import ModeShares
-from flexdesign.report import card, ladder_section, stage_differences, stage_motion, stage_pictures, terminal
+from flexdesign.report import (
+    accuracy_words,
+    card,
+    ladder_section,
+    stage_differences,
+    stage_motion,
+    stage_pictures,
+    terminal,
+)
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.pictures import drawn_or_said
 from flexdesign.report.stage_words import Axes, axis_of, computed, percent, written
@@ -114,6 +122,9 @@ def _summary(validation: StageValidation) -> list[str]:
             f"{axes.label(axis)}: K_out {shown(k_out)}, K_in {shown(k_in)}, amplification {shown(ratio)}{travel}"
         )
     paragraphs.append(f"FEM of the whole stage gives {'; '.join(told)}.")
+    found = [*(comparison.fem for comparison in validation.comparisons), *validation.further]
+    if missed := accuracy_words.not_reached(validation.study.mesh.accuracy, found):
+        paragraphs.append(missed)
     best = stage_differences.nearest(validation)
     if best is not None:
         paragraphs.append(

@@ -10,6 +10,7 @@ from flexdesign import quantities, units
 from flexdesign.files import FORMAT
 from flexdesign.model import Quantity
 from flexdesign.report import (
+    accuracy_words,
     card,
     charts,
     cross_check_words,
@@ -129,7 +130,8 @@ def _summary(validation: Validation) -> list[str]:
     if design.actuator:
         text += f"; with the actuator ({design.actuator.name}) in place the output travels "
         text += card.stroke_in_words(validation)
-    paragraphs = [f"{text}.", explanation.why(validation, "K_in_output_free", first=True)]
+    missed = accuracy_words.not_reached(validation.study.mesh.accuracy, validation.found)
+    paragraphs = [f"{text}.", missed, explanation.why(validation, "K_in_output_free", first=True)]
     if ratio.value < 0:
         paragraphs.append("The amplification is negative: as the actuator extends, the output is drawn in.")
     if validation.cross_check is not None:
@@ -269,7 +271,7 @@ def _mesh(validation: Validation) -> Section:
         f"{METHODS[validation.method.name]}, solved by "
         f"{validation.finest.solution.facts['solver']}{_memory(validation)}. Unknowns are those of "
         f"the domain; the whole part has {validation.domain.copies} times as many. {validation.extrapolation} "
-        f"{_index(validation)}{_asked(validation)}"
+        f"{_index(validation)}{accuracy_words.reached(validation.study.mesh.accuracy, validation.found)}"
     )
     head = ["unknowns", "tetrahedra", "edge at roots", "worst quality", "K_in", "λ", "K_out input free", "time"]
     exact = ["unknowns", "reciprocity", "force balance", "energy", "residual"]
@@ -284,18 +286,6 @@ def _mesh(validation: Validation) -> Section:
 def _memory(validation: Validation) -> str:
     largest = max(level.solution.facts["factor bytes"] for level in validation.levels)
     return f", whose largest factor takes {largest / 2**30:.2g} GiB" if largest else ""
-
-
-def _asked(validation: Validation) -> str:
-    asked = validation.study.mesh.accuracy
-    if asked is None:
-        return ""
-    reached = validation.estimated_error
-    verdict = "reached" if reached <= asked else "NOT reached with the finest mesh that is tried"
-    return (
-        f" Asked for was an error of at most {100 * asked:.2g} % in every stiffness and amplification; the largest "
-        f"estimate is {100 * reached:.2g} %: {verdict}."
-    )
 
 
 def _index(validation: Validation) -> str:

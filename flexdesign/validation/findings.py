@@ -124,7 +124,12 @@ class Validation:
     @property
     def estimated_error(self) -> float:
         """The largest relative error of stiffnesses and amplification, as estimated."""
-        return refinement.estimated_error([comparison.fem for comparison in self.comparisons])
+        return refinement.estimated_error(self.found)
+
+    @property
+    def found(self) -> list[Quantity]:
+        """Every quantity of FEM, whether formulas have it or not."""
+        return [*(comparison.fem for comparison in self.comparisons), *self.further]
 
     @property
     def extrapolation(self) -> str:
@@ -133,7 +138,7 @@ class Validation:
 
     def fem(self, key: str) -> Quantity:
         """Return a FEM quantity by its key, e.g. ``K_in_output_free``."""
-        for quantity in (*(c.fem for c in self.comparisons), *self.further):
+        for quantity in self.found:
             if quantity.key == key:
                 return quantity
         raise KeyError(key)

@@ -12,7 +12,7 @@ from flexdesign.cache import Cache, default_folder
 from flexdesign.errors import InputError
 from flexdesign.report import render
 from studies.error_bars import report, trial
-from studies.error_bars.designs import COUNT, Drawn, designs
+from studies.error_bars.designs import COUNT, Drawn, curved_designs, designs
 from studies.error_bars.findings import Case, judge
 
 OUT = Path("reports/error_bars")
@@ -23,19 +23,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m studies.error_bars", description="Do the estimates of the discretisation error hold?"
     )
-    parser.add_argument("--designs", type=int, default=COUNT, metavar="N", help=f"only the first N of {COUNT}")
-    parser.add_argument("--method", choices=["extruded", "wild"], help="only this one")
+    parser.add_argument("--designs", type=int, default=COUNT, metavar="N", help=f"only the first N of each {COUNT}")
+    parser.add_argument("--method", choices=["extruded", "wild"], help="only this one, of leaves")
+    parser.add_argument("--curved", action="store_true", help="only the designs with curved necks")
     parser.add_argument("--fresh", action="store_true", help="solve again what is solved")
     parser.add_argument("--work", type=Path, help="folder of the single results; without it, in the cache")
     parser.add_argument("--out", type=Path, default=OUT, help="folder of the report")
     given = parser.parse_args(arguments)
-    methods: tuple[trial.Method, ...] = (given.method,) if given.method else ("extruded", "wild")
-    asked = [
-        (drawn, method)
-        for method in methods
-        for drawn in designs()[: given.designs]
-        if method == "extruded" or drawn.wild
-    ]
+    asked = _asked(given.designs, given.method, curved=given.curved)
     try:
         render.prepare(given.out)
         store = Cache(default_folder())
@@ -55,6 +50,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0 if _hold(cases) else 1
 
 
+def _asked(count: int, method: trial.Method | None, *, curved: bool) -> list[tuple[Drawn, trial.Method]]:
+    """Return designs and methods: those with leaves by every method, those with curved necks by extruded meshes."""
+    methods: tuple[trial.Method, ...] = () if curved else (method,) if method else ("extruded", "wild")
+    asked = [(d, how) for how in methods for d in designs()[:count] if how == "extruded" or d.wild]
+    if not method:
+        asked += [(drawn, "extruded") for drawn in curved_designs()[:count]]
+    return asked
+
+
 def _case(drawn: Drawn, method: trial.Method, work: Path, store: Cache) -> Case:
     def say(text: str) -> None:
         print(f"design {drawn.number}: {text}", file=sys.stderr, flush=True)
@@ -64,13 +68,13 @@ def _case(drawn: Drawn, method: trial.Method, work: Path, store: Cache) -> Case:
 
 def _line(case: Case) -> str:
     found = case.answer.error or ", ".join(f"{deviation.in_estimates:+.2f}" for deviation in case.deviations)
-    return f"{case.drawn.number:2d} {case.method:8s} {found}"
+    return f"{case.drawn.number:2d} {case.group:8s} {found}"
 
 
 def _hold(cases: Sequence[Case]) -> bool:
-    """Tell whether estimates hold, method by method, and every design has an answer."""
-    of_methods = [[d for c in cases if c.method == method for d in c.deviations] for method in report.METHODS]
-    return all(case.deviations for case in cases) and all(judge(found).holds for found in of_methods if found)
+    """Tell whether estimates hold, group by group, and every design has an answer."""
+    of_groups = [[d for c in cases if c.group == group for d in c.deviations] for group in report.GROUPS]
+    return all(case.deviations for case in cases) and all(judge(found).holds for found in of_groups if found)
 
 
 if __name__ == "__main__":

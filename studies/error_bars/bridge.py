@@ -90,6 +90,8 @@ class Reference:
         Relative difference of C12 and C21, which measures the error of the equation solver.
     n_dof, seconds
         Unknowns of the mesh and the time taken.
+    hinge_stress
+        Largest nominal stress of a hinge per actuator force [Pa/N].
     """
 
     C11: float
@@ -99,6 +101,7 @@ class Reference:
     reciprocity: float
     n_dof: int
     seconds: float
+    hinge_stress: float = np.nan
 
     @property
     def K_in_output_free(self) -> float:
@@ -121,20 +124,50 @@ class Reference:
         return 1 / (self.C22 - self.C12**2 / self.C11)
 
 
-class _Roots:
+class Roots:
     """The lines and patches about the roots of one amplifier's leaves, as seen from a leaf's axis."""
 
-    def __init__(self, part: Bridge, fineness: Fineness) -> None:
+    def __init__(self, thickness: float, radius: float, bulk: float, fineness: Fineness) -> None:
         self.growth, finer = fineness.growth, fineness.growth / 1.2
-        self.t, self.r = part.hinge_thickness / 2, part.fillet_radius
-        self.sharp = fineness.root * part.hinge_thickness
+        self.t, self.r = thickness / 2, radius
+        self.sharp = fineness.root * thickness
         pieces = max(2, int(np.ceil(2 / finer - 1e-9)))
         self.at_root = HALF_A_FILLET * self.r / pieces if self.r else self.sharp
-        self.bulk = part.arm_thickness * finer
+        self.bulk = bulk * finer
         self.halves = np.linspace(0.0, 1.0, pieces + 1)
+        self.neck = self._neck(finer)
         self.depth = 0.75 * self.r
-        self.columns = graded(0.0, 1.0, 0.5, 0.5, self.growth, 1 / finer / 2) if self.r else np.zeros(1)
-        self.leaf = self.cut(-self.t, self.t, self.at_root, self.at_root)
+        spacing = 0.25 * finer if self.is_long else 0.5
+        self.columns = graded(0.0, 1.0, spacing, 0.5, self.growth, 1 / finer / 2) if self.r else np.zeros(1)
+        self.leaf = self._across(finer)
+
+    @property
+    def is_long(self) -> bool:
+        """Whether the fillets are longer than the leaf is thick, so that they make a curved neck."""
+        return self.r > 2 * self.t
+
+    def _neck(self, finer: float) -> Array:
+        """Return the lines on the half of a fillet next to the leaf, as fractions of its angle.
+
+        They crowd as the thickness of a long fillet asks for, which is t (1 + s^2 / r t) in all at s from its start.
+        """
+        if not self.is_long:
+            return self.halves
+        arc = HALF_A_FILLET * self.r
+        at_neck = min(0.3 * finer * self.t, arc * self.halves[1])
+        return graded(0.0, 1.0, at_neck / arc, 1.0, 0.3 * self.growth, 0.5 * self.halves[1])
+
+    def _across(self, finer: float) -> Array:
+        """Return the lines across a leaf: as fine as its fillets, and of a long fillet four at least."""
+        lines = self.cut(-self.t, self.t, self.at_root, self.at_root)
+        if not self.is_long:
+            return lines
+        return np.linspace(-self.t, self.t, 1 + max(len(lines) - 1, int(np.ceil(4.5 / finer))))
+
+    def layers(self, width: float) -> Array:
+        """Return the planes that layer half the width."""
+        growth = (0.8 if self.is_long else 1.25) * self.growth
+        return graded(0.0, width / 2, width, self.t * self.growth / 1.2, growth, width / 3)
 
     def cut(self, start: float, end: float, at_start: float, at_end: float, largest: float | None = None) -> Array:
         """Return lines that crowd as told."""
@@ -161,7 +194,7 @@ class _Roots:
         """Return the patches A, B and C of a root at (x, y), the body lying `towards` 1 or -1 along x."""
         if not self.r:
             return []
-        inner, outer = (HALF_A_FILLET * (with_middles(self.halves) + k) for k in (0, 1))
+        inner, outer = (HALF_A_FILLET * (with_middles(part) + k) for part, k in ((self.neck, 0), (self.halves, 1)))
         leaf = with_middles(self.leaf) / self.t
         behind = x + towards * self.depth
         rise = slope * towards * self.depth
@@ -204,10 +237,12 @@ def mesh(part: Bridge, fineness: Fineness) -> tuple[Plan, Array]:
     """
     (xi, yi), (xo, yo) = part.inner_hinge, part.outer_hinge
     half, a, height = part.hinge_length / 2, part.arm_thickness / 2, part.input_block_height / 2
-    roots = _Roots(part, fineness)
+    roots = Roots(part.hinge_thickness, part.fillet_radius, part.arm_thickness, fineness)
     d, near, bulk, cut = roots.depth, roots.at_root, roots.bulk, roots.cut
     foot = 4 * roots.sharp
-    x_leaf = cut(-half + roots.r, half - roots.r, near, near, half * fineness.growth / 1.2)
+    straight = half - roots.r  # nothing of a right-circular notch
+    at_leaf = min(near, 0.8 * roots.t * fineness.growth) if roots.is_long else near
+    x_leaf = cut(-straight, straight, at_leaf, at_leaf, half * fineness.growth / 1.2) if straight > 1e-9 else None
     start, end = xi + half, xo - half
     slope = -part.arm_offset / (end - start)
     x_arm = cut(start + d, end - d, near, near)
@@ -224,7 +259,8 @@ def mesh(part: Bridge, fineness: Fineness) -> tuple[Plan, Array]:
         above, below = roots.beyond(block_height - a), -beside[::-1]
         quarter = [sheared(x_block, yi + joined(below, roots.core(), above))]
         quarter += roots.body(xi - half, yi, -1, 0.0, below, above)
-        quarter += [sheared(xi + x_leaf, yi + roots.leaf), sheared(xo + x_leaf, yo + roots.leaf)]
+        if x_leaf is not None:
+            quarter += [sheared(xi + x_leaf, yi + roots.leaf), sheared(xo + x_leaf, yo + roots.leaf)]
         quarter += roots.body(start, yi, 1, slope, below, beside)
         quarter += [sheared(x_arm, yi + slope * d + y_arm, slope)]
         quarter += roots.body(end, yo, -1, slope, below, beside)
@@ -241,13 +277,10 @@ def mesh(part: Bridge, fineness: Fineness) -> tuple[Plan, Array]:
         patches += _block_without_rods(roots, face, yo, x_rod, beside)
     plan = Plan.of(patches)
     _check_area(part, plan)
-    layers = graded(
-        0.0, part.width / 2, part.width, roots.t * fineness.growth / 1.2, 1.25 * fineness.growth, part.width / 3
-    )
-    return plan, layers
+    return plan, roots.layers(part.width)
 
 
-def _block_without_rods(roots: _Roots, face: float, y: float, x: Array, beside: Array) -> list[Array]:
+def _block_without_rods(roots: Roots, face: float, y: float, x: Array, beside: Array) -> list[Array]:
     """Return the patches of an input block that carries both arms itself, from its face at x = `face`."""
     inside = y - roots.reach
     middle = roots.cut(-inside, inside, roots.at_root, roots.at_root)
@@ -326,6 +359,7 @@ def solve(
     moved = body.solve(np.column_stack([pushed / 2, output / 4]))
     C11, C21 = 2 * pushed @ moved
     C12, C22 = output @ moved
+    stress = _hinge_stress(part, body, moved[:, 0])
     frequencies = body.frequencies(density, modes) if density is not None else ()
     body.release()
     return Reference(
@@ -336,4 +370,25 @@ def solve(
         reciprocity=float(abs(C21 / C12 - 1)),
         n_dof=body.free.size,
         seconds=time.perf_counter() - began,
+        hinge_stress=stress,
     )
+
+
+def _hinge_stress(part: Bridge, body: Body, moved: Array) -> float:
+    """Return the largest nominal stress of the hinges, N / b t + 6 M / b t^2 where it is largest [Pa].
+
+    The section forces are those where the straight part of a leaf ends, of both halves of the width.
+    """
+    half, r, b = part.hinge_length / 2, part.fillet_radius, part.width
+    straight = half - r
+    s = np.append(np.linspace(0.0, half, 2001), straight)
+    into = np.maximum(s - straight, 0.0)
+    t = part.hinge_thickness + 2 * (r - np.sqrt(np.maximum(r**2 - into**2, 0.0)))
+    largest = 0.0
+    for x, y in (part.inner_hinge, part.outer_hinge):
+        for side in (1, -1):
+            place = x + straight
+            forces = body.section_forces(moved, place, (x, side * y), part.hinge_thickness / 2)
+            normal, shear, moment = 2 * abs(forces)
+            largest = max(largest, float((normal / (b * t) + 6 * (moment + shear * s) / (b * t**2)).max()))
+    return largest

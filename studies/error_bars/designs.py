@@ -1,10 +1,16 @@
-"""Which bridge amplifiers are solved: drawn once and for all from the ranges in which they are built."""
+"""Which bridge amplifiers are solved: drawn once and for all from the ranges in which they are built.
+
+Half of them have leaves, sharp or rounded, half curved necks: right-circular notches, declared by their radius or as
+two fillets, and leaves whose fillets take most of their length.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +29,12 @@ WITHOUT_RODS, ROUNDED = 4, 3
 #: root as across it: of wider parts there are too many for a study of forty.
 WIDEST_WILD = 20.0
 DESIGN = "bridge_amplifier"
+#: Of the curved designs, in turn: the part, and whether fillets leave nothing of the leaf.
+PARTS = Path(__file__).parent / "parts"
+NOTCHED, FILLETED = (str(PARTS / f"{name}_bridge.toml") for name in ("notched", "filleted"))
+CURVED = ((NOTCHED, True), (NOTCHED, True), (FILLETED, True), (FILLETED, False))
+#: Radii of curved necks, in their thicknesses, and the largest [mm].
+RADII, LARGEST_RADIUS = (1.2, 10.0), 5.0
 
 
 @dataclass(frozen=True)
@@ -37,11 +49,19 @@ class Drawn:
         By name [mm].
     material
         Name of the metal.
+    design
+        The design whose dimensions are set.
     """
 
     number: int
     dimensions: Mapping[str, float]
     material: str
+    design: str = DESIGN
+
+    @property
+    def curved(self) -> bool:
+        """Whether the hinges have curved necks."""
+        return self.design != DESIGN
 
     @property
     def rounded(self) -> bool:
@@ -49,9 +69,19 @@ class Drawn:
         return self.dimensions["fillet_radius"] > 0
 
     @property
+    def kind(self) -> str:
+        """What its hinges are, in words."""
+        if not self.curved:
+            return "rounded roots" if self.rounded else "sharp roots"
+        if self.design == NOTCHED:
+            return "circular notches"
+        whole = math.isclose(2 * self.dimensions["fillet_radius"], self.dimensions["hinge_length"])
+        return "circular notches, declared as fillets" if whole else "long fillets"
+
+    @property
     def wild(self) -> bool:
         """Whether it is meshed with isotropic tetrahedra, too."""
-        return self.dimensions["width"] <= WIDEST_WILD * self.dimensions["hinge_thickness"]
+        return not self.curved and self.dimensions["width"] <= WIDEST_WILD * self.dimensions["hinge_thickness"]
 
     def study(self, accuracy: float, method: str) -> Study:
         """Return the study that asks for an accuracy (relative) by a method; what it needs not do is left out.
@@ -66,7 +96,7 @@ class Drawn:
             "modes.count": 1, "output.large_steps": 0,
         }  # fmt: skip
         settings |= {f"dimensions.{name}": f"{value:.6g} mm" for name, value in self.dimensions.items()}
-        return study.read(DESIGN, [f"{key}={value}" for key, value in settings.items()])
+        return study.read(self.design, [f"{key}={value}" for key, value in settings.items()])
 
     def words(self) -> str:
         """Return what tells it from the others."""
@@ -92,6 +122,58 @@ def designs(seed: int = SEED, count: int = COUNT) -> tuple[Drawn, ...]:
             continue
         found.append(drawn)
     return tuple(found)
+
+
+@cache
+def curved_designs(seed: int = SEED, count: int = COUNT) -> tuple[Drawn, ...]:
+    """Draw designs with curved necks until enough of them can be built; their numbers follow those of `designs`."""
+    rng = np.random.default_rng(seed + 1)
+    found: list[Drawn] = []
+    while len(found) < count:
+        number = len(found)
+        design, whole = CURVED[number % len(CURVED)]
+        rods = number % WITHOUT_RODS != number // WITHOUT_RODS % WITHOUT_RODS
+        dimensions = _curved(rng, rods=rods, whole=whole)
+        drawn = Drawn(COUNT + number, dimensions, str(rng.choice(METALS)), design)
+        try:
+            drawn.study(0.01, "auto")
+        except InputError:
+            continue
+        found.append(drawn)
+    return tuple(found)
+
+
+def _curved(rng: np.random.Generator, *, rods: bool, whole: bool) -> dict[str, float]:
+    """Draw dimensions of a bridge with curved necks [mm]; bodies are large enough for the reference's patches."""
+
+    def even(low: float, high: float) -> float:
+        return float(rng.uniform(low, high))
+
+    def even_logarithm(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    t = even_logarithm(0.2, 1.0)
+    radius = float(f"{even_logarithm(RADII[0] * t, min(RADII[1] * t, LARGEST_RADIUS)):.4g}")
+    leaf = 2 * radius * (1.0 if whole else even(1.1, 2.0))
+    arm = (t + 2 * radius) * even(1.1, 1.5)
+    rod = max(1.5, 0.75 * radius + 1.0) + even(0.0, 3.0)
+    dimensions = {
+        "arm_span": leaf + 1.5 * radius + even(5.0, 30.0),
+        "arm_offset": even_logarithm(0.5, 6.0),
+        "arm_thickness": arm,
+        "hinge_length": leaf,
+        "hinge_thickness": t,
+        "width": even(5.0, 25.0),
+        "rod_length": even(0.8, 2.0) * arm if rods else 0.0,
+        "rod_thickness": rod,
+        "input_block_height": even(2.2, 3.0) * arm,
+        "input_block_depth": rod + even(1.0, 4.0),
+        "block_width": 1.5 * radius + even(4.0, 12.0),
+        "output_block_height": even(1.2, 2.0) * arm,
+        "ground_block_height": even(1.2, 2.0) * arm,
+        "fillet_radius": radius,
+    }
+    return {name: float(f"{value:.4g}") for name, value in dimensions.items()}
 
 
 def _dimensions(rng: np.random.Generator, *, rods: bool, rounded: bool) -> dict[str, float]:

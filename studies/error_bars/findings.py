@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from studies.error_bars.designs import Drawn
-from studies.error_bars.trial import QUANTITIES, Answered, Known, Method
+from studies.error_bars.trial import Answered, Known, Method
 
 #: What is asked: estimates that contain the truth.
 ASKED = 0.95
@@ -67,13 +67,17 @@ class Case:
     known: Known
 
     @property
+    def group(self) -> str:
+        """What it is judged with: designs with curved necks, or those with leaves by the method of their meshes."""
+        return "curved" if self.drawn.curved else self.method
+
+    @property
     def deviations(self) -> list[Deviation]:
         """One for each quantity; none if the program gave no answer."""
         answer, known = self.answer, self.known
         return [
             Deviation(key, answer.values[key], answer.estimates[key], known.values[key], known.uncertainties[key])
-            for key in QUANTITIES
-            if key in answer.values
+            for key in answer.values
         ]
 
 

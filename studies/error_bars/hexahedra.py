@@ -194,7 +194,7 @@ class Body:
         self.shape = (len(plan.nodes), 3, self.z.size)
         held = np.broadcast_to(fixed(plan.nodes, self.z), self.shape)
         self.free = np.flatnonzero(~held.ravel())
-        e, nu = youngs_modulus, poissons_ratio
+        e, nu = self._moduli = youngs_modulus, poissons_ratio
         self._lame = e * nu / ((1 + nu) * (1 - 2 * nu)), e / (2 * (1 + nu))
         self._factor: _Factor | None = None
 
@@ -260,6 +260,35 @@ class Body:
         moved = np.zeros_like(loads)
         moved[self.free] = self._factor.solve(loads[self.free])
         return moved
+
+    def section_forces(self, moved: Array, x: float, centre: tuple[float, float], reach: float) -> Array:
+        """Return the forces on a section x = const, along x and y, and their moment about a point of the plan.
+
+        They are the nodal forces of the elements right of the section on its nodes, so that they balance what acts on
+        the body exactly.
+
+        Parameters
+        ----------
+        moved
+            Displacements, shape (all unknowns,).
+        x
+            Where the section is, a line between elements [m].
+        centre, reach
+            The point [m], and how far from it along y the section goes [m].
+        """
+        nodes, quads = self.plan.nodes, self.plan.quads
+        near = 1e-9 * float(np.ptp(nodes))
+        on = (abs(nodes[:, 0] - x) < near) & (abs(nodes[:, 1] - centre[1]) < reach + near)
+        beside = (on[quads].sum(axis=1) == 3) & (nodes[quads].mean(axis=1)[:, 0] > x)
+        used, numbers = np.unique(quads[beside], return_inverse=True)
+        plan = Plan(nodes[used], numbers.reshape(-1, 9))
+        piece = Body(plan, self.z[::2], *self._moduli, lambda at, z: np.zeros((len(at), 3, z.size), dtype=bool))
+        upper = piece.stiffness()
+        field = moved.reshape(self.shape)[used].ravel()
+        force = (upper @ field + sp.triu(upper, k=1).T @ field).reshape(piece.shape).sum(axis=2)[on[used]]
+        away = nodes[used][on[used]] - np.array(centre)
+        moment = away[:, 0] @ force[:, 1] - away[:, 1] @ force[:, 0]
+        return np.array([*force[:, :2].sum(axis=0), moment])
 
     def release(self) -> None:
         """Forget the factor of the stiffness matrix."""

@@ -13,7 +13,7 @@ from flexdesign.files import FORMAT
 from flexdesign.report import charts
 from flexdesign.report.document import Document, Figure, Section, Table
 from studies.error_bars.findings import ASKED, OVERCAUTIOUS, Case, Deviation, Judgement, judge
-from studies.error_bars.trial import ACCURACY, QUANTITIES
+from studies.error_bars.trial import ACCURACY, STRESS, judged
 
 #: How a quantity is written, its unit, and how many SI units that is.
 SHOWN = {
@@ -21,8 +21,13 @@ SHOWN = {
     "lambda_output_free": ("λ", "", 1.0),
     "K_out_input_free": ("K_out free", "N/mm", 1e3),
     "K_out_input_held": ("K_out held", "N/mm", 1e3),
+    STRESS: ("hinge stress", "MPa", 1e6),
 }
-METHODS = {"extruded": "Extruded meshes", "wild": "Wild meshes"}
+GROUPS = {
+    "extruded": "Extruded meshes of leaves",
+    "wild": "Wild meshes of leaves",
+    "curved": "Extruded meshes of curved necks",
+}
 HEAD = (
     "what", "contained", "error: median", "largest", "estimate: median", "largest", "estimate / error",
     "farthest off", "reference's doubt",
@@ -33,34 +38,34 @@ def document(cases: Sequence[Case]) -> Document:
     """Return the report of cases that have answers, or say why not."""
     solved = [case for case in cases if case.deviations]
     sections = [_about()]
-    for method, title in METHODS.items():
-        of_method = [case for case in cases if case.method == method]
-        if any(case.deviations for case in of_method):
-            sections.append(_in_all(title, of_method))
-    sections += [_designs(title, [c for c in solved if c.method == method]) for method, title in METHODS.items()]
+    for group, title in GROUPS.items():
+        of_group = [case for case in cases if case.group == group]
+        if any(case.deviations for case in of_group):
+            sections.append(_in_all(title, of_group))
+    sections += [_designs(title, [c for c in solved if c.group == group]) for group, title in GROUPS.items()]
     return Document("Are the error estimates true?", summary(cases), [s for s in sections if s.tables or s.paragraphs])
 
 
 def summary(cases: Sequence[Case]) -> list[str]:
     """Return the answer in a few sentences."""
     said = []
-    for method, title in METHODS.items():
-        of_method = [case for case in cases if case.method == method]
-        solved = [case for case in of_method if case.deviations]
+    for group, title in GROUPS.items():
+        of_group = [case for case in cases if case.group == group]
+        solved = [case for case in of_group if case.deviations]
         if not solved:
             continue
-        judged = judge(_all(solved))
+        verdict = judge(_all(solved))
         whole = sum(all(deviation.contained for deviation in case.deviations) for case in solved)
         said.append(
-            f"{title}: {judged.contained} of {judged.count} estimates contain the reference "
-            f"({100 * judged.share:.3g} %; {100 * ASKED:.0f} % are asked for), all {len(QUANTITIES)} of a design in "
-            f"{whole} of {len(solved)} designs. The median estimate is {_percent(judged.median_estimate)}, the median "
-            f"error {_percent(judged.median_error)}; by root mean squares estimates are {judged.caution:.1f} times the "
+            f"{title}: {verdict.contained} of {verdict.count} estimates contain the reference "
+            f"({100 * verdict.share:.3g} %; {100 * ASKED:.0f} % are asked for), all {len(judged(solved[0].drawn))} of a "
+            f"design in {whole} of {len(solved)} designs. The median estimate is {_percent(verdict.median_estimate)}, the median "
+            f"error {_percent(verdict.median_error)}; by root mean squares estimates are {verdict.caution:.1f} times the "
             f"errors. A design takes {_median_seconds(solved):.0f} s."
         )
         said += [
             f"Design {case.drawn.number} ({case.drawn.words()}) has no answer: {case.answer.error}"
-            for case in of_method
+            for case in of_group
             if not case.deviations
         ]
     if (versions := len({case.answer.elements for case in cases})) > 1:
@@ -75,9 +80,9 @@ def of(cases: Sequence[Case]) -> dict[str, Any]:
         "kind": "study",
         "accuracy": ACCURACY,
         "judgements": {
-            method: vars(judge(_all(solved)))
-            for method in METHODS
-            if (solved := [case for case in cases if case.method == method and case.deviations])
+            group: vars(judge(_all(solved)))
+            for group in GROUPS
+            if (solved := [case for case in cases if case.group == group and case.deviations])
         },
         "cases": [_entry(case) for case in cases],
         "made_by": {"study": "studies.error_bars", "flexdesign": __version__},
@@ -120,16 +125,16 @@ def _about() -> Section:
 
 def _in_all(title: str, cases: Sequence[Case]) -> Section:
     solved = [case for case in cases if case.deviations]
-    rows = [_judged(SHOWN[key][0], judge([d for d in _all(solved) if d.quantity == key])) for key in QUANTITIES]
+    keys = judged(cases[0].drawn)
+    rows = [_judged(SHOWN[key][0], judge([d for d in _all(solved) if d.quantity == key])) for key in keys]
+    kinds = dict.fromkeys(case.drawn.kind for case in solved)
     for what, chosen in (
-        ("sharp roots", [case for case in solved if not case.drawn.rounded]),
-        ("rounded roots", [case for case in solved if case.drawn.rounded]),
+        *((kind, [case for case in solved if case.drawn.kind == kind]) for kind in kinds),
         ("all", solved),
     ):
-        if chosen:
-            rows.append(_judged(what, judge(_all(chosen))))
-    method = cases[0].method
-    return Section(title, [], [Table(HEAD, rows)], [_histogram(solved, method), _bars(solved, method)])
+        rows.append(_judged(what, judge(_all(chosen))))
+    group = cases[0].group
+    return Section(title, [], [Table(HEAD, rows)], [_histogram(solved, group), _bars(solved, group)])
 
 
 def _judged(what: str, found: Judgement) -> list[str]:
@@ -144,7 +149,8 @@ def _judged(what: str, found: Judgement) -> list[str]:
 
 
 def _designs(title: str, cases: Sequence[Case]) -> Section:
-    head = ["design", *(f"{name} [{unit}]" if unit else name for name, unit, _ in SHOWN.values())]
+    shown = [SHOWN[key] for key in judged(cases[0].drawn)] if cases else []
+    head = ["design", *(f"{name} [{unit}]" if unit else name for name, unit, _ in shown)]
     head += ["off, in estimates", "meshes", "s", "reference s"]
     rows = []
     for case in cases:
@@ -167,14 +173,15 @@ def _written(deviation: Deviation) -> str:
     return f"{value:.{digits}f} ± {estimate:.{digits}f} ({reference:.{digits}f})"
 
 
-def _histogram(cases: Sequence[Case], method: str) -> Figure:
+def _histogram(cases: Sequence[Case], group: str) -> Figure:
     from matplotlib.figure import Figure as Canvas
 
     canvas = Canvas(figsize=(7.2, 3.0), layout="constrained")
     axes = canvas.add_subplot()
     charts.plain(axes)
-    groups = {SHOWN[key][0]: [d.in_estimates for d in _all(cases) if d.quantity == key] for key in QUANTITIES}
-    reach = max(1.2, 1.05 * max(abs(x) for group in groups.values() for x in group))
+    keys = judged(cases[0].drawn)
+    groups = {SHOWN[key][0]: [d.in_estimates for d in _all(cases) if d.quantity == key] for key in keys}
+    reach = max(1.2, 1.05 * max(abs(x) for found in groups.values() for x in found))
     edges = np.arange(-np.ceil(reach / 0.1), np.ceil(reach / 0.1) + 1) * 0.1
     colours = charts.COLOURS[: len(groups)]
     axes.hist(list(groups.values()), bins=edges.tolist(), stacked=True, color=colours, label=list(groups))
@@ -184,10 +191,10 @@ def _histogram(cases: Sequence[Case], method: str) -> Figure:
     axes.set_ylabel("answers")
     charts.below(canvas, axes, 4)
     caption = "What lies between the dashed lines is contained; a heap in the middle alone would be over-cautious"
-    return Figure(f"histogram_{method}.svg", charts.svg(canvas), caption)
+    return Figure(f"histogram_{group}.svg", charts.svg(canvas), caption)
 
 
-def _bars(cases: Sequence[Case], method: str) -> Figure:
+def _bars(cases: Sequence[Case], group: str) -> Figure:
     from matplotlib.figure import Figure as Canvas
 
     canvas = Canvas(figsize=(7.2, 3.4), layout="constrained")
@@ -195,11 +202,11 @@ def _bars(cases: Sequence[Case], method: str) -> Figure:
     charts.plain(axes)
     key = "K_in_output_free"
     found = [next(d for d in case.deviations if d.quantity == key) for case in cases]
-    for rounded, label in ((False, "sharp roots"), (True, "rounded roots")):
-        chosen = [i for i, case in enumerate(cases) if case.drawn.rounded == rounded]
+    for number, label in enumerate(dict.fromkeys(case.drawn.kind for case in cases)):
+        chosen = [i for i, case in enumerate(cases) if case.drawn.kind == label]
         middle, half = ([100 * x for x in part] for part in _relative([found[i] for i in chosen]))
         places = [cases[i].drawn.number for i in chosen]
-        colour = charts.COLOURS[int(rounded)]
+        colour = charts.COLOURS[number]
         axes.errorbar(places, middle, half, fmt="o", color=colour, markersize=4, capsize=2, label=label)
     numbers, doubts = (
         [case.drawn.number for case in cases],
@@ -210,7 +217,7 @@ def _bars(cases: Sequence[Case], method: str) -> Figure:
     axes.set_xlabel("design")
     axes.set_ylabel("K_in less reference [%]")
     charts.below(canvas, axes, 3)
-    return Figure(f"bars_{method}.svg", charts.svg(canvas), "K_in ± estimate beside the reference and its own doubt")
+    return Figure(f"bars_{group}.svg", charts.svg(canvas), "K_in ± estimate beside the reference and its own doubt")
 
 
 def _relative(found: Sequence[Deviation]) -> tuple[list[float], list[float]]:

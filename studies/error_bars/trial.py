@@ -17,11 +17,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from flexdesign import refinement, validation
+from flexdesign import quantities, refinement
 from flexdesign.cache import Cache, content_key
 from flexdesign.errors import InputError
-from flexdesign.fem import methods
-from flexdesign.model import Quantity
+from flexdesign.fem import domain, methods
+from flexdesign.model import Quantity, by_key
 from flexdesign.study import Study
 from studies.error_bars import bridge
 from studies.error_bars.bridge import Bridge, Fineness, Reference
@@ -38,6 +38,9 @@ QUANTITIES = {
     "K_out_input_free": "K_out",
     "K_out_input_held": "K_out",
 }
+#: Of designs with curved necks the nominal hinge stress as well.
+STRESS = "hinge_stress_1_N_of_actuator_force"
+ALL = {**QUANTITIES, STRESS: "hinge_stress"}
 SCATTER = {"extruded": methods.Extruded.scatter, "wild": methods.Wild.scatter}
 #: Levels of the reference's two meshes, and the powers of their growth that its error may fall with: 4 is that of
 #: quadratic displacements' energy and of the roots, which are refined accordingly; 6 has been seen.
@@ -105,7 +108,7 @@ def known(drawn: Drawn, folder: Path, say: Say) -> Known:
     An error that falls with a power p of the growth leaves (K_1 - K_2) / ((g_1 / g_2)^p - 1); the value is the middle
     of what the lowest and the highest p give, and its uncertainty half of their distance.
     """
-    question = content_key(drawn.dimensions, drawn.material, LEVELS, ORDERS)
+    question = content_key(drawn.dimensions, drawn.material, LEVELS, ORDERS, *_of_curved(drawn))
     path = folder / f"{drawn.number:02d}-reference.json"
     if (told := _kept(path, question)) is not None:
         return Known(**told)
@@ -113,17 +116,24 @@ def known(drawn: Drawn, folder: Path, say: Say) -> Known:
     design = drawn.study(ACCURACY, "auto").design
     metal, part = design.material, cast(Bridge, design.part())
     answer = extrapolated(
-        *(bridge.solve(part, metal.youngs_modulus, metal.poissons_ratio, fineness=Fineness.of(x)) for x in LEVELS)
+        *(bridge.solve(part, metal.youngs_modulus, metal.poissons_ratio, fineness=Fineness.of(x)) for x in LEVELS),
+        keys=judged(drawn),
     )
     _keep(path, question, asdict(answer))
     return answer
 
 
-def extrapolated(coarse: Reference, fine: Reference) -> Known:
+def judged(drawn: Drawn) -> tuple[str, ...]:
+    """Return the keys of what is judged of a design."""
+    return tuple(ALL if drawn.curved else QUANTITIES)
+
+
+def extrapolated(coarse: Reference, fine: Reference, keys: Sequence[str] = tuple(QUANTITIES)) -> Known:
     """Return the reference freed from its leading error."""
     ratio = Fineness.of(LEVELS[0]).growth / Fineness.of(LEVELS[1]).growth
     low, high = (1 / (ratio**order - 1) for order in ORDERS)
-    pairs = {key: (getattr(coarse, key), getattr(fine, key)) for key in QUANTITIES}
+    names = {key: "hinge_stress" if key == STRESS else key for key in keys}
+    pairs = {key: (getattr(coarse, name), getattr(fine, name)) for key, name in names.items()}
     return Known(
         values={key: new + (new - old) * (low + high) / 2 for key, (old, new) in pairs.items()},
         uncertainties={key: abs(new - old) * abs(low - high) / 2 for key, (old, new) in pairs.items()},
@@ -141,8 +151,7 @@ def judged_anew(answer: Answered, method: Method, accuracy: float) -> Answered |
         return None
     for count in range(2, len(answer.sizes) + 1):
         meshes = [
-            {key: Quantity(QUANTITIES[key], values[i], "1", "1") for key, values in answer.raw.items()}
-            for i in range(count)
+            {key: Quantity(ALL[key], values[i], "1", "1") for key, values in answer.raw.items()} for i in range(count)
         ]
         limits = dict(zip(answer.raw, refinement.limits(meshes, answer.sizes[:count], SCATTER[method]), strict=True))
         if refinement.estimated_error(list(limits.values())) <= accuracy or count == refinement.MOST_LEVELS:
@@ -156,39 +165,44 @@ def answered(
     drawn: Drawn, method: Method, folder: Path, cache: Cache, say: Say, accuracy: float = ACCURACY
 ) -> Answered:
     """Return what the program says of a design, from its file if there is one; that there is no mesh, too."""
-    question = content_key(drawn.dimensions, drawn.material, accuracy, method)
+    question = content_key(drawn.dimensions, drawn.material, accuracy, method, *_of_curved(drawn))
     path = folder / f"{drawn.number:02d}-{method}.json"
     if (told := _kept(path, question)) is not None and (answer := judged_anew(Answered(**told), method, accuracy)):
         return answer
     say(f"solving by the program ({method})")
     began = time.perf_counter()
     try:
-        answer = _solved(drawn.study(accuracy, method), cache)
+        answer = _solved(drawn.study(accuracy, method), cache, judged(drawn))
     except (InputError, ArithmeticError) as error:  # no mesh, or a solution that fails its checks
         answer = Answered({}, {}, (), {}, (), time.perf_counter() - began, refinement.engine(), str(error))
     _keep(path, question, asdict(answer))
     return answer
 
 
-def _solved(study: Study, cache: Cache) -> Answered:
-    validated = validation.validate(study, cache)
-    found = {key: validated.fem(key) for key in QUANTITIES}
-    levels = validated.levels
-    compliances = [level.solution.compliance for level in levels]
+def _solved(study: Study, cache: Cache, keys: Sequence[str]) -> Answered:
+    """Solve as a validation does, but for lateral motions and modes, which are judged by nobody here."""
+    began = time.perf_counter()
+    part = study.design.part()
+    body = domain.of_part(part, material=study.design.material, chord=domain.chord(part))
+    method = refinement.method_of(study, part, body)
+    levels = refinement.refined(study, part, body, method, cache, lambda _: None, all_classes=False)
+    gathered = by_key(refinement.gathered(study, levels, method.scatter))
+    found = {key: gathered[key] for key in keys}
+    by_level = [by_key(quantities.of_solution(study, level.solution)) for level in levels]
     return Answered(
         values={key: quantity.value for key, quantity in found.items()},
         estimates={key: quantity.sigma or 0.0 for key, quantity in found.items()},
         sizes=[level.size for level in levels],
-        raw={
-            "K_in_output_free": [c.input_stiffness for c in compliances],
-            "lambda_output_free": [c.amplification for c in compliances],
-            "K_out_input_free": [c.output_stiffness(0.0) for c in compliances],
-            "K_out_input_held": [c.output_stiffness(math.inf) for c in compliances],
-        },
+        raw={key: [on_level[key].value for on_level in by_level] for key in keys},
         unknowns=[level.solution.facts["unknowns"] for level in levels],
-        seconds=validated.seconds + sum(level.seconds for level in levels if level.cached),
+        seconds=time.perf_counter() - began + sum(level.seconds for level in levels if level.cached),
         elements=refinement.engine(),
     )
+
+
+def _of_curved(drawn: Drawn) -> tuple[str, ...]:
+    """Return what a question says of a curved design besides."""
+    return (Path(drawn.design).stem,) if drawn.curved else ()
 
 
 def forget(folder: Path) -> None:

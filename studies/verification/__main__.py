@@ -26,7 +26,7 @@ PROBLEMS: Mapping[str, tuple[Problem, ...]] = {
     ),
     "Benchmarks": (nafems.elliptic_membrane, nafems.thick_plate, nafems.tapered_membrane),
     "Cantilevers": (beams.cantilevers,),
-    "Hinges": (hinges.circular_hinge, hinges.leaf_hinge),
+    "Hinges": (hinges.circular_hinge, hinges.own_mesh, hinges.leaf_hinge),
     "Large displacements": (large.bent_cantilever, large.parasitic_motion),
 }
 

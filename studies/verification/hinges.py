@@ -1,5 +1,8 @@
 """A circular notch hinge and a leaf hinge in pure bending, between plane stress and plane strain.
 
+The notch is solved twice: on a structured mesh that is bent into its shape, and on the meshes that the program makes of
+a part with this notch, extrapolated as a validation does.
+
 Both are hinges of width b between blocks of height H, of which an eighth is meshed: bending about z is even in x = 0,
 odd in y = 0, even in z = 0. What turns is measured by the work of the end moments, and what the blocks contribute as
 beams is taken off.
@@ -12,14 +15,21 @@ around the roots. So a body in three dimensions has its stiffness between that o
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
+from flexdesign import part as parts
 from flexdesign.analytic import notch
-from flexdesign.fem import loads
+from flexdesign.fem import convergence, domain, gate, loads, ports, statics
+from flexdesign.fem.elasticity import Elasticity
+from flexdesign.fem.methods import EXTRUDED_GRADING, Extruded, Grading
 from flexdesign.materials import Material
 from studies.verification.finding import Finding, around
 from studies.verification.solids import Array, Bent, graded, lattice
 
+#: Where the notched bar is.
+PARTS = Path(__file__).parent
 METAL = Material("aluminium of the hinges", 71e9, 0.33, 2800.0, None)
 #: Width of both hinges, their smallest thickness, the notch's radius, and how long the blocks are [m].
 WIDTH, THICKNESS, RADIUS, BLOCK = 10e-3, 0.5e-3, 2e-3, 4e-3
@@ -159,6 +169,55 @@ def circular_hinge(
             for source, stiffness in known.items()
         ),
     ]  # fmt: skip
+
+
+def own_mesh(coarseness: tuple[float, ...] = (1.35**2, 1.35, 1.0)) -> list[Finding]:
+    """Return what the program's own meshes of the notch give, beside the structured one as a body.
+
+    The part is a bar with the notch in its middle, held at one end. What a moment at the other end turns it by, less
+    the share of the bar as a beam, is the notch's.
+    """
+    bar = parts.load("notched_bar", PARTS, parts.PIECE_METHODS)(neck=THICKNESS, radius=RADIUS, width=WIDTH, block=BLOCK)
+    body = domain.of_part(bar, chord=domain.chord(bar))
+    hinges = bar.linkage().of_kind("hinge")
+    method = Extruded(Grading(body, bar.linkage().members, *EXTRUDED_GRADING, None))
+    found, across, unknowns = [], [], 0
+    for factor in coarseness:
+        mesh = method.mesh(factor)
+        across.append(min(check.across for check in gate.check(mesh, body, hinges)))
+        stiffness, unknowns = _stiffness(Elasticity(mesh, METAL), body, bar)
+        found.append(stiffness)
+    sizes = [method.finest_edge(factor) for factor in coarseness]
+    limit = convergence.extrapolate(found, sizes, scatter=method.scatter)
+    structured = 1 / turn(circular((36, 10, 9, 7), METAL), 2.0, flat=False)
+    problem = "circular hinge, R 2 mm, t 0.5 mm, b 10 mm, the program's own meshes"
+    return [
+        Finding(
+            problem, "stiffness", "independent code", "structured mesh", 1e3 * structured, 1e3 * limit.value, "N mm/rad",
+            *around(1e3 * structured, 3e-3), unknowns,
+            "chords on the structured notch make it 0.1 % too stiff; elements 0.1 %",
+        ),
+        Finding(
+            problem, "difference, in error bars", "bound", "value ± error holds the structured mesh's", 0.0,
+            (limit.value - structured) / (limit.error + 2e-3 * structured), "1", -1.0, 1.0, unknowns,
+            "the structured mesh's own error, 0.2 %, is added",
+        ),
+        Finding(
+            problem, "elements across the neck of the coarsest mesh", "bound", "mesh gate", gate.LEAST_ACROSS,
+            across[0], "1", gate.LEAST_ACROSS, np.inf, unknowns, "one element knows nothing of the neck",
+        ),
+    ]  # fmt: skip
+
+
+def _stiffness(body: Elasticity, whole: domain.Domain, bar: parts.Piece) -> tuple[float, int]:
+    """Return moment per turn of the notch alone [N m/rad], and the unknowns."""
+    held = [whole.ports["ground"]]
+    space, stiffness = ports.port_space(body, whole, bar.ports()), body.stiffness()
+    system = statics.class_system(body, whole, ports.classes(whole)[0], stiffness, held)
+    share, checks, _, _ = statics.class_compliance(body, system, stiffness, space)
+    checks.require()
+    system.factor.free()
+    return float(1 / (share[5, 5] - 2 * BLOCK / THICK)), body.n_dofs
 
 
 def leaf_hinge(flat: tuple[int, int, int] = (14, 3, 1), solid: tuple[int, int, int] = (8, 3, 5)) -> list[Finding]:

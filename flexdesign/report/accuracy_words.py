@@ -1,0 +1,38 @@
+"""What a report says of the accuracy that was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from flexdesign import refinement, units
+from flexdesign.model import Quantity
+from flexdesign.report.wording import name_of
+
+
+def not_reached(asked: float | None, found: Sequence[Quantity]) -> str:
+    """Say for the headline that an accuracy (relative) was not reached, and by which quantity; nothing if it was."""
+    worst = refinement.least_certain(found)
+    reached = abs((worst.sigma or 0.0) / worst.value)
+    if asked is None or reached <= asked:
+        return ""
+    return (
+        f"The accuracy that was asked for is NOT reached: {_percent(asked)} was asked for in every stiffness and "
+        f"amplification, and the estimated error of the {name_of(worst)}, {worst.boundary}, is {_percent(reached)} on "
+        "the finest mesh that is tried."
+    )
+
+
+def reached(asked: float | None, found: Sequence[Quantity]) -> str:
+    """Say beside the meshes how the largest estimated error compares with the accuracy that was asked for."""
+    if asked is None:
+        return ""
+    error = refinement.estimated_error(found)
+    verdict = "reached" if error <= asked else "NOT reached with the finest mesh that is tried"
+    return (
+        f" Asked for was an error of at most {_percent(asked)} in every stiffness and amplification; the largest "
+        f"estimate is {_percent(error)}: {verdict}."
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{units.significant(100 * share, 2)} %"
