@@ -16,7 +16,7 @@ from flexdesign.design import Design
 from flexdesign.errors import InputError
 from flexdesign.model import Quantity
 from flexdesign.sweeps import evaluators, optimising
-from tests.conftest import Ended
+from tests.conftest import FOUR_SIDED, Ended
 
 ROOT = Path(__file__).parents[2]
 HEAD = f'format = 1\ndesign = "{ROOT / "geometry" / "lin2019_amplifier_xy.toml"}"\nevaluator = "pseudo-rigid"\n'
@@ -200,7 +200,7 @@ def test_a_stage_is_optimised_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         asked_of.append(version.name)
         return [replace(q, value=1.05 * q.value) for q in evaluators.by_formulas(version, "compliance")]
 
-    text = STUDY.replace("lin2019_amplifier_xy", "lin2019_xyz_stage").replace(
+    text = STUDY.replace(str(ROOT / "geometry" / "lin2019_amplifier_xy.toml"), str(FOUR_SIDED)).replace(
         "dimensions.width", "dimensions.guide_width"
     )
     text = text.replace('"10 mm", to = "25 mm"', '"4 mm", to = "8 mm"').replace(
@@ -217,7 +217,7 @@ def test_a_stage_is_optimised_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     )  # what stroke is left makes it stiff
     monkeypatch.setattr(optimising, "by_elements", larger)
     checked = optimising.optimise(asked)
-    assert asked_of == ["lin2019_xyz_stage"] * len(checked.rounds) and not checked.broken
+    assert asked_of == ["four_sided_stage"] * len(checked.rounds) and not checked.broken
     assert checked.found["stroke_x_table_free"].value == pytest.approx(150e-6, rel=1e-3)
     thickness, alone = (float(each.last.values["dimensions.hinge_thickness"]) for each in (checked, found))
     assert thickness > 1.001 * alone  # a longer stroke is one to give away
