@@ -23,10 +23,13 @@ from flexdesign import effects, runs, simulation, stage_model, standard_experime
 from flexdesign.diagnosis import Diagnosis, diagnose
 from flexdesign.diagnosis.candidates import candidates
 from flexdesign.dynamics.axis_model import AxisDynamics
+from flexdesign.dynamics.stage import stack_range
 from flexdesign.stage_model import StageModel
 
 Array = NDArray[np.float64]
-STAGE, AXIS, VOLTS = "lin2019_stage", "x", 150.0
+STAGE, AXIS = "lin2019_stage", "x"
+#: The sensor's steps are left out: they would hide what is smaller.
+WITHOUT_STEPS = [f'axis.{axis}.sensor.resolution="0 um"' for axis in "xyz"]
 #: Noise that is added [m].
 NOISE = 20e-9
 #: An effect that moves the readings by less, rms, over the noise, should not be named.
@@ -63,14 +66,15 @@ class Outcome:
 
 def names() -> list[str]:
     """Return the effects that an axis alone can show in runs without a payload."""
-    axis = stage_model.read(STAGE, []).axes[AXIS]
-    plain = AxisDynamics(AXIS, replace(axis, effects={}), VOLTS)
+    axis = stage_model.read(STAGE, WITHOUT_STEPS).axes[AXIS]
+    plain = AxisDynamics(AXIS, replace(axis, effects={}), stack_range(axis)[1])
     return [c.name for c in candidates(plain) if not c.after and c.name not in axis.effects]
 
 
 def with_effect(model: StageModel, name: str) -> tuple[StageModel, dict[str, float]]:
     """Return a stage with an effect at the strength of the catalogue, and the numbers of the effect."""
-    dynamics = AxisDynamics(AXIS, model.axes[AXIS], VOLTS, delay=model.controller.delay)
+    axis = model.axes[AXIS]
+    dynamics = AxisDynamics(AXIS, axis, stack_range(axis)[1], delay=model.controller.delay)
     added = dynamics.with_effect(effects.find(name), name)
     before = {p.name: p.start for p in dynamics.parameters()}
     numbers = {p.name: float(p.start or 0.0) for p in added.parameters() if p.start != before.get(p.name)}
@@ -96,7 +100,7 @@ def recordings(model: StageModel, seed: int) -> dict[str, tuple[Array, Array, Ar
 
 def round_trip(name: str, between: str, seed: int) -> Outcome:
     """Simulate a stage with an effect, and diagnose its recordings."""
-    plain = stage_model.read(STAGE, [])
+    plain = stage_model.read(STAGE, WITHOUT_STEPS)
     hidden, numbers = with_effect(plain, name)
     seen, without = recordings(hidden, seed), recordings(plain, seed)
     moved = np.concatenate(
