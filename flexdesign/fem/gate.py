@@ -4,9 +4,9 @@ Volume does not tell: a 0.5 mm neck thickened by 21 um changes the volume by 0.0
 thickness itself is measured: lines across the leaf, on a grid over its length and width, from the facet they enter by
 to the facet they leave by.
 
-Flat leaves and curved necks are judged line by line. Where a leaf runs out into a fillet, facets straddle the line at which
-the fillet begins and thicken the leaf there by some percent over a fraction of an element; such a leaf is judged line
-by line in its middle half, and the whole hinge, fillets included, by its thickness in bending,
+Flat leaves and curved necks are judged line by line. Where a leaf runs out into a fillet, facets straddle the line at
+which the fillet begins and thicken the leaf there by some percent over a fraction of an element; such a leaf is judged
+line by line in its middle half, and the whole hinge, fillets included, by its thickness in bending,
 
     t_b = (mean of t^-3 over the lines)^(-1/3).
 

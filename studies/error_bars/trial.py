@@ -151,8 +151,7 @@ def judged_anew(answer: Answered, method: Method, accuracy: float) -> Answered |
         return None
     for count in range(2, len(answer.sizes) + 1):
         meshes = [
-            {key: Quantity(ALL[key], values[i], "1", "1") for key, values in answer.raw.items()}
-            for i in range(count)
+            {key: Quantity(ALL[key], values[i], "1", "1") for key, values in answer.raw.items()} for i in range(count)
         ]
         limits = dict(zip(answer.raw, refinement.limits(meshes, answer.sizes[:count], SCATTER[method]), strict=True))
         if refinement.estimated_error(list(limits.values())) <= accuracy or count == refinement.MOST_LEVELS:

@@ -87,7 +87,9 @@ def test_a_neck_of_one_element_is_refused_though_it_is_as_thick_as_drawn() -> No
         assert found.resolved and found.across == pytest.approx(cells, rel=0.03)
     for cells in (1, 2):
         assert gate.elements_across(shaped_across(NOTCH, cells), NOTCH) == pytest.approx(cells, rel=0.03)
-    said = r"^notch has 0\.98 elements across its curved neck of 0\.5 mm, 2\.5 at least are needed; reduce mesh\.at_root"
+    said = (
+        r"^notch has 0\.98 elements across its curved neck of 0\.5 mm, 2\.5 at least are needed; reduce mesh\.at_root"
+    )
     with pytest.raises(MeshError, match=said):
         gate.check(shaped_across(NOTCH, 1), EVERYWHERE, [NOTCH])
 
