@@ -10,12 +10,14 @@ from pathlib import Path
 import pytest
 
 from flexdesign.cache import Cache
+from flexdesign.fem import domain, profile
 from flexdesign.report import render
+from studies.error_bars import __main__ as command
 from studies.error_bars import bridge, report, trial
 from studies.error_bars.bridge import Fineness, Reference
-from studies.error_bars.designs import COUNT, METALS, ROUNDED, WITHOUT_RODS, Drawn, designs
+from studies.error_bars.designs import COUNT, METALS, NOTCHED, ROUNDED, WITHOUT_RODS, Drawn, curved_designs, designs
 from studies.error_bars.findings import Case, Deviation, judge
-from studies.error_bars.trial import LEVELS, ORDERS, QUANTITIES, Answered, Known
+from studies.error_bars.trial import ALL, LEVELS, ORDERS, QUANTITIES, Answered, Known
 
 #: The quickest of the study with sharp and with rounded roots: little width, thick hinges.
 SHARP, FILLETED = 7, 38
@@ -40,6 +42,39 @@ def test_estimates_contain_the_reference(number: int, tmp_path: Path) -> None:
     assert trial.known(drawn, tmp_path, pytest.fail) == known  # from its file
     again = trial.answered(drawn, "extruded", tmp_path, Cache(tmp_path / "none"), pytest.fail, accuracy=0.02)
     assert again.values == answer.values and again.estimates == answer.estimates
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [8, 32])
+def test_estimates_of_curved_necks_contain_the_reference(number: int, tmp_path: Path) -> None:
+    """Stiffnesses, amplification and nominal hinge stress, on the first two meshes."""
+    drawn = curved_designs()[number]
+    answer = trial.answered(drawn, "extruded", tmp_path, Cache(tmp_path / "cache"), silent, accuracy=0.02)
+    case = Case(drawn, "extruded", answer, trial.known(drawn, tmp_path, silent))
+    assert [d.quantity for d in case.deviations] == list(ALL)
+    assert [d.quantity for d in case.deviations if not d.contained] == []
+    assert answer.reached <= 0.02
+
+
+def test_curved_designs_are_drawn_once_and_for_all() -> None:
+    drawn = curved_designs()
+    assert [d.number for d in drawn] == list(range(COUNT, 2 * COUNT)) and curved_designs(count=3) == drawn[:3]
+    assert curved_designs(seed=1, count=3) != drawn[:3]
+    kinds = [d.kind for d in drawn[:4]]
+    assert kinds == ["circular notches"] * 2 + ["circular notches, declared as fillets", "long fillets"]
+    assert all(d.curved and not d.wild for d in drawn) and not any(d.curved for d in designs())
+    for d in drawn[:4]:
+        hinges = d.study(0.01, "auto").design.part().linkage().of_kind("hinge")
+        assert len(hinges) == 8 and all(profile.is_curved(hinge) for hinge in hinges)
+        assert all(math.isfinite(hinge.curvature_radius) == (d.design == NOTCHED) for hinge in hinges)
+
+
+@pytest.mark.parametrize("number", [0, 1, 2, 3, 5])
+def test_the_reference_fills_what_the_program_meshes(number: int) -> None:
+    """The area of the quadratic arcs, against the volume of the solid; with and without rods."""
+    part = curved_designs()[number].study(0.01, "auto").design.part()
+    plan, layers = bridge.mesh(part, Fineness.of(1.6))  # type: ignore[arg-type]
+    assert plan.area() * layers[-1] == pytest.approx(domain.of_part(part, chord=domain.chord(part)).volume, rel=1e-6)
 
 
 def test_designs_are_drawn_once_and_for_all() -> None:
@@ -120,6 +155,19 @@ def test_files_of_other_questions_are_not_taken(tmp_path: Path) -> None:
     assert trial._kept(path, "another question") is None
     trial.forget(tmp_path)
     assert not list(tmp_path.iterdir()) and drawn.number == 0
+
+
+def test_curved_designs_are_judged_by_themselves() -> None:
+    leaf, drawn = invented([0.5, 0.5, 0.5, 0.5], designs()[0]), curved_designs()[0]
+    values = dict.fromkeys(ALL, 100.0)
+    answer = Answered(values, dict.fromkeys(ALL, 1.0), (2e-5, 1e-5), {}, (10_000, 20_000), 3.0)
+    known = Known(dict.fromkeys(ALL, 100.5), dict.fromkeys(ALL, 0.1), 9, 1.0)
+    said = report.summary([leaf, Case(drawn, "extruded", answer, known)])
+    assert said[0].startswith("Extruded meshes of leaves: 4 of 4 estimates")
+    assert said[1].startswith("Extruded meshes of curved necks: 5 of 5 estimates") and "all 5 of a design" in said[1]
+    assert set(report.of([leaf])["judgements"]) == {"extruded"}
+    assert [d.curved for d, _ in command._asked(2, None, curved=True)] == [True, True]
+    assert not any(d.curved for d, _ in command._asked(2, "wild", curved=False))
 
 
 def test_report_states_every_number(tmp_path: Path) -> None:

@@ -495,6 +495,13 @@ def test_a_stage_is_refined_until_its_estimate_is_small_enough(
     assert abs(limits[-1][0].value - 1) < errors[-1]
 
 
+def test_an_accuracy_that_a_stage_does_not_reach_is_said_in_the_headline(run: Run) -> None:
+    study = run.found.study
+    for asked, is_said in ((1e-4, True), (0.2, False)):
+        found = replace(run.found, study=replace(study, mesh=study.mesh.model_copy(update={"accuracy": asked})))
+        assert any("NOT reached" in line for line in stage_report._summary(found)) is is_said
+
+
 def assert_same(found: Quantity, known: Quantity) -> None:
     """The same but for rounding, which goes with where in memory a matrix came to lie."""
     assert replace(found, value=0.0, sigma=0.0) == replace(known, value=0.0, sigma=0.0)

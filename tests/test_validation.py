@@ -18,7 +18,7 @@ from PIL import Image, ImageSequence
 from flexdesign import quantities, stage_model, study
 from flexdesign.cache import Cache
 from flexdesign.errors import InputError
-from flexdesign.report import explanation, render, validation_pictures, validation_report
+from flexdesign.report import explanation, render, terminal, validation_pictures, validation_report
 from flexdesign.report.document import Document, Table
 from flexdesign.report.pictures import SWING
 from flexdesign.testing import assert_agrees
@@ -132,6 +132,25 @@ def test_an_accuracy_takes_as_many_meshes_as_it_needs(cache: Path) -> None:
     assert any("asked for 0.5 %" in line for line in said)
     text = render.to_markdown(validation_report.document(fine))
     assert "Asked for was an error of at most 0.5 %" in text and "reached" in text
+
+
+def test_an_accuracy_that_is_not_reached_is_said_in_the_headline(
+    validation: Validation, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On the terminal and on top of the report; by the quantity whose estimate is the largest, formulas or not."""
+    mesh = validation.study.mesh
+    missed = replace(validation, study=replace(validation.study, mesh=mesh.model_copy(update={"accuracy": 1e-4})))
+    document = validation_report.document(missed)
+    worst = 100 * validation.estimated_error
+    (said,) = (line for line in document.summary if "NOT reached" in line)
+    assert "0.01 % was asked for" in said and f"is {worst:.2g} %" in said
+    judged = [q for q in validation.found if q.name in ("K_in", "lambda", "K_out")]
+    assert validation.estimated_error == max(abs((q.sigma or 0.0) / q.value) for q in judged)
+    terminal.show(document, missed, [])
+    assert "NOT reached" in capsys.readouterr().out
+    for study in (validation.study, replace(missed.study, mesh=mesh.model_copy(update={"accuracy": 0.2}))):
+        told = validation_report.document(replace(validation, study=study))
+        assert not any("NOT reached" in line for line in told.summary)
 
 
 def test_large_displacements_begin_with_the_linear_answers_and_reach_full_drive(validation: Validation) -> None:

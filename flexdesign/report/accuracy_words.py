@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flexdesign import refinement, units
+from flexdesign import refinement
 from flexdesign.model import Quantity
 from flexdesign.report.wording import name_of
 
@@ -35,4 +35,4 @@ def reached(asked: float | None, found: Sequence[Quantity]) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{units.significant(100 * share, 2)} %"
+    return f"{100 * share:.2g} %"

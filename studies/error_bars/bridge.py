@@ -241,8 +241,10 @@ def mesh(part: Bridge, fineness: Fineness) -> tuple[Plan, Array]:
     d, near, bulk, cut = roots.depth, roots.at_root, roots.bulk, roots.cut
     foot = 4 * roots.sharp
     straight = half - roots.r  # nothing of a right-circular notch
-    at_leaf = min(near, 0.8 * roots.t * fineness.growth) if roots.is_long else near
-    x_leaf = cut(-straight, straight, at_leaf, at_leaf, half * fineness.growth / 1.2) if straight > 1e-9 else None
+    at_leaf, largest = near, half * fineness.growth / 1.2
+    if roots.is_long:
+        at_leaf, largest = min(near, 0.8 * roots.t * fineness.growth), min(largest, 3 * roots.t * fineness.growth / 1.2)
+    x_leaf = cut(-straight, straight, at_leaf, at_leaf, largest) if straight > 1e-9 else None
     start, end = xi + half, xo - half
     slope = -part.arm_offset / (end - start)
     x_arm = cut(start + d, end - d, near, near)

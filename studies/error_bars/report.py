@@ -59,10 +59,9 @@ def summary(cases: Sequence[Case]) -> list[str]:
         said.append(
             f"{title}: {verdict.contained} of {verdict.count} estimates contain the reference "
             f"({100 * verdict.share:.3g} %; {100 * ASKED:.0f} % are asked for), all {len(judged(solved[0].drawn))} of "
-            f"a design in {whole} of {len(solved)} designs. The median estimate is "
-            f"{_percent(verdict.median_estimate)}, the median error {_percent(verdict.median_error)}; by root mean "
-            f"squares estimates are {verdict.caution:.1f} times the errors. "
-            f"A design takes {_median_seconds(solved):.0f} s."
+            f"a design in {whole} of {len(solved)} designs. The median estimate is {_percent(verdict.median_estimate)}, "
+            f"the median error {_percent(verdict.median_error)}; by root mean squares estimates are "
+            f"{verdict.caution:.1f} times the errors. A design takes {_median_seconds(solved):.0f} s."
         )
         said += [
             f"Design {case.drawn.number} ({case.drawn.words()}) has no answer: {case.answer.error}"
@@ -128,12 +127,9 @@ def _in_all(title: str, cases: Sequence[Case]) -> Section:
     solved = [case for case in cases if case.deviations]
     keys = judged(cases[0].drawn)
     rows = [_judged(SHOWN[key][0], judge([d for d in _all(solved) if d.quantity == key])) for key in keys]
-    kinds = dict.fromkeys(case.drawn.kind for case in solved)
-    for what, chosen in (
-        *((kind, [case for case in solved if case.drawn.kind == kind]) for kind in kinds),
-        ("all", solved),
-    ):
-        rows.append(_judged(what, judge(_all(chosen))))
+    for kind in dict.fromkeys(case.drawn.kind for case in solved):
+        rows.append(_judged(kind, judge(_all([case for case in solved if case.drawn.kind == kind]))))
+    rows.append(_judged("all", judge(_all(solved))))
     group = cases[0].group
     return Section(title, [], [Table(HEAD, rows)], [_histogram(solved, group), _bars(solved, group)])
 
