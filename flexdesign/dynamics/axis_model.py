@@ -332,8 +332,6 @@ class AxisDynamics:
         more = {name: value for name, value in own.items() if name not in (TRIGGER, *CAME_FROM)}
         more |= {name: self.axis.numbers[name] + more[name] for name in self.by_run if name in more}
         axis = loaded(self.first, changed(self.axis, more), run.payload)
-        # A stack rests elsewhere after cycles than before the first: motion counts from there, as in a simulated stage.
-        axis = stages.cycled(axis) if run.name in self.apart else axis
         axis = behind_amplifier(axis) if at_stack else axis
         return simulate(
             Stage((self._chain if axis is self.axis else self._chain_of(axis),)),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.hidden_effect_trial.kernel import COUNT, PLAYS, P, rest
+from studies.hidden_effect_trial.kernel import COUNT, PLAYS, P
 
 Array = NDArray[np.float64]
 #: Values of one effect, SI, its strength first.
@@ -302,7 +302,6 @@ def vector(stage: Stage, effects: Mapping[str, Values]) -> Array:
         p[place] = getattr(stage, name)
     if "bouc_wen" in effects:
         p[P.A], p[P.B], p[P.C] = (effects["bouc_wen"][name] for name in ("a", "b", "c"))
-        p[P.REST] = rest(stage.volts, p[P.A], p[P.B], p[P.C])
     if "payload_mass" in effects:
         share = math.sqrt(1.0 + effects["payload_mass"]["ratio"])
         p[P.OMEGA], p[P.ZETA] = p[P.OMEGA] / share, p[P.ZETA] / share

@@ -87,7 +87,6 @@ class P(IntEnum):
     UNEVEN_5 = auto()
     UNEVEN_6 = auto()
     UNEVEN_7 = auto()
-    REST = auto()  # Bouc-Wen hysteresis where motion counts zero [m]
 
 
 COUNT = len(P)
@@ -96,8 +95,8 @@ _NAMES = {name: int(place) for name, place in P.__members__.items()}
 (_PLAY_W, _PLAY_R, _PLAY_S, _ASYM, _ASYM_B, _RATE_W, _RATE_R, _RATE_S) = range(13, 21)
 (_CUBIC, _QUADRATIC, _FRICTION, _PRESLIDING, _LOSS, _OPENING, _ONSET, _SHARE, _OMEGA_2, _ZETA_2) = range(21, 31)
 (_SHAKE, _SHAKE_HZ, _SHAKE_PHASE, _SENSOR_LAG, _LOW, _HIGH, _STOP, _DRAG, _KNEE, _KNEE_SLOPE, _SLACK) = range(31, 42)
-(_SMOOTH, _SMOOTH_SPEED, _REACH, _FIVE, _SIX, _SEVEN, _REST) = range(42, 49)
-assert (_NAMES["ELECTROSTRICTION"], _NAMES["RATE_SLOPE"], _NAMES["ZETA_2"], _NAMES["REST"]) == (11, 20, 30, 48)
+(_SMOOTH, _SMOOTH_SPEED, _REACH, _FIVE, _SIX, _SEVEN) = range(42, 48)
+assert (_NAMES["ELECTROSTRICTION"], _NAMES["RATE_SLOPE"], _NAMES["ZETA_2"], _NAMES["UNEVEN_7"]) == (11, 20, 30, 47)
 
 #: States: voltage, Bouc-Wen, asymmetric loop, rate-dependent play, plays; then creep.
 _V, _H, _G, _R, _PLAY = 0, 1, 2, 3, 4
@@ -116,16 +115,6 @@ def bouc_wen(h: float, dv: float, a: float, b: float, c: float) -> float:
     """Return h after a small change of voltage: dh = a dv - b |dv| h - c dv |h|, midpoint rule."""
     middle = h + 0.5 * (a * dv - b * abs(dv) * h - c * dv * abs(h))
     return h + a * dv - b * abs(dv) * middle - c * dv * abs(middle)
-
-
-@njit(cache=True, error_model="numpy")
-def rest(volts: float, a: float, b: float, c: float) -> float:
-    """Return h at zero voltage after cycles between zero and `volts`: motion counts from there."""
-    h, steps = 0.0, 2000
-    for turn in (1, -1) * 5:
-        for _ in range(steps):
-            h = bouc_wen(h, turn * volts / steps, a, b, c)
-    return h
 
 
 @inside
@@ -154,7 +143,7 @@ def _loops(s: Array, v: float, rate: float, p: Array) -> None:
 def _extension(s: Array, p: Array) -> float:
     """Return the drive that the voltage and its loops make, before the actuator's own additions [m]."""
     v = s[_V]
-    d = p[_GAIN] * v - (s[_H] - p[_REST]) - s[_G]
+    d = p[_GAIN] * v - s[_H] - s[_G]
     if p[_PLAY_W] != 0.0:
         for i in range(PLAYS):
             d -= p[_PLAY_W] * math.exp(-p[_PLAY_S] * (i + 1) / PLAYS) * (v - s[_PLAY + i]) / PLAYS
