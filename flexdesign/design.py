@@ -237,8 +237,9 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
 
 def _still(provenance: str, overrides: Sequence[str]) -> str:
     """Return where dimensions come from, and what was changed since: then what was said of them holds no longer."""
-    changed = [key for key in map(files.overridden, overrides) if key.startswith(("dimensions.", "material"))]
-    if not provenance or not changed:
+    keys = [files.overridden(override) for override in overrides]
+    changed = [key for key in keys if key.startswith(("dimensions.", "material"))]
+    if not provenance or not changed or "provenance" in keys:
         return provenance
     return f"{provenance}; changed since, so that this no longer holds: {', '.join(changed)}"
 
