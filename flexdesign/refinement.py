@@ -86,8 +86,8 @@ def refined(
 ) -> list[Level]:
     """Solve on one mesh after the other: as many as were asked for, or as an accuracy takes; `omit` the finest.
 
-    Without `all_classes` lateral motions and modes are left out on all of them. A mesh that cannot be used, as it is too
-    coarse for a hinge, is passed over if there are two others.
+    Without `all_classes` lateral motions and modes are left out on all of them. A mesh that cannot be used, as it is
+    too coarse for a hinge, is passed over if there are two others.
 
     Raises
     ------
