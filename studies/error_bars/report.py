@@ -61,7 +61,8 @@ def summary(cases: Sequence[Case]) -> list[str]:
             f"({100 * verdict.share:.3g} %; {100 * ASKED:.0f} % are asked for), all {len(judged(solved[0].drawn))} of "
             f"a design in {whole} of {len(solved)} designs. The median estimate is "
             f"{_percent(verdict.median_estimate)}, the median error {_percent(verdict.median_error)}; by root mean "
-            f"squares estimates are {verdict.caution:.1f} times the errors. A design takes {_median_seconds(solved):.0f} s."
+            f"squares estimates are {verdict.caution:.1f} times the errors. A design takes "
+            f"{_median_seconds(solved):.0f} s."
         )
         said += [
             f"Design {case.drawn.number} ({case.drawn.words()}) has no answer: {case.answer.error}"
