@@ -119,7 +119,7 @@ CONSTANTS: tuple[Constant, ...] = (
     Constant(
         "flexdesign.noise_floor.floor", "ADEQUATE", "mean square of the residual above one that still counts as noise"
     ),
-    Constant("flexdesign.diagnosis.judgement", "ERRORS", "standard errors of the residual that still count as noise"),
+    Constant("flexdesign.noise_floor.floor", "ERRORS", "standard errors of the residual that still count as noise"),
 )
 
 
