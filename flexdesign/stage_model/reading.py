@@ -134,7 +134,8 @@ def changed(model: StageModel, overrides: Sequence[str]) -> StageModel:
     content = tomllib.loads(to_toml(model))
     _same_axes(content["axis"], overrides)
     with files.attributed(overrides):
-        return replace(_stage(files.overlay(content, overrides), Path(f"{model.name}.toml")), name=model.name)
+        made = _stage(files.overlay(content, overrides), Path(f"{model.name}.toml"))
+    return replace(made, name=model.name, title=changes.titled(made.title or model.name, overrides))
 
 
 def _same_axes(axes: object, overrides: Sequence[str]) -> None:
