@@ -87,10 +87,11 @@ $(MADE):
 	$(PYTHON) -m venv --clear $(VENV)
 	@touch $@
 
-# The lock holds the build backend too, so nothing is fetched that has no hash.
+# The lock holds all that its packages need, and the build backend: nothing is fetched that has no hash. pip resolves
+# nothing, or it would look at the newest version of what an extra needs, which the lock does not have.
 $(VENV)/.ready: $(MADE) requirements.lock pyproject.toml
 	@echo "Installing the packages of requirements.lock; the first time takes a minute or two"
-	@$(PIP) install --quiet --require-hashes --requirement requirements.lock
+	@$(PIP) install --quiet --no-deps --require-hashes --requirement requirements.lock
 	@$(PIP) install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
