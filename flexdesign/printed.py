@@ -80,21 +80,33 @@ class _File(Table):
     printed: dict[str, dict[str, Any]] = Field(examples=['[printed."Table 1"]'])
 
 
+def find(name: str | Path) -> Path:
+    """Return a file of printed numbers: a path, or a bare name looked up in studies/, here and as shipped.
+
+    Raises
+    ------
+    InputError
+        If there is no such file.
+    """
+    path = Path(name)
+    if is_file(path):
+        return path
+    found, known = shipped.in_studies(name, MARK)
+    if found is None:
+        remedy = f"no such publication{suggest(path.stem, known)}"
+        raise InputError("command line", "PUBLICATION", files.as_written(str(name)), remedy)
+    return found
+
+
 def read(name: str | Path) -> Publication:
-    """Read a file of printed numbers: a path, or a bare name looked up in studies/, here and as shipped.
+    """Read a file of printed numbers, see `find`.
 
     Raises
     ------
     InputError
         If there is no such file, or a number cannot be read.
     """
-    path = Path(name)
-    if not is_file(path):
-        found, known = shipped.in_studies(name, MARK)
-        if found is None:
-            remedy = f"no such publication{suggest(path.stem, known)}"
-            raise InputError("command line", "PUBLICATION", files.as_written(str(name)), remedy)
-        path = found
+    path = find(name)
     checked = files.check(_File, files.read_toml(path), path)
     printed = {}
     for place, numbers in checked.printed.items():

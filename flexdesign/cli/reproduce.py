@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, CacheFolder, app, print_json, progress
+from flexdesign.cli.shared import AsJson, CacheFolder, app, open_cache, place, print_json, progress
 
 HELP = """Set every number that a publication prints beside ours, each with a verdict.
 
@@ -44,19 +44,17 @@ def reproduce(
     cache: CacheFolder = None,
 ) -> None:
     """Reproduce a publication and write the report."""
-    from flexdesign import reproduction
-    from flexdesign.cache import Cache, default_folder
-    from flexdesign.report import render, reproduction_report, terminal
+    from flexdesign import printed, reproduction
+    from flexdesign.report import origin, reproduction_report, terminal
 
     with progress() as say:
-        folder = out or Path("reports") / Path(publication).stem
-        render.prepare(folder)
-        store = Cache(cache or default_folder())
-        store.prepare()
+        file = printed.find(publication)
+        where = place(out, origin.name_of(file), "reproduce", [file], overrides or [])
+        store = open_cache(cache)
         found = reproduction.reproduce(publication, store, say, overrides or [])
         say("writing")
         document, result = reproduction_report.document(found), reproduction_report.result(found)
-        written = render.write(folder, document, result, {})
+        written = where.write(document, result, {})
     if as_json:
         print_json(result)
         return

@@ -16,6 +16,7 @@ from flexdesign import changes
 from flexdesign.errors import printable
 
 if TYPE_CHECKING:
+    from flexdesign.cache import Cache
     from flexdesign.report.document import Document
     from flexdesign.report.origin import Inputs
 
@@ -30,7 +31,12 @@ app = typer.Typer(
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print result.json on stdout, and nothing else.")]
 CacheFolder = Annotated[
-    Path | None, typer.Option("--cache", help="Folder of meshes and solutions [default: the user's cache].")
+    Path | None,
+    typer.Option(
+        "--cache",
+        help="Folder for cached meshes and solutions [default: $FLEXDESIGN_CACHE or ~/.cache/flexdesign].",
+        show_default=False,
+    ),
 ]
 Noise = Annotated[
     str | None,
@@ -57,6 +63,15 @@ def print_json(result: Mapping[str, Any]) -> None:
     """Print a result on stdout, as result.json has it."""
     json.dump(result, sys.stdout, indent=2, ensure_ascii=False)
     sys.stdout.write("\n")
+
+
+def open_cache(folder: Path | None) -> Cache:
+    """Return the cache in a folder, or the user's own, ready to be written to."""
+    from flexdesign.cache import Cache, default_folder
+
+    store = Cache(folder or default_folder())
+    store.prepare()
+    return store
 
 
 @dataclass(frozen=True)

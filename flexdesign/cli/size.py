@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, CacheFolder, app, place, print_json, progress
+from flexdesign.cli.shared import AsJson, CacheFolder, app, open_cache, place, print_json, progress
 
 if TYPE_CHECKING:
     from flexdesign.model import Quantity
     from flexdesign.report.document import Document, Table
     from flexdesign.sizing import Sizing
+    from flexdesign.stage_sizing import StageSizing
 
 HELP = """Find the dimensions of amplifiers and guides from what a stage shall do.
 
@@ -59,42 +60,24 @@ def size(
 ) -> None:
     """Size a stage, and write its dimensions."""
     from flexdesign import sizing, stage_sizing
-    from flexdesign.report import terminal
+    from flexdesign.report import stage_sizing_report, terminal
 
+    found: Sizing | StageSizing
     if stage_sizing.is_stage_targets(targets):
-        _by_elements(targets, overrides or [], out, as_json, cache)
-        return
-    found = sizing.size(targets, overrides or [])
-    document, result = _document(found), found.result()
-    written: list[Path] = []
+        with progress() as say:
+            found = stage_sizing.size(targets, overrides or [], open_cache(cache), say)
+        document, table = stage_sizing_report.document(found), stage_sizing_report.targets(found)
+    else:
+        found = sizing.size(targets, overrides or [])
+        document, table = _document(found), _dimensions(found)
+    result, written = found.result(), list[Path]()
     if out:
         where = place(out, out.name, "size", [sizing.find(targets)], overrides or [])
         written = where.write(document, result, {"dimensions.toml": found.to_toml()})
     if as_json:
         print_json(result)
         return
-    terminal.brief(document, _dimensions(found), written)
-
-
-def _by_elements(targets: str, overrides: list[str], out: Path | None, as_json: bool, cache: Path | None) -> None:
-    """Size a whole stage by formulas and finite elements, and write its dimensions."""
-    from flexdesign import sizing, stage_sizing
-    from flexdesign.cache import Cache, default_folder
-    from flexdesign.report import stage_sizing_report, terminal
-
-    with progress() as say:
-        store = Cache(cache or default_folder())
-        store.prepare()
-        found = stage_sizing.size(targets, overrides, store, say)
-    document, result = stage_sizing_report.document(found), found.result()
-    written: list[Path] = []
-    if out:
-        where = place(out, out.name, "size", [sizing.find(targets)], overrides)
-        written = where.write(document, result, {"dimensions.toml": found.to_toml()})
-    if as_json:
-        print_json(result)
-        return
-    terminal.brief(document, stage_sizing_report.targets(found), written)
+    terminal.brief(document, table, written)
 
 
 def _document(found: Sizing) -> Document:

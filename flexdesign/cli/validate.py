@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from flexdesign.cli.shared import AsJson, app, place, print_json, progress
+from flexdesign.cli.shared import AsJson, CacheFolder, app, open_cache, place, print_json, progress
 
 HELP = """Solve a design with FEM and set the analytic model beside it.
 
@@ -68,13 +68,7 @@ def validate(
         Path | None, typer.Option(help="Folder for the report [default: reports/STUDY_CHANGES].", show_default=False)
     ] = None,
     as_json: AsJson = False,
-    cache: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder for cached meshes and solutions [default: $FLEXDESIGN_CACHE or ~/.cache/flexdesign].",
-            show_default=False,
-        ),
-    ] = None,
+    cache: CacheFolder = None,
     export: Annotated[
         list[str] | None,
         typer.Option(
@@ -87,7 +81,6 @@ def validate(
     """Run a validation and write its report."""
     from flexdesign import part, stage_model
     from flexdesign import study as studies
-    from flexdesign.cache import Cache, default_folder
     from flexdesign.report import export as exporting
     from flexdesign.report import origin
 
@@ -97,8 +90,7 @@ def validate(
         files = dict.fromkeys([asked.file, asked.design.file, part.file_of(asked.design.part_class)])
         where = place(out, origin.name_of(asked.file), "validate", list(files), overrides or [])
         exports = exporting.writers(export or [], where.folder, stage=asked.design.is_stage)
-        store = Cache(cache or default_folder())
-        store.prepare()
+        store = open_cache(cache)
         found = kind.run(asked, store, say)
         result = kind.result(found)
         document = kind.document(found, say)
