@@ -136,7 +136,7 @@ class Identification:
     @property
     def is_incomplete(self) -> bool:
         """Whether the residual is larger than the noise explains, so that the model lacks physics."""
-        return self.noise.known and exceeds_noise(self.runs, self.noise)
+        return exceeds_noise(self.runs, self.noise)
 
     @property
     def response(self) -> str:
@@ -190,7 +190,7 @@ def identify(
     matches = tuple(_match(fitted, run, _remarks(full, run, fitted)) for full, run in zip(runs, observed, strict=True))
     noise = noise_of_axis(runs, name, model.axes[name])
     estimates = [search.verdicts[name] for name in asked]
-    if noise.known and exceeds_noise(matches, noise):
+    if exceeds_noise(matches, noise):
         estimates = [_without_interval(estimate) for estimate in estimates]
     certain = {each.name: each.sigma for each in estimates if each.sigma is not None}
     fitted_runs = [match.name for match in matches if match.role == "identify"]
@@ -223,9 +223,9 @@ def misfit(matches: Sequence[RunMatch], noise: NoiseFloor) -> tuple[float, int]:
 
 
 def exceeds_noise(matches: Sequence[RunMatch], noise: NoiseFloor) -> bool:
-    """Tell whether the residual of the fitted runs is larger than their noise explains."""
+    """Tell whether the residual of the fitted runs is larger than their noise explains; of a guess nothing is told."""
     ratio, count = misfit(matches, noise)
-    return ratio**2 - 1 > noise.allowed_excess(count)
+    return noise.known and ratio**2 - 1 > noise.allowed_excess(count)
 
 
 def _without_interval(estimate: Estimate) -> Estimate:

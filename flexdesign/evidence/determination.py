@@ -24,13 +24,12 @@ def drop_undetermined(case: Case, stand: Stand) -> tuple[Stand, tuple[str, ...]]
         (strength,) = intervals(stand.solution, [effect.strength])
         if strength.interval is not None:
             continue
-        others = tuple(other for other in stand.effects if other.name != effect.name)
         held = tuple(name for name in strength.confounded if name in effect.free)
         if held:
             less = replace(effect, free=tuple(name for name in effect.free if name not in held))
             made = fit(case, stand.model, tuple(less if e.name == effect.name else e for e in stand.effects))
         else:
-            made = refit(case, stand, others)
+            made = refit(case, stand, tuple(other for other in stand.effects if other.name != effect.name))
         if made is None:
             return stand, ()
         made, more = drop_undetermined(case, made)

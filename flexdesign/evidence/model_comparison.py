@@ -174,6 +174,12 @@ def rank(trials: Sequence[Trial]) -> list[Trial]:
     return sorted(trials, key=lambda trial: trial.stand.bic(least))
 
 
+def bic_lead(one: Stand, other: Stand) -> float:
+    """Return by how much BIC prefers one fit to another, at the lesser discrepancy of both."""
+    least = min(one.discrepancy, other.discrepancy)
+    return other.bic(least) - one.bic(least)
+
+
 def best_of(case: Case, trials: Sequence[Trial]) -> Trial | None:
     """Return the best accepted trial, or None.
 
@@ -190,8 +196,7 @@ def best_of(case: Case, trials: Sequence[Trial]) -> Trial | None:
         return accepted[0] if accepted else None
     pair = accepted[0]
     explained = explained_share(case, single.error, pair.error) if case.validate.records else 1.0
-    least = min(single.stand.discrepancy, pair.stand.discrepancy)
-    is_more = single.stand.bic(least) - pair.stand.bic(least) >= pair.needed and explained >= SHARE
+    is_more = bic_lead(pair.stand, single.stand) >= pair.needed and explained >= SHARE
     return pair if is_more else single
 
 

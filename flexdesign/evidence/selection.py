@@ -23,6 +23,7 @@ from flexdesign.evidence.model_comparison import (
     Step,
     Trial,
     best_of,
+    bic_lead,
     compare,
     critical_value,
     is_alike,
@@ -261,8 +262,7 @@ def select_otherwise(
         if trial.reason or len(trial.names) > 1 or steps[0].chosen is None or trial.names == steps[0].chosen.names:
             continue
         more, made = select(case, trial.stand, candidates, most)
-        least = min(made[-1].discrepancy, best.discrepancy) if made else 1.0
-        if made and made[-1].bic(least) < best.bic(least):
+        if made and bic_lead(made[-1], best) > 0:
             path, best = ([replace(steps[0], chosen=trial), *more], [trial.stand, *made]), made[-1]
     return path
 

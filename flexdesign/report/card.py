@@ -23,12 +23,11 @@ MARGINS = ("safety_against_yield", "safety_against_fatigue")
 def facts(validation: Validation) -> list[Fact]:
     """Return the card of a part: stroke, stiffness, first frequency, safety, preload."""
     design, found = validation.study.design, _by_key(validation)
-    stiffness = "K_out_actuator_installed" if design.actuator else "K_out_input_free"
-    frequency = "first_frequency_actuator_installed" if design.actuator else "first_frequency_input_free"
+    boundary = _boundary(validation)
     card = [_stroke(validation)] if design.actuator else []
     card += [
         Fact(name_of(found[key]), shown(found[key]), found[key].boundary)
-        for key in ("K_in_output_free", "lambda_output_free", stiffness, frequency)
+        for key in ("K_in_output_free", "lambda_output_free", f"K_out_{boundary}", f"first_frequency_{boundary}")
         if key in found
     ]
     for quantity in margins(validation):
@@ -43,16 +42,14 @@ def facts(validation: Validation) -> list[Fact]:
 
 def quantities(validation: Validation) -> dict[str, Any]:
     """Return the card's numbers as result.json has them: the better stroke first, the linear one as such."""
-    found = _by_key(validation)
+    found, boundary = _by_key(validation), _boundary(validation)
     keys = {
         "stroke": "stroke_output_free_large_displacements",
         "stroke_linear": "stroke_output_free",
         "K_in": "K_in_output_free",
         "amplification": "lambda_output_free",
-        "K_out": "K_out_actuator_installed" if validation.study.design.actuator else "K_out_input_free",
-        "first_frequency": "first_frequency_actuator_installed"
-        if validation.study.design.actuator
-        else "first_frequency_input_free",
+        "K_out": f"K_out_{boundary}",
+        "first_frequency": f"first_frequency_{boundary}",
     }
     told = {name: found[key].to_json() for name, key in keys.items() if key in found}
     return told | {quantity.name: quantity.to_json() for quantity in margins(validation)}
@@ -166,6 +163,11 @@ def _stroke(validation: Validation) -> Fact:
     if large is None:
         return Fact("stroke, linear", linear, "output free")
     return Fact("stroke, large displacements", shown(large), f"linear: {linear}")
+
+
+def _boundary(validation: Validation) -> str:
+    """Return how keys call the input of a part as it is used: with its actuator, where it has one."""
+    return "actuator_installed" if validation.study.design.actuator else "input_free"
 
 
 def _by_key(validation: Validation | StageValidation) -> dict[str, Quantity]:

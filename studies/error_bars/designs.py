@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -145,13 +145,7 @@ def curved_designs(seed: int = SEED, count: int = COUNT) -> tuple[Drawn, ...]:
 
 def _curved(rng: np.random.Generator, *, rods: bool, whole: bool) -> dict[str, float]:
     """Draw dimensions of a bridge with curved necks [mm]; bodies are large enough for the reference's patches."""
-
-    def even(low: float, high: float) -> float:
-        return float(rng.uniform(low, high))
-
-    def even_logarithm(low: float, high: float) -> float:
-        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
+    even, even_logarithm = partial(_even, rng), partial(_even_logarithm, rng)
     t = even_logarithm(0.2, 1.0)
     radius = float(f"{even_logarithm(RADII[0] * t, min(RADII[1] * t, LARGEST_RADIUS)):.4g}")
     leaf = 2 * radius * (1.0 if whole else even(1.1, 2.0))
@@ -178,13 +172,7 @@ def _curved(rng: np.random.Generator, *, rods: bool, whole: bool) -> dict[str, f
 
 def _dimensions(rng: np.random.Generator, *, rods: bool, rounded: bool) -> dict[str, float]:
     """Draw dimensions [mm]; those that scale stiffnesses by orders of magnitude have even logarithms."""
-
-    def even(low: float, high: float) -> float:
-        return float(rng.uniform(low, high))
-
-    def even_logarithm(low: float, high: float) -> float:
-        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
+    even, even_logarithm = partial(_even, rng), partial(_even_logarithm, rng)
     t = even_logarithm(0.2, 1.0)
     span = even(10.0, 40.0)
     arm = even(max(1.5, 2.5 * t), 5.0)
@@ -208,3 +196,11 @@ def _dimensions(rng: np.random.Generator, *, rods: bool, rounded: bool) -> dict[
         "fillet_radius": radius,
     }
     return {name: float(f"{value:.4g}") for name, value in dimensions.items()}
+
+
+def _even(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(rng.uniform(low, high))
+
+
+def _even_logarithm(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
