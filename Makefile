@@ -55,7 +55,7 @@ error-bars: $(VENV)/.ready ## Try the error estimates on designs with a known an
 slow: $(VENV)/.ready ## Run the long studies that `test` leaves out
 	$(BIN)/python -m pytest -m slow
 
-lint: $(VENV)/.ready ## Check style, types and the floors
+lint: $(VENV)/.ready ## Check style, types and the packages
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy

@@ -1,3 +1,93 @@
-"""flexdesign: design piezo-driven flexure stages, simulate them, and confront the model with measurements."""
+"""flexdesign: design piezo-driven flexure stages, simulate them, and confront the model with measurements.
+
+>>> import flexdesign as fd
+>>> model = fd.read_model("lin2019_stage", axis={"x": {"damping_ratio": 0.02}})
+>>> fd.effects["creep"].name, fd.materials["Ti-6Al-4V"].youngs_modulus
+('creep', 113800000000.0)
+
+Each command of the command line is a function here. Its result prints itself, holds numbers by name, and writes its
+report: see `flexdesign.api.result.Result`. Names are imported when they are first used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from flexdesign import effects as effects
+    from flexdesign.api.catalogue import materials as materials
+    from flexdesign.api.designs import read_design as read_design
+    from flexdesign.api.designs import read_study as read_study
+    from flexdesign.api.designs import validate as validate
+    from flexdesign.api.models import plan as plan
+    from flexdesign.api.models import read_model as read_model
+    from flexdesign.api.models import simulate as simulate
+    from flexdesign.api.recordings import add_effect as add_effect
+    from flexdesign.api.recordings import compare as compare
+    from flexdesign.api.recordings import diagnose as diagnose
+    from flexdesign.api.recordings import identify as identify
+    from flexdesign.api.recordings import read_recordings as read_recordings
+    from flexdesign.api.studies import optimize as optimize
+    from flexdesign.api.studies import reproduce as reproduce
+    from flexdesign.api.studies import sweep as sweep
+    from flexdesign.core.errors import InputError as InputError
+    from flexdesign.core.model import Adjust as Adjust
+    from flexdesign.core.model import Block as Block
+    from flexdesign.core.model import Disturbance as Disturbance
+    from flexdesign.core.model import Effect as Effect
+    from flexdesign.core.model import Formulas as Formulas
+    from flexdesign.core.model import Linkage as Linkage
+    from flexdesign.core.model import Member as Member
+    from flexdesign.core.model import Parameter as Parameter
+    from flexdesign.core.model import Quantity as Quantity
+    from flexdesign.core.model import Reshape as Reshape
+    from flexdesign.core.model import Resonance as Resonance
+    from flexdesign.core.model import Root as Root
+    from flexdesign.core.model import Term as Term
+    from flexdesign.design.design import Design as Design
+    from flexdesign.design.part import Outline as Outline
+    from flexdesign.design.part import Part as Part
+    from flexdesign.design.part import Port as Port
+    from flexdesign.dynamics.stage_model import StageModel as StageModel
+    from flexdesign.measurements.recordings import FrequencyResponse as FrequencyResponse
+    from flexdesign.measurements.recordings import Run as Run
 
 __version__ = "0.1.0"
+
+#: Where each name comes from.
+_HOME = {
+    "flexdesign.api.catalogue": ("materials",),
+    "flexdesign.api.designs": ("read_design", "read_study", "validate"),
+    "flexdesign.api.models": ("plan", "read_model", "simulate"),
+    "flexdesign.api.recordings": ("add_effect", "compare", "diagnose", "identify", "read_recordings"),
+    "flexdesign.api.studies": ("optimize", "reproduce", "sweep"),
+    "flexdesign.core.errors": ("InputError",),
+    "flexdesign.core.model": (
+        "Adjust", "Block", "Disturbance", "Effect", "Formulas", "Linkage", "Member", "Parameter", "Quantity",
+        "Reshape", "Resonance", "Root", "Term",
+    ),
+    "flexdesign.design.design": ("Design",),
+    "flexdesign.design.part": ("Outline", "Part", "Port"),
+    "flexdesign.dynamics.stage_model": ("StageModel",),
+    "flexdesign.measurements.recordings": ("FrequencyResponse", "Run"),
+}  # fmt: skip
+_MODULE = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = ["__version__", "effects", *sorted(_MODULE)]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name when it is first used (PEP 562)."""
+    if name == "effects":
+        return import_module("flexdesign.effects")
+    if name not in _MODULE:
+        raise AttributeError(f"module 'flexdesign' has no attribute {name!r}")
+    value = getattr(import_module(_MODULE[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the names that are offered."""
+    return list(__all__)

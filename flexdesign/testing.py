@@ -13,19 +13,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from flexdesign import study as studies
-from flexdesign import units
-from flexdesign.cache import Cache, default_folder
-from flexdesign.report import terminal, validation_report
-from flexdesign.validation import Validation, validate
-
-#: Short names of the quantities that most checks are about.
-SHORT = {
-    "K_in": "K_in_output_free",
-    "amplification": "lambda_output_free",
-    "K_out": "K_out_input_free",
-    "K_out_held": "K_out_input_held",
-}
+from flexdesign.api.designs import SHORT
+from flexdesign.core import units
+from flexdesign.core.result_cache import Cache, default_folder
+from flexdesign.design import study as studies
+from flexdesign.report import terminal
+from flexdesign.report.validation import validation_report
+from flexdesign.workflows.validation import Validation, validate
 
 
 def assert_agrees(

@@ -30,11 +30,11 @@ from typing import Any, ClassVar
 
 from flexdesign.analytic import lagrange, prb, textbook
 from flexdesign.analytic.compliance import ComplianceModel, drawn
-from flexdesign.errors import InputError
-from flexdesign.materials import Material
-from flexdesign.model import Formulas, Linkage, Member, Parameter, Quantity, Root, by_key
-from flexdesign.model.linkage import Vector
-from flexdesign.part import Axis, Outline, Port, SymmetryPlane
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Formulas, Linkage, Member, Parameter, Quantity, Root, by_key
+from flexdesign.core.model.linkage import Vector
+from flexdesign.design.materials import Material
+from flexdesign.design.part import Axis, Outline, Port, SymmetryPlane
 
 #: The least that an arm may rise or fall between its hinges, |l_y| [m].
 FLATTEST = 5e-5

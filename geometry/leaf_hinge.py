@@ -16,9 +16,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from flexdesign.model import Linkage, Member, Parameter, Root
-from flexdesign.model.linkage import MemberKind
-from flexdesign.part import Axis, Port, SymmetryPlane
+from flexdesign.core.model import Linkage, Member, Parameter, Root
+from flexdesign.core.model.linkage import MemberKind
+from flexdesign.design.part import Axis, Port, SymmetryPlane
 
 
 def _length(name: str, meaning: str, smallest: float, largest: float) -> Parameter:

@@ -39,15 +39,15 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any, ClassVar
 
-from flexdesign import part
 from flexdesign.analytic.branched_stage import BranchedAxis, Hinges, Masses, as_the_paper_counts
 from flexdesign.analytic.prb import PseudoRigidBridge
-from flexdesign.assembly import Assembly, Axis, Body, Box, cad
-from flexdesign.assembly.branches import Bar, Branch, Leaf, centred, spanning, strung
-from flexdesign.errors import InputError
-from flexdesign.materials import Material
-from flexdesign.model import Parameter, Quantity
-from flexdesign.model.linkage import Vector
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Parameter, Quantity
+from flexdesign.core.model.linkage import Vector
+from flexdesign.design import part
+from flexdesign.design.assembly import Assembly, Axis, Body, Box, cad
+from flexdesign.design.assembly.branches import Bar, Branch, Leaf, centred, spanning, strung
+from flexdesign.design.materials import Material
 
 X, Y, Z, DOWN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
 #: Branches, counted from positive x against the clock, by the side of the table they lie on.

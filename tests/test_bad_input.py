@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import study
-from flexdesign.cache import Cache
-from flexdesign.errors import InputError
-from flexdesign.fem import domain, mesh
-from flexdesign.report import export, render
+from flexdesign.core.errors import InputError
+from flexdesign.core.result_cache import Cache
+from flexdesign.design import study
+from flexdesign.fem.meshing import domain, mesh
+from flexdesign.report import render
+from flexdesign.report.validation import export
 
 DESIGN = """\
 format = 1
@@ -428,7 +429,7 @@ PARTS: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
     "lacks two": ("def formulas(self, material, actuator_stiffness)", "def symmetries(self)", "Leaf", None, ()),
     "dimensions are numbers": (
         'Parameter("size", "m", "mm", "its size", plausible=(1e-3, 0.1)),', "1.0, 2.0",
-        "Leaf.dimensions", None, ("tuple of flexdesign.model.Parameter",),
+        "Leaf.dimensions", None, ("tuple of flexdesign.core.model.Parameter",),
     ),
     "raises in __init__": (
         "    def solid(self):", "    def __post_init__(self):\n        1 / 0\n\n    def solid(self):",
@@ -445,7 +446,7 @@ PARTS: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
     "ports() raises": ("        return (\n            Port(", "        return (\n            Prt(", "Leaf.ports()",
         None, ("NameError", "leaf.py, line 18")),
     "ports() returns nothing": ("        return (\n            Port(", "        (\n            Port(", "Leaf.ports()",
-        None, ("tuple of flexdesign.part.Port",)),
+        None, ("tuple of flexdesign.design.part.Port",)),
     "no output": (OUTPUT, OUTPUT.replace('"output", "output"', '"output", "input"'), "Leaf.ports()",
         "ground, input", ("no port with the role output",)),
     "two ports of one name": ('"right", "input"', '"left", "input"', "Leaf.ports()", "left", ("two ports",)),
@@ -515,12 +516,13 @@ ANSWERED = {
 def test_formulas_that_cannot_be_used_are_refused_before_anything_is_solved(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: str, remedy: tuple[str, ...]
 ) -> None:
-    from flexdesign import refinement, validation
+    from flexdesign.fem import mesh_refinement
+    from flexdesign.workflows import validation
 
     def solved(*_: object) -> None:
         raise AssertionError("it was solved")
 
-    monkeypatch.setattr(refinement, "refined", solved)
+    monkeypatch.setattr(mesh_refinement, "refined", solved)
     part = changed(PART, FORMULAS, ANSWERS).replace("return {}", f"return {answer}", 1)
     (tmp_path / "leaf.py").write_text(part)
     (tmp_path / "leaf.toml").write_text(USES_PART)
@@ -547,18 +549,19 @@ RETURNED = {
 def test_what_a_method_returns_is_examined_before_anything_is_solved(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str, answer: str, remedy: tuple[str, ...]
 ) -> None:
-    from flexdesign import refinement, validation
+    from flexdesign.fem import mesh_refinement
+    from flexdesign.workflows import validation
 
     def solved(*_: object) -> None:
         raise AssertionError("it was solved")
 
-    monkeypatch.setattr(refinement, "refined", solved)
+    monkeypatch.setattr(mesh_refinement, "refined", solved)
     answers = {"formulas": f"{{'PRB': [{QUANTITY}]}}", "formula_shares": "{}", "intermediates": "{}", method: answer}
     part = changed(PART, FORMULAS, ANSWERS)
     for name in answers:
         head, _, tail = part.partition(f"    def {name}(")
         part = f"{head}    def {name}({tail.replace('return {}', f'return {answers[name]}', 1)}"
-    imports = "from flexdesign.model import Quantity\nfrom flexdesign.model.formulas import Formulas\n"
+    imports = "from flexdesign.core.model import Quantity\nfrom flexdesign.core.model.formulas import Formulas\n"
     (tmp_path / "leaf.py").write_text(imports + part)
     (tmp_path / "leaf.toml").write_text(USES_PART)
     read = study.read(tmp_path / "leaf.toml")
@@ -566,18 +569,18 @@ def test_what_a_method_returns_is_examined_before_anything_is_solved(
 
 
 def test_a_linkage_whose_ports_stand_on_no_node_is_refused_by_the_compliance_model(tmp_path: Path) -> None:
-    from flexdesign import static_tables
+    from flexdesign.analytic import static_model
 
     (tmp_path / "leaf.py").write_text(PART)
     (tmp_path / "leaf.toml").write_text(USES_PART)
     design = study.read(tmp_path / "leaf.toml").design
     remedy = ("no frame", "the port left stands on no node", "linkage()")
-    refused(lambda: static_tables.of_design(design, bare=True), "leaf.toml", "part", "Leaf", *remedy)
-    refused(lambda: static_tables.of_design(design), "leaf.toml", "part", "Leaf", *remedy)
+    refused(lambda: static_model.of_design(design, bare=True), "leaf.toml", "part", "Leaf", *remedy)
+    refused(lambda: static_model.of_design(design), "leaf.toml", "part", "Leaf", *remedy)
 
 
 def test_contributing_names_every_method_that_a_part_must_have() -> None:
-    from flexdesign.part import METHODS
+    from flexdesign.design.part import METHODS
 
     text = (Path(__file__).parents[1] / "CONTRIBUTING.md").read_text(encoding="utf-8")
     assert [method for method in METHODS if f"`{method}()`" not in text] == []
@@ -639,7 +642,7 @@ def test_no_home_for_the_cache_is_refused(monkeypatch: pytest.MonkeyPatch) -> No
     for variable in ("FLEXDESIGN_CACHE", "XDG_CACHE_HOME"):
         monkeypatch.delenv(variable, raising=False)
     monkeypatch.setattr(Path, "home", homeless)
-    from flexdesign.cache import default_folder
+    from flexdesign.core.result_cache import default_folder
 
     refused(default_folder, "environment", "FLEXDESIGN_CACHE", None, "no home folder")
 
@@ -730,7 +733,7 @@ def prepare_inputs(folder: Path) -> None:
     (folder / "empty.toml").touch()
     (folder / "raises.py").write_text(changed(PART, CLASS, f"1 / 0\n{CLASS}"))
     refuses = "    def __post_init__(self):\n        raise InputError('part', 'dimensions.size', None, 'one\\ntwo')\n"
-    imports = "from flexdesign.errors import InputError\n"
+    imports = "from flexdesign.core.errors import InputError\n"
     (folder / "lines.py").write_text(
         imports + changed(PART, "    def solid(self):", f"{refuses}\n    def solid(self):")
     )

@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import TransferFunction, lsim
 
-from flexdesign.diagnosis import Diagnosis, adding, diagnose
-from flexdesign.dynamics.axis_model import AxisDynamics
-from flexdesign.report import diagnosis_report, diagnosis_result, diagnosis_words
-from flexdesign.runs import Run
-from flexdesign.stage_model import AxisModel, StageModel
+from flexdesign.diagnosis import Diagnosis, add_effect, diagnose
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.stage_model import AxisModel, StageModel
+from flexdesign.measurements.recordings import Run
+from flexdesign.report.diagnosis import diagnosis_report, diagnosis_result, diagnosis_words
 
 Array = NDArray[np.float64]
 AXIS = AxisModel(118.3, 0.03, 1.98e-6, uncertainty={"natural_frequency": 0.02, "gain": 0.1, "damping_ratio": 1.0})
@@ -71,7 +71,7 @@ def test_a_drift_whose_rate_differs_is_found_with_the_rate_of_each_run(rates: Se
     assert found.model.axes["x"].effects["sensor_drift"]["rate"] == pytest.approx(mean.value, rel=1e-9)
     assert found.validation_error == pytest.approx(NOISE, rel=0.05)
     # What a further run may have is told by the scatter of the runs.
-    better = adding.with_knowledge(found.model, "x", adding.values(found), found.runs)
+    better = add_effect.with_knowledge(found.model, "x", add_effect.values(found), found.runs)
     known = better.axes["x"].uncertainty["sensor_drift.rate"] * abs(mean.value)
     assert known == pytest.approx(np.std(rates, ddof=1), rel=0.02)
 
@@ -105,7 +105,7 @@ def test_the_report_has_the_value_of_each_run() -> None:
 def test_an_effect_that_is_added_may_differ_from_run_to_run() -> None:
     rates = (3.0e-7, 2.0e-7, 6.0e-7, 1.0e-7, 4.0e-7, 2.5e-7)
     runs = [run(k, rate, lambda _: np.zeros(1)) for k, rate in enumerate(rates)]
-    added = adding.add(MODEL, "sensor_drift", runs, threads=1)
+    added = add_effect.add(MODEL, "sensor_drift", runs, threads=1)
     assert not added.reason
     assert added.values[0].value == rate_of(float(np.mean(rates[:4])), rates)
     assert added.by_run["run4"].value == rate_of(rates[4], rates)

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from flexdesign.cache import Cache, content_key, default_folder
+from flexdesign.core.result_cache import Cache, content_key, default_folder
 
 ARRAYS = {"points": np.arange(12.0).reshape(4, 3), "tets": np.array([[0, 1, 2, 3]]), "none": np.zeros((0, 3))}
 TABLE = {"facts": {"unknowns": 12, "solver": "SuperLU"}, "seconds": 0.25, "modes": [1.5, None]}

@@ -14,13 +14,13 @@ from typing import Any
 import pytest
 
 import flexdesign
-from flexdesign import validation
-from flexdesign.cache import Cache
 from flexdesign.cli.shared import app
-from flexdesign.report import validation_report
+from flexdesign.core.result_cache import Cache
+from flexdesign.design.study import Study
+from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.report.document import Document, Figure, Section
-from flexdesign.stage_model import StageModel
-from flexdesign.study import Study
+from flexdesign.report.validation import validation_report
+from flexdesign.workflows import validation
 
 Run = Callable[..., Any]
 

@@ -14,17 +14,18 @@ import pytest
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
-from flexdesign import comparison
 from flexdesign.cli import app
-from flexdesign.comparison import Comparison, compare, holds, where
-from flexdesign.dynamics.axis_model import AxisDynamics
-from flexdesign.errors import InputError
-from flexdesign.evidence.autoregressive import Process
-from flexdesign.evidence.noise import Coloured
-from flexdesign.noise_floor import NoiseFloor
-from flexdesign.report import comparison_report, comparison_words, render
-from flexdesign.runs import Run, write_run
-from flexdesign.stage_model import AxisModel, Driver, StageModel, to_toml
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis import comparison
+from flexdesign.diagnosis.comparison import Comparison, compare, holds, where
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.stage_model import AxisModel, Driver, StageModel, to_toml
+from flexdesign.estimation.noise.autoregressive import Process
+from flexdesign.estimation.noise.whitening import Coloured
+from flexdesign.measurements.noise_level import NoiseFloor
+from flexdesign.measurements.recordings import Run, write_run
+from flexdesign.report import comparison_words, render
+from flexdesign.report.diagnosis import comparison_report
 
 Array = NDArray[np.float64]
 PERIOD, NOISE = 1e-3, 40e-9

@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import design
-from flexdesign.errors import InputError
-from flexdesign.fem import analysis, convergence, domain, gate, methods
-from flexdesign.fem.statics import PortCompliance
-from flexdesign.materials import Material
+from flexdesign.core.errors import InputError
+from flexdesign.design import design
+from flexdesign.design.materials import Material
+from flexdesign.fem import analysis, convergence
+from flexdesign.fem.meshing import domain, methods, resolution_gate
+from flexdesign.fem.solving.statics import PortCompliance
 from studies.error_bars import bridge
 from studies.error_bars.bridge import Fineness
 
@@ -152,7 +153,7 @@ def test_ports_and_hinges_are_found_on_the_mesh(radius: float) -> None:
     body, method = meshing(part)
     assert set(body.ports) == {"input_right", "output", "ground"}
     assert body.copies == 4 and body.section is not None
-    measured = gate.check(method.mesh(COARSENESS), body, part.linkage().of_kind("hinge"))
+    measured = resolution_gate.check(method.mesh(COARSENESS), body, part.linkage().of_kind("hinge"))
     assert {check.hinge.name for check in measured} == {
         f"hinge_{end}_{at}" for end in ("inner", "outer") for at in ("ur", "lr")
     }

@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from flexdesign.diagnosis.conflicts import LARGE, Conflict, explains
-from flexdesign.dynamics.axis_parameters import TRIGGER
-from flexdesign.evidence.case import Case
-from flexdesign.evidence.noise import White
-from flexdesign.evidence.stand import Stand, fit
-from flexdesign.evidence.suite import Suite
-from flexdesign.model import Parameter
 from tests.evidence.sums import NAMES, N, Shape, Sum, base, column, offset
 from tests.evidence.toys import Array, Run, parameter
+
+from flexdesign.core.model import Parameter
+from flexdesign.diagnosis.effect_selection.prior_conflicts import LARGE, Conflict, explains
+from flexdesign.dynamics.axis.axis_parameters import TRIGGER
+from flexdesign.estimation.least_squares.residual_function import Suite
+from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.fitted_model import Stand, fit
+from flexdesign.estimation.noise.whitening import White
 
 SIGMA, HELD, EVERY = 0.1, ("kept", "apart"), (*NAMES, "kept", "apart")
 #: What is known of the number p, whose true value is another.

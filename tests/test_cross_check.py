@@ -8,14 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from flexdesign import refinement, study
-from flexdesign.cache import Cache
-from flexdesign.errors import InputError
-from flexdesign.fem import methods
-from flexdesign.model import Quantity
-from flexdesign.report import cross_check_words
-from flexdesign.validation import CrossCheck, Validation, Way, validate
-from flexdesign.validation.cross_check import KEYS
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Quantity
+from flexdesign.core.result_cache import Cache
+from flexdesign.design import study
+from flexdesign.fem import mesh_refinement
+from flexdesign.fem.meshing import methods
+from flexdesign.report.validation import cross_check_words
+from flexdesign.workflows.validation import CrossCheck, Validation, Way, validate
+from flexdesign.workflows.validation.cross_check import KEYS
 
 #: Hinges so stout, and meshes so coarse, that wild meshes of the whole part take a second.
 STOUT = (
@@ -126,7 +127,7 @@ def test_a_second_cross_check_comes_from_the_cache(
     def never(*_: object, **__: object) -> None:
         raise AssertionError("was solved again")
 
-    monkeypatch.setattr(refinement.analysis, "solve", never)
+    monkeypatch.setattr(mesh_refinement.analysis, "solve", never)
     again = validate(study.read("bridge_amplifier", STOUT), cache)
     assert again.cross_check == found.cross_check
 
@@ -134,7 +135,7 @@ def test_a_second_cross_check_comes_from_the_cache(
 def test_a_mesh_that_cannot_be_had_is_an_answer(
     found: Validation, cache: Cache, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved = refinement.refined
+    solved = mesh_refinement.refined
 
     def refined(
         asked: study.Study, part: object, body: object, method: object, *others: object, omit: int = 0
@@ -143,7 +144,7 @@ def test_a_mesh_that_cannot_be_had_is_an_answer(
             raise InputError(Path("design.toml"), "mesh", None, "not enough memory")
         return solved(asked, part, body, method, *others, omit=omit)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(refinement, "refined", refined)
+    monkeypatch.setattr(mesh_refinement, "refined", refined)
     check = validate(study.read("bridge_amplifier", STOUT), cache).cross_check
     assert check is not None and [w.method for w in check.answered] == ["extruded"]
     assert {w.failure for w in check.others} == {"", "not enough memory"}

@@ -11,10 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexdesign import columns, design, experiments, files, importing, isolated, runs, static_tables, units
-from flexdesign import study as studies
-from flexdesign.errors import MESSAGE, InputError, suggest
-from flexdesign.importing import apart
+from flexdesign.analytic import static_model
+from flexdesign.core import subprocess_call, toml_files, unit_tables, units
+from flexdesign.core.errors import MESSAGE, InputError, suggest
+from flexdesign.design import design
+from flexdesign.design import study as studies
+from flexdesign.dynamics import experiments
+from flexdesign.measurements import importing, recordings
+from flexdesign.measurements.importing import apart
 from flexdesign.report import charts, terminal
 from flexdesign.report.document import Document, Figure, Table
 from studies.fuzz_readers import seeds
@@ -61,7 +65,7 @@ def test_a_message_moves_no_cursor() -> None:
 
 def test_a_message_is_the_same_from_another_process() -> None:
     with pytest.raises(InputError) as caught:
-        isolated.ask(60.0, columns.read, Path("/nowhere/run.csv"), {})
+        subprocess_call.ask(60.0, unit_tables.read, Path("/nowhere/run.csv"), {})
     assert (caught.value.file, caught.value.field) == ("/nowhere/run.csv", "")
 
 
@@ -76,24 +80,24 @@ MODEL = (b"format = 1\n" + seeds.AXIS).decode()
 
 @pytest.mark.parametrize("number", ["9" * LONG, "0x" + "f" * LONG, "99999999999999999999", "-9223372036854775809"])
 def test_a_whole_number_without_end_is_refused(tmp_path: Path, number: str) -> None:
-    said = message_of(tmp_path, f"[a]\nb = {number}\n", files.read_toml)
+    said = message_of(tmp_path, f"[a]\nb = {number}\n", toml_files.read_toml)
     assert "64 bits" in said and "1e20" in said and len(said) < MESSAGE
 
 
 def test_a_whole_number_without_end_is_no_override() -> None:
-    assert "64 bits" in str(refusal(lambda: files.overlay({"a": {}}, ["a.b=0x" + "f" * LONG])))
+    assert "64 bits" in str(refusal(lambda: toml_files.overlay({"a": {}}, ["a.b=0x" + "f" * LONG])))
 
 
 @pytest.mark.parametrize(
     "text", [".".join("a" * 2000) + " = 1", "a = " + "[" * 60 + "]" * 60, "[" + ".".join("b" * 50) + "]"]
 )
 def test_tables_without_end_in_each_other_are_refused(tmp_path: Path, text: str) -> None:
-    said = message_of(tmp_path, text + "\n", files.read_toml)
+    said = message_of(tmp_path, text + "\n", toml_files.read_toml)
     assert "deep" in said and "flat" in said
 
 
 def test_overrides_without_end_are_refused() -> None:
-    assert "write --set" in str(refusal(lambda: files.overlay({}, [".".join("a" * 2000) + "=1"])))
+    assert "write --set" in str(refusal(lambda: toml_files.overlay({}, [".".join("a" * 2000) + "=1"])))
 
 
 @pytest.mark.parametrize(
@@ -111,7 +115,7 @@ def test_values_of_a_wrong_type_within_lists_are_named(tmp_path: Path, old: byte
 
 
 def test_a_file_with_a_name_that_no_file_system_takes_is_refused(tmp_path: Path) -> None:
-    from flexdesign import sweeps
+    from flexdesign.workflows import sweeps
 
     (tmp_path / "design.toml").write_bytes(seeds.DESIGN)
     text = changed(seeds.SWEEP, b'design = "bridge_amplifier"', b'design = "' + b"x" * 300 + b'"')
@@ -122,7 +126,7 @@ def test_a_file_with_a_name_that_no_file_system_takes_is_refused(tmp_path: Path)
         seeds.DESIGN[: seeds.DESIGN.index(b"[material]")], b"[dim", b'material = "' + b"x" * 300 + b'.toml"\n[dim'
     )
     assert "cannot be read" in message_of(tmp_path, material, design.read)
-    assert not files.is_folder(Path("x" * 300))
+    assert not toml_files.is_folder(Path("x" * 300))
 
 
 @pytest.mark.parametrize("unit", ["m**9**9**9", "9**9**9", "(9**99)**99 m", "m²²²²²²²²", "m^x", "m" * LONG])
@@ -146,7 +150,7 @@ def test_a_number_without_end_is_refused_at_once() -> None:
 @pytest.mark.parametrize("scale", ["0", "1e-320"])
 def test_a_scale_of_nothing_is_refused(tmp_path: Path, scale: str) -> None:
     text = changed(seeds.MEASUREMENTS, b"scale = 20", f"scale = {scale}".encode())
-    assert "makes every command zero" in message_of(tmp_path, text, runs.read_measurements)
+    assert "makes every command zero" in message_of(tmp_path, text, recordings.read_measurements)
 
 
 # --- tables
@@ -155,7 +159,7 @@ def test_a_scale_of_nothing_is_refused(tmp_path: Path, scale: str) -> None:
 def test_cells_without_end_take_no_time(tmp_path: Path) -> None:
     began = time.perf_counter()
     said = message_of(
-        tmp_path, f"t [s],{'u ' + ' ' * 50_000 + 'V'}\n1,2\n", lambda path: columns.read(path, {}), "run.csv"
+        tmp_path, f"t [s],{'u ' + ' ' * 50_000 + 'V'}\n1,2\n", lambda path: unit_tables.read(path, {}), "run.csv"
     )
     assert "write name and unit" in said and len(said) < MESSAGE + len(str(tmp_path))
     (tmp_path / "data.txt").write_text(f"t,{'u ' + ' ' * 50_000 + 'V'}\n" + "1,2\n" * 20)
@@ -167,7 +171,7 @@ def test_times_that_are_far_away_ask_for_no_memory(tmp_path: Path) -> None:
     """Rows at 0, 1, 2 ... ms and one at 1e12 s, out of order: a uniform time from end to end has 1e15 samples."""
     moments = [*(1e-3 * np.arange(30)), 1e12, *(1e-3 * np.arange(30, 40))]
     text = "t [s],u [V],x [um]\n" + "".join(f"{t:.6g},{k % 7},{k % 5}\n" for k, t in enumerate(moments))
-    assert "is not later than the row before" in message_of(tmp_path, text, runs.read_run, "run.csv")
+    assert "is not later than the row before" in message_of(tmp_path, text, recordings.read_run, "run.csv")
 
 
 def test_gaps_that_are_longer_together_than_a_record_are_refused(tmp_path: Path) -> None:
@@ -175,12 +179,12 @@ def test_gaps_that_are_longer_together_than_a_record_are_refused(tmp_path: Path)
     steps = np.where(np.arange(1000) % 10 == 5, 0.9, 1e-3)
     moments = np.cumsum(steps)
     text = "t [s],u [V],x [um]\n" + "".join(f"{t:.9g},{k % 7},{k % 5}\n" for k, t in enumerate(moments))
-    assert "split the file there" in message_of(tmp_path, text, runs.read_run, "run.csv")
+    assert "split the file there" in message_of(tmp_path, text, recordings.read_run, "run.csv")
 
 
 def test_a_reading_that_nothing_measures_is_refused(tmp_path: Path) -> None:
     text = "t [s],u [V],x [um]\n" + "".join(f"{0.001 * k},{k % 7},{'1e300' if k == 5 else k % 5}\n" for k in range(40))
-    said = message_of(tmp_path, text, runs.read_run, "run.csv")
+    said = message_of(tmp_path, text, recordings.read_run, "run.csv")
     assert "line 7, column x = 1e+294 m: is more than anything measures" in said
 
 
@@ -188,13 +192,13 @@ def test_two_rows_at_one_time_are_refused(tmp_path: Path) -> None:
     """The slope between them has no end, and rows at odd times are interpolated by splines."""
     moments = [0.0, 1e-320, *(1e-3 * np.arange(1, 40) + 1e-4 * np.sin(np.arange(39)))]
     text = "t [s],u [V],x [um]\n" + "".join(f"{t:.9g},{k % 7},{k % 5}\n" for k, t in enumerate(moments))
-    assert "remove one of the two" in message_of(tmp_path, text, runs.read_run, "run.csv")
+    assert "remove one of the two" in message_of(tmp_path, text, recordings.read_run, "run.csv")
 
 
 def test_a_line_that_csv_does_not_take_is_refused(tmp_path: Path) -> None:
     text = seeds.STATIC.decode() + f'"{"x" * 200_000}",1\n'
     bridge = design.read(design.find("bridge_amplifier"))
-    said = message_of(tmp_path, text, lambda path: static_tables.read([path], bridge), "table.csv")
+    said = message_of(tmp_path, text, lambda path: static_model.read([path], bridge), "table.csv")
     assert "is no table in CSV" in said
 
 
@@ -267,7 +271,7 @@ def test_a_damaged_tdms_file_writes_nothing_on_the_terminal(tmp_path: Path, capf
 def test_damaged_parquet_says_no_words_of_a_library(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow")
     data = seeds.parquet()
-    said = message_of(tmp_path, damaged_at(data, len(data) - 60, b"\xff" * 40), runs.read_run, "run.parquet")
+    said = message_of(tmp_path, damaged_at(data, len(data) - 60, b"\xff" * 40), recordings.read_run, "run.parquet")
     assert DAMAGED in said
 
 
@@ -284,11 +288,11 @@ def test_a_run_with_a_name_that_no_file_system_takes_is_refused(tmp_path: Path) 
 @pytest.mark.parametrize(
     "read",
     [
-        files.read_toml,
-        lambda path: columns.read(path, {}),
+        toml_files.read_toml,
+        lambda path: unit_tables.read(path, {}),
         lambda path: importing.look([path]),
-        runs.read_run,
-        lambda path: static_tables.read([path], design.read(design.find("bridge_amplifier"))),
+        recordings.read_run,
+        lambda path: static_model.read([path], design.read(design.find("bridge_amplifier"))),
     ],
 )
 @pytest.mark.parametrize("ending", [".toml", ".csv", ".mat", ".parquet"])
@@ -303,7 +307,7 @@ def test_a_full_temporary_folder_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr("tempfile.TemporaryDirectory", full)
-    error = refusal(lambda: isolated.call(abs, -1))
+    error = refusal(lambda: subprocess_call.call(abs, -1))
     assert error.field == "TMPDIR" and "No space left on device" in error.remedy
 
 

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from flexdesign import design as designs
-from flexdesign import files, materials, study
-from flexdesign.errors import InputError
-from flexdesign.study import MeshSettings, ModeSettings, OutputSettings
+from flexdesign.core import toml_files
+from flexdesign.core.errors import InputError
+from flexdesign.design import design as designs
+from flexdesign.design import materials, study
+from flexdesign.design.study import MeshSettings, ModeSettings, OutputSettings
 
 DESIGN = """\
 format = 1
@@ -238,7 +239,7 @@ def test_an_override_may_add_a_table(path: Path) -> None:
 )
 def test_the_value_of_an_override(text: str, value: object) -> None:
     content = {"mesh": {"levels": 3}}
-    assert files.overlay(content, [f" mesh.other = {text} "]) == {"mesh": {"levels": 3, "other": value}}
+    assert toml_files.overlay(content, [f" mesh.other = {text} "]) == {"mesh": {"levels": 3, "other": value}}
     assert content == {"mesh": {"levels": 3}}
 
 
@@ -248,7 +249,7 @@ def test_the_value_of_an_override(text: str, value: object) -> None:
 )
 def test_an_override_may_be_a_multiple(value: object, multiple: object) -> None:
     content = {"mesh": {"levels": value}}
-    assert files.overlay(content, ["mesh.levels *= 1.25"]) == {"mesh": {"levels": multiple}}
+    assert toml_files.overlay(content, ["mesh.levels *= 1.25"]) == {"mesh": {"levels": multiple}}
     assert content == {"mesh": {"levels": value}}
 
 
@@ -264,7 +265,7 @@ def test_an_override_may_be_a_multiple(value: object, multiple: object) -> None:
 )
 def test_what_cannot_be_multiplied_is_refused(override: str, words: str) -> None:
     with pytest.raises(InputError) as caught:
-        files.overlay({"mesh": {"levels": 3, "method": "wild"}}, [override])
+        toml_files.overlay({"mesh": {"levels": 3, "method": "wild"}}, [override])
     key, _, value = override.partition("=")
     assert (caught.value.file, caught.value.field, caught.value.value) == ("command line", key, value)
     assert words in caught.value.remedy

@@ -20,16 +20,18 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flexdesign import diagnosis, effects, runs, stage_model
+from flexdesign import diagnosis, effects
 from flexdesign.cli import app
-from flexdesign.diagnosis import Diagnosis, Value, adding, comparing, telling
-from flexdesign.diagnosis.setting import settle
-from flexdesign.diagnosis.standing import compared
-from flexdesign.dynamics.axis_model import AxisDynamics
-from flexdesign.errors import InputError
-from flexdesign.report import diagnosis_charts, diagnosis_report, diagnosis_result, diagnosis_words
-from flexdesign.runs import Run
-from flexdesign.stage_model import AxisModel, StageModel
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis import Diagnosis, Value, add_effect, discriminating_experiments, initialised_comparison
+from flexdesign.diagnosis.preparation.dataset import settle
+from flexdesign.diagnosis.residual_comparison import compared
+from flexdesign.dynamics import stage_model
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.stage_model import AxisModel, StageModel
+from flexdesign.measurements import recordings as runs
+from flexdesign.measurements.recordings import Run
+from flexdesign.report.diagnosis import diagnosis_charts, diagnosis_report, diagnosis_result, diagnosis_words
 
 DEMO = Path(__file__).parent.parent / "studies" / "hidden_effect_demo"
 ANSWER = tomllib.loads((DEMO / "answer.toml").read_text())
@@ -54,8 +56,8 @@ def diagnosed() -> Diagnosis:
 
 
 @cache
-def added() -> adding.Added:
-    return adding.add(stage(), "stress_stiffening", recordings())
+def added() -> add_effect.Added:
+    return add_effect.add(stage(), "stress_stiffening", recordings())
 
 
 def unknown() -> Diagnosis:
@@ -193,7 +195,7 @@ def test_unknown_says_what_it_looks_like_and_what_comes_near() -> None:
 
 def test_what_cannot_be_told_apart_comes_with_the_experiment_that_would() -> None:
     found = replace(diagnosed(), confusable=(GROUP,))
-    (told,) = telling.tellings(found)
+    (told,) = discriminating_experiments.tellings(found)
     (resolved,) = told.resolved
     best = resolved.proposed[0]
     # Odd or even in the position: runs about one bias cannot tell, one that reaches far on one side can.
@@ -210,7 +212,7 @@ def test_what_cannot_be_told_apart_comes_with_the_experiment_that_would() -> Non
 def test_a_stage_without_limits_is_told_what_is_missing_for_experiments() -> None:
     found = replace(diagnosed(), confusable=(GROUP,))
     bare = replace(found.model.axes["x"], actuator=None)
-    (told,) = telling.tellings(replace(found, model=replace(found.model, axes={"x": bare})))
+    (told,) = discriminating_experiments.tellings(replace(found, model=replace(found.model, axes={"x": bare})))
     assert not told.resolved
     assert told.reason
     assert told.reason in diagnosis_words.apart(GROUP, (told,))
@@ -269,7 +271,7 @@ def test_what_is_known_of_the_numbers_is_written(tmp_path: Path) -> None:
 def test_a_bound_without_an_end_is_no_uncertainty() -> None:
     parameter = next(p for p in effects.find("driver_bandwidth").parameters)
     value = Value(replace(parameter, name="driver.bandwidth"), 1000.0, (500.0, np.inf))
-    model = adding.with_knowledge(stage(), "x", [value], recordings())
+    model = add_effect.with_knowledge(stage(), "x", [value], recordings())
     assert "driver.bandwidth" not in model.axes["x"].uncertainty
 
 
@@ -278,7 +280,7 @@ def test_a_bound_without_an_end_is_no_uncertainty() -> None:
 
 def missed(model: StageModel) -> tuple[float, float]:
     """Rms error of the demo's validation runs as `compare` states it: with initial conditions, and offsets alone."""
-    kept = [run for run in comparing.compare(model, recordings()).runs if run.role == "validate"]
+    kept = [run for run in initialised_comparison.compare(model, recordings()).runs if run.role == "validate"]
     assert len(kept) == 2
     fitted = np.concatenate([run.residual for run in kept])
     alone = [(run.offset_rms or 0.0, np.isfinite(run.residual).sum()) for run in kept]
@@ -317,7 +319,7 @@ def test_adding_what_is_hidden_brings_the_error_to_the_noise() -> None:
 
 
 def test_an_effect_that_is_not_needed_is_said_to_be(tmp_path: Path) -> None:
-    better = adding.add(added().model, "creep", recordings())
+    better = add_effect.add(added().model, "creep", recordings())
     assert better.reason
     at_null, (low, _) = 0.0, better.values[0].interval
     assert low == pytest.approx(at_null, abs=1e-3)
@@ -325,7 +327,7 @@ def test_an_effect_that_is_not_needed_is_said_to_be(tmp_path: Path) -> None:
 
 
 def test_the_loop_is_simulated_without_and_with_the_effect() -> None:
-    loop = adding.in_the_loop(added())
+    loop = add_effect.in_the_loop(added())
     assert loop.simulation is not None
     variants = {case.variant for case in loop.simulation.cases}
     assert variants == {"as modelled", "with stress stiffening"}
@@ -340,7 +342,7 @@ def test_the_loop_is_simulated_without_and_with_the_effect() -> None:
 
 def test_what_has_no_cause_in_experiments_is_not_simulated() -> None:
     for name, needs in (("thermal_expansion", "a record of T"), ("abbe_error", "another axis that moves")):
-        loop = adding.in_the_loop(replace(added(), name=name))
+        loop = add_effect.in_the_loop(replace(added(), name=name))
         assert loop.simulation is None
         assert needs in loop.reason
 
@@ -350,7 +352,7 @@ def test_what_a_sensor_picks_up_moves_a_closed_loop() -> None:
     hum, quiet = {"mains_hum": {"amplitude": 1e-6, "frequency": 2.0, "phase": 0.0}}, added().without
     axis = quiet.axes["x"]
     humming = replace(quiet, axes={"x": replace(axis, effects={**axis.effects, **hum})})
-    loop = adding.in_the_loop(replace(added(), name="mains_hum", model=humming))
+    loop = add_effect.in_the_loop(replace(added(), name="mains_hum", model=humming))
     assert loop.simulation is not None
     steps = {
         case.variant: case.response.motion[0]
@@ -405,7 +407,7 @@ def test_sizes_are_stated_in_a_unit_or_in_percent_of_the_stroke() -> None:
     axis = stage().axes["x"]
     stroke = abs(axis.gain * axis.driver.gain) * max(float(np.abs(run.command()).max()) for run in recordings())
     for text, value in (("0.1 %", 1e-3 * stroke), ("5%", 0.05 * stroke), ("0.2 um", 2e-7), (None, None)):
-        assert adding.size(stage(), recordings(), None, "--tolerance", text) == pytest.approx(value)
+        assert add_effect.size(stage(), recordings(), None, "--tolerance", text) == pytest.approx(value)
 
 
 @pytest.mark.parametrize("verb", ["diagnose", "compare", "add"])
@@ -416,14 +418,14 @@ def test_a_stated_noise_reaches_the_fit(verb: str, tmp_path: Path, monkeypatch: 
         asked.update(options)
         raise InputError("test", "asked", None, "no more")
 
-    for module, name in ((diagnosis, "diagnose"), (comparing, "compare"), (adding, "add")):
+    for module, name in ((diagnosis, "diagnose"), (initialised_comparison, "compare"), (add_effect, "add")):
         monkeypatch.setattr(module, name, stop)
     given = [str(DEMO / "model.toml"), *(["creep"] if verb == "add" else []), str(DEMO / "runs")]
     more = ["--tolerance", "0.1 %"] if verb == "diagnose" else []
     CliRunner().invoke(app, [verb, *given, "--noise", "3 nm", *more, "--out", str(tmp_path / "out")])
     assert asked["noise"] == pytest.approx(3e-9)
     if more:
-        assert asked["tolerance"] == pytest.approx(adding.size(stage(), recordings(), None, "--tolerance", "0.1 %"))
+        assert asked["tolerance"] == pytest.approx(add_effect.size(stage(), recordings(), None, "--tolerance", "0.1 %"))
 
 
 @pytest.mark.parametrize("stated", [None, 3e-9])
@@ -473,7 +475,7 @@ def along_y() -> list[Run]:
 )
 def test_add_refuses_in_one_message(effect: str, given: Any, names: tuple[str, ...]) -> None:
     with pytest.raises(InputError) as refused:
-        adding.add(stage(), effect, list(given()))
+        add_effect.add(stage(), effect, list(given()))
     for name in names:
         assert name in str(refused.value)
 

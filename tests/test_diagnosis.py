@@ -20,41 +20,34 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter, lsim
 
 from flexdesign import effects
-from flexdesign.diagnosis import Diagnosis, adding, diagnose, judgement
-from flexdesign.diagnosis.candidates import candidates
-from flexdesign.diagnosis.conflicts import conflicts
-from flexdesign.diagnosis.features import Features
-from flexdesign.diagnosis.findings import Course
-from flexdesign.diagnosis.judgement import (
-    LARGE,
-    conclude,
-    decide,
-    is_adequate,
-    ladder_of,
-    levels,
-    remainder,
-)
-from flexdesign.diagnosis.periodic import frequencies
-from flexdesign.diagnosis.rounding import rounded
-from flexdesign.diagnosis.setting import Setting, settle
-from flexdesign.diagnosis.task import case_of
-from flexdesign.dynamics.axis_model import AxisDynamics
-from flexdesign.dynamics.axis_run import of_axis
-from flexdesign.errors import InputError
-from flexdesign.evidence.autoregressive import Process
-from flexdesign.evidence.coordinates import value as value_at
-from flexdesign.evidence.identifiability import Estimate
-from flexdesign.evidence.marquardt import Solution
-from flexdesign.evidence.model_comparison import Step, Trial
-from flexdesign.evidence.noise import Coloured
-from flexdesign.evidence.rival import Rival
-from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.stand import Stand
-from flexdesign.evidence.suite import Problem
-from flexdesign.noise_floor import NoiseFloor
-from flexdesign.noise_floor.floor import ADEQUATE, ERRORS
-from flexdesign.runs import Run
-from flexdesign.stage_model import AxisModel, StageModel
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis import Diagnosis, add_effect, diagnose
+from flexdesign.diagnosis import verdict as judgement
+from flexdesign.diagnosis.effect_selection.basis_functions import Features
+from flexdesign.diagnosis.effect_selection.candidates import candidates
+from flexdesign.diagnosis.effect_selection.estimation_setup import case_of
+from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts
+from flexdesign.diagnosis.preparation.dataset import Setting, settle
+from flexdesign.diagnosis.preparation.periodic_disturbances import frequencies
+from flexdesign.diagnosis.preparation.quantisation_noise import rounded
+from flexdesign.diagnosis.result import Course
+from flexdesign.diagnosis.verdict import LARGE, conclude, decide, is_adequate, ladder_of, levels, remainder
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.axis.axis_run import of_axis
+from flexdesign.dynamics.stage_model import AxisModel, StageModel
+from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
+from flexdesign.estimation.least_squares.parameter_transforms import value as value_at
+from flexdesign.estimation.least_squares.residual_function import Problem
+from flexdesign.estimation.model_selection.fitted_model import Stand
+from flexdesign.estimation.model_selection.model_comparison import Step, Trial
+from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.estimation.model_selection.sparse_residual_model import Rival
+from flexdesign.estimation.noise.autoregressive import Process
+from flexdesign.estimation.noise.whitening import Coloured
+from flexdesign.estimation.uncertainty.identifiability import Estimate
+from flexdesign.measurements.noise_level import NoiseFloor
+from flexdesign.measurements.noise_level.floor import ADEQUATE, ERRORS
+from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
 Numbers = Mapping[str, float]
@@ -550,7 +543,7 @@ def test_what_acts_ahead_of_the_stack_is_no_candidate_where_its_voltage_is_known
     assert settle(stage, [quiet, monitored], "x", None).is_at_stack
     assert not settle(stage, [quiet, sent, monitored], "x", None).is_at_stack
     with pytest.raises(InputError, match="driver_slew: acts ahead of the stack"):
-        adding.add(stage, "driver_slew", [quiet, monitored])
+        add_effect.add(stage, "driver_slew", [quiet, monitored])
     wrong = replace(sent, columns={**sent.columns, "x": 1e3 * sent.columns["x"]})
     with pytest.raises(InputError, match=r"sent:identify: column x = .* a thousand times"):
         settle(stage, [quiet, wrong], "x", None)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from flexdesign.cache import Cache
-from flexdesign.fem import domain, profile
+from flexdesign.core.result_cache import Cache
+from flexdesign.fem.meshing import domain, profile
 from flexdesign.report import render
 from studies.error_bars import __main__ as command
 from studies.error_bars import bridge, report, trial

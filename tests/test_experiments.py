@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from flexdesign import experiments
-from flexdesign.errors import InputError
-from flexdesign.experiments import Gains
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics import experiments
+from flexdesign.dynamics.experiments import Gains
 
 Run = Callable[..., Any]
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import design
-from flexdesign.fem import domain
+from flexdesign.design import design
+from flexdesign.fem.meshing import domain
 from studies.benchmarks import fem_peer_case, fem_peer_flexdesign, fem_peers
 from studies.benchmarks.fem_peer_case import Answer, Case
 from studies.benchmarks.fem_peers import Entry, Run

@@ -6,10 +6,10 @@ import tomllib
 
 import pytest
 
-from flexdesign import files
-from flexdesign.design import Actuator
-from flexdesign.files import as_text
-from flexdesign.study import OutputSettings
+from flexdesign.core import toml_files
+from flexdesign.core.toml_files import as_text
+from flexdesign.design.design import Actuator
+from flexdesign.design.study import OutputSettings
 
 
 def test_as_text_carries_units_and_reads_back() -> None:
@@ -53,4 +53,4 @@ def test_tables_in_lists_are_read_back() -> None:
         "run": [{"file": "1.csv", "volts.high": {"u": "V", "x": [True]}}, {"file": "2.csv"}],
         "none": [],
     }
-    assert tomllib.loads("\n".join(files.to_toml(content))) == content
+    assert tomllib.loads("\n".join(toml_files.to_toml(content))) == content

@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from scipy.signal import TransferFunction, lsim
 
 from flexdesign.cli import app
-from flexdesign.comparison import compare
-from flexdesign.diagnosis import Diagnosis, adding, diagnose
-from flexdesign.diagnosis.telling import tellings
-from flexdesign.errors import InputError
-from flexdesign.report import (
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis import Diagnosis, add_effect, diagnose
+from flexdesign.diagnosis.comparison import compare
+from flexdesign.diagnosis.discriminating_experiments import tellings
+from flexdesign.dynamics.stage_model import AxisModel, StageModel, to_toml
+from flexdesign.measurements.recordings import FrequencyResponse, Run
+from flexdesign.report.diagnosis import (
     addition_report,
     comparison_report,
     diagnosis_report,
@@ -29,8 +31,6 @@ from flexdesign.report import (
     diagnosis_words,
     response_pages,
 )
-from flexdesign.runs import FrequencyResponse, Run
-from flexdesign.stage_model import AxisModel, StageModel, to_toml
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -217,16 +217,16 @@ def test_a_comparison_says_in_which_band_a_model_fails() -> None:
 
 def test_an_effect_is_added_from_a_response_alone() -> None:
     response = measured(FAST, GAIN * mode(FAST) / (1 + 1j * FAST / BANDWIDTH))
-    found = adding.add(MODEL, "driver_bandwidth", [response], threads=1)
+    found = add_effect.add(MODEL, "driver_bandwidth", [response], threads=1)
     assert not found.reason
     assert found.model.axes["x"].driver.bandwidth == pytest.approx(BANDWIDTH, rel=5e-3)
     assert found.share == pytest.approx(1.0, abs=0.01)
     assert "identified from sweep" in found.model.axes["x"].sources["driver.bandwidth"]
-    loop = adding.InTheLoop(None, "not asked")
+    loop = add_effect.InTheLoop(None, "not asked")
     assert "Frequency responses" in {section.title for section in addition_report.document(found, loop).sections}
     json.dumps(addition_report.result(found, loop), allow_nan=False)
     with pytest.raises(InputError, match="small sines"):
-        adding.add(MODEL, "mains_hum", [response], threads=1)
+        add_effect.add(MODEL, "mains_hum", [response], threads=1)
 
 
 def test_a_bias_shows_what_bends() -> None:

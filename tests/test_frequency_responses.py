@@ -8,11 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexdesign.dynamics.axis_response import of_axis
-from flexdesign.errors import InputError
-from flexdesign.noise_floor import line_noise
-from flexdesign.runs import FrequencyResponse, Run, read_frequency_response, read_recordings, read_runs, split_lines
-from flexdesign.stage_model import AxisModel
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics.axis.axis_response import of_axis
+from flexdesign.dynamics.stage_model import AxisModel
+from flexdesign.measurements.noise_level import line_noise
+from flexdesign.measurements.recordings import (
+    FrequencyResponse,
+    Run,
+    read_frequency_response,
+    read_recordings,
+    read_runs,
+    split_lines,
+)
 
 LINES = np.geomspace(1.0, 400.0, 60)
 MODE = 2e-6 / (1 - (LINES / 118.0) ** 2 + 2j * 0.03 * LINES / 118.0)

@@ -8,7 +8,7 @@ from random import Random
 
 import pytest
 
-from flexdesign.errors import InputError
+from flexdesign.core.errors import InputError
 from studies.fuzz_readers import hunting, readers
 from studies.fuzz_readers.hunting import Finding, Hunt
 from studies.fuzz_readers.mutations import WAYS, damaged

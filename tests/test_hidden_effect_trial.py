@@ -14,8 +14,8 @@ import pytest
 from numpy.typing import NDArray
 
 from flexdesign import effects as catalogue
-from flexdesign import runs as recorded
-from flexdesign.stage_model import reading
+from flexdesign.dynamics.stage_model import reading
+from flexdesign.measurements import recordings as recorded
 from studies.hidden_effect_demo import __main__ as demo
 from studies.hidden_effect_trial import bench, cases, confusion, folder, kernel, recordings, report, scoring, trial
 from studies.hidden_effect_trial.detection import Complement, State, columns

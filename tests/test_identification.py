@@ -15,16 +15,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import identification, runs, stage_model
-from flexdesign.dynamics import stage as stages
-from flexdesign.dynamics.axis_model import DELAY, AxisDynamics
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis import identify as identification
+from flexdesign.diagnosis.identify import HYSTERESIS, LINEAR, identify, prior
+from flexdesign.dynamics import stage_dynamics as stages
+from flexdesign.dynamics import stage_model
+from flexdesign.dynamics.axis.axis_model import DELAY, AxisDynamics
 from flexdesign.dynamics.simulate import Loop, simulate
-from flexdesign.errors import InputError
-from flexdesign.evidence import fit
-from flexdesign.identification import HYSTERESIS, LINEAR, identify, prior
-from flexdesign.report import identification_report
-from flexdesign.runs import Run
-from flexdesign.stage_model import AxisModel, ControllerTiming, Driver, StageModel
+from flexdesign.dynamics.stage_model import AxisModel, ControllerTiming, Driver, StageModel
+from flexdesign.estimation import fit
+from flexdesign.measurements import recordings
+from flexdesign.measurements.recordings import Run
+from flexdesign.report.diagnosis import identification_report
 from tests.reference import hysteretic_oscillator
 
 PERIOD = 1e-3
@@ -409,7 +411,7 @@ def test_a_known_mass_on_the_table_is_part_of_the_prediction() -> None:
 def test_the_command_writes_model_report_and_result(tmp_path: Path, command_line: Callable[..., Any]) -> None:
     run = recorded(triangle_and_steps())
     (tmp_path / "data").mkdir()
-    runs.write_run("data/tri.csv", run.time, {"u [V]": run.columns["u"], "x [um]": run.columns["x"]})
+    recordings.write_run("data/tri.csv", run.time, {"u [V]": run.columns["u"], "x [um]": run.columns["x"]})
     Path("data/measurements.toml").write_text('[[run]]\nfile = "tri.csv"\nbetween_samples = "hold"\n')
     Path("start.toml").write_text(stage_model.to_toml(stage(START)))
     ended = command_line("identify", "start.toml", "data", "-o", "fitted.toml", "--free", "gain,bouc_wen.a", "--json")
@@ -445,7 +447,7 @@ def test_a_loop_is_drawn_for_slow_runs_that_turn() -> None:
 def shared(folder: str) -> list[Run]:
     if not (DATA / folder).is_dir():
         pytest.skip(f"no recordings in {DATA / folder}")
-    return list(runs.read_runs([DATA / folder]))
+    return list(recordings.read_runs([DATA / folder]))
 
 
 @pytest.mark.slow

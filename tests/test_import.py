@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import columns, importing
-from flexdesign.errors import InputError
-from flexdesign.runs import read_measurements, read_runs
+from flexdesign.core import unit_tables
+from flexdesign.core.errors import InputError
+from flexdesign.measurements import importing
+from flexdesign.measurements.recordings import read_measurements, read_runs
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 recordings = pytest.mark.skipif(not SHARED.is_dir(), reason=f"the recordings of others are not at {SHARED}")
@@ -316,7 +317,7 @@ def test_header_lines_of_any_number_are_read(header: str, tmp_path: Path) -> Non
     path.write_text(scope(header))
     seen = importing.look([path]).variables
     assert list(seen) == ["Time", "Channel A", "Channel B"]
-    assert [columns.si_of(variable.unit) for variable in seen.values()] == ["s", "V", "V"]
+    assert [unit_tables.si_of(variable.unit) for variable in seen.values()] == ["s", "V", "V"]
     assert seen["Channel B"].unit == "mV"
     text = importing.propose([path])
     for guess in ('[run.columns.t]\nvariable = "Time"', '[run.columns.u]\nvariable = "Channel A"'):

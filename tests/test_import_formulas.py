@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import importing, units
-from flexdesign.errors import InputError
-from flexdesign.importing import formulas
+from flexdesign.core import units
+from flexdesign.core.errors import InputError
+from flexdesign.measurements import importing
+from flexdesign.measurements.importing import formulas
 
 N = 50
 RNG = np.random.default_rng(7)

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import importing
-from flexdesign.errors import InputError
-from flexdesign.runs import FrequencyResponse, read_recordings
+from flexdesign.core.errors import InputError
+from flexdesign.measurements import importing
+from flexdesign.measurements.recordings import FrequencyResponse, read_recordings
 
 F = np.linspace(0.0, 400.0, 201)
 #: Outputs by inputs by lines [um/V]: two modes.

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexdesign import study as studies
-from flexdesign.cache import Cache
-from flexdesign.fem import domain
-from flexdesign.fem.elasticity import Elasticity
-from flexdesign.fem.mesh import MeshError
-from flexdesign.fem.methods import Wild
-from flexdesign.model import by_key
-from flexdesign.report import independent_words, validation_report
+from flexdesign.core.model import by_key
+from flexdesign.core.result_cache import Cache
+from flexdesign.design import study as studies
+from flexdesign.fem.meshing import domain
+from flexdesign.fem.meshing.mesh import MeshError
+from flexdesign.fem.meshing.methods import Wild
+from flexdesign.fem.solving.elasticity import Elasticity
 from flexdesign.report.render import to_markdown
-from flexdesign.validation import IndependentCheck, Validation, independent, validate
+from flexdesign.report.validation import independent_words, validation_report
+from flexdesign.workflows.validation import IndependentCheck, Validation, independent_mesh, validate
 
 #: Coarse, and without what takes time elsewhere.
 QUICK = ["mesh.levels=2", "output.large_steps=0", "modes.count=1"]
@@ -42,7 +42,7 @@ def check(found: Validation) -> IndependentCheck:
 
 
 def test_by_default_one_mesh_of_pytetwild_agrees_within_both_estimates(check: IndependentCheck) -> None:
-    assert set(check.found) == set(independent.KEYS)
+    assert set(check.found) == set(independent_mesh.KEYS)
     assert check.agrees
     for key in check.found:
         assert 1e-3 < check.allowed(key) < 0.05  # a check of a few percent, no more and no less
@@ -57,7 +57,7 @@ def test_the_estimate_holds_what_the_mesh_is_too_stiff_by(check: IndependentChec
     for key in ("K_in_output_free", "K_out_input_free"):
         quantity = check.found[key]
         share = (quantity.sigma or 0.0) / quantity.value
-        raw = quantity.value * (1 + independent.SHORT * share / (1 + share))
+        raw = quantity.value * (1 + independent_mesh.SHORT * share / (1 + share))
         assert raw > found.fem(key).value * (1 + share / 2)
 
 
@@ -66,12 +66,14 @@ def test_recovery_is_exact_for_a_uniform_strain(store: Cache) -> None:
     study = studies.read("bridge_amplifier", QUICK)
     part = study.design.part()
     body = domain.of_part(part, chord=domain.chord(part))
-    method = independent.refinement.method_of(study, part, body)
-    mesh, _ = independent.refinement.meshed(method, body, 2.5, part.linkage().of_kind("hinge"), store, lambda _: None)
+    method = independent_mesh.refinement.method_of(study, part, body)
+    mesh, _ = independent_mesh.refinement.meshed(
+        method, body, 2.5, part.linkage().of_kind("hinge"), store, lambda _: None
+    )
     elastic = Elasticity(mesh, study.design.material)
     stretched = elastic.positions @ np.array([[1.0, 0.3, 0.0], [0.0, -0.2, 0.1], [0.0, 0.0, 0.5]]) * 1e-3
     sheared = elastic.positions @ np.array([[0.2, 0.0, 0.3], [0.1, 0.6, 0.0], [0.0, 0.4, 0.1]]) * 1e-3
-    assert independent.recovered(elastic, stretched, sheared) == pytest.approx((0.0, 0.0, 0.0), abs=1e-20)
+    assert independent_mesh.recovered(elastic, stretched, sheared) == pytest.approx((0.0, 0.0, 0.0), abs=1e-20)
 
 
 def test_a_report_that_is_off_is_said_to_be(check: IndependentCheck) -> None:
@@ -104,7 +106,7 @@ def test_one_setting_leaves_it_out_and_versions_name_only_what_ran(store: Cache,
 
 
 def test_a_part_that_pytetwild_meshes_anyway_has_none(store: Cache, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(independent, "run", lambda *_: pytest.fail("asked"))
+    monkeypatch.setattr(independent_mesh, "run", lambda *_: pytest.fail("asked"))
     coarse = ["mesh.method=wild", "mesh.at_root=1.2", "mesh.growth=1.0", "mesh.levels=2"]
     found = validate(studies.read("bridge_amplifier", [*QUICK, *coarse]), store)
     assert found.independent is None
@@ -122,7 +124,7 @@ def test_a_mesher_that_fails_is_said_and_stops_nothing(
     empty.prepare()
     study = found.study
     reported = by_key([c.fem for c in found.comparisons])
-    check = independent.run(study, study.design.part(), found.domain, reported, empty, lambda _: None)
+    check = independent_mesh.run(study, study.design.part(), found.domain, reported, empty, lambda _: None)
     assert not check.agrees and check.failure == "no tetrahedra"
     assert "gave no answer: no tetrahedra" in independent_words.verdict(check)
     assert independent_words.section(check).paragraphs

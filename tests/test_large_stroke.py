@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flexdesign import large_stroke
-from flexdesign.fem.load_path import StrokePath
-from flexdesign.large_stroke import LargeStroke
-from flexdesign.model import Quantity
+from flexdesign.core.model import Quantity
+from flexdesign.fem import large_stroke
+from flexdesign.fem.large_stroke import LargeStroke
+from flexdesign.fem.solving.load_path import StrokePath
 
 ACTUATOR, FREE = 50e6, 40e-6
 C11, AMPLIFICATION = 5e-7, -8.0

@@ -10,17 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import experiments, printed, simulation, stage_model
-from flexdesign.control import PID
-from flexdesign.control.implied import plants_for_delays
-from flexdesign.report import simulation_report
+from flexdesign.core import printed_numbers
+from flexdesign.dynamics import experiments, stage_model
+from flexdesign.dynamics.control import PID
+from flexdesign.dynamics.control.implied import plants_for_delays
+from flexdesign.dynamics.experiments import simulation
+from flexdesign.dynamics.experiments.simulation import Case, Simulation
+from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.report.render import to_markdown
-from flexdesign.simulation import Case, Simulation
-from flexdesign.stage_model import StageModel
+from flexdesign.report.simulation import simulation_report
 
 ROOT = Path(__file__).resolve().parent.parent
 STAGE, STUDY = ROOT / "studies" / "lin2019_stage.toml", ROOT / "studies" / "lin2019_experiments.toml"
-PAPER = printed.read(ROOT / "studies" / "lin2019.toml")
+PAPER = printed_numbers.read(ROOT / "studies" / "lin2019.toml")
 
 
 def _printed(place: str, names: tuple[str, ...], axis: str, units: tuple[str, ...]) -> tuple[float, ...]:

@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-from flexdesign.control import Plant, rule, ultimate
-from flexdesign.report import frequency_charts as charts
+from flexdesign.dynamics.control import Plant, rule, ultimate
+from flexdesign.report.diagnosis import frequency_charts as charts
 from studies.lin2019_gains.findings import fitted, rounding
 from studies.lin2019_gains.printed import AXES, PRINTED
 

@@ -6,10 +6,10 @@ import dataclasses
 
 import pytest
 
-from flexdesign.experiments import Plan
-from flexdesign.loop_design import Designer, plant
-from flexdesign.stage_model import AxisModel, Mode
-from flexdesign.stage_model.axis import ActuatorData
+from flexdesign.dynamics.experiments import Plan
+from flexdesign.dynamics.experiments.loop_design import Designer, plant
+from flexdesign.dynamics.stage_model import AxisModel, Mode
+from flexdesign.dynamics.stage_model.axis import ActuatorData
 
 PERIOD = 1e-3
 PLAN = Plan("made up", "", "", (), {}, {}, 1.6, True)

@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexdesign import materials
-from flexdesign.errors import InputError
-from flexdesign.materials import Crystal, Fatigue
-from flexdesign.materials.crystal import WAFER, engineering, isotropic, matrix
+from flexdesign.core.errors import InputError
+from flexdesign.design import materials
+from flexdesign.design.materials import Crystal, Fatigue
+from flexdesign.design.materials.crystal import WAFER, engineering, isotropic, matrix
 from flexdesign.report import strength_words
 from tests.conftest import Ended
 

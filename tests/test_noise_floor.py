@@ -13,11 +13,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
 
-from flexdesign.errors import InputError
-from flexdesign.evidence.autoregressive import Process
-from flexdesign.noise_floor import noise_floor
-from flexdesign.noise_floor.floor import resampled
-from flexdesign.runs import Run
+from flexdesign.core.errors import InputError
+from flexdesign.estimation.noise.autoregressive import Process
+from flexdesign.measurements.noise_level import noise_floor
+from flexdesign.measurements.noise_level.floor import resampled
+from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
 PERIOD, LEVEL, GAIN = 1e-3, 40e-9, 1e-6

@@ -8,18 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from flexdesign import stage_model
-from flexdesign.diagnosis import course, diagnose, opening
-from flexdesign.diagnosis.setting import Setting, settle
-from flexdesign.evidence.case import Case
-from flexdesign.evidence.local_minima import BETTER
-from flexdesign.evidence.model_comparison import Step
-from flexdesign.evidence.selection import forward
-from flexdesign.evidence.stand import Stand
-from flexdesign.runs import Run, read_runs
-from flexdesign.stage_model import StageModel
 from tests.evidence.sums import NAMES, calibrated_stand, candidate, case, effects
+
+from flexdesign.diagnosis import diagnose, procedure
+from flexdesign.diagnosis.preparation import truncated_runs
+from flexdesign.diagnosis.preparation.dataset import Setting, settle
+from flexdesign.dynamics import stage_model
+from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.estimation.least_squares.local_minima import BETTER
+from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.fitted_model import Stand
+from flexdesign.estimation.model_selection.model_comparison import Step
+from flexdesign.estimation.model_selection.stepwise_selection import forward
+from flexdesign.measurements.recordings import Run, read_runs
 
 ROOT = Path(__file__).parents[1]
 DEMO = ROOT / "studies" / "hidden_effect_demo"
@@ -32,28 +33,28 @@ def demo() -> tuple[StageModel, tuple[Run, ...]]:
 
 def long(monkeypatch: pytest.MonkeyPatch, enough: int) -> Setting:
     """Take recordings for long ones that are longer than so many values in all."""
-    monkeypatch.setattr(opening, "ENOUGH", enough)
-    monkeypatch.setattr(opening, "LONG", enough)
+    monkeypatch.setattr(truncated_runs, "ENOUGH", enough)
+    monkeypatch.setattr(truncated_runs, "LONG", enough)
     return settle(*demo(), None, None)
 
 
 def test_short_recordings_are_searched_whole() -> None:
     setting = settle(*demo(), None, None)
-    assert sum(len(run.time) for run in setting.runs) < opening.LONG
-    assert opening.opening(setting) is None
+    assert sum(len(run.time) for run in setting.runs) < truncated_runs.LONG
+    assert truncated_runs.opening(setting) is None
 
 
 def test_recordings_of_unknown_noise_are_searched_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     # A share of what is unexplained is another one in a part of the runs: beside the cubic stiffness of a real
     # oscillator its opening showed a hysteresis which the whole recordings have no need of.
     setting = long(monkeypatch, 6_000)
-    assert opening.opening(setting) is not None
-    assert opening.opening(replace(setting, noise=replace(setting.noise, known=False))) is None
+    assert truncated_runs.opening(setting) is not None
+    assert truncated_runs.opening(replace(setting, noise=replace(setting.noise, known=False))) is None
 
 
 def test_runs_are_cut_at_one_length_and_short_ones_stay_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     setting = long(monkeypatch, 10_000)
-    short = opening.opening(setting)
+    short = truncated_runs.opening(setting)
     assert short is not None
     lengths = [len(run.time) for run in short.runs]
     assert 10_000 - len(lengths) < sum(lengths) <= 10_000
@@ -80,15 +81,15 @@ def test_all_runs_are_cut_at_the_same_length(
     lengths: list[int], enough: int, cut: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So that as many values are left as are searched: short runs give what is theirs to longer ones."""
-    monkeypatch.setattr(opening, "ENOUGH", enough)
-    monkeypatch.setattr(opening, "LONG", 0)
+    monkeypatch.setattr(truncated_runs, "ENOUGH", enough)
+    monkeypatch.setattr(truncated_runs, "LONG", 0)
     about = settle(*demo(), None, None)
     (name,) = about.runs[0].responses
     runs = [
         Run(f"run{k}", np.arange(float(n)), {"u": np.zeros(n), name: np.zeros(n)}, {"u": "V", name: "m"}, "hold")
         for k, n in enumerate(lengths)
     ]
-    short = opening.opening(replace(about, runs=tuple(runs)))
+    short = truncated_runs.opening(replace(about, runs=tuple(runs)))
     assert short is not None
     assert [len(run.time) for run in short.runs] == [min(n, max(cut, 2)) for n in lengths]
 
@@ -99,7 +100,7 @@ def test_a_run_that_begins_with_a_gap_is_cut_behind_it(monkeypatch: pytest.Monke
     gone[:1_400] = np.nan
     (name,) = setting.runs[0].responses
     late = replace(setting.runs[0], columns={**setting.runs[0].columns, name: gone})
-    short = opening.opening(replace(setting, runs=(late, *setting.runs[1:])))
+    short = truncated_runs.opening(replace(setting, runs=(late, *setting.runs[1:])))
     assert short is not None and np.isfinite(short.runs[0].measured()).any()
 
 
@@ -133,7 +134,7 @@ def test_what_the_openings_show_is_fitted_to_the_whole_runs(monkeypatch: pytest.
 
 
 def confirmed(about: Case, steps: list[Step]) -> tuple[list[Step], list[Stand]]:
-    return course._confirm(about, calibrated_stand(about), steps)
+    return procedure._confirm(about, calibrated_stand(about), steps)
 
 
 def test_what_a_part_of_the_runs_chose_is_confirmed_by_all_of_them() -> None:

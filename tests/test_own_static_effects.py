@@ -6,10 +6,11 @@ import json
 
 import pytest
 
-from flexdesign import design, static_tables
-from flexdesign.comparison import tables as comparison
+from flexdesign.analytic import static_model
+from flexdesign.analytic.static_model import StaticModel
+from flexdesign.design import design
+from flexdesign.diagnosis.comparison import static_table as comparison
 from flexdesign.effects import statics
-from flexdesign.static_tables import StaticModel
 from tests.test_static_tables import BRIDGE, MODEL, made, run, written
 
 #: The ground block's screws, by way of the base; and hinges whose surface carries nothing, by way of their shape.
@@ -82,7 +83,7 @@ def test_an_effect_of_ones_own_is_the_formula_it_states(own):
     soft = StaticModel(BRIDGE, {**MODEL.effects, path: {"softness": 3e-6}}).compliance({}).quantities()
     assert soft["K_out_input_free"].value == pytest.approx(1 / (1 / plain["K_out_input_free"].value + 3e-6), rel=1e-12)
     assert soft["K_in_output_free"].value == plain["K_in_output_free"].value
-    bare = static_tables.of_design(BRIDGE, bare=True)
+    bare = static_model.of_design(BRIDGE, bare=True)
     skin = {str(own / "dead_skin.py"): {"depth": 10e-6}}
     ratio = [StaticModel(BRIDGE, e).compliance({}).quantities()["K_out_input_free"].value for e in (skin, {})]
     t, w = (BRIDGE.dimensions[name] for name in ("hinge_thickness", "width"))
@@ -113,7 +114,7 @@ def test_an_effect_of_ones_own_is_found_added_and_compared(own):
     assert '[effects."../loose_screws.py"]' in better.read_text(encoding="utf-8")
     read = design.read(better)
     assert list(read.effects) == [str(own / "loose_screws.py")]
-    assert (comparison.compare(static_tables.of_design(read), static_tables.read([path], read)).significance < 1).all()
+    assert (comparison.compare(static_model.of_design(read), static_model.read([path], read)).significance < 1).all()
     page = (own / "reports" / "bridge_amplifier_with_loose_screws" / "report.md").read_text(encoding="utf-8")
     assert "loose screws" in page and str(own) not in page
 
@@ -140,7 +141,10 @@ IN_TIME = 'from pathlib import Path\nfrom flexdesign.effects import find\nEFFECT
             ("diagnose", "bridge_amplifier", "TABLE", "--effect", "broken.py"),
             ("broken.py", "cannot be loaded", "Syntax"),
         ),
-        (("diagnose", "bridge_amplifier", "TABLE", "--effect", "other.py"), ("EFFECT that is no flexdesign.model.Ef",)),
+        (
+            ("diagnose", "bridge_amplifier", "TABLE", "--effect", "other.py"),
+            ("EFFECT that is no flexdesign.core.model.Ef",),
+        ),
         (("diagnose", "bridge_amplifier", "TABLE", "--effect", "in_time.py"), ("in_time.py", "in time alone", "Term")),
         (("add", "lin2019_stage", "loose_screws.py", "TABLE"), ("EFFECT", "loose_screws.py", "parts at rest alone")),
     ],

@@ -13,15 +13,16 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from flexdesign import bench, stage_model
-from flexdesign.bench import files
-from flexdesign.bench.acting import inertia
-from flexdesign.bench.limits import GRID, MARGIN
-from flexdesign.bench.suite import ADDED_MASS, BEYOND, PERIODS
-from flexdesign.dynamics.axis_model import AxisDynamics
-from flexdesign.errors import InputError
-from flexdesign.runs import read_runs, write_run
-from flexdesign.stage_model import ActuatorData, AxisModel, ControllerTiming, Driver, StageModel
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis import experiment_design
+from flexdesign.diagnosis.experiment_design import command_files
+from flexdesign.diagnosis.experiment_design.effect_strength import inertia
+from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS, BEYOND, PERIODS
+from flexdesign.diagnosis.experiment_design.limits import GRID, MARGIN
+from flexdesign.dynamics import stage_model
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, ControllerTiming, Driver, StageModel
+from flexdesign.measurements.recordings import read_runs, write_run
 
 Run = Callable[..., Any]
 
@@ -35,9 +36,11 @@ def stage(rate: float = 1000.0, volts: tuple[float, float] | None = (0.0, 100.0)
     return StageModel({"x": AxisModel(**known, actuator=actuator)}, ControllerTiming(rate), name="bench")
 
 
-def planned(model: StageModel, asked: bench.Asked | None = None, seed: int = 1) -> tuple[bench.Limits, dict[str, Any]]:
-    limits = bench.of_axis(model, "x", asked)
-    commands = bench.suite_of(bench.dynamics(model, "x", limits), limits, seed)
+def planned(
+    model: StageModel, asked: experiment_design.Asked | None = None, seed: int = 1
+) -> tuple[experiment_design.Limits, dict[str, Any]]:
+    limits = experiment_design.of_axis(model, "x", asked)
+    commands = experiment_design.suite_of(experiment_design.dynamics(model, "x", limits), limits, seed)
     return limits, {command.name: command for command in commands}
 
 
@@ -81,7 +84,7 @@ def test_random_stages_keep_every_limit(
 def test_a_stated_range_slew_and_current_narrow_the_model_s() -> None:
     actuator = ActuatorData(40e-6, (0.0, 100.0), capacitance=2e-6, count=2)
     model = stage(actuator=actuator)
-    limits, commands = planned(model, bench.Asked(volts=(10.0, 60.0), current=0.02))
+    limits, commands = planned(model, experiment_design.Asked(volts=(10.0, 60.0), current=0.02))
     assert (limits.low, limits.high, limits.home) == (10.0, 60.0, 10.0)
     assert limits.slew == pytest.approx(0.02 / 4e-6)  # i = C dv/dt, two stacks in parallel
     currents = [limits.current(command.slew) for command in commands.values()]
@@ -106,30 +109,32 @@ def test_commands_are_the_same_for_the_same_seed() -> None:
     assert np.array_equal(once["added_mass"].volts, once["multisine_medium_a"].volts)
 
 
-REFUSED: list[tuple[StageModel, bench.Asked, str, str]] = [
-    (stage(), bench.Asked(volts=(-10.0, 50.0)), "--volts", "outside of 0 V to 100 V"),
-    (stage(), bench.Asked(volts=(50.0, 10.0)), "--volts", "the lower one"),
-    (stage(volts=None), bench.Asked(), "axis.x.actuator.voltage_range", "voltage_range ="),
-    (stage(), bench.Asked(current=0.1), "axis.x.actuator.capacitance", "--slew"),
-    (stage(rate=200.0), bench.Asked(), "controller.rate", "sample at 325 Hz or more"),
-    (stage(), bench.Asked(rate=250.0), "--rate", "sample at"),
-    (stage(), bench.Asked(bandwidth=110.0), "--bandwidth", "from 130 Hz to at most 400 Hz"),
-    (stage(), bench.Asked(bandwidth=600.0), "--bandwidth", "from 130 Hz to at most 400 Hz"),
-    (stage(), bench.Asked(slew=1e-3), "--slew", "per sample"),
+REFUSED: list[tuple[StageModel, experiment_design.Asked, str, str]] = [
+    (stage(), experiment_design.Asked(volts=(-10.0, 50.0)), "--volts", "outside of 0 V to 100 V"),
+    (stage(), experiment_design.Asked(volts=(50.0, 10.0)), "--volts", "the lower one"),
+    (stage(volts=None), experiment_design.Asked(), "axis.x.actuator.voltage_range", "voltage_range ="),
+    (stage(), experiment_design.Asked(current=0.1), "axis.x.actuator.capacitance", "--slew"),
+    (stage(rate=200.0), experiment_design.Asked(), "controller.rate", "sample at 325 Hz or more"),
+    (stage(), experiment_design.Asked(rate=250.0), "--rate", "sample at"),
+    (stage(), experiment_design.Asked(bandwidth=110.0), "--bandwidth", "from 130 Hz to at most 400 Hz"),
+    (stage(), experiment_design.Asked(bandwidth=600.0), "--bandwidth", "from 130 Hz to at most 400 Hz"),
+    (stage(), experiment_design.Asked(slew=1e-3), "--slew", "per sample"),
 ]
 
 
 @pytest.mark.parametrize(("model", "asked", "field", "words"), REFUSED)
-def test_what_cannot_be_kept_is_refused(model: StageModel, asked: bench.Asked, field: str, words: str) -> None:
+def test_what_cannot_be_kept_is_refused(
+    model: StageModel, asked: experiment_design.Asked, field: str, words: str
+) -> None:
     with pytest.raises(InputError) as refused:
-        bench.of_axis(model, "x", asked)
+        experiment_design.of_axis(model, "x", asked)
     assert refused.value.field == field
     assert words in refused.value.remedy
 
 
 def test_a_slew_that_leaves_nothing_of_a_multisine_is_refused() -> None:
     with pytest.raises(InputError, match="slew limit leaves"):
-        planned(stage(), bench.Asked(slew=50.0))
+        planned(stage(), experiment_design.Asked(slew=50.0))
 
 
 # --- what commands hold -------------------------------------------------------------------------------------------
@@ -195,11 +200,11 @@ def test_files_are_runs_once_a_response_is_added(tmp_path: Path) -> None:
     model = stage()
     limits, commands = planned(model)
     chosen = [commands[name] for name in ("quiet", "multisine_small_a", "staircase", "added_mass", "random_levels")]
-    files.write(tmp_path / "runs", chosen, "x", model.axes["x"], limits, "a bench", 20e-9)
-    for file, command in files.names(chosen).items():
+    command_files.write(tmp_path / "runs", chosen, "x", model.axes["x"], limits, "a bench", 20e-9)
+    for file, command in command_files.names(chosen).items():
         write_run(tmp_path / "runs" / file, command.time, {"u [V]": command.volts, "x [um]": GAIN * command.volts})
     read = read_runs([tmp_path / "runs"])
-    assert [run.name for run in read] == [file.removesuffix(".csv") for file in files.names(chosen)]
+    assert [run.name for run in read] == [file.removesuffix(".csv") for file in command_files.names(chosen)]
     for run, command in zip(read, chosen, strict=True):
         assert (run.role, run.between_samples) == (command.role, "hold")
         assert np.array_equal(run.command(), command.volts)
@@ -209,7 +214,7 @@ def test_files_are_runs_once_a_response_is_added(tmp_path: Path) -> None:
 def test_the_command_files_alone_say_what_is_missing(tmp_path: Path) -> None:
     model = stage()
     limits, commands = planned(model)
-    files.write(tmp_path, [commands["quiet"]], "x", model.axes["x"], limits, "a bench")
+    command_files.write(tmp_path, [commands["quiet"]], "x", model.axes["x"], limits, "a bench")
     with pytest.raises(InputError, match="no response"):
         read_runs([tmp_path])
 
@@ -218,7 +223,7 @@ def test_the_added_mass_is_suggested_from_the_model_s() -> None:
     heavy = stage(mass=0.05, stiffness=0.05 * (2 * math.pi * FREQUENCY) ** 2)
     for model, words in ((heavy, '"5.0 g"'), (stage(), "# conditions")):
         limits, commands = planned(model)
-        text = files.description({"a.csv": commands["added_mass"]}, "x", model.axes["x"], limits, "", None)
+        text = command_files.description({"a.csv": commands["added_mass"]}, "x", model.axes["x"], limits, "", None)
         assert words in text
     assert "lowers the resonance by about 5 %" in planned(stage())[1]["added_mass"].note
     assert math.sqrt(1 / (1 + ADDED_MASS)) == pytest.approx(0.953, abs=1e-3)
@@ -228,12 +233,12 @@ def test_the_added_mass_is_suggested_from_the_model_s() -> None:
 
 
 @pytest.fixture(scope="module")
-def menu() -> tuple[AxisDynamics, list[bench.Command]]:
+def menu() -> tuple[AxisDynamics, list[experiment_design.Command]]:
     changes = ["axis.x.damping_ratio=0.0242", 'axis.x.sensor.resolution="0 um"']  # its steps are as large as effects
     model = stage_model.read("lin2019_stage", changes)
-    limits = bench.of_axis(model, "x")
-    dynamics = bench.dynamics(model, "x", limits)
-    return dynamics, [*bench.suite_of(dynamics, limits), *bench.elsewhere(dynamics, limits)]
+    limits = experiment_design.of_axis(model, "x")
+    dynamics = experiment_design.dynamics(model, "x", limits)
+    return dynamics, [*experiment_design.suite_of(dynamics, limits), *experiment_design.elsewhere(dynamics, limits)]
 
 
 @pytest.mark.parametrize(
@@ -245,32 +250,32 @@ def menu() -> tuple[AxisDynamics, list[bench.Command]]:
     ],
 )
 def test_the_experiment_that_separates_two_effects(
-    menu: tuple[AxisDynamics, list[bench.Command]], pair: tuple[str, str], best: set[str]
+    menu: tuple[AxisDynamics, list[experiment_design.Command]], pair: tuple[str, str], best: set[str]
 ) -> None:
-    found = bench.resolve_effects(menu[0], pair, menu[1], 20e-9)
+    found = experiment_design.resolve_effects(menu[0], pair, menu[1], 20e-9)
     assert found.proposed[0].command.name in best
     standard = next(each for each in found.separations if each.command.name == "multisine_medium_a")
     assert found.separations[0].difference > 1.5 * standard.difference  # there they were made alike
     assert standard.difference == found.alike
 
 
-def test_what_no_experiment_separates_is_said_so(menu: tuple[AxisDynamics, list[bench.Command]]) -> None:
+def test_what_no_experiment_separates_is_said_so(menu: tuple[AxisDynamics, list[experiment_design.Command]]) -> None:
     """Two couplings to another axis, both in proportion to its motion, are one as long as it is all that is seen."""
-    found = bench.resolve_effects(menu[0], ("abbe_error", "pair_mismatch"), menu[1], 20e-9)
+    found = experiment_design.resolve_effects(menu[0], ("abbe_error", "pair_mismatch"), menu[1], 20e-9)
     assert not found.proposed
 
 
-def test_one_effect_twice_is_refused(menu: tuple[AxisDynamics, list[bench.Command]]) -> None:
+def test_one_effect_twice_is_refused(menu: tuple[AxisDynamics, list[experiment_design.Command]]) -> None:
     with pytest.raises(InputError, match="names one effect twice"):
-        bench.resolve_effects(menu[0], ("creep", "creep"), menu[1], 20e-9)
+        experiment_design.resolve_effects(menu[0], ("creep", "creep"), menu[1], 20e-9)
 
 
 def test_mass_and_compliance_follow_from_frequency_and_gain() -> None:
     """A payload of 20 % weighs 1.2 times as much and gives as before; a loss of 20 % gives 1 / 0.8 times as much."""
     model = stage()
-    dynamics = bench.dynamics(model, "x", bench.of_axis(model, "x"))
-    payload = bench.on(dynamics, "payload_mass").at(0.2)
-    loss = bench.on(dynamics, "stiffness_loss").at(0.2)
+    dynamics = experiment_design.dynamics(model, "x", experiment_design.of_axis(model, "x"))
+    payload = experiment_design.on(dynamics, "payload_mass").at(0.2)
+    loss = experiment_design.on(dynamics, "stiffness_loss").at(0.2)
     assert inertia(payload) == pytest.approx((1.2, 1.0))
     assert inertia(loss) == pytest.approx((1.0, 1.25))
 
@@ -279,12 +284,12 @@ def test_a_known_mass_lowers_the_resonance_as_springs_and_masses_have_it() -> No
     """On a stage with a payload of half its mass, a tenth more is 0.1 / 1.5, and the resonance falls by its root."""
     model, rate = stage(damping_ratio=0.01), 1000.0
     limits, commands = planned(model)
-    payload = bench.on(bench.dynamics(model, "x", limits), "payload_mass").at(0.5)
+    payload = experiment_design.on(experiment_design.dynamics(model, "x", limits), "payload_mass").at(0.5)
     peaks = []
     for name in ("multisine_medium_a", "added_mass"):
         command = commands[name]
         count, end = round(command.cycle * rate), round(command.marks[-1] * rate)
-        found = np.fft.rfft(bench.reading(payload, command)[end - count : end])
+        found = np.fft.rfft(experiment_design.reading(payload, command)[end - count : end])
         sent = np.fft.rfft(command.volts[end - count : end])
         near = np.arange(round(60 * command.cycle), round(100 * command.cycle))
         peaks.append(near[np.argmax(np.abs(found[near] / sent[near]))] / command.cycle)

@@ -9,13 +9,14 @@ from typing import Any
 
 import pytest
 
-from flexdesign import experiments, printed, units
-from flexdesign.errors import InputError
-from flexdesign.experiments import MEASURES, Published
+from flexdesign.core import printed_numbers, units
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics import experiments
+from flexdesign.dynamics.experiments import MEASURES, Published
 
 ROOT = Path(__file__).resolve().parent.parent
 STUDIES = ROOT / "studies"
-PAPER = printed.read(STUDIES / "lin2019.toml")
+PAPER = printed_numbers.read(STUDIES / "lin2019.toml")
 FIG_7, FIG_9, FIG_13 = "section 4.2, Fig 7", "section 4.2, Figs 9 to 11", "section 4.3.2, Fig 13"
 FIG_14, FIG_16 = "section 4.3.2, Figs 14 and 15", "section 4.3.2, Figs 16 and 17"
 FIG_18, FIG_19 = "section 4.3.2, Fig 18", "section 4.3.2, Fig 19"
@@ -260,6 +261,6 @@ def test_refusals_name_the_place(tmp_path: Path) -> None:
     file = tmp_path / "other.toml"
     file.write_text(text.replace('order = "1"', "order = 1"), encoding="utf-8")
     with pytest.raises(InputError, match=r"printed\.eq \(28\)\.order"):
-        printed.read(file)
+        printed_numbers.read(file)
     with pytest.raises(InputError, match="lin2019"):
-        printed.read("lin2018")
+        printed_numbers.read("lin2018")

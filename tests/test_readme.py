@@ -9,9 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from flexdesign import cli, runs, stage_model, units
-from flexdesign.diagnosis import comparing
-from flexdesign.model import Quantity
+from flexdesign import cli
+from flexdesign.core import units
+from flexdesign.core.model import Quantity
+from flexdesign.diagnosis import initialised_comparison
+from flexdesign.dynamics import stage_model
+from flexdesign.measurements import recordings
 from flexdesign.report import comparison_words as words
 
 ROOT = Path(__file__).parent.parent
@@ -67,7 +70,9 @@ def test_named_effect_is_the_example_diagnosis() -> None:
 
 
 def test_the_demo_misses_by_what_is_said() -> None:
-    found = comparing.compare(stage_model.read(str(DEMO / "model.toml"), []), runs.read_runs([DEMO / "runs"]))
+    found = initialised_comparison.compare(
+        stage_model.read(str(DEMO / "model.toml"), []), recordings.read_runs([DEMO / "runs"])
+    )
     assert f"misses them by {units.significant(found.rms / found.floor, 3)} times the noise" in WORDS
 
 

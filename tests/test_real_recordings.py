@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from flexdesign.diagnosis import Diagnosis, diagnose
-from flexdesign.runs import read_runs
-from flexdesign.stage_model import StageModel, reading
+from flexdesign.dynamics.stage_model import StageModel, reading
+from flexdesign.measurements.recordings import read_runs
 
 BESIDE = Path(__file__).parents[2] / "shared" / "data"
 FOLDER = Path(os.environ.get("FLEXDESIGN_RECORDINGS", BESIDE))

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from flexdesign import study
-from flexdesign.cache import Cache
-from flexdesign.validation import Validation, validate
+from flexdesign.core.result_cache import Cache
+from flexdesign.design import study
+from flexdesign.workflows.validation import Validation, validate
 
 REFERENCE = tomllib.loads((Path(__file__).parent / "reference" / "converged.toml").read_text())
 DESIGNS = ("bridge_amplifier", "lin2019_amplifier_xy")

@@ -7,14 +7,15 @@ from typing import Any
 
 import pytest
 
-from flexdesign import refinement, study
-from flexdesign.cache import Cache
-from flexdesign.errors import InputError
-from flexdesign.fem import domain
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Quantity
+from flexdesign.core.result_cache import Cache
+from flexdesign.design import study
+from flexdesign.fem import mesh_refinement
 from flexdesign.fem.convergence import Scatter
-from flexdesign.fem.mesh import MeshError
-from flexdesign.fem.methods import Extruded, Grading
-from flexdesign.model import Quantity
+from flexdesign.fem.meshing import domain
+from flexdesign.fem.meshing.mesh import MeshError
+from flexdesign.fem.meshing.methods import Extruded, Grading
 
 SIZES = (2e-5, 1e-5)
 
@@ -34,10 +35,10 @@ def refined(
         whole.append(all_classes)
         return arguments[4]
 
-    monkeypatch.setattr(refinement, "_level", level)
+    monkeypatch.setattr(mesh_refinement, "_level", level)
     nothing: Any = None
     asked = study.read("bridge_amplifier")
-    return refinement.refined(asked, nothing, nothing, nothing, Cache(tmp_path), said.append), said, whole
+    return mesh_refinement.refined(asked, nothing, nothing, nothing, Cache(tmp_path), said.append), said, whole
 
 
 def test_a_mesh_that_cannot_be_used_is_passed_over(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -71,12 +72,12 @@ def test_a_mesh_that_a_second_try_may_better_is_tried_again_and_only_a_good_one_
     method = Stubborn(Extruded(Grading(body, part.linkage().members, 0.2, 1.2, None)), refused, tries)
     cache, said = Cache(tmp_path), list[str]()
     if refused < tries:
-        _, checks = refinement.meshed(method, body, 1.0, hinges, cache, said.append)
+        _, checks = mesh_refinement.meshed(method, body, 1.0, hinges, cache, said.append)
         assert len(checks) == 4 and all(check.passed for check in checks)
-        refinement.meshed(method, body, 1.0, hinges, cache, said.append)
+        mesh_refinement.meshed(method, body, 1.0, hinges, cache, said.append)
     else:
         with pytest.raises(MeshError, match="upside down"):
-            refinement.meshed(method, body, 1.0, hinges, cache, said.append)
+            mesh_refinement.meshed(method, body, 1.0, hinges, cache, said.append)
     assert method.meshed == meshed
     assert said.count("meshing again: upside down") == min(refused, tries - 1)
 
@@ -108,22 +109,22 @@ def found(k_in: float, ratio: float) -> dict[str, Quantity]:
 
 def test_an_amplification_that_does_not_move_inherits_the_scatter_of_the_stiffness() -> None:
     meshes = [found(1.02e6, -10.0), found(1.01e6, -10.0)]
-    k_in, ratio = refinement.limits(meshes, SIZES, Scatter(0.0, 0.25))
+    k_in, ratio = mesh_refinement.limits(meshes, SIZES, Scatter(0.0, 0.25))
     assert ratio.value == -10.0 and k_in.sigma is not None and ratio.sigma is not None
     assert 0.0 < ratio.sigma / 10 < k_in.sigma / k_in.value
-    _, alone = refinement.limits(meshes, SIZES, Scatter(1e-4))
+    _, alone = mesh_refinement.limits(meshes, SIZES, Scatter(1e-4))
     assert alone.sigma is not None and alone.sigma / 10 < 1e-3  # a mesher without such scatter
 
 
 def test_the_estimated_error_is_the_largest() -> None:
-    quantities = refinement.limits([found(1.02e6, -10.0), found(1.01e6, -10.0)], SIZES, Scatter(0.0, 0.25))
-    assert refinement.estimated_error(quantities) == pytest.approx(quantities[0].sigma / quantities[0].value)
+    quantities = mesh_refinement.limits([found(1.02e6, -10.0), found(1.01e6, -10.0)], SIZES, Scatter(0.0, 0.25))
+    assert mesh_refinement.estimated_error(quantities) == pytest.approx(quantities[0].sigma / quantities[0].value)
 
 
 def test_the_way_of_extrapolating_asks_for_no_other_meshes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Solutions in the cache stay good when estimates change, and only then."""
-    before = refinement.engine()
-    refinement.engine.cache_clear()
+    before = mesh_refinement.engine()
+    mesh_refinement.engine.cache_clear()
     read = Path.read_text
 
     def changed(name: str) -> Any:
@@ -131,8 +132,8 @@ def test_the_way_of_extrapolating_asks_for_no_other_meshes(monkeypatch: pytest.M
 
     with monkeypatch.context() as patched:
         patched.setattr(Path, "read_text", changed("convergence.py"))
-        assert refinement.engine() == before
-        refinement.engine.cache_clear()
+        assert mesh_refinement.engine() == before
+        mesh_refinement.engine.cache_clear()
         patched.setattr(Path, "read_text", changed("methods.py"))
-        assert refinement.engine() != before
-    refinement.engine.cache_clear()
+        assert mesh_refinement.engine() != before
+    mesh_refinement.engine.cache_clear()

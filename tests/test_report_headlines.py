@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from flexdesign import quantities, study
-from flexdesign.cache import Cache
-from flexdesign.model import Quantity
-from flexdesign.report import card, charts, export, render, terminal, validation_pictures, validation_report, wording
+from flexdesign.core.model import Quantity
+from flexdesign.core.result_cache import Cache
+from flexdesign.design import study
+from flexdesign.fem import quantities
+from flexdesign.report import charts, render, terminal, wording
 from flexdesign.report.document import Document, Table
-from flexdesign.report.vibrations import symmetry
-from flexdesign.validation import Validation, validate
+from flexdesign.report.validation import card, export, validation_pictures, validation_report
+from flexdesign.report.validation.vibrations import symmetry
+from flexdesign.workflows.validation import Validation, validate
 
 COARSE = ["mesh.at_root=0.25", "mesh.largest=6 mm", "mesh.levels=2", "modes.count=1"]
 LARGE, LINEAR = "stroke_output_free_large_displacements", "stroke_output_free"
@@ -45,7 +47,7 @@ def test_headlines_state_the_stroke_with_large_displacements_and_the_linear_one_
     sentence = f"the output travels {large} with large displacements (linear: {linear})"
     assert sentence in document.summary[0]
     assert document.card[0].value == large and f"linear: {linear}" in document.card[0].note
-    terminal.show(document, validation, [])
+    validation_report.show(document, validation, [])
     on_terminal = " ".join(capsys.readouterr().out.split())
     assert sentence in on_terminal and on_terminal.index(large) < on_terminal.index(linear)
     for text in (render.to_markdown(document), render.to_html(document)):

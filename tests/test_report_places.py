@@ -12,12 +12,15 @@ from typing import Any
 
 import pytest
 
-from flexdesign import changes, design, static_tables, study, validation
-from flexdesign.errors import InputError
-from flexdesign.model import Quantity
-from flexdesign.report import export, origin, render, validation_report
+from flexdesign.analytic import static_model
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Quantity
+from flexdesign.design import changes, design, study
+from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.report import origin, render
 from flexdesign.report.document import Document, Fact, Section, Table
-from flexdesign.stage_model import StageModel
+from flexdesign.report.validation import export, validation_report
+from flexdesign.workflows import validation
 from tests.conftest import Ended
 
 Run = Callable[..., Ended]
@@ -140,15 +143,15 @@ def test_a_table_of_a_changed_design_is_compared_like_with_like(tmp_path: Path) 
     """The model that reads a table of a thinner hinge predicts that of a thinner hinge."""
     thinner, plain = (design.read(design.find("bridge_amplifier"), sets) for sets in ([THINNER], []))
     file = tmp_path / "fem.csv"
-    file.write_text(static_tables.to_csv([K_IN], thinner))
+    file.write_text(static_model.to_csv([K_IN], thinner))
     assert "hinge_thickness [mm]" in file.read_text()
-    read = static_tables.read([file], plain)
+    read = static_model.read([file], plain)
     (row,) = read.rows
     assert row.dimensions == {"hinge_thickness": pytest.approx(0.4e-3)}
-    (predicted,) = static_tables.of_design(plain).predict(read)
-    (own,) = static_tables.of_design(thinner).predict(static_tables.read([file], thinner))
+    (predicted,) = static_model.of_design(plain).predict(read)
+    (own,) = static_model.of_design(thinner).predict(static_model.read([file], thinner))
     assert predicted == pytest.approx(own)
-    assert static_tables.to_csv([K_IN], plain) == static_tables.to_csv([K_IN])
+    assert static_model.to_csv([K_IN], plain) == static_model.to_csv([K_IN])
 
 
 def test_a_number_of_parts_is_carried_too(tmp_path: Path) -> None:
@@ -157,8 +160,8 @@ def test_a_number_of_parts_is_carried_too(tmp_path: Path) -> None:
     )
     k_in = Quantity("K_in", 2e6, "N/m", "N/mm", "x, table free", "FEM", 1e3)
     file = tmp_path / "fem.csv"
-    file.write_text(static_tables.to_csv([k_in], changed))
-    (row,) = static_tables.read([file], plain).rows
+    file.write_text(static_model.to_csv([k_in], changed))
+    (row,) = static_model.read([file], plain).rows
     assert row.dimensions == {"lateral_branches": 2.0} and row.numbers == {"lateral_branches"}
 
 
@@ -168,10 +171,10 @@ def test_a_number_of_parts_is_carried_too(tmp_path: Path) -> None:
 def test_a_table_of_another_material_or_actuator_is_refused(tmp_path: Path, override: str) -> None:
     changed, plain = (design.read(design.find("bridge_amplifier"), sets) for sets in ([override], []))
     file = tmp_path / "fem.csv"
-    file.write_text(static_tables.to_csv([K_IN], changed))
-    assert len(static_tables.read([file], changed).rows) == 1
+    file.write_text(static_model.to_csv([K_IN], changed))
+    assert len(static_model.read([file], changed).rows) == 1
     with pytest.raises(InputError, match="the same --set"):
-        static_tables.read([file], plain)
+        static_model.read([file], plain)
 
 
 # --- what a report says of its making

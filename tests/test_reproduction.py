@@ -11,14 +11,16 @@ from typing import Any
 
 import pytest
 
-from flexdesign import cli, printed, reproduction
-from flexdesign.cache import Cache
-from flexdesign.model import Quantity
-from flexdesign.printed import Printed
-from flexdesign.report import reproduction_report
+from flexdesign import cli
+from flexdesign.core import printed_numbers
+from flexdesign.core.model import Quantity
+from flexdesign.core.printed_numbers import Printed
+from flexdesign.core.result_cache import Cache
 from flexdesign.report.render import to_markdown
-from flexdesign.reproduction import VERDICTS, Item, Reproduction, bench, statics
-from flexdesign.reproduction.items import contradiction, judged
+from flexdesign.report.validation import reproduction_report
+from flexdesign.workflows import reproduction
+from flexdesign.workflows.reproduction import VERDICTS, Item, Reproduction, bench, statics
+from flexdesign.workflows.reproduction.items import contradiction, judged
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Coarse enough for half a minute: finite elements are right within a few percent.
@@ -177,7 +179,7 @@ def test_command(found: Reproduction, tmp_path: Path, monkeypatch: pytest.Monkey
 def test_the_kept_example_is_of_these_numbers() -> None:
     """`make example` made it after the last change of a printed number."""
     content = json.loads((ROOT / "reports" / "examples" / "lin2019" / "result.json").read_text(encoding="utf-8"))
-    paper = printed.read("lin2019")
+    paper = printed_numbers.read("lin2019")
     used = {tuple(key) for row in content["rows"] for key in row["uses"]}
     assert used == set(paper.printed)
     for name in ("K_out_xy", "K_out_z"):

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexdesign.errors import InputError
-from flexdesign.model import Observation
-from flexdesign.runs import Run, read_measurements, read_run, read_runs, write_run
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Observation
+from flexdesign.measurements.recordings import Run, read_measurements, read_run, read_runs, write_run
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 recordings = pytest.mark.skipif(not SHARED.is_dir(), reason=f"the recordings of others are not at {SHARED}")

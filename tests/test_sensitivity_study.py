@@ -12,8 +12,10 @@ from typing import Any
 
 import pytest
 
-from flexdesign.diagnosis import conflicts, judgement
-from flexdesign.evidence import determination, model_comparison, profile_likelihood, screening, selection
+from flexdesign.diagnosis import verdict
+from flexdesign.diagnosis.effect_selection import prior_conflicts
+from flexdesign.estimation.model_selection import determination, model_comparison, score_test, stepwise_selection
+from flexdesign.estimation.uncertainty import profile_likelihood
 from studies.hidden_effect_trial.folder import Answer
 from studies.hidden_effect_trial.scoring import Diagnosed
 from studies.sensitivity import __main__ as command
@@ -99,11 +101,11 @@ def test_indistinguishable_decides_whether_two_answers_are_alike() -> None:
 
 def test_constants_of_the_package_change_where_they_were_copied_and_nowhere_else() -> None:
     with changed(BY_KEY["model_comparison.LEVEL"], 0.5), changed(BY_KEY["model_comparison.SHARE"], 0.25):
-        assert determination.LEVEL == 0.5 and screening.LEVEL == 0.01
-        assert model_comparison.SHARE == selection.SHARE == 0.25 and profile_likelihood.TRUSTED == 0.1
+        assert determination.LEVEL == 0.5 and score_test.LEVEL == 0.01
+        assert model_comparison.SHARE == stepwise_selection.SHARE == 0.25 and profile_likelihood.TRUSTED == 0.1
     with changed(BY_KEY["conflicts.LARGE"], 7.0):
-        assert conflicts.LARGE == judgement.LARGE == 7.0
-    assert conflicts.LARGE == judgement.LARGE == 2.0
+        assert prior_conflicts.LARGE == verdict.LARGE == 7.0
+    assert prior_conflicts.LARGE == verdict.LARGE == 2.0
 
 
 def test_every_constant_of_the_list_is_there_and_can_be_changed() -> None:

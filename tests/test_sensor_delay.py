@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from flexdesign import stage_model
 from flexdesign.diagnosis import Diagnosis, diagnose
-from flexdesign.diagnosis.candidates import candidates
-from flexdesign.dynamics.axis_model import AxisDynamics
-from flexdesign.loop_design import plant
-from flexdesign.runs import FrequencyResponse, Run
-from flexdesign.stage_model import AxisModel, Sensor, StageModel, to_toml
+from flexdesign.diagnosis.effect_selection.candidates import candidates
+from flexdesign.dynamics import stage_model
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.experiments.loop_design import plant
+from flexdesign.dynamics.stage_model import AxisModel, Sensor, StageModel, to_toml
+from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 Array = NDArray[np.float64]
 AXIS = AxisModel(118.3, 0.03, 1.98e-6, uncertainty={"natural_frequency": 0.02, "gain": 0.1, "damping_ratio": 1.0})

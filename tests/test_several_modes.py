@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from flexdesign import effects, stage_model
+from flexdesign import effects
+from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import Diagnosis, diagnose
-from flexdesign.diagnosis.candidates import candidates
-from flexdesign.dynamics.axis_model import AxisDynamics
-from flexdesign.errors import InputError
-from flexdesign.report import diagnosis_result, diagnosis_words
-from flexdesign.runs import FrequencyResponse
-from flexdesign.stage_model import AxisModel, StageModel, to_toml
+from flexdesign.diagnosis.effect_selection.candidates import candidates
+from flexdesign.dynamics import stage_model
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.stage_model import AxisModel, StageModel, to_toml
+from flexdesign.measurements.recordings import FrequencyResponse
+from flexdesign.report.diagnosis import diagnosis_result, diagnosis_words
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

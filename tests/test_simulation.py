@@ -13,14 +13,16 @@ from typing import Any, NoReturn
 import numpy as np
 import pytest
 
-from flexdesign import experiments, simulation, stage_model, standard_experiments
-from flexdesign.dynamics import stage as stages
-from flexdesign.errors import InputError
-from flexdesign.report import published_rows, simulation_report
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics import experiments, stage_model
+from flexdesign.dynamics import stage_dynamics as stages
+from flexdesign.dynamics.experiments import simulation, standard_experiments
+from flexdesign.dynamics.experiments.simulation import Case, Simulation
+from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.measurements.recordings import read_run, read_runs
+from flexdesign.report import published_rows
 from flexdesign.report.render import to_markdown
-from flexdesign.runs import read_run, read_runs
-from flexdesign.simulation import Case, Simulation
-from flexdesign.stage_model import StageModel
+from flexdesign.report.simulation import simulation_report
 
 Run = Callable[..., Any]
 

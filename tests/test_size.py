@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
-from flexdesign import design, sizing
-from flexdesign.errors import InputError
+from flexdesign.analytic import dimension_synthesis
+from flexdesign.core.errors import InputError
+from flexdesign.design import design
 
 Run = Callable[..., Any]
 
@@ -54,7 +55,7 @@ def test_the_paper_s_targets_give_the_dimensions_worked_out_by_hand(command_line
 
 
 def test_table_1_comes_back_and_is_called_circular() -> None:
-    result = sizing.size("lin2019_targets").result()
+    result = dimension_synthesis.size("lin2019_targets").result()
     back = [(row["value"], row["unit"], row["boundary"]) for row in result["returned"]]
     for printed, half_digit, unit, boundary in (
         (18.3, 0.05, "N/mm", "X/Y"),
@@ -70,7 +71,7 @@ def test_table_1_comes_back_and_is_called_circular() -> None:
 
 
 def test_every_target_and_choice_of_the_paper_has_its_source() -> None:
-    given = sizing.size(TARGETS).given
+    given = dimension_synthesis.size(TARGETS).given
     assert len(given) == len(tomllib.loads(TARGETS.read_text())["sources"])
     for name, _, source in given:
         place = source.startswith(("Table", "eq (", "Fig", "section"))
@@ -83,7 +84,7 @@ def test_the_inconsistent_count_of_equation_21_is_shown(command_line: Run) -> No
     said = " ".join(ended.stdout.split())
     assert "the mass of 4 amplifiers and the stiffness of 1" in said
     assert "the same elements make 56.70 N/mm, 3.1 times 18.30 N/mm" in said
-    stiffness = {t["bending_amplifiers"]: t["value"] for t in sizing.size(TARGETS).result()["topologies"]}
+    stiffness = {t["bending_amplifiers"]: t["value"] for t in dimension_synthesis.size(TARGETS).result()["topologies"]}
     # K_b + 5.5, twice that, 4 K_b + 5.5, with K_b = 12.8 N/mm
     assert stiffness == pytest.approx({1: 18.3, 2: 36.6, 4: 56.7}, rel=1e-9)
 
@@ -104,7 +105,7 @@ def test_the_terminal_says_what_the_dimensions_are(command_line: Run) -> None:
 def test_half_widths_bound_what_rounding_does_to_products() -> None:
     """Where a dimension is a product of powers of targets, relative half-widths add up, each with its exponent."""
     halves = {"k": 0.05 / 18.3, "k_z": 0.05 / 25.6, "k_in": 0.05 / 1.8, "gain": 0.00005 / 6.0777, "eta": 0.0005 / 0.089}
-    found = {(q.name, q.boundary): q for q in sizing.size(TARGETS).quantities}
+    found = {(q.name, q.boundary): q for q in dimension_synthesis.size(TARGETS).quantities}
 
     def relative(*key: str) -> float:
         quantity = found[key]
@@ -124,7 +125,7 @@ def test_half_widths_bound_what_rounding_does_to_products() -> None:
 
 
 def test_targets_that_are_not_rounded_have_no_half_widths(command_line: Run) -> None:
-    exact = sizing.size(TARGETS, ["rounded=false"])
+    exact = dimension_synthesis.size(TARGETS, ["rounded=false"])
     assert all(quantity.sigma is None for quantity in exact.quantities)
     ended = command_line("size", "lin2019_targets", "--set", "rounded=false")
     assert ended.code == 0
@@ -134,9 +135,9 @@ def test_targets_that_are_not_rounded_have_no_half_widths(command_line: Run) -> 
 def test_rounding_that_contradicts_the_targets_is_refused() -> None:
     targets = ["material=AZ31B", 'targets.xy.output_stiffness="12.9 N/mm"', 'targets.z.output_stiffness="25 N/mm"']
     targets += ['choices.hinge_thickness="0.1 mm"', "rounded=true"]
-    assert sizing.size(TARGETS, [*targets[:-1], "rounded=false"]).found.hinge_stiffness > 0
+    assert dimension_synthesis.size(TARGETS, [*targets[:-1], "rounded=false"]).found.hinge_stiffness > 0
     with pytest.raises(InputError, match="half a unit of its last digit") as refused:
-        sizing.size(TARGETS, [*targets[:1], 'targets.xy.output_stiffness="13 N/mm"', *targets[2:]])
+        dimension_synthesis.size(TARGETS, [*targets[:1], 'targets.xy.output_stiffness="13 N/mm"', *targets[2:]])
     assert refused.value.field == "targets.xy.output_stiffness"
 
 
@@ -174,7 +175,7 @@ hinge_thickness = "0.4 mm"
 rod_thickness = "4 mm"
 """
     )
-    found = sizing.size(file)
+    found = dimension_synthesis.size(file)
     assert found.title == "mine"
     for asked, back in found.returned():
         assert back.value == pytest.approx(asked.value, rel=1e-12)
@@ -187,7 +188,7 @@ rod_thickness = "4 mm"
 
 
 def test_an_amplification_from_the_command_line_takes_the_place_of_the_gain() -> None:
-    found = sizing.size("lin2019_targets", ["targets.xy.amplification=6.0777"])
+    found = dimension_synthesis.size("lin2019_targets", ["targets.xy.amplification=6.0777"])
     # 20 um times 6.0777 over twice 0.089 %
     assert abs(found.found.chain_length_y - 68.3e-3) <= 0.05e-3
     sources = {given.name: given.source for given in found.given}
@@ -205,14 +206,14 @@ def test_files_go_to_out(tmp_path: Path, command_line: Run) -> None:
     assert {file.name for file in folder.iterdir()} == {"dimensions.toml", "report.html", "report.md", "result.json"}
     written = json.loads((folder / "result.json").read_text())
     assert written.pop("inputs")["command"] == "size"
-    assert written == sizing.size("lin2019_targets").result()
+    assert written == dimension_synthesis.size("lin2019_targets").result()
     report = (folder / "report.md").read_text()
     assert "circular" in report and "Table 1, model row" in report
 
 
 def test_the_dimensions_are_those_of_a_design() -> None:
     """Laid over the amplifier's design they are read, and are what that design has to four digits."""
-    written = tomllib.loads(sizing.size("lin2019_targets").to_toml())
+    written = tomllib.loads(dimension_synthesis.size("lin2019_targets").to_toml())
     assert "circular by construction" in written["provenance"]
     dimensions = written["amplifier"]["xy"]["dimensions"]
     file = ROOT / "geometry" / "lin2019_amplifier_xy.toml"
@@ -268,7 +269,7 @@ def test_files_that_do_not_say_enough(tmp_path: Path, old: str, new: str, words:
     file = tmp_path / "mine.toml"
     file.write_text(text.replace(old, new))
     with pytest.raises(InputError, match=re.escape(words)) as refused:
-        sizing.size(file)
+        dimension_synthesis.size(file)
     assert refused.value.file == str(file)
 
 
@@ -279,4 +280,4 @@ def test_names_that_are_none(command_line: Run, tmp_path: Path) -> None:
     empty = tmp_path / "empty.toml"
     empty.touch()
     with pytest.raises(InputError, match="is empty; it needs"):
-        sizing.size(empty)
+        dimension_synthesis.size(empty)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from flexdesign import stage_coupling
-from flexdesign.assembly import Assembly, Axis, Body, Box
-from flexdesign.fem.assembled import AssembledStage
-from flexdesign.fem.port_shapes import rigid_motions
-from flexdesign.stage_coupling import ABBE_ARM, ACTUATOR_OFFSET, LOAD_OFFSET, MISMATCH, SENSOR_TILT, Cause
+from flexdesign.design.assembly import Assembly, Axis, Body, Box
+from flexdesign.fem import cross_axis_coupling
+from flexdesign.fem.cross_axis_coupling import ABBE_ARM, ACTUATOR_OFFSET, LOAD_OFFSET, MISMATCH, SENSOR_TILT, Cause
+from flexdesign.fem.solving.port_shapes import rigid_motions
+from flexdesign.fem.superelements.assembled_stage import AssembledStage
 
 FloatArray = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ class Table:
 
 @pytest.fixture(scope="module")
 def found() -> dict[str, Cause]:
-    return {cause.name: cause for cause in stage_coupling.causes(cast(AssembledStage, Table()))}
+    return {cause.name: cause for cause in cross_axis_coupling.causes(cast(AssembledStage, Table()))}
 
 
 def per_travel(tilt_per_force: float) -> float:
@@ -117,5 +117,5 @@ def test_what_is_assumed_is_said(found: dict[str, Cause]) -> None:
 
 
 def test_arms_draw_by_half_the_square_over_their_length() -> None:
-    drawn = stage_coupling.coupling_by_arms(1e-4, {("y", "x"): 0.05, ("z", "x"): 0.1, ("x", "z"): 0.05}, "x")
+    drawn = cross_axis_coupling.coupling_by_arms(1e-4, {("y", "x"): 0.05, ("z", "x"): 0.1, ("x", "z"): 0.05}, "x")
     assert drawn == pytest.approx({"y": 1e-7, "z": 5e-8}, rel=1e-12)

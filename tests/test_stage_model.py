@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flexdesign import effects, quantities, stage_model, study
-from flexdesign.design import Hysteresis
-from flexdesign.errors import InputError
-from flexdesign.fem.analysis import ModeRecord, Solution
-from flexdesign.fem.statics import PortCompliance
-from flexdesign.model import Quantity
-from flexdesign.stage_model import (
+from flexdesign import effects
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Quantity
+from flexdesign.design import study
+from flexdesign.design.design import Hysteresis
+from flexdesign.dynamics import stage_model
+from flexdesign.dynamics.stage_model import (
     ActuatorData,
     AxisModel,
     Contradiction,
@@ -30,6 +30,9 @@ from flexdesign.stage_model import (
     Sensor,
     StageModel,
 )
+from flexdesign.fem.analysis import ModeRecord, Solution
+from flexdesign.fem.solving.statics import PortCompliance
+from flexdesign.workflows.validation import stage_model_from_part
 from tests.test_bad_input import changed, refused
 from tests.test_lin2019 import steady_span
 
@@ -327,7 +330,7 @@ def test_a_bare_name_is_found_in_studies_here_first(tmp_path: Path, monkeypatch:
     written(shipped / "studies", changed(STAGE, "a stage", "shipped"), "two.toml")
     written(tmp_path / "studies", changed(STAGE, "a stage", "here"), "one.toml")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("flexdesign.shipped.root", lambda: shipped)
+    monkeypatch.setattr("flexdesign.core.data_files.root", lambda: shipped)
     assert [stage_model.read(name).title for name in ("one", "two")] == ["here", "shipped"]
     with pytest.raises(InputError, match=r"command line: MODEL = ones: no such stage model; did you mean one\?"):
         stage_model.read("ones")
@@ -551,7 +554,7 @@ def handed_over(modes: tuple[ModeRecord, ...], **actuator: object) -> StageModel
     design = study.read("bridge_amplifier").design
     assert design.actuator is not None
     design = replace(design, actuator=design.actuator.model_copy(update=actuator))
-    model = quantities.stage_model(design, {q.key: q for q in found}, solution)
+    model = stage_model_from_part.stage_model(design, {q.key: q for q in found}, solution)
     assert model is not None
     return model
 

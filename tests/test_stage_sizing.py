@@ -11,15 +11,16 @@ from pathlib import Path
 
 import pytest
 
-from flexdesign import cli, stage_sizing
-from flexdesign import design as designs
-from flexdesign.design import Design
-from flexdesign.errors import InputError
-from flexdesign.model import Quantity, by_key
-from flexdesign.report import stage_sizing_report
+from flexdesign import cli
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Quantity, by_key
+from flexdesign.design import design as designs
+from flexdesign.design.design import Design
 from flexdesign.report.render import to_markdown
-from flexdesign.stage_sizing import StageSizing
-from flexdesign.sweeps.evaluators import by_formulas
+from flexdesign.report.sweeps import stage_sizing_report
+from flexdesign.workflows import stage_sizing
+from flexdesign.workflows.stage_sizing import StageSizing
+from flexdesign.workflows.sweeps.evaluators import by_formulas
 
 ROOT = Path(__file__).resolve().parent.parent
 TARGETS = ROOT / "studies" / "lin2019_stage_targets.toml"

@@ -8,20 +8,21 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flexdesign import design, static_tables
+from flexdesign.analytic import static_model
+from flexdesign.analytic.static_model import Row, StaticModel, StaticTable
 from flexdesign.cli import app
-from flexdesign.comparison import tables as comparison
-from flexdesign.diagnosis import tables
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Quantity
+from flexdesign.design import design
+from flexdesign.diagnosis.comparison import static_table as comparison
+from flexdesign.diagnosis.static_tables import diagnose
 from flexdesign.effects import statics
-from flexdesign.errors import InputError
-from flexdesign.model import Quantity
-from flexdesign.static_tables import Row, StaticModel, StaticTable
-from flexdesign.validation import ladder
+from flexdesign.workflows.validation import model_hierarchy
 from tests.analytic.test_stage_compliance import FEM
 from tests.conftest import FOUR_SIDED
 
 STAGE = design.read(FOUR_SIDED)
-MODEL = static_tables.of_design(STAGE)
+MODEL = static_model.of_design(STAGE)
 HEAD = "quantity,value,unit,sigma,boundary,axis\n"
 
 
@@ -62,7 +63,7 @@ def made(effects, noise=0.01, seed=1):
 
 def test_a_table_of_a_stage_names_axes(tmp_path):
     path = written(tmp_path, HEAD + "K_in,1.2,N/um,1 %,free,x\nK_out,31,N/mm,,held,z\nlambda,9.6,1,,table free,z\n")
-    first, second, third = static_tables.read([path], STAGE).rows
+    first, second, third = static_model.read([path], STAGE).rows
     assert (first.key, first.boundary, first.value) == ("K_in_x_table_free", "x, table free", 1.2e6)
     assert (second.key, second.kind, third.key) == ("K_out_z_inputs_held", "K_out_inputs_held", "lambda_z_table_free")
 
@@ -82,17 +83,17 @@ def test_a_table_of_a_stage_names_axes(tmp_path):
 )
 def test_what_cannot_be_used_is_named(tmp_path, text, words):
     with pytest.raises(InputError) as error:
-        static_tables.read([written(tmp_path, text)], STAGE)
+        static_model.read([written(tmp_path, text)], STAGE)
     for word in words:
         assert word in str(error.value)
 
 
 def test_what_is_written_is_read_again(tmp_path):
     found = list(MODEL.compliance({}).quantities().values())
-    table = static_tables.read([written(tmp_path, static_tables.to_csv(found))], STAGE)
+    table = static_model.read([written(tmp_path, static_model.to_csv(found))], STAGE)
     assert [(row.quantity, row.boundary) for row in table.rows] == [(q.name, q.boundary) for q in found]
     assert MODEL.predict(table) == pytest.approx([q.value for q in found], rel=1e-7)
-    assert {(row.quantity, row.boundary) for row in table.rows} == set(static_tables.measurable(STAGE))
+    assert {(row.quantity, row.boundary) for row in table.rows} == set(static_model.measurable(STAGE))
 
 
 # --- beside finite elements ---------------------------------------------------------------------------------------
@@ -101,14 +102,14 @@ def test_what_is_written_is_read_again(tmp_path):
 def test_finite_elements_agree_with_the_model_and_not_with_the_papers():
     table = StaticTable("fem", tuple(Row(q.name, q.boundary, q.value, 0.003 * q.value, "") for q in BENCH))
     assert (comparison.compare(MODEL, table).significance < 1).all()
-    bare = comparison.compare(static_tables.of_design(STAGE, bare=True), StaticTable("", table.rows[:3]))
+    bare = comparison.compare(static_model.of_design(STAGE, bare=True), StaticTable("", table.rows[:3]))
     assert (bare.significance > 1).all()
 
 
 def test_the_ladder_leads_from_the_papers_formulas_to_finite_elements():
     fem = {quantity.key: quantity for quantity in BENCH}
     fem |= {key.replace("_x_", "_y_"): quantity for key, quantity in fem.items() if "_x_" in key}
-    found = ladder.climb(STAGE, fem)
+    found = model_hierarchy.climb(STAGE, fem)
     assert found is not None
     first, *further = found.rungs
     assert {"free_bodies", "out_of_plane", *statics.BY_DRAWING} == {rung.effect for rung in further}
@@ -126,7 +127,7 @@ def test_the_ladder_leads_from_the_papers_formulas_to_finite_elements():
     ("name", "values"), [("over_cut", {"thinner": 25e-6}), ("base_compliance", {"compliance": 5e-6})]
 )
 def test_what_is_hidden_in_a_stage_is_found_with_its_interval(name, values):
-    found = tables.diagnose(MODEL, made({name: values}))
+    found = diagnose.diagnose(MODEL, made({name: values}))
     assert (found.verdict, found.found.names, found.groups) == ("effects-found", (name,), ())
     (value,) = found.found.values
     assert value.interval[0] < next(iter(values.values())) < value.interval[1]
@@ -150,8 +151,8 @@ def test_adding_writes_a_design_that_compare_agrees_with(tmp_path):
     assert low < -12 < high
     read = design.read(softer)
     assert read.is_stage
-    table = static_tables.read([path], read)
-    assert (comparison.compare(static_tables.of_design(read), table).significance < 1).all()
+    table = static_model.read([path], read)
+    assert (comparison.compare(static_model.of_design(read), table).significance < 1).all()
 
 
 def test_effects_of_stages_are_shown_on_a_stage_and_are_none_of_a_part(tmp_path):
@@ -161,4 +162,4 @@ def test_effects_of_stages_are_shown_on_a_stage_and_are_none_of_a_part(tmp_path)
     assert signature["design"] == "lin2019_xyz_stage"
     assert signature["relative_changes"]["K_out_x_inputs_free"] < -0.01
     part = design.read(design.find("bridge_amplifier"))
-    assert not set(static_tables.drawn(part)) & set(statics.OF_STAGES)
+    assert not set(static_model.drawn(part)) & set(statics.OF_STAGES)

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import simulation, stage_model
-from flexdesign.errors import InputError
-from flexdesign.report import simulation_figures
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics import stage_model
+from flexdesign.dynamics.experiments import simulation
+from flexdesign.dynamics.experiments.standard_experiments import plan
+from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, Shown, StageModel
 from flexdesign.report.comparison_words import error, limit
-from flexdesign.report.identification_report import shown_in
-from flexdesign.stage_model import ActuatorData, AxisModel, Shown, StageModel
-from flexdesign.standard_experiments import plan
+from flexdesign.report.diagnosis.identification_report import shown_in
+from flexdesign.report.simulation import simulation_figures
 
 AXIS = """format = 1
 [axis.x]

@@ -15,34 +15,31 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from flexdesign import (
-    cli,
-    condensing,
-    experiments,
-    refinement,
-    simulation,
-    stage_coupling,
-    stage_model,
-    stage_sizing,
-    static_tables,
-)
-from flexdesign import design as designs
-from flexdesign import study as studies
-from flexdesign.cache import Cache
-from flexdesign.condensing import StageLevel
-from flexdesign.errors import InputError
-from flexdesign.fem import second_order, superelement
-from flexdesign.fem.superelement import Superelement
-from flexdesign.model import Quantity, by_key
-from flexdesign.part import Piece
-from flexdesign.quantities.stage import StageStatics
-from flexdesign.quantities.stage_modes import mode_shares
-from flexdesign.refinement import MOST_LEVELS
-from flexdesign.report import published_rows, stage_report
-from flexdesign.report.stage_words import Axes
-from flexdesign.sweeps import elements
-from flexdesign.validation import stage_course, stage_published, stage_variants
-from flexdesign.validation.stage_course import StageValidation, validate_stage
+from flexdesign import cli
+from flexdesign.analytic import static_model
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Quantity, by_key
+from flexdesign.core.result_cache import Cache
+from flexdesign.design import design as designs
+from flexdesign.design import study as studies
+from flexdesign.design.part import Piece
+from flexdesign.dynamics import experiments, stage_model
+from flexdesign.dynamics.experiments import simulation
+from flexdesign.fem import cross_axis_coupling, mesh_refinement, stage_condensation
+from flexdesign.fem.mesh_refinement import MOST_LEVELS
+from flexdesign.fem.quantities.stage import StageStatics
+from flexdesign.fem.quantities.stage_modes import mode_shares
+from flexdesign.fem.stage_condensation import StageLevel
+from flexdesign.fem.superelements import second_order, superelement
+from flexdesign.fem.superelements.superelement import Superelement
+from flexdesign.report import published_rows
+from flexdesign.report.validation import stage_report
+from flexdesign.report.validation.stage_words import Axes
+from flexdesign.workflows import stage_sizing
+from flexdesign.workflows.sweeps import elements
+from flexdesign.workflows.validation import stage_published, stage_variants
+from flexdesign.workflows.validation import validate_stage as stage_course
+from flexdesign.workflows.validation.validate_stage import StageValidation, validate_stage
 from tests.conftest import FOUR_SIDED, Ended
 from tests.test_lin2019 import steady_span
 
@@ -303,9 +300,9 @@ def test_theory_climbs_to_fem_and_fem_is_written_as_a_table(run: Run) -> None:
     text = (run.folder / "report.md").read_text(encoding="utf-8")
     assert "## From the pseudo-rigid model to FEM" in text and "K_out X/Y" in text
     design = run.found.study.design
-    table = static_tables.read([run.folder / "fem.csv"], design)
+    table = static_model.read([run.folder / "fem.csv"], design)
     assert {row.key for row in table.rows} == {
-        q.key for q in static_tables.of_design(design).compliance({}).quantities().values()
+        q.key for q in static_model.of_design(design).compliance({}).quantities().values()
     }
     for row in table.rows:
         assert row.value == pytest.approx(run.found.fem(row.key).value, rel=1e-6)
@@ -432,7 +429,7 @@ def test_published_numbers_that_cannot_be_used(run: Run, key: str, text: str, sa
 def test_a_mistyped_published_key_is_refused_before_work_begins(
     command_line: Callable[..., Ended], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(condensing, "condensed", lambda *_, **__: pytest.fail("work began"))
+    monkeypatch.setattr(stage_condensation, "condensed", lambda *_, **__: pytest.fail("work began"))
     file = tmp_path / "mistyped.toml"
     file.write_text(STUDY.replace("coupling_x_z_input", "couplin_x_z_input"), encoding="utf-8")
     ended = command_line("validate", str(file))
@@ -485,11 +482,11 @@ def test_a_stage_is_refined_until_its_estimate_is_small_enough(
         k_in = Quantity("K_in", 1.0 + 0.1 * coarseness, "N/m", "N/mm", "x, table free")
         return StageLevel(coarseness, run.found.finest.kinds, run.found.finest.stage, by_key([k_in]))
 
-    monkeypatch.setattr(condensing, "condensed", condensed)
+    monkeypatch.setattr(stage_condensation, "condensed", condensed)
     study = replace(run.found.study, mesh=run.found.study.mesh.model_copy(update={"accuracy": asked}))
-    levels = condensing.refined(study, run.found.assembly, Cache(run.cache))
-    limits = [condensing.gathered(levels[:count]) for count in range(2, len(levels) + 1)]
-    errors = [refinement.estimated_error(limit) for limit in limits]
+    levels = stage_condensation.refined(study, run.found.assembly, Cache(run.cache))
+    limits = [stage_condensation.gathered(levels[:count]) for count in range(2, len(levels) + 1)]
+    errors = [mesh_refinement.estimated_error(limit) for limit in limits]
     assert all(error > asked for error in errors[:-1]) and (errors[-1] <= asked or len(levels) == MOST_LEVELS)
     assert lengths == sorted(lengths, reverse=True) and lengths[0] == study.mesh.refinement
     assert abs(limits[-1][0].value - 1) < errors[-1]
@@ -541,7 +538,7 @@ def test_a_second_run_drives_no_axis_again(run: Run, monkeypatch: pytest.MonkeyP
     def refused(*_: object) -> object:
         raise AssertionError("is in the cache")
 
-    monkeypatch.setattr(stage_coupling, "cross_motion", refused)
+    monkeypatch.setattr(cross_axis_coupling, "cross_motion", refused)
     monkeypatch.setattr(second_order, "of", refused)
     monkeypatch.setattr(superelement, "condense", refused)
     again = ran(run.file.parent / "again", STUDY, run.cache)
@@ -574,7 +571,7 @@ def test_what_a_stage_says_is_examined_before_anything_is_condensed(
     def condensed(*_: object, **__: object) -> None:
         raise AssertionError("it was condensed")
 
-    monkeypatch.setattr(condensing, "refined", condensed)
+    monkeypatch.setattr(stage_condensation, "refined", condensed)
     found = designs.find("lin2019_xyz_stage")
     source = (found.parent / "xyz_stage.py").read_text(encoding="utf-8")
     arguments = {"formulas": "self, material, actuator_stiffness, output_load", "springs": "self, material"}
@@ -628,8 +625,8 @@ def test_the_shipped_stage_has_what_it_was_sized_to(tmp_path: Path) -> None:
     study = studies.read("table1", ["output.large_steps=0", "mesh.at_root=0.3", 'mesh.largest="2.5 mm"'])
     store = Cache(tmp_path)
     store.prepare()
-    levels = condensing.refined(study, study.design.stage().assembly(), store)
-    rows = stage_sizing.rows_of("lin2019_stage_targets", study.design, by_key(condensing.gathered(levels)))
+    levels = stage_condensation.refined(study, study.design.stage().assembly(), store)
+    rows = stage_sizing.rows_of("lin2019_stage_targets", study.design, by_key(stage_condensation.gathered(levels)))
     assert len(rows) == 11
     for row in rows:
         assert row.met or (row.target.kind == "elements" and abs(row.off) < 0.02), row

@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flexdesign import design, static_tables
+from flexdesign.analytic import static_model
+from flexdesign.analytic.static_model import Row, StaticModel, StaticTable
 from flexdesign.cli import app
-from flexdesign.comparison import tables as comparison
-from flexdesign.diagnosis import tables
-from flexdesign.errors import InputError
-from flexdesign.static_tables import Row, StaticModel, StaticTable
+from flexdesign.core.errors import InputError
+from flexdesign.design import design
+from flexdesign.diagnosis.comparison import static_table as comparison
+from flexdesign.diagnosis.static_tables import diagnose
 from studies.static_trial.__main__ import is_right
 from studies.static_trial.cases import case
 
 BRIDGE = design.read(design.find("bridge_amplifier"))
-MODEL = static_tables.of_design(BRIDGE)
+MODEL = static_model.of_design(BRIDGE)
 HEAD = "quantity,value,unit,sigma,boundary,hinge_thickness [mm]\n"
 FREE = (("K_in", "output free"), ("lambda", "output free"), ("K_out", "input free"))
 SERIES = tuple({"hinge_thickness": t} for t in (0.35e-3, 0.5e-3, 0.7e-3))
@@ -49,7 +50,7 @@ def made(effects, variants=SERIES, keys=FREE, noise=0.01, seed=1):
 
 def test_a_table_is_read_in_si(tmp_path):
     path = written(tmp_path, "K_in,1950,N/mm,20,free,0.5\nlambda,-11,1,1 %,free,\nK_out,0.12,N/um,,held,0.4\n")
-    first, second, third = static_tables.read([path], BRIDGE).rows
+    first, second, third = static_model.read([path], BRIDGE).rows
     assert (first.quantity, first.boundary, first.value, first.sigma) == ("K_in", "output free", 1.95e6, 2e4)
     assert first.dimensions == {"hinge_thickness": pytest.approx(0.5e-3)}
     assert (second.value, second.sigma, second.dimensions) == (-11.0, pytest.approx(0.11), {})
@@ -76,22 +77,22 @@ def test_a_table_is_read_in_si(tmp_path):
 )
 def test_what_cannot_be_used_is_named(tmp_path, text, head, words):
     with pytest.raises(InputError) as error:
-        static_tables.read([written(tmp_path, text, head)], BRIDGE)
+        static_model.read([written(tmp_path, text, head)], BRIDGE)
     for word in words:
         assert word in str(error.value)
 
 
 def test_a_value_a_thousand_times_too_large_is_a_wrong_unit(tmp_path):
-    table = static_tables.read([written(tmp_path, "K_in,1950,N/um,,free,\n")], BRIDGE)
+    table = static_model.read([written(tmp_path, "K_in,1950,N/um,,free,\n")], BRIDGE)
     with pytest.raises(InputError, match="1000 times"):
-        tables.diagnose(MODEL, table)
+        diagnose.diagnose(MODEL, table)
 
 
 def test_what_is_written_is_read_again(tmp_path):
     found = list(MODEL.compliance({}).quantities().values())
     path = tmp_path / "model.csv"
-    path.write_text(static_tables.to_csv(found), encoding="utf-8")
-    table = static_tables.read([path], BRIDGE)
+    path.write_text(static_model.to_csv(found), encoding="utf-8")
+    table = static_model.read([path], BRIDGE)
     assert [row.value for row in table.rows] == pytest.approx([q.value for q in found], rel=1e-6)
     assert MODEL.predict(table) == pytest.approx(table.measured(), rel=1e-6)
 
@@ -103,7 +104,7 @@ def test_the_uncertainty_of_the_inputs_is_that_of_many_parts():
     """Against a thousand parts drawn within the tolerances, each with its own dimensions and modulus."""
     rows = tuple(Row(name, boundary, 1.0, 1.0, "") for name, boundary in FREE)
     table = StaticTable("", rows)
-    linear = static_tables.uncertainty(MODEL, table).inputs / np.abs(table.measured())
+    linear = static_model.uncertainty(MODEL, table).inputs / np.abs(table.measured())
     rng, found = np.random.default_rng(0), []
     for _ in range(300):
         larger = {name: rng.uniform(-5e-6, 5e-6) for name, value in BRIDGE.dimensions.items() if value > 0}
@@ -130,12 +131,12 @@ def test_a_difference_within_the_uncertainty_says_nothing():
 )  # fmt: skip
 def test_what_is_hidden_in_independent_tables_is_found(kind, number):
     given = case(number, kind)
-    found = tables.diagnose(static_tables.of_design(given.design), given.table)
+    found = diagnose.diagnose(static_model.of_design(given.design), given.table)
     assert is_right(given, found), (found.verdict, found.found.names, found.groups)
 
 
 def test_a_thickness_series_gives_the_over_cut_with_its_interval():
-    found = tables.diagnose(MODEL, made({"over_cut": {"thinner": 20e-6}}))
+    found = diagnose.diagnose(MODEL, made({"over_cut": {"thinner": 20e-6}}))
     assert found.verdict == "effects-found"
     assert found.found.names == ("over_cut",)
     assert found.groups == ()
@@ -148,28 +149,28 @@ def test_a_thickness_series_gives_the_over_cut_with_its_interval():
 def test_one_thickness_cannot_tell_modulus_from_over_cut_and_two_can():
     """Stiffness alone, of one part: a lower modulus and a thinner hinge are one answer, and a series would tell."""
     keys = (("K_in", "output free"), ("K_out", "input free"))
-    one = tables.diagnose(MODEL, made({"modulus": {"excess": -0.12}}, [{}], keys))
+    one = diagnose.diagnose(MODEL, made({"modulus": {"excess": -0.12}}, [{}], keys))
     assert one.verdict == "effects-found"
     assert {"modulus", "over_cut"} <= {name for group in one.groups for name in group}
     best = one.tellings[0]
     assert best.apart > 0.02
-    two = tables.diagnose(MODEL, made({"modulus": {"excess": -0.12}}, SERIES, keys))
+    two = diagnose.diagnose(MODEL, made({"modulus": {"excess": -0.12}}, SERIES, keys))
     assert two.found.names == ("modulus",)
     assert "over_cut" not in {name for group in two.groups for name in group}
 
 
 def test_the_pseudo_rigid_model_is_diagnosed_by_its_own_means():
     """Beside the full model, the bare one lacks something that every one of its own effects can be told by."""
-    bare = static_tables.of_design(BRIDGE, bare=True)
-    found = tables.diagnose(bare, made({}, SERIES, noise=0.002))
+    bare = static_model.of_design(BRIDGE, bare=True)
+    found = diagnose.diagnose(bare, made({}, SERIES, noise=0.002))
     assert found.verdict != "nothing-missing"
     assert found.tried[0].cost < found.before.cost
 
 
 def test_adding_says_whether_it_is_needed():
-    needless = tables.add(MODEL, "fillet", made({}))
+    needless = diagnose.add(MODEL, "fillet", made({}))
     assert any("not needed" in remark for remark in needless.remarks)
-    needed = tables.add(MODEL, "over_cut", made({"over_cut": {"thinner": 30e-6}}))
+    needed = diagnose.add(MODEL, "over_cut", made({"over_cut": {"thinner": 30e-6}}))
     assert not needed.remarks
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexdesign.errors import InputError
-from flexdesign.runs import AXES, read_runs
-from flexdesign.stage_model import reading
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics.stage_model import reading
+from flexdesign.measurements.recordings import AXES, read_runs
 from studies.steering_mirror import recordings
 from studies.steering_mirror.findings import share
 from studies.steering_mirror.modes import Array, Complex, filtered, fit, frequency_response

@@ -12,8 +12,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from flexdesign.errors import InputError
-from flexdesign.runs import Run, read_run, read_runs, refuse_wrong_units, split, suspicions, write_run
+from flexdesign.core.errors import InputError
+from flexdesign.measurements.recordings import (
+    Run,
+    read_run,
+    read_runs,
+    refuse_wrong_units,
+    split,
+    suspicions,
+    write_run,
+)
 
 Array = NDArray[np.float64]
 T = 1e-3 * np.arange(2000)

@@ -12,19 +12,20 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flexdesign import design, static_tables
+from flexdesign.analytic import static_model
 from flexdesign.analytic.compliance import ComplianceModel
+from flexdesign.analytic.static_model import Row, StaticModel, StaticTable
 from flexdesign.cli import app
-from flexdesign.comparison import tables as comparison
-from flexdesign.diagnosis import tables
-from flexdesign.hinges import beam, roots
-from flexdesign.model import Elastic, Member
-from flexdesign.report import table_report, table_words
-from flexdesign.static_tables import Row, StaticModel, StaticTable
+from flexdesign.core.model import Elastic, Member
+from flexdesign.design import design
+from flexdesign.diagnosis.comparison import static_table as comparison
+from flexdesign.diagnosis.static_tables import diagnose
+from flexdesign.effects.hinge_compliance import beam, roots
+from flexdesign.report.diagnosis import table_report, table_words
 from studies.static_trial.cases import STACK, case, references
 
 BRIDGE = design.read(design.find("bridge_amplifier"))
-MODEL = static_tables.of_design(BRIDGE)
+MODEL = static_model.of_design(BRIDGE)
 FREE = (("K_in", "output free"), ("lambda", "output free"), ("K_out", "input free"))
 ALL = (*FREE, ("K_out", "input held"), ("K_out", "actuator installed"))
 SERIES = tuple({"hinge_thickness": t} for t in (0.35e-3, 0.5e-3, 0.7e-3))
@@ -68,7 +69,7 @@ def named(found):
 @pytest.mark.parametrize("seed", range(3))
 def test_one_hinge_of_eight_is_named_as_such(hinge, seed):
     """0.7 of its thickness: not the modulus, which the design states within 2 %."""
-    found = tables.diagnose(MODEL, one_hinge(hinge, lambda t: 0.7 * t, seed=seed))
+    found = diagnose.diagnose(MODEL, one_hinge(hinge, lambda t: 0.7 * t, seed=seed))
     assert found.verdict == "effects-found"
     assert "one_member" in named(found)
     assert found.found.names != ("modulus",)
@@ -81,7 +82,7 @@ def test_one_hinge_of_eight_is_named_as_such(hinge, seed):
 
 
 def test_the_report_says_which_hinge_it_may_be():
-    found = tables.diagnose(MODEL, one_hinge("hinge_inner_ur", lambda t: 0.5 * t, noise=0.002))
+    found = diagnose.diagnose(MODEL, one_hinge("hinge_inner_ur", lambda t: 0.5 * t, noise=0.002))
     assert found.found.names == ("one_member",)
     said = " ".join(table_words.summary(found))
     assert "hinge_inner_ur, hinge_inner_ul, hinge_inner_lr or hinge_inner_ll" in said
@@ -99,7 +100,7 @@ def test_a_design_with_one_hinge_off_is_written_and_agrees(tmp_path):
     assert ended.exit_code == 0, ended.output
     read = design.read(better)
     assert read.effects["one_member"]["number"] == 1.0
-    assert comparison.compare(static_tables.of_design(read), static_tables.read([bench], read)).agrees
+    assert comparison.compare(static_model.of_design(read), static_model.read([bench], read)).agrees
 
 
 @pytest.mark.parametrize("excess", [-0.095, 0.12])
@@ -109,7 +110,7 @@ def test_a_modulus_beyond_what_the_design_states_is_a_contradiction(excess):
     rows = [Row(name, boundary, 1.0, None, "", {}) for name, boundary in ALL]
     expected = values.predict(StaticTable("", tuple(rows)))
     table = noisy([replace(row, value=v) for row, v in zip(rows, expected, strict=True)], 0.005, 4)
-    found = tables.diagnose(MODEL, table)
+    found = diagnose.diagnose(MODEL, table)
     assert "modulus" in named(found)
     assert any("modulus" in remark and "2 %" in remark for remark in found.remarks)
 
@@ -126,7 +127,7 @@ def test_a_soft_contact_at_the_stack_alone_is_found(number):
     installed = 1 / (c22 - c12**2 / (c11 + 1 / STACK + 0.5 * c11))
     values = (k_in, ratio, k_out, held, installed)
     rows = [Row(name, boundary, value, None, "") for (name, boundary), value in zip(ALL, values, strict=True)]
-    found = tables.diagnose(static_tables.of_design(drawn), noisy(rows, 0.01, number))
+    found = diagnose.diagnose(static_model.of_design(drawn), noisy(rows, 0.01, number))
     assert (found.verdict, found.found.names) == ("effects-found", ("contact_stiffness",))
     (value,) = found.found.values
     assert value.interval[0] < 2 / c11 < value.interval[1]
@@ -154,14 +155,14 @@ class Unsaid(BRIDGE.part_class):
 
 def unsaid(number):
     given = case(number, "none")
-    return static_tables.of_design(replace(given.design, part_class=Unsaid)), given.table
+    return static_model.of_design(replace(given.design, part_class=Unsaid)), given.table
 
 
 @pytest.mark.parametrize("number", range(0, 40, 3))
 def test_nothing_is_missing_from_a_true_table_of_a_part_without_roots(number):
     """Hexahedra of amplifiers, whose roots give way by 10 to 40 % of K_out."""
     model, table = unsaid(number)
-    found = tables.diagnose(model, table)
+    found = diagnose.diagnose(model, table)
     assert found.verdict == "nothing-missing", (found.found.names, found.before.cost)
     assert any("Member.roots" in remark for remark in found.remarks)
 
@@ -171,7 +172,7 @@ def test_the_width_for_what_is_not_stated_is_as_large_as_what_it_stands_for():
     shares = []
     for number in range(40):
         model, table = unsaid(number)
-        noise = static_tables.uncertainty(model, table)
+        noise = static_model.uncertainty(model, table)
         size = np.sqrt(np.diag(noise.covariance) - noise.data**2 - noise.inputs**2)
         shares.append((model.predict(table) - table.measured()) / size)
     sizes = np.sqrt(np.mean(np.square(shares), axis=0))
@@ -202,17 +203,17 @@ class Notched(BRIDGE.part_class):
 @pytest.mark.parametrize("softer", [0.06, 0.11])
 def test_notches_that_give_way_more_than_beams_are_no_other_modulus(softer):
     """All stiffnesses 6 % below the beams', as of a lever with notches: what the model is known to lack."""
-    model = static_tables.of_design(replace(BRIDGE, part_class=Notched))
+    model = static_model.of_design(replace(BRIDGE, part_class=Notched))
     rows = tuple(Row(name, boundary, 1.0, None, "", {}) for name, boundary in FREE)
     values = model.predict(StaticTable("", rows)) * np.array([1 - softer, 1.0, 1 - softer])
-    found = tables.diagnose(model, noisy([replace(r, value=v) for r, v in zip(rows, values, strict=True)], 0.005, 1))
+    found = diagnose.diagnose(model, noisy([replace(r, value=v) for r, v in zip(rows, values, strict=True)], 0.005, 1))
     assert found.verdict == "nothing-missing"
     assert any("Member.roots" in remark for remark in found.remarks)
 
 
 def test_what_a_part_states_is_not_widened():
     rows = [Row(name, boundary, 1.0, 1.0, "") for name, boundary in ALL]
-    noise = static_tables.uncertainty(MODEL, StaticTable("", tuple(rows)))
+    noise = static_model.uncertainty(MODEL, StaticTable("", tuple(rows)))
     assert noise.unstated == ()
     assert noise.model == pytest.approx([0.005, 0.004, 0.002, 0.015, 0.012])  # of rows that measured one
 
@@ -247,7 +248,7 @@ def hidden(seed):
 @pytest.mark.parametrize("seed", range(24))
 def test_a_diagnosis_never_contradicts_a_comparison(seed):
     table = hidden(seed)
-    beside, found = comparison.compare(MODEL, table), tables.diagnose(MODEL, table)
+    beside, found = comparison.compare(MODEL, table), diagnose.diagnose(MODEL, table)
     assert (found.verdict == "nothing-missing") == beside.agrees
     if beside.agrees:
         assert (beside.significance <= 1).all()
@@ -260,7 +261,7 @@ def test_sixty_um_off_one_hinge_is_one_answer_and_not_two():
     """A few rows beyond two standard deviations, all for one reason, are what tolerances allow; or they are not."""
     for seed in range(4):
         table = one_hinge("hinge_inner_ur", lambda t: t - 60e-6, SERIES, seed=seed)
-        beside, found = comparison.compare(MODEL, table), tables.diagnose(MODEL, table)
+        beside, found = comparison.compare(MODEL, table), diagnose.diagnose(MODEL, table)
         differing = int((beside.significance > 1).sum())
         assert (found.verdict == "nothing-missing") == (differing == 0 and beside.agrees)
 

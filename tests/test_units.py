@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexdesign import units
+from flexdesign.core import units
 
 MAGNITUDES = st.floats(1e-12, 1e12) | st.floats(-1e12, -1e-12) | st.just(0.0)
 UNITS = [("mm", "m"), ("um", "m"), ("N/um", "N/m"), ("GPa", "Pa"), ("g", "kg"), ("kHz", "Hz"), ("N*mm/rad", "N*m/rad")]

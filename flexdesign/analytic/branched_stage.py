@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from flexdesign.analytic.lagrange import Coordinate, DrivenAxis, Elements, Term, as_printed
 from flexdesign.analytic.prb import SOURCE, PseudoRigidBridge, leaf_rotational_stiffness
-from flexdesign.model import Quantity
+from flexdesign.core.model import Quantity
 
 #: Name of their term among the springs.
 AMPLIFIERS = "amplifiers K_b"

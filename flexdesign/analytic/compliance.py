@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.analytic import frame
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Adjust, Elastic, Linkage, Member, Quantity, Reshape, Term, by_key
+from flexdesign.design.materials import Material
+from flexdesign.design.part import Piece, Port
 from flexdesign.effects import statics
-from flexdesign.errors import InputError
-from flexdesign.hinges import beam
-from flexdesign.materials import Material
-from flexdesign.model import Adjust, Elastic, Linkage, Member, Quantity, Reshape, Term, by_key
-from flexdesign.part import Piece, Port
+from flexdesign.effects.hinge_compliance import beam
 
 Array = NDArray[np.float64]
 Effects = Mapping[str, Mapping[str, float]]

@@ -23,8 +23,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.model import Linkage, Member
-from flexdesign.model.linkage import Vector
+from flexdesign.core.model import Linkage, Member
+from flexdesign.core.model.linkage import Vector
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ import math
 from dataclasses import dataclass, fields
 
 from flexdesign.analytic.prb import SOURCE, PseudoRigidBridge
-from flexdesign.model import Quantity
+from flexdesign.core.model import Quantity
 
 # --- energies of one coordinate
 

@@ -37,7 +37,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.model import Quantity, by_key, output_boundary
+from flexdesign.core.model import Quantity, by_key, output_boundary
 
 SOURCE = "Lin et al. (2019)"
 

@@ -1,6 +1,6 @@
 """The compliance model of a whole stage: its parts' compliance models between rigid bodies, effect by effect.
 
-It is put together as the condensed stage of finite elements is (`flexdesign.fem.assembled`), each part giving way
+It is put together as the condensed stage of finite elements is (`fem.superelements`), each part giving way
 between its two bonded ports by the 7 by 7 compliance of its own frame (`ComplianceModel.between`): with f the six
 forces that part e passes on, a its actuator's force, p its parting and x its actuator's extension,
 
@@ -32,11 +32,11 @@ from numpy.typing import NDArray
 
 from flexdesign.analytic import compliance, frame
 from flexdesign.analytic.compliance import SOURCE, ComplianceModel, Effects
-from flexdesign.assembly import Assembly, Element
+from flexdesign.core.model import Quantity, by_key
+from flexdesign.design.assembly import Assembly, Element
+from flexdesign.design.materials import Material
+from flexdesign.design.part import Port
 from flexdesign.effects import statics
-from flexdesign.materials import Material
-from flexdesign.model import Quantity, by_key
-from flexdesign.part import Port
 
 Array = NDArray[np.float64]
 #: Length [m] that makes rotations comparable with motions, and forces with moments.

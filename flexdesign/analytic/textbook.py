@@ -47,7 +47,7 @@ from numpy.typing import NDArray
 
 from flexdesign.analytic.prb import leaf_rotational_stiffness
 from flexdesign.analytic.two_port import TwoPort
-from flexdesign.model import Quantity, by_key
+from flexdesign.core.model import Quantity, by_key
 
 SOURCE = "textbook bridge (hinge rotation, stretch and sway)"
 

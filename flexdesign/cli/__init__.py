@@ -9,7 +9,7 @@ import typer
 
 from flexdesign import __version__
 from flexdesign.cli.shared import app
-from flexdesign.errors import InputError
+from flexdesign.core.errors import InputError
 
 # A verb is one module with a function under @app.command(help=HELP), and one line here; the help has this order:
 # from flexdesign.cli import my_verb as my_verb

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli import tables
-from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, listed, place, print_json, progress
+from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, file_of, listed, place, progress, show, write_file
 
 HELP = """Fit one effect to recorded runs, and write it into a stage model.
 
@@ -55,34 +54,15 @@ def add(
     as_json: AsJson = False,
 ) -> None:
     """Add an effect to a stage model and write the report."""
-    if tables.is_design(model):
-        tables.refuse({"--axis": axis, "--noise": noise})
-        tables.add(model, effect, recordings, overrides or [], model_file, out, as_json)
-        return
-    from flexdesign import runs, stage_model
-    from flexdesign.diagnosis import adding
-    from flexdesign.report import addition_report, identification_report, origin, terminal
+    from flexdesign.api import recordings as measured
+    from flexdesign.report import origin
 
     with progress() as say:
-        stage = stage_model.read(model, overrides or [])
-        name = adding.known_effect(effect, "EFFECT")
-        seen = runs.read_recordings(recordings)
-        files, options = [stage_model.find(model), *recordings], listed(axis=axis, noise=noise)
+        files, options = [file_of(model), *recordings], listed(axis=axis, noise=noise)
         ending = f"_with_{Path(effect).stem}"
         where = place(out, origin.name_of(files[0]), f"add {effect}", files, overrides or [], options, ending)
-        if model_file:
-            identification_report.write_model(model_file, None)
-        stated = adding.size(stage, seen, axis, "--noise", noise)
-        found = adding.add(stage, name, seen, axis=axis, noise=stated, progress=say)
-        loop = adding.in_the_loop(found, say)
+        write_file(model_file)
+        found = measured.add_effect(model, effect, recordings, overrides or [], axis=axis, noise=noise, progress=say)
         say("writing")
-        document, result = addition_report.document(found, loop), addition_report.result(found, loop)
-        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(found.model, where.folder)}
-        written = [path for path in where.write(document, result, others) if path.suffix != ".svg"]
-        if model_file:
-            identification_report.write_model(model_file, found.model)
-            written.append(model_file)
-    if as_json:
-        print_json(result)
-        return
-    terminal.brief(document, addition_report.ladder_of(found), written)
+        written = where.write(found, model_file=model_file)
+    show(found, written, as_json)

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli import tables
-from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, listed, place, print_json, progress
+from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, file_of, listed, place, progress, show
 
 HELP = """Compare a stage model with recorded runs: by how much it fails, and where.
 
@@ -52,25 +51,13 @@ def compare(
     as_json: AsJson = False,
 ) -> None:
     """Compare a stage model with runs and write the report."""
-    if tables.is_design(model):
-        tables.refuse({"--axis": axis, "--noise": noise})
-        tables.compare(model, recordings, overrides or [], out, as_json)
-        return
-    from flexdesign import runs, stage_model
-    from flexdesign.diagnosis import adding, comparing
-    from flexdesign.report import comparison_report, origin, terminal
+    from flexdesign.api import recordings as measured
+    from flexdesign.report import origin
 
     with progress() as say:
-        stage = stage_model.read(model, overrides or [])
-        seen = runs.read_recordings(recordings)
-        files, options = [stage_model.find(model), *recordings], listed(axis=axis, noise=noise)
+        files, options = [file_of(model), *recordings], listed(axis=axis, noise=noise)
         where = place(out, origin.name_of(files[0]), "compare", files, overrides or [], options, "_compared")
-        stated = adding.size(stage, seen, axis, "--noise", noise)
-        found = comparing.compare(stage, seen, axis=axis, noise=stated, progress=say)
+        found = measured.compare(model, recordings, overrides or [], axis=axis, noise=noise, progress=say)
         say("writing")
-        document, result = comparison_report.document(found), comparison_report.result(found)
-        written = [path for path in where.write(document, result, {}) if path.suffix != ".svg"]
-    if as_json:
-        print_json(result)
-        return
-    terminal.brief(document, comparison_report.errors(found), written)
+        written = where.write(found)
+    show(found, written, as_json)

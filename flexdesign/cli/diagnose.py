@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli import tables
-from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, listed, place, print_json, progress
+from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, file_of, listed, place, progress, show, write_file
 
 HELP = """Find which physical effect a stage model lacks, from recorded runs.
 
@@ -78,39 +77,20 @@ def diagnose(
     as_json: AsJson = False,
 ) -> None:
     """Diagnose a stage model and write the report."""
-    if tables.is_design(model):
-        tables.refuse({"--axis": axis, "--tolerance": tolerance, "--noise": noise})
-        tables.diagnose(model, recordings, overrides or [], model_file, out, as_json, bare=bare, own=effect or [])
-        return
-    tables.refuse_bare(bare)
-    from flexdesign import diagnosis, runs, stage_model
-    from flexdesign.diagnosis import adding, telling
-    from flexdesign.diagnosis.progress import Progress
-    from flexdesign.report import diagnosis_report, diagnosis_result, identification_report, origin, terminal
+    from flexdesign.api import recordings as measured
+    from flexdesign.report import origin
 
     with progress() as say:
-        stage = stage_model.read(model, overrides or [])
-        seen = runs.read_recordings(recordings)
-        more = adding.own_effects(effect or [])
-        least = adding.size(stage, seen, axis, "--tolerance", tolerance)
-        stated = adding.size(stage, seen, axis, "--noise", noise)
-        files = [stage_model.find(model), *recordings]
-        options = listed(axis=axis, noise=noise, tolerance=tolerance, effect=effect)
+        files = [file_of(model), *recordings]
+        options = [
+            *listed(axis=axis, noise=noise, tolerance=tolerance, effect=effect, bare=bare or None),
+        ]
         where = place(out, origin.name_of(files[0]), "diagnose", files, overrides or [], options, "_diagnosed")
-        if model_file:
-            identification_report.write_model(model_file, None)
-        told = Progress(say)
-        found = diagnosis.diagnose(stage, seen, axis=axis, more=more, tolerance=least, noise=stated, progress=told)
-        apart = telling.tellings(found, say)
+        write_file(model_file)
+        found = measured.diagnose(
+            model, recordings, overrides or [], axis=axis, effects=effect or [], tolerance=tolerance, noise=noise,
+            bare=bare, progress=say,
+        )  # fmt: skip
         say("writing")
-        better = adding.with_knowledge(found.model, found.axis, adding.values(found), (*found.runs, *found.responses))
-        document, result = diagnosis_report.document(found, apart), diagnosis_result.result(found, apart)
-        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(better, where.folder)}
-        written = [path for path in where.write(document, result, others) if path.suffix != ".svg"]
-        if model_file:
-            identification_report.write_model(model_file, better)
-            written.append(model_file)
-    if as_json:
-        print_json(result)
-        return
-    terminal.brief(document, diagnosis_report.ladder_of(found), written)
+        written = where.write(found, model_file=model_file)
+    show(found, written, as_json)

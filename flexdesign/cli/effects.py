@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexdesign.cli import tables
 from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
 
 if TYPE_CHECKING:
-    from flexdesign.bench import Signature
+    from flexdesign.diagnosis.experiment_design import Signature
 
 HELP = """Show the catalogue of effects, or one effect with the picture of its signature.
 
@@ -64,7 +63,8 @@ def effects(
 ) -> None:
     """List the catalogue, or write the page of one effect."""
     from flexdesign.effects import statics
-    from flexdesign.report import effect_pages, render, terminal
+    from flexdesign.report import render, terminal
+    from flexdesign.report.catalogue import effect_pages
     from flexdesign.report.document import Document
 
     if name is None:
@@ -100,21 +100,23 @@ def effects(
 def _is_static(name: str, model: str) -> bool:
     """Tell whether an effect is shown on a part at rest: a static one, or one that is both where MODEL is a design."""
     from flexdesign import effects as in_time
+    from flexdesign.api import static_tables
     from flexdesign.effects import statics
 
     if not name.endswith(".py"):
-        return name in statics.names() and (name not in in_time.names() or tables.is_design(model))
+        return name in statics.names() and (name not in in_time.names() or static_tables.is_design(model))
     try:
         effect = in_time.find(name)
     except ValueError:  # said where it is looked up
         return False
-    return effect.acts_at_rest and (not effect.acts_in_time or tables.is_design(model))
+    return effect.acts_at_rest and (not effect.acts_in_time or static_tables.is_design(model))
 
 
 def _static(name: str, design: str, overrides: list[str], out: Path | None, as_json: bool) -> None:
     """Write the page of a static effect, which acts on a part and needs no time."""
-    from flexdesign import design as designs
-    from flexdesign.report import effect_pages, render, static_effect_pages, terminal
+    from flexdesign.design import design as designs
+    from flexdesign.report import render, terminal
+    from flexdesign.report.catalogue import effect_pages, static_effect_pages
     from flexdesign.report.document import Document
 
     with progress():
@@ -133,14 +135,15 @@ def _static(name: str, design: str, overrides: list[str], out: Path | None, as_j
 
 def _signature(name: str, model: str, axis: str | None, overrides: list[str]) -> tuple[Signature, dict[str, str]]:
     """Return the signature of an effect on an axis of a stage model, and how that stage is called."""
-    from flexdesign import bench, stage_model
+    from flexdesign.diagnosis import experiment_design
+    from flexdesign.dynamics import stage_model
 
     stage = stage_model.read(model, overrides)
-    chosen = bench.axis(stage, axis)
+    chosen = experiment_design.axis(stage, axis)
     on = {"title": stage.title or stage.name, "changes": ""}
     if model == STAGE and not overrides:
         stage, on["changes"] = stage_model.read(model, [each.format(axis=chosen) for each in SHOWN]), RINGS
-    limits = bench.of_axis(stage, chosen)
-    dynamics = bench.dynamics(stage, chosen, limits)
-    experiments = [*bench.suite_of(dynamics, limits), *bench.elsewhere(dynamics, limits)]
-    return bench.signature_of(bench.on(dynamics, name), experiments), on
+    limits = experiment_design.of_axis(stage, chosen)
+    dynamics = experiment_design.dynamics(stage, chosen, limits)
+    experiments = [*experiment_design.suite_of(dynamics, limits), *experiment_design.elsewhere(dynamics, limits)]
+    return experiment_design.signature_of(experiment_design.on(dynamics, name), experiments), on

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, StageOverrides, app, listed, place, print_json, progress
+from flexdesign.cli.shared import AsJson, StageOverrides, app, file_of, listed, place, progress, show, write_file
 
 HELP = """Fit the free numbers of a stage model to recorded runs, and say what the runs leave open.
 
@@ -56,26 +56,15 @@ def identify(
     as_json: AsJson = False,
 ) -> None:
     """Fit a stage model to runs and write the report."""
-    from flexdesign import identification, runs, stage_model
-    from flexdesign.report import identification_report, origin, terminal
+    from flexdesign.api import recordings as measured
+    from flexdesign.report import origin
 
     names = None if free is None else [name.strip() for name in free.split(",") if name.strip()]
     with progress() as say:
-        stage = stage_model.read(model, overrides or [])
-        seen = runs.read_runs(recordings)
-        files, options = [stage_model.find(model), *recordings], listed(axis=axis, free=free)
+        files, options = [file_of(model), *recordings], listed(axis=axis, free=free)
         where = place(out, origin.name_of(files[0]), "identify", files, overrides or [], options, "_identified")
-        if model_file:
-            identification_report.write_model(model_file, None)
-        found = identification.identify(stage, seen, axis=axis, free=names, progress=say)
+        write_file(model_file)
+        found = measured.identify(model, recordings, overrides or [], axis=axis, free=names, progress=say)
         say("writing")
-        document, result = identification_report.document(found), identification_report.result(found)
-        others = {} if model_file else {"stage_model.toml": stage_model.to_toml(found.model, where.folder)}
-        written = [path for path in where.write(document, result, others) if path.suffix != ".svg"]
-        if model_file:
-            identification_report.write_model(model_file, found.model)
-            written.append(model_file)
-    if as_json:
-        print_json(result)
-        return
-    terminal.brief(document, identification_report.estimates(found), written)
+        written = where.write(found, model_file=model_file)
+    show(found, written, as_json)

@@ -55,7 +55,7 @@ def import_(
     ] = None,
 ) -> None:
     """Show what files hold, or write their runs."""
-    from flexdesign import importing
+    from flexdesign.measurements import importing
 
     if map_file is None:
         typer.echo(importing.propose(recordings), nl=False)

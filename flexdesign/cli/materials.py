@@ -36,7 +36,8 @@ def materials(
     as_json: AsJson = False,
 ) -> None:
     """List the library, or show one material."""
-    from flexdesign.report import material_pages, terminal
+    from flexdesign.report import terminal
+    from flexdesign.report.catalogue import material_pages
     from flexdesign.report.document import Document
 
     if as_json:

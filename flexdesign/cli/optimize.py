@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, app, place, print_json, progress
+from flexdesign.cli.shared import AsJson, app, place, progress, show
 
 HELP = """Find the dimensions that serve an aim best and keep their limits, checked by finite elements.
 
@@ -44,19 +44,14 @@ def optimize(
     as_json: AsJson = False,
 ) -> None:
     """Optimise a design and write its report."""
-    from flexdesign import sweeps
-    from flexdesign.report import optimum_report, origin, terminal
-    from flexdesign.sweeps import optimising
+    from flexdesign.api import studies
+    from flexdesign.report import origin
 
     with progress() as say:
-        plan = sweeps.read(study, overrides or [])
+        plan = studies.read_sweep(study, overrides or [])
         where = place(out, origin.name_of(plan.file), "optimize", [plan.file, plan.subject_file], overrides or [])
-        found = optimising.optimise(plan, check=check, progress=say)
-        document, result = optimum_report.document(found), optimum_report.result(found)
-        written = where.write(document, result, {"optimum.toml": optimum_report.to_toml(found, where.folder)})
-    if as_json:
-        print_json(result)
-    else:
-        terminal.brief(document, optimum_report.optimum(found), written)
+        found = studies.optimize(plan, check=check, progress=say)
+        written = where.write(found)
+    show(found, written, as_json)
     if found.broken:
         raise typer.Exit(1)

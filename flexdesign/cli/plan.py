@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, StageOverrides, app, listed, place, print_json, progress
+from flexdesign.cli.shared import AsJson, StageOverrides, app, listed, place, progress, show
 
 HELP = """Write command files for the bench, within its limits, so that a diagnosis will work.
 
@@ -35,9 +34,6 @@ report.html, report.md, result.json and the figures, into --out.
 
 **Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
 """
-
-#: What --slew is where nothing limits how fast the voltage may change.
-NO_LIMIT = "none"
 
 
 @app.command(help=HELP)
@@ -72,66 +68,22 @@ def plan(
     as_json: AsJson = False,
 ) -> None:
     """Write command files and their report."""
-    from flexdesign import bench, stage_model
-    from flexdesign.bench import files
-    from flexdesign.report import origin, plan_pages, terminal
+    from flexdesign.api import models
+    from flexdesign.dynamics import stage_model
+    from flexdesign.report import origin
+    from flexdesign.report.diagnosis import plan_pages
 
     with progress() as say:
-        stage = stage_model.read(model, overrides or [])
-        chosen = bench.axis(stage, axis)
-        numbers = stage.axes[chosen]
-        asked = bench.Asked(
-            None if volts is None else (_number("--volts", volts[0], "V"), _number("--volts", volts[1], "V")),
-            math.inf if slew == NO_LIMIT else _given("--slew", slew, "V/s"),
-            _given("--current", current, "A"),
-            _given("--bandwidth", bandwidth, "Hz"),
-            _given("--rate", rate, "Hz"),
-        )
-        noise = _number("--sensor-noise", sensor_noise, numbers.response) if sensor_noise else numbers.sensor.noise
-        limits = bench.of_axis(stage, chosen, asked)
-        if slew is None:
-            bench.refuse_unlimited(stage, chosen, limits)
         options = listed(
             resolve=resolve, axis=axis, volts=volts, slew=slew, current=current, bandwidth=bandwidth, rate=rate,
             sensor_noise=sensor_noise, seed=seed if seed != 1 else None,
         )  # fmt: skip
         file = stage_model.find(model)
         where = place(out, origin.name_of(file), "plan", [file], overrides or [], options, "_plan")
-        say("shaping the commands")
-        dynamics = bench.dynamics(stage, chosen, limits)
-        experiments, resolved = bench.suite_of(dynamics, limits, seed), None
-        if resolve:
-            say(f"simulating {resolve[0]} and {resolve[1]}")
-            menu = [*experiments, *bench.elsewhere(dynamics, limits)]
-            resolved = bench.resolve_effects(dynamics, resolve, menu, noise or bench.NOISE * dynamics.stroke)
-            experiments = bench.needed(experiments, resolved)
-        named = files.names(experiments)
-        title = f"{stage.title or stage.name}: axis {chosen} on the bench"
+        found = models.plan(
+            model, overrides or [], progress=say, resolve=resolve, axis=axis, volts=volts, slew=slew, current=current,
+            bandwidth=bandwidth, rate=rate, sensor_noise=sensor_noise, seed=seed,
+        )  # fmt: skip
         say("writing")
-        document = plan_pages.document(title, named, limits, seed, resolved)
-        result = plan_pages.result(named, limits, seed, resolved)
-        written = where.write(document, result, {})
-        written += files.write(where.folder / "commands", experiments, chosen, numbers, limits, title, noise or None)
-    if as_json:
-        print_json(result)
-        return
-    shown = plan_pages.separations(resolved) if resolved else plan_pages.table(named, limits)
-    terminal.brief(document, shown, plan_pages.listed(written))
-
-
-def _given(option: str, text: str | None, si: str) -> float | None:
-    return _number(option, text, si) if text else None
-
-
-def _number(option: str, text: str, si: str) -> float:
-    """Return a number of the command line in SI; more than zero, unless it is a voltage."""
-    from flexdesign import units
-    from flexdesign.errors import InputError
-
-    try:
-        value = units.from_text(text, si)
-        if si != "V" and not value > 0:
-            raise ValueError("must be more than zero")
-    except ValueError as error:
-        raise InputError("command line", option, text, str(error)) from None
-    return value
+        written = [*where.write(found), *found.found.write(where.folder / "commands")]
+    show(found, plan_pages.listed(written), as_json)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, CacheFolder, app, open_cache, place, print_json, progress
+from flexdesign.cli.shared import AsJson, CacheFolder, app, place, progress, show
 
 HELP = """Set every number that a publication prints beside ours, each with a verdict.
 
@@ -44,18 +44,14 @@ def reproduce(
     cache: CacheFolder = None,
 ) -> None:
     """Reproduce a publication and write the report."""
-    from flexdesign import printed, reproduction
-    from flexdesign.report import origin, reproduction_report, terminal
+    from flexdesign.api import studies
+    from flexdesign.core import printed_numbers
+    from flexdesign.report import origin
 
     with progress() as say:
-        file = printed.find(publication)
+        file = printed_numbers.find(publication)
         where = place(out, origin.name_of(file), "reproduce", [file], overrides or [])
-        store = open_cache(cache)
-        found = reproduction.reproduce(publication, store, say, overrides or [])
+        found = studies.reproduce(publication, overrides or [], cache=cache, progress=say)
         say("writing")
-        document, result = reproduction_report.document(found), reproduction_report.result(found)
-        written = where.write(document, result, {})
-    if as_json:
-        print_json(result)
-        return
-    terminal.brief(document, reproduction_report.verdicts(found), [path for path in written if path.suffix != ".svg"])
+        written = where.write(found)
+    show(found, written, as_json)

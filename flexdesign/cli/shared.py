@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,12 +13,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from flexdesign import changes
-from flexdesign.errors import printable
+from flexdesign.core.errors import printable
+from flexdesign.design import changes
 
 if TYPE_CHECKING:
-    from flexdesign.cache import Cache
-    from flexdesign.report.document import Document
+    from flexdesign.api.result import Result
+    from flexdesign.core.result_cache import Cache
     from flexdesign.report.origin import Inputs
 
 app = typer.Typer(
@@ -53,7 +54,7 @@ StageOverrides = Annotated[
 @contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
     """Show on stderr what is going on while a verb works; yields what takes the words."""
-    from flexdesign.report import terminal  # slow to import: not before a verb runs
+    from flexdesign.report import terminal
 
     with terminal.progress() as say:
         yield say
@@ -67,7 +68,7 @@ def print_json(result: Mapping[str, Any]) -> None:
 
 def open_cache(folder: Path | None) -> Cache:
     """Return the cache in a folder, or the user's own, ready to be written to."""
-    from flexdesign.cache import Cache, default_folder
+    from flexdesign.core.result_cache import Cache, default_folder
 
     store = Cache(folder or default_folder())
     store.prepare()
@@ -92,17 +93,75 @@ class Place:
     inputs: Inputs
     replaced: str
 
-    def write(
-        self, document: Document, result: dict[str, Any], others: Mapping[str, str | bytes], links: Sequence[str] = ()
-    ) -> list[Path]:
-        """Write the report, put the inputs into its result, and say on stderr which other report it replaces."""
+    def write(self, found: Result[Any], links: Sequence[str] = (), *, model_file: Path | None = None) -> list[Path]:
+        """Write the report of a result, and say on stderr which other report it replaces.
+
+        Parameters
+        ----------
+        found
+            The result; what it was made of is put into its result.json.
+        links
+            Files beside the report that it links to, relative to its folder.
+        model_file
+            Where the model goes that the result holds, if not into the folder.
+        """
         from flexdesign.report import render
 
-        result["inputs"] = self.inputs.record
-        written = render.write(self.folder, document, result, others, links)
+        found.to_dict()["inputs"] = self.inputs.record
+        beside = {} if model_file else found.files(self.folder)
+        written = render.write(self.folder, found.document, found.to_dict(), beside, links)
+        if model_file:
+            (text,) = found.files(model_file.parent).values()
+            write_file(model_file, str(text))
+            written.append(model_file)
         if self.replaced:
             typer.echo(f"flexdesign: {printable(self.replaced)}", err=True)
         return written
+
+
+def show(found: Result[Any], written: Sequence[Path], as_json: bool) -> None:
+    """Print a result: as JSON alone, or its summary and table and which files were written, pictures left out."""
+    from flexdesign.report import terminal
+
+    if as_json:
+        print_json(found.to_dict())
+    else:
+        terminal.show(str(found), [path for path in written if path.suffix not in (".svg", ".png")])
+
+
+def write_file(path: Path | None, text: str | None = None) -> None:
+    """Write a file that -o names, whole or not at all; without a text, check that it can be written.
+
+    Raises
+    ------
+    InputError
+        If it cannot.
+    """
+    from flexdesign.core.errors import InputError
+
+    if path is None:
+        return
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as scratch:
+            if path.is_dir():
+                raise IsADirectoryError(0, "it is a folder")
+            if text is not None:
+                made = Path(scratch) / path.name
+                made.write_text(text, encoding="utf-8")
+                made.replace(path)
+    except OSError as error:
+        remedy = f"cannot be written ({error.strerror or error}); choose another file"
+        raise InputError("command line", "-o", str(path), remedy) from error
+
+
+def file_of(model: str) -> Path:
+    """Return the file of a stage model or of a design; raise InputError if there is none."""
+    from flexdesign.api import static_tables
+    from flexdesign.design import design
+    from flexdesign.dynamics import stage_model
+
+    return design.find(model) if static_tables.is_design(model) else stage_model.find(model)
 
 
 def place(

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, StageOverrides, app, place, print_json, progress
-from flexdesign.errors import InputError
+from flexdesign.cli.shared import AsJson, StageOverrides, app, place, progress, show
 
 HELP = """Simulate a stage: hysteresis, feedforward, PID, steps, tracking, lines.
 
@@ -48,28 +47,18 @@ def simulate(
     with_runs: Annotated[bool, typer.Option("--runs", help="Also write every response as a recording.")] = False,
 ) -> None:
     """Run experiments and write their report."""
-    from flexdesign import experiments, files, simulation, stage_model, standard_experiments
-    from flexdesign.report import origin, simulation_report, terminal
+    from flexdesign.api import models
+    from flexdesign.dynamics import experiments, stage_model
+    from flexdesign.report import origin
+    from flexdesign.report.simulation import simulation_report
 
-    of_study = [o for o in overrides or [] if files.overridden(o) in experiments.SETTINGS]
-    of_model = [o for o in overrides or [] if o not in of_study]
-    if of_study and not study:
-        raise InputError("command line", "--set", of_study[0], "is a setting of a study of experiments; name the study")
     with progress() as say:
-        stage = stage_model.read(model, of_model)
-        plan = experiments.read(study, list(stage.axes), of_study) if study else standard_experiments.plan(stage)
-        variants = experiments.variants(plan, lambda changes: stage_model.read(model, [*of_model, *changes]))
-        read = [stage_model.find(model), *([experiments.find(study)] if study else [])]
-        where = place(out, f"{origin.name_of(read[0])}_{plan.name}", "simulate", read, overrides or [])
-        found = simulation.run(stage, variants, plan, say)
+        files = [stage_model.find(model), *([experiments.find(study)] if study else [])]
+        name = f"{origin.name_of(files[0])}_{origin.name_of(files[1]) if study else 'standard'}"
+        where = place(out, name, "simulate", files, overrides or [])
+        found = models.simulate(model, study, overrides or [], progress=say)
         say("writing")
-        document = simulation_report.document(found)
-        result = simulation_report.result(found)
-        others = {"stage_model.toml": stage_model.to_toml(found.model, where.folder)}
-        written = where.write(document, result, others)
+        written = where.write(found)
         if with_runs:
-            simulation_report.write_runs(found, where.folder / "runs")
-    if as_json:
-        print_json(result)
-        return
-    terminal.brief(document, simulation_report.digest(found), [path for path in written if path.suffix != ".svg"])
+            simulation_report.write_runs(found.found, where.folder / "runs")
+    show(found, written, as_json)

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, CacheFolder, app, open_cache, place, print_json, progress
+from flexdesign.cli.shared import AsJson, CacheFolder, app, open_cache, place, progress, show
 
 if TYPE_CHECKING:
-    from flexdesign.model import Quantity
+    from flexdesign.analytic.dimension_synthesis import Sizing
+    from flexdesign.core.model import Quantity
     from flexdesign.report.document import Document, Table
-    from flexdesign.sizing import Sizing
-    from flexdesign.stage_sizing import StageSizing
+    from flexdesign.workflows.stage_sizing import StageSizing
 
 HELP = """Find the dimensions of amplifiers and guides from what a stage shall do.
 
@@ -59,8 +59,10 @@ def size(
     cache: CacheFolder = None,
 ) -> None:
     """Size a stage, and write its dimensions."""
-    from flexdesign import sizing, stage_sizing
-    from flexdesign.report import stage_sizing_report, terminal
+    from flexdesign.analytic import dimension_synthesis
+    from flexdesign.api.result import Result
+    from flexdesign.report.sweeps import stage_sizing_report
+    from flexdesign.workflows import stage_sizing
 
     found: Sizing | StageSizing
     if stage_sizing.is_stage_targets(targets):
@@ -68,16 +70,13 @@ def size(
             found = stage_sizing.size(targets, overrides or [], open_cache(cache), say)
         document, table = stage_sizing_report.document(found), stage_sizing_report.targets(found)
     else:
-        found = sizing.size(targets, overrides or [])
+        found = dimension_synthesis.size(targets, overrides or [])
         document, table = _document(found), _dimensions(found)
-    result, written = found.result(), list[Path]()
+    answer = Result(found, document, table, found.result, lambda _: {"dimensions.toml": found.to_toml()})
+    written = list[Path]()
     if out:
-        where = place(out, out.name, "size", [sizing.find(targets)], overrides or [])
-        written = where.write(document, result, {"dimensions.toml": found.to_toml()})
-    if as_json:
-        print_json(result)
-        return
-    terminal.brief(document, table, written)
+        written = place(out, out.name, "size", [dimension_synthesis.find(targets)], overrides or []).write(answer)
+    show(answer, written, as_json)
 
 
 def _document(found: Sizing) -> Document:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, app, place, print_json, progress
+from flexdesign.cli.shared import AsJson, app, place, progress, show
 
 HELP = """Evaluate many versions of a design, keep every answer, and pick the best.
 
@@ -56,6 +55,10 @@ sweep in the same folder. A case that fails is recorded with its reason and stop
 """
 
 
+#: The files that the terminal names.
+NAMED = ("report.html", "report.md", "result.json", "cases.csv")
+
+
 @app.command(help=HELP)
 def sweep(
     study: Annotated[str, typer.Argument(help="Sweep: a path, or a bare name.")],
@@ -77,23 +80,13 @@ def sweep(
     as_json: AsJson = False,
 ) -> None:
     """Run a sweep and write its report."""
-    from flexdesign import sweeps
-    from flexdesign.report import origin, sweep_report, terminal
-    from flexdesign.sweeps.store import Store
+    from flexdesign.api import studies
+    from flexdesign.report import origin
 
     with progress() as say:
-        plan = sweeps.read(study, overrides or [])
+        plan = studies.read_sweep(study, overrides or [])
         where = place(out, origin.name_of(plan.file), "sweep", [plan.file, plan.subject_file], overrides or [])
-        store = Store(where.folder)
-        found = sweeps.run(plan, store, jobs=jobs or os.cpu_count() or 1, scheduler=scheduler, progress=say)
+        found = studies.sweep(plan, store=where.folder, jobs=jobs, scheduler=scheduler, progress=say)
         say("writing the report")
-        document, result = sweep_report.document(found), sweep_report.result(found)
-        tables: dict[str, str | bytes] = {"cases.csv": sweep_report.csv(found)}
-        if (parquet := sweep_report.parquet(found)) is not None:
-            tables["cases.parquet"] = parquet
-        written = where.write(document, result, tables)
-    if as_json:
-        print_json(result)
-        return
-    shown = [path for path in written if path.name in ("report.html", "report.md", "result.json", "cases.csv")]
-    terminal.brief(document, sweep_report.answer(found), shown)
+        written = where.write(found)
+    show(found, [path for path in written if path.name in NAMED], as_json)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, CacheFolder, app, open_cache, place, print_json, progress
+from flexdesign.cli.shared import AsJson, CacheFolder, app, place, progress, show
 
 HELP = """Solve a design with FEM and set the analytic model beside it.
 
@@ -57,7 +55,9 @@ NAMED = ("report.html", "report.md", "result.json", "fem.csv", "stage_model.toml
 
 @app.command(help=HELP)
 def validate(
-    study: Annotated[str, typer.Argument(help="Study or design: a path, or a bare name.")] = "bridge_amplifier",
+    study_name: Annotated[
+        str, typer.Argument(metavar="STUDY", help="Study or design: a path, or a bare name.")
+    ] = "bridge_amplifier",
     overrides: Annotated[
         list[str] | None,
         typer.Option(
@@ -79,64 +79,19 @@ def validate(
     ] = None,
 ) -> None:
     """Run a validation and write its report."""
-    from flexdesign import part, stage_model
-    from flexdesign import study as studies
-    from flexdesign.report import export as exporting
+    from flexdesign.api import designs
+    from flexdesign.design import part
     from flexdesign.report import origin
+    from flexdesign.report.validation import export as exporting
 
     with progress() as say:
-        asked = studies.read(study, overrides or [])
-        kind = _stage() if asked.design.is_stage else _part()
-        files = dict.fromkeys([asked.file, asked.design.file, part.file_of(asked.design.part_class)])
-        where = place(out, origin.name_of(asked.file), "validate", list(files), overrides or [])
-        exports = exporting.writers(export or [], where.folder, stage=asked.design.is_stage)
-        store = open_cache(cache)
-        found = kind.run(asked, store, say)
-        result = kind.result(found)
-        document = kind.document(found, say)
-        others = {"stage_model.toml": stage_model.to_toml(found.stage_model)} if found.stage_model else {}
-        others |= kind.tables(found)
-        links = [os.path.relpath(path, where.folder) for path, _ in exports]
-        written = where.write(document, result, others, links)
+        study = designs.read_study(study_name, overrides or [])
+        files = dict.fromkeys([study.file, study.design.file, part.file_of(study.design.part_class)])
+        where = place(out, origin.name_of(study.file), "validate", list(files), overrides or [])
+        exports = exporting.writers(export or [], where.folder, stage=study.design.is_stage)
+        found = designs.validate(study, cache=cache, progress=say)
+        written = where.write(found, [os.path.relpath(path, where.folder) for path, _ in exports])
         for path, write in exports:
-            write(found, path)
-            written.append(path)
-    if as_json:
-        print_json(result)
-        return
-    named = [path for path in written if path.name in NAMED or path in dict(exports)]
-    kind.show(document, found, named)
-
-
-@dataclass(frozen=True)
-class _Kind:
-    """How one kind of design is validated and reported."""
-
-    run: Callable[[Any, Any, Callable[[str], None]], Any]
-    result: Callable[[Any], dict[str, Any]]
-    document: Callable[[Any, Callable[[str], None]], Any]
-    show: Callable[[Any, Any, Sequence[Path]], None]
-    tables: Callable[[Any], dict[str, str]]
-
-
-def _part() -> _Kind:
-    from flexdesign.report import terminal, validation_report
-    from flexdesign.validation import validate as run
-
-    return _Kind(run, validation_report.result, validation_report.document, terminal.show, _tables)
-
-
-def _stage() -> _Kind:
-    from flexdesign.report import stage_report
-    from flexdesign.validation.stage_course import validate_stage
-
-    return _Kind(validate_stage, stage_report.result, stage_report.document, stage_report.show, _tables)
-
-
-def _tables(found: Any) -> dict[str, str]:
-    """Return FEM's quantities as a static table, which `compare` and `diagnose` take."""
-    from flexdesign import static_tables
-
-    beside = found.further if found.study.design.is_stage else []  # a part's formulas have all that a table holds
-    quantities = [*(comparison.fem for comparison in found.comparisons), *beside]
-    return {"fem.csv": static_tables.to_csv(quantities, found.study.design)}
+            write(found.found, path)
+    named = [path for path in written if path.name in NAMED]
+    show(found, [*named, *(path for path, _ in exports)], as_json)

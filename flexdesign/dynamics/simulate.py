@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.dynamics.between import slopes, smooth
-from flexdesign.dynamics.layout import Coupling, Inputs, Record
-from flexdesign.model import Controller, Socket
+from flexdesign.core.model import Controller, Socket
+from flexdesign.dynamics.signal_chain.interpolation import slopes, smooth
+from flexdesign.dynamics.signal_chain.memory_layout import Coupling, Inputs, Record
 
 if TYPE_CHECKING:
-    from flexdesign.dynamics.chain import AxisChain
+    from flexdesign.dynamics.signal_chain.chain import AxisChain
 
 Array = NDArray[np.float64]
 #: The error that a simulation may have, relative to the largest span of motion.
@@ -149,7 +149,7 @@ def simulate(
     delay
         How late commands act [s].
     between_samples
-        ``"hold"`` or, in an open loop, ``"linear"`` or ``"smooth"``: see `flexdesign.dynamics.between`.
+        ``"hold"`` or, in an open loop, ``"linear"`` or ``"smooth"``: see `signal_chain.interpolation`.
     oversampling
         How many samples of the response to give for each sampling period, to show what happens between them.
     seed
@@ -298,8 +298,8 @@ class _Inputs:
 
     def response(self, substeps: int, error: float) -> Response:
         """Run once with a number of steps in a sample."""
-        from flexdesign.dynamics import engine  # compiles: only where something is run
-        from flexdesign.dynamics.chain import Keeper, program
+        from flexdesign.dynamics.signal_chain import engine  # compiles: only where something is run
+        from flexdesign.dynamics.signal_chain.chain import Keeper, program
 
         stage, axes, keep = self.stage, len(self.stage.axes), Keeper()
         laid_out = program(
@@ -354,7 +354,7 @@ class _Inputs:
 
     def change_unseen(self, steps: int, found: Response, most: int) -> float:
         """Return what more steps change behind jumps of a held command, relative; zero where half as many tell it."""
-        from flexdesign.dynamics.chain import number_of_steps
+        from flexdesign.dynamics.signal_chain.chain import number_of_steps
 
         coarse, fine = (number_of_steps(self.period, count, self.delay)[-1] for count in (steps // 2, steps))
         if self.is_linear or fine > coarse:

@@ -3,7 +3,7 @@
 Where a chain is linear this is what the engine would give after all has settled; what bends is taken by its slope at
 the working point, and what turns, such as hysteresis, by its describing function (Krylov and Bogoliubov 1937; Gelb and
 Vander Velde, Multiple-Input Describing Functions and Nonlinear System Design, 1968). Blocks say it of themselves, see
-`flexdesign.model.Block`; the order of the signal is that of `flexdesign.dynamics.chain`.
+`flexdesign.core.model.Block`; the order of the signal is that of `flexdesign.dynamics.signal_chain.chain`.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.dynamics.chain import AxisChain
-from flexdesign.model import Adjust, Block, Effect, Resonance, Socket
-from flexdesign.model.effect import Values
+from flexdesign.core.model import Adjust, Block, Effect, Resonance, Socket
+from flexdesign.core.model.effect import Values
+from flexdesign.dynamics.signal_chain.chain import AxisChain
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

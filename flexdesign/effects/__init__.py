@@ -11,13 +11,16 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import sys
+from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from types import ModuleType
 from typing import cast
 
+from flexdesign.core.model import Effect
 from flexdesign.effects import _finding
-from flexdesign.model import Effect
 
 #: The group of entry points by which installed packages add effects.
 GROUP = "flexdesign.effects"
@@ -96,3 +99,22 @@ def beside(name: str, folder: Path) -> str:
         If there is no such file; the message says what was tried.
     """
     return _finding.beside(name, folder, names())
+
+
+class _Catalogue(ModuleType):
+    """The module as a mapping, so that ``fd.effects["creep"]`` is an effect."""
+
+    def __getitem__(self, name: str) -> Effect:
+        return find(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(names())
+
+    def __len__(self) -> int:
+        return len(names())
+
+    def __contains__(self, name: object) -> bool:
+        return name in names()
+
+
+sys.modules[__name__].__class__ = _Catalogue

@@ -8,9 +8,9 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
-from flexdesign.errors import suggest
-from flexdesign.files import is_file
-from flexdesign.model import Effect
+from flexdesign.core.errors import suggest
+from flexdesign.core.model import Effect
+from flexdesign.core.toml_files import is_file
 
 
 def added(group: str, own: Collection[str]) -> dict[str, EntryPoint]:
@@ -44,7 +44,7 @@ def foreign(name: str, entries: Mapping[str, EntryPoint], known: Collection[str]
     else:
         raise ValueError(f"is not a known {kind}{suggest(name, list(known))}")
     if not isinstance(found, Effect):
-        raise ValueError("has an EFFECT that is no flexdesign.model.Effect")
+        raise ValueError("has an EFFECT that is no flexdesign.Effect")
     if name in entries and found.name != name:
         raise ValueError(f"is called {found.name} by itself; the entry point needs that name")
     return found

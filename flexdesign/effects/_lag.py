@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.model.effect import Floats, Values
+from flexdesign.core.model.effect import Floats, Values
 
 
 def constants(values: Values, step: float) -> tuple[float, ...]:

@@ -15,8 +15,8 @@ import math
 
 import numpy as np
 
-from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
-from flexdesign.model.effect import Floats, Values
+from flexdesign.core.model import PIEZO, Block, Effect, Parameter, Socket
+from flexdesign.core.model.effect import Floats, Values
 
 #: A Runge-Kutta step in voltage, for n other than 1, covers this much of the loop's own voltage scale.
 FINENESS = 0.04

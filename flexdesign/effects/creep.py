@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.core.model import PIEZO, Block, Effect, Parameter, Socket
+from flexdesign.core.model.effect import Floats, Values
 from flexdesign.effects import _lag
-from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
-from flexdesign.model.effect import Floats, Values
 
 #: Time constants at t0, 10 t0, ... : together they rise like the logarithm of time over four decades.
 DECADES = 4

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
-from flexdesign.model.effect import Floats, Values
+from flexdesign.core.model import PIEZO, Block, Effect, Parameter, Socket
+from flexdesign.core.model.effect import Floats, Values
 
 #: A command further from the voltage than this share of what half a step can change has jumped.
 ROUNDING = 1e-9

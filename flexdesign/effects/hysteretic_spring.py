@@ -8,8 +8,8 @@ nonlinearity (2016), where z is the force.
 
 from __future__ import annotations
 
-from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
-from flexdesign.model.effect import Floats, Values
+from flexdesign.core.model import PIEZO, Block, Effect, Parameter, Socket
+from flexdesign.core.model.effect import Floats, Values
 
 
 def constants(values: Values, step: float) -> tuple[float, ...]:

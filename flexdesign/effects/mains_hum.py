@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from flexdesign.model import Disturbance, Effect, Parameter
-from flexdesign.model.effect import Floats, Values
+from flexdesign.core.model import Disturbance, Effect, Parameter
+from flexdesign.core.model.effect import Floats, Values
 
 
 def reading(values: Values, recorded: Mapping[str, Floats], time: Floats) -> Floats:

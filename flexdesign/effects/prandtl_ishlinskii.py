@@ -12,8 +12,8 @@ import math
 
 import numpy as np
 
-from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
-from flexdesign.model.effect import Floats, Values
+from flexdesign.core.model import PIEZO, Block, Effect, Parameter, Socket
+from flexdesign.core.model.effect import Floats, Values
 
 #: Number of plays.
 PLAYS = 10

@@ -7,8 +7,8 @@ counted from the force at the start, where the stage is in equilibrium.
 
 from __future__ import annotations
 
-from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
-from flexdesign.model.effect import Floats, Values
+from flexdesign.core.model import PIEZO, Block, Effect, Parameter, Socket
+from flexdesign.core.model.effect import Floats, Values
 
 
 def constants(values: Values, step: float) -> tuple[float, float, float]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from flexdesign.model import Block, Effect, Parameter, Socket
-from flexdesign.model.effect import Floats, Values
+from flexdesign.core.model import Block, Effect, Parameter, Socket
+from flexdesign.core.model.effect import Floats, Values
 
 
 def constants(values: Values, step: float) -> tuple[float]:

@@ -16,8 +16,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.model import Block, Effect, Parameter, Socket
-from flexdesign.model.effect import Floats, Values
+from flexdesign.core.model import Block, Effect, Parameter, Socket
+from flexdesign.core.model.effect import Floats, Values
 
 #: A first value comes of a jump where it is this share of the step's way from where the voltage was, and the way bends.
 JUMP, STRAIGHT = 0.01, 1e-9

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from flexdesign.model import Effect, Parameter, Resonance
-from flexdesign.model.effect import Values
+from flexdesign.core.model import Effect, Parameter, Resonance
+from flexdesign.core.model.effect import Values
 
 
 def mode(values: Values) -> tuple[float, float, float]:

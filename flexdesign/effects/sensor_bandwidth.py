@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from flexdesign.core.model import Block, Effect, Parameter, Socket
 from flexdesign.effects import _lag
-from flexdesign.model import Block, Effect, Parameter, Socket
 
 EFFECT = Effect(
     name="sensor_bandwidth",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from flexdesign.model import Disturbance, Effect, Parameter
-from flexdesign.model.effect import Floats, Values
+from flexdesign.core.model import Disturbance, Effect, Parameter
+from flexdesign.core.model.effect import Floats, Values
 
 
 def reading(values: Values, recorded: Mapping[str, Floats], time: Floats) -> Floats:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from flexdesign.model import OTHER, Block, Disturbance, Effect, Parameter, Socket
-from flexdesign.model.effect import Floats, Values
+from flexdesign.core.model import OTHER, Block, Disturbance, Effect, Parameter, Socket
+from flexdesign.core.model.effect import Floats, Values
 
 
 def constants(values: Values, step: float) -> tuple[float]:

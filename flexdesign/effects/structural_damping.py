@@ -19,8 +19,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.model import PIEZO, Block, Effect, Parameter, Socket
-from flexdesign.model.effect import Floats, Values
+from flexdesign.core.model import PIEZO, Block, Effect, Parameter, Socket
+from flexdesign.core.model.effect import Floats, Values
 
 #: Corner frequencies: 0.1 Hz to 1 kHz, two in a decade.
 LOWEST, TERMS, RATIO = 0.1, 9, math.sqrt(10.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexdesign.model import Effect, Parameter
+from flexdesign.core.model import Effect, Parameter
 
 EFFECT = Effect(
     name="transport_delay",

@@ -12,14 +12,15 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from flexdesign.fem import effective_mass, energy, modes, ports, resultants, statics, stress
-from flexdesign.fem.domain import Domain
-from flexdesign.fem.elasticity import Elasticity
-from flexdesign.fem.mesh import TaggedMesh
-from flexdesign.fem.ports import PortSpace
-from flexdesign.fem.statics import Checks, ClassSystem, PortCompliance
-from flexdesign.materials import Material
-from flexdesign.part import Part
+from flexdesign.design.materials import Material
+from flexdesign.design.part import Part
+from flexdesign.fem.meshing.domain import Domain
+from flexdesign.fem.meshing.mesh import TaggedMesh
+from flexdesign.fem.post_processing import effective_mass, energy, resultants, stress
+from flexdesign.fem.solving import modes, port_compliance, statics
+from flexdesign.fem.solving.elasticity import Elasticity
+from flexdesign.fem.solving.port_compliance import PortSpace
+from flexdesign.fem.solving.statics import Checks, ClassSystem, PortCompliance
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -189,13 +190,13 @@ def solve(
     mass = body.mass() if mode_count else None
     assembled = perf_counter() - began
     held = [domain.ports[port.name] for port in part.ports() if port.role == "ground" and port.name in domain.ports]
-    space = ports.port_space(body, domain, part.ports())
+    space = port_compliance.port_space(body, domain, part.ports())
     matrix = np.zeros((space.size, space.size))
     checks = Checks(0.0, 0.0, 0.0, 0.0)
     found: list[tuple[modes.Mode, ModeRecord]] = []
     fields: dict[str, FloatArray] = {}
     solver, memory = "", 0
-    for cls in ports.classes(domain)[: None if all_classes else 1]:
+    for cls in port_compliance.classes(domain)[: None if all_classes else 1]:
         progress(f"{body.n_dofs} unknowns, {cls.name}")
         system = statics.class_system(body, domain, cls, stiffness, held)
         solver, memory = system.factor.name, max(memory, system.factor.memory)
@@ -230,7 +231,7 @@ def solve(
             "tetrahedra": len(mesh.tets),
             "unknowns": body.n_dofs,
             "worst quality": float(mesh.quality().min()),
-            "symmetric class": ports.classes(domain)[0].name,
+            "symmetric class": port_compliance.classes(domain)[0].name,
             "mass": material.density * mesh.volume * domain.copies,
             "solver": solver,
             "factor bytes": memory,

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from flexdesign import refinement
-from flexdesign.model import Quantity
+from flexdesign.core.model import Quantity
+from flexdesign.fem import mesh_refinement
 from flexdesign.report.wording import name_of
 
 
 def not_reached(asked: float | None, found: Sequence[Quantity]) -> str:
     """Say for the headline that an accuracy (relative) was not reached, and by which quantity; nothing if it was."""
-    worst = refinement.least_certain(found)
+    worst = mesh_refinement.least_certain(found)
     reached = abs((worst.sigma or 0.0) / worst.value)
     if asked is None or reached <= asked:
         return ""
@@ -26,7 +26,7 @@ def reached(asked: float | None, found: Sequence[Quantity]) -> str:
     """Say beside the meshes how the largest estimated error compares with the accuracy that was asked for."""
     if asked is None:
         return ""
-    error = refinement.estimated_error(found)
+    error = mesh_refinement.estimated_error(found)
     verdict = "reached" if error <= asked else "NOT reached with the finest mesh that is tried"
     return (
         f" Asked for was an error of at most {_percent(asked)} in every stiffness and amplification; the largest "

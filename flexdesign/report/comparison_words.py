@@ -5,15 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from flexdesign import units
-from flexdesign.comparison import Breakdown, Comparison, Part
-from flexdesign.report.identification_report import shown_in
-from flexdesign.stage_model import Shown
+from flexdesign.core import units
+from flexdesign.diagnosis.comparison import Breakdown, Comparison, Part
+from flexdesign.dynamics.stage_model import Shown
 
 #: A breakdown with less contrast than this says that all parts are alike.
 ALIKE = 0.1
 #: The unit of errors below a tenth of another.
 FINER = {"um": "nm", "mV": "uV", "urad": "nrad"}
+
+
+def shown_in(response: str) -> tuple[str, str]:
+    """Return in which unit a response is shown, and in which its errors are.
+
+    >>> shown_in("V"), shown_in(Shown("rad", "mrad"))
+    (('V', 'mV'), ('mrad', 'mrad'))
+    """
+    shown = response if isinstance(response, Shown) else Shown(response)
+    return shown.large, shown.small
 
 
 def sentences(found: Comparison) -> list[str]:

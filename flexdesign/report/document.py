@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 
 @dataclass(frozen=True)
@@ -105,8 +106,8 @@ class Document:
     ----------
     title, summary
         Its heading and the answer in a few sentences.
-    sections
-        In order.
+    content
+        The sections in order, or a function that draws them: it is called once, when they are first asked for.
     card
         The numbers that most readers look for, before the summary.
     warnings
@@ -115,9 +116,14 @@ class Document:
 
     title: str
     summary: Sequence[str]
-    sections: Sequence[Section] = field(default_factory=tuple)
+    content: Sequence[Section] | Callable[[], Sequence[Section]] = ()
     card: Sequence[Fact] = ()
     warnings: Sequence[str] = ()
+
+    @cached_property
+    def sections(self) -> Sequence[Section]:
+        """The sections, in order."""
+        return self.content() if callable(self.content) else self.content
 
     @property
     def figures(self) -> list[Figure]:

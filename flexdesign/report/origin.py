@@ -19,7 +19,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from flexdesign.files import is_file, is_folder
+from flexdesign.core.toml_files import is_file, is_folder
 
 #: Files that verbs write under one name in every folder: the folder's name tells them apart.
 COMMON = ("stage_model", "design", "optimum", "dimensions")

@@ -15,7 +15,7 @@ from typing import Any, Literal, ParamSpec
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign import isolated
+from flexdesign.core import subprocess_call
 from flexdesign.report.document import Figure
 
 FloatArray = NDArray[np.float64]
@@ -158,8 +158,8 @@ def apart(draw_all: Callable[P, dict[str, bytes]], *arguments: P.args, **options
         If it cannot draw.
     """
     try:
-        return isolated.call(draw_all, *arguments, **options)
-    except isolated.ProcessDied as error:
+        return subprocess_call.call(draw_all, *arguments, **options)
+    except subprocess_call.ProcessDied as error:
         raise NoPictures(REMEDY) from error
     except RuntimeError as error:
         raise NoPictures(f"{error}") from error

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from flexdesign import units
-from flexdesign.experiments import AS_MODELLED
-from flexdesign.model import Quantity
+from flexdesign.core import units
+from flexdesign.core.model import Quantity
+from flexdesign.dynamics.experiments import AS_MODELLED
+from flexdesign.dynamics.experiments.simulation import Case, Compared, Simulation
 from flexdesign.report.document import Section, Table
-from flexdesign.simulation import Case, Compared, Simulation
 
 #: Measures in words, in the order of tables.
 WORDS = {

@@ -14,7 +14,7 @@ from urllib.parse import quote
 from jinja2 import Environment, PackageLoader, select_autoescape
 
 from flexdesign import __version__
-from flexdesign.errors import InputError
+from flexdesign.core.errors import InputError
 from flexdesign.report import origin
 from flexdesign.report.document import Document, Figure
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 
-from flexdesign import quantities, units
-from flexdesign.fem.stress import SINGULAR, growth
-from flexdesign.materials import Material
+from flexdesign.core import units
+from flexdesign.design.materials import Material
+from flexdesign.fem import quantities
+from flexdesign.fem.post_processing.stress import SINGULAR, growth
 from flexdesign.report.document import Table
 from flexdesign.report.wording import REGIONS
-from flexdesign.validation import Validation
+from flexdesign.workflows.validation import Validation
 
 #: What the load cases of the energies are called.
 CASES = {

@@ -12,10 +12,8 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from flexdesign.errors import printable
-from flexdesign.report import validation_report
+from flexdesign.core.errors import printable
 from flexdesign.report.document import Document, Table
-from flexdesign.validation import Validation
 
 
 @contextmanager
@@ -30,31 +28,34 @@ def progress() -> Iterator[Callable[[str], None]]:
         yield lambda text: status.update(Text(f"{text} ({perf_counter() - began:.0f} s)"))
 
 
-def show(document: Document, validation: Validation, written: Sequence[Path]) -> None:
-    """Print Table 1, the summary and where the report is."""
-    console = _console()
-    console.print(Text(f"\n{printable(document.title)}", style="bold"))
-    _card(console, document)
-    console.print(_drawn(_compact(validation_report.table_1(validation))))
-    for paragraph in document.summary:
-        console.print(f"{paragraph}\n")
-    cached = sum(level.cached for level in validation.levels)
-    origin = f"{cached} of {len(validation.levels)} solutions came from the cache" if cached else "nothing was cached"
-    console.print(f"Solved in {validation.seconds:.0f} s; {origin}.")
-    for path in written:
-        console.print(f"  {path}", soft_wrap=True)
-
-
 def brief(document: Document, table: Table, written: Sequence[Path]) -> None:
-    """Print the summary, one table, and where the report is."""
+    """Print the card, the summary and one table of a report, and which files were written."""
+    show(text(document, table), written)
+
+
+def show(words: str, written: Sequence[Path]) -> None:
+    """Print words as `text` returns them, and which files were written."""
     console = _console()
-    console.print(Text(f"\n{printable(document.title)}", style="bold"))
-    _card(console, document)
-    for paragraph in document.summary:
-        console.print(f"{paragraph}\n")
-    console.print(_drawn(table, wraps=True))
+    console.print(Text(f"\n{words}"), soft_wrap=True)
     for path in written:
         console.print(f"  {path}", soft_wrap=True)
+
+
+def text(document: Document, table: Table, *, closing: str = "", is_table_first: bool = False) -> str:
+    """Return the card, the summary and one table of a report, and a closing sentence, as wide as the terminal."""
+    console = _console(width=_console().width)
+    with console.capture() as capture:
+        console.print(Text(printable(document.title), style="bold"))
+        _card(console, document)
+        if is_table_first:
+            console.print(_drawn(table))
+        for paragraph in document.summary:
+            console.print(f"{paragraph}\n")
+        if not is_table_first:
+            console.print(_drawn(table, wraps=True))
+        if closing:
+            console.print(closing)
+    return capture.get()
 
 
 def _card(console: Console, document: Document) -> None:
@@ -79,19 +80,6 @@ def plain(table: Table) -> str:
     with console.capture() as capture:
         console.print(_drawn(table))
     return capture.get()
-
-
-def _compact(table: Table) -> Table:
-    """Fit Table 1 into 80 columns: symbol and unit alone, and of several models the first and the last."""
-    rows = []
-    for name, boundary, fem, *rest in table.rows:
-        value, _, tail = fem.partition(" ± ")
-        error, _, unit = tail.partition(" ")
-        cells = [cell.split()[0] for cell in (rest if len(rest) <= 4 else [*rest[:2], *rest[-2:]])]
-        rows.append([f"{name.split()[-1]} {boundary}", f"{value} ± {error}", unit, *cells])
-    kept = table.columns[3:] if len(table.columns) <= 7 else [*table.columns[3:5], *table.columns[-2:]]
-    heads = ["err %" if head == "error" else head for head in kept]
-    return Table(["", "FEM", "", *heads], rows, table.caption)
 
 
 def _drawn(table: Table, *, wraps: bool = False, headed: bool = True) -> RichTable:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from flexdesign.model import Quantity
+from flexdesign.core.model import Quantity
 
 #: How quantities are called in tables.
 NAMES = {

@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 
 from flexdesign import effects
-from flexdesign.control.pid import PID, controller
-from flexdesign.dynamics.chain import AxisChain, Oscillator
+from flexdesign.dynamics.control.pid import PID, controller
+from flexdesign.dynamics.signal_chain.chain import AxisChain, Oscillator
 from flexdesign.dynamics.simulate import TOLERANCE, Loop, Response, Stage, simulate
 from studies.benchmarks import dynamics_peer
 from studies.benchmarks.dynamics_peer import CHAINS, COMMANDS, PERIOD, samples, trajectories

@@ -35,8 +35,9 @@ ENVELOPE = 0.05
 
 def solve(case: Case, coarseness: list[float], symmetric: bool = True, wild: bool = False) -> Answer:
     """Solve as a sweep does, without its files."""
-    from flexdesign import design
-    from flexdesign.fem import analysis, convergence, domain, methods, outlined
+    from flexdesign.design import design
+    from flexdesign.fem import analysis, convergence
+    from flexdesign.fem.meshing import domain, methods, outlined
 
     read = design.read(design.find(case.name))
     watch = Stopwatch()

@@ -12,7 +12,7 @@ import sys
 import tomllib
 from typing import Any
 
-from flexdesign import design
+from flexdesign.design import design
 from studies.error_bars.bridge import Fineness, solve
 from tests.reference.hexahedra import COMMAND, RECORD
 

@@ -23,9 +23,9 @@ MODES = 10
 
 def body_of(design_name: str, unknowns: str) -> tuple[Any, Any, Any]:
     """Return part, domain and body of a design."""
-    from flexdesign import design
-    from flexdesign.fem import domain, methods
-    from flexdesign.fem.elasticity import Elasticity
+    from flexdesign.design import design
+    from flexdesign.fem.meshing import domain, methods
+    from flexdesign.fem.solving.elasticity import Elasticity
 
     read = design.read(design.find(design_name))
     part = read.part()
@@ -37,16 +37,16 @@ def body_of(design_name: str, unknowns: str) -> tuple[Any, Any, Any]:
 
 def ten_modes(design_name: str) -> dict[str, float]:
     """Time assembly, factor and the lowest modes of the symmetric class, once the mesh is there."""
-    from flexdesign.fem import modes, ports, statics
+    from flexdesign.fem.solving import modes, port_compliance, statics
 
     part, domain, body = body_of(design_name, "167 k")
     import pypardiso  # noqa: F401
 
     watch = Stopwatch()
     stiffness, mass = body.stiffness(), body.mass()
-    space = ports.port_space(body, domain, part.ports())
+    space = port_compliance.port_space(body, domain, part.ports())
     assembly = watch.lap()
-    system = statics.class_system(body, domain, ports.classes(domain)[0], stiffness, [domain.ports["ground"]])
+    system = statics.class_system(body, domain, port_compliance.classes(domain)[0], stiffness, [domain.ports["ground"]])
     factor = watch.lap()
     modes.class_modes(system, mass, space, MODES, 0.0)
     return {"unknowns": body.n_dofs, "assembly": assembly, "factor": factor, "modes": watch.lap()}
@@ -54,12 +54,12 @@ def ten_modes(design_name: str) -> dict[str, float]:
 
 def large_iteration(design_name: str) -> dict[str, float]:
     """Time one Newton iteration, kernels compiled and pattern known: forces and tangent, factor, solve."""
-    from flexdesign.fem import ports, statics
-    from flexdesign.fem.large_displacement import LargeDisplacement
-    from flexdesign.fem.solver import factorize
+    from flexdesign.fem.solving import port_compliance, statics
+    from flexdesign.fem.solving.large_displacement import LargeDisplacement
+    from flexdesign.fem.solving.solver import factorize
 
     _, domain, body = body_of(design_name, "100 k")
-    free = statics.free_dofs(body, domain, ports.classes(domain)[0], [domain.ports["ground"]])
+    free = statics.free_dofs(body, domain, port_compliance.classes(domain)[0], [domain.ports["ground"]])
     model, displacement = LargeDisplacement(body, free), np.zeros(body.n_dofs)
     watch = Stopwatch()
     model.forces_and_tangent(displacement)
@@ -72,10 +72,10 @@ def large_iteration(design_name: str) -> dict[str, float]:
 
 def factor(design_name: str, unknowns: str, solver: str) -> dict[str, float]:
     """Time a solver's factor of the stiffness, and one solution with it; its residual shows that it is one."""
-    from flexdesign.fem import ports, statics
+    from flexdesign.fem.solving import port_compliance, statics
 
     _, domain, body = body_of(design_name, unknowns)
-    free = statics.free_dofs(body, domain, ports.classes(domain)[0], [domain.ports["ground"]])
+    free = statics.free_dofs(body, domain, port_compliance.classes(domain)[0], [domain.ports["ground"]])
     upper = body.stiffness()[free][:, free].tocsr()
     upper.sort_indices()
     right = np.random.default_rng(0).standard_normal(len(free))
@@ -95,13 +95,13 @@ Solution = Callable[[np.ndarray], np.ndarray]
 def _pardiso(upper: sp.csr_matrix) -> Callable[[], Solution]:
     import pypardiso  # noqa: F401
 
-    from flexdesign.fem.solver import Pardiso
+    from flexdesign.fem.solving.solver import Pardiso
 
     return lambda: Pardiso(upper).solve
 
 
 def _superlu(upper: sp.csr_matrix) -> Callable[[], Solution]:
-    from flexdesign.fem.solver import SuperLU
+    from flexdesign.fem.solving.solver import SuperLU
 
     return lambda: SuperLU(upper).solve
 

@@ -26,7 +26,7 @@ from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from typing import Any
 
-from flexdesign import design
+from flexdesign.design import design
 from studies.benchmarks import (
     fem_peer_calculix,
     fem_peer_flexdesign,

@@ -1,4 +1,4 @@
-"""Marquardt's method of `flexdesign.evidence.marquardt` beside SciPy's trust-region method, on the same problems::
+"""Marquardt's method of `estimation.least_squares` beside SciPy's trust-region method, on the same problems::
 
     python -m studies.benchmarks.least_squares              # cases of the trial, and formulas: three minutes
     python -m studies.benchmarks.least_squares 20004 20101  # these cases of `studies.hidden_effect_trial` only
@@ -27,30 +27,30 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from tests.evidence.toys import OSCILLATION, TRUTH, Toy, ar1, parameter, run
 
-from flexdesign import runs
-from flexdesign.diagnosis import periodic
-from flexdesign.diagnosis.beginning import grid_delay, grid_frequency
-from flexdesign.diagnosis.candidates import candidates
-from flexdesign.diagnosis.setting import settle
-from flexdesign.diagnosis.task import case_of, simulating, undetermined, with_beginnings
-from flexdesign.dynamics.axis_model import AxisDynamics
-from flexdesign.evidence import marquardt
-from flexdesign.evidence.calibration import STARTED, calibrate
-from flexdesign.evidence.case import Case
-from flexdesign.evidence.coordinates import coordinates
-from flexdesign.evidence.marquardt import MINIMUM, SMALL, Columns, Effort
-from flexdesign.evidence.noise import White
-from flexdesign.evidence.screening import Candidate
-from flexdesign.evidence.stand import fit
-from flexdesign.evidence.suite import Problem, Suite
-from flexdesign.model import Model
+from flexdesign.core.model import Model
+from flexdesign.diagnosis.effect_selection.candidates import candidates
+from flexdesign.diagnosis.effect_selection.estimation_setup import case_of, simulating, undetermined, with_beginnings
+from flexdesign.diagnosis.preparation import periodic_disturbances
+from flexdesign.diagnosis.preparation.dataset import settle
+from flexdesign.diagnosis.preparation.initial_conditions import grid_delay, grid_frequency
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.stage_model import reading
+from flexdesign.estimation.least_squares import levenberg_marquardt
+from flexdesign.estimation.least_squares.levenberg_marquardt import MINIMUM, SMALL, Columns, Effort
+from flexdesign.estimation.least_squares.parameter_transforms import coordinates
+from flexdesign.estimation.least_squares.residual_function import Problem, Suite
+from flexdesign.estimation.model_selection.calibration import STARTED, calibrate
+from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.fitted_model import fit
+from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.estimation.noise.whitening import White
+from flexdesign.measurements import recordings
 from flexdesign.report import render
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.terminal import plain
-from flexdesign.stage_model import reading
 from studies.hidden_effect_trial import cases, folder
-from tests.evidence.toys import OSCILLATION, TRUTH, Toy, ar1, parameter, run
 
 Array = NDArray[np.float64]
 #: Cases of the trial, each of another kind of effect: friction and loops, lags, statics, slow ones, and none.
@@ -122,7 +122,7 @@ class Ended:
 
 def own(problem: Problem, manner: Manner, old: Columns) -> float:
     """Return the cost that the package's own method reaches."""
-    found = marquardt.solve(problem, problem.where.start, manner.effort, old or None)
+    found = levenberg_marquardt.solve(problem, problem.where.start, manner.effort, old or None)
     return math.inf if found is None else found.cost
 
 
@@ -185,7 +185,7 @@ def of_case(number: int, seed: int) -> Iterator[Task]:
         case = cases.make(number, seed)
         folder.write(case, here, here / "answer.toml")
         model = reading.read(here / folder.MODEL)
-        setting = settle(model, runs.read_runs([here / folder.RUNS]), None, None)
+        setting = settle(model, recordings.read_runs([here / folder.RUNS]), None, None)
         dynamics, task = case_of(model, setting, each, lambda _: None)
         held = undetermined(task, dynamics)
         task = replace(task, free=tuple(name for name in task.free if name not in held))
@@ -197,7 +197,7 @@ def of_case(number: int, seed: int) -> Iterator[Task]:
         task = with_beginnings(task, cast(AxisDynamics, stand.model), setting.rounded(stand))
         if (stand := fit(task, stand.model)) is None:
             return
-        every = candidates(dynamics, (), periodic.frequencies(setting, stand))
+        every = candidates(dynamics, (), periodic_disturbances.frequencies(setting, stand))
         for effect in (each for each in every if each.name in case.effects):
             making = _making(task, _begun(task, stand.model, effect), (effect,))
             yield Task(f"{case.name}: with {effect.name}", making, _known(stand.solution.columns(), making()))
@@ -220,7 +220,7 @@ def _begun(case: Case, model: Model, effect: Candidate) -> Model:
 
 
 def _making(case: Case, model: Model, effects: Sequence[Candidate]) -> Callable[[], Problem]:
-    """Return what makes the problem of a fit, as `flexdesign.evidence.stand.solve_case` does."""
+    """Return what makes the problem of a fit, as `fitted_model.solve_case` does."""
     case = case.prepared(case, model)
     where = case.coordinates(model, [*case.free, *(n for effect in effects for n in effect.free)], case.identify)
     return lambda: case.problem(case.identify, model, where)

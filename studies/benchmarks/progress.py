@@ -17,9 +17,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
-from flexdesign import diagnosis, runs
+from flexdesign import diagnosis
 from flexdesign.diagnosis.progress import BESIDE, ENDING, SCREENING, TYPICAL, Progress, in_words
-from flexdesign.stage_model import reading
+from flexdesign.dynamics.stage_model import reading
+from flexdesign.measurements import recordings
 from studies.hidden_effect_trial import cases, folder
 
 #: Cases without an effect, with one of several kinds, with two, and outside the catalogue.
@@ -49,7 +50,7 @@ def words_of(number: int, seed: int = cases.SEED) -> list[Word]:
     with tempfile.TemporaryDirectory() as scratch:
         here = Path(scratch)
         folder.write(cases.make(number, seed), here, here / "answer.toml")
-        model, recorded = reading.read(here / folder.MODEL), runs.read_runs([here / folder.RUNS])
+        model, recorded = reading.read(here / folder.MODEL), recordings.read_runs([here / folder.RUNS])
     began, words = time.process_time(), list[Word]()
 
     def say(text: str) -> None:

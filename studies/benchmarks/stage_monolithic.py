@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign import design
-from flexdesign.condensing import DEGREE, HINGE_MODES, MODES
-from flexdesign.fem import domain, methods, superelement
-from flexdesign.fem.assembled import AssembledStage
-from flexdesign.fem.monolithic import MonolithicStage, WholePart, mirrored
+from flexdesign.design import design
+from flexdesign.fem.meshing import domain, methods
+from flexdesign.fem.stage_condensation import DEGREE, HINGE_MODES, MODES
+from flexdesign.fem.superelements import superelement
+from flexdesign.fem.superelements.assembled_stage import AssembledStage
+from flexdesign.fem.superelements.monolithic import MonolithicStage, WholePart, mirrored
 
 Array = NDArray[np.float64]
 #: How many modes, and the edge length of the elements of the bodies [m].

@@ -27,15 +27,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from flexdesign import design, refinement, study
-from flexdesign.cache import Cache
-from flexdesign.design import Design
-from flexdesign.fem import domain, gate
-from flexdesign.fem.elasticity import Elasticity
-from flexdesign.fem.plane_stress import Plate
-from flexdesign.model import Quantity
-from flexdesign.multifidelity import Correction, FastSolid, Planar, extrusion, solid
-from flexdesign.quantities import of_compliance
+from flexdesign.core.model import Quantity
+from flexdesign.core.result_cache import Cache
+from flexdesign.design import design, study
+from flexdesign.design.design import Design
+from flexdesign.fem import mesh_refinement
+from flexdesign.fem.meshing import domain, resolution_gate
+from flexdesign.fem.multifidelity import Correction, FastSolid, Planar, extrusion, solid
+from flexdesign.fem.quantities import of_compliance
+from flexdesign.fem.solving.elasticity import Elasticity
+from flexdesign.fem.solving.plane_stress import Plate
 
 Array = NDArray[np.float64]
 
@@ -71,9 +72,9 @@ def as_validate(given: Design) -> None:
     asked, part = replace(asked, design=given), given.part()
     with tempfile.TemporaryDirectory() as empty:
         body = domain.of_part(part, material=given.material, chord=domain.chord(part))
-        method = refinement.method_of(asked, part, body)
-        levels = refinement.refined(asked, part, body, method, Cache(Path(empty)), lambda _: None)
-        refinement.gathered(asked, levels, method.scatter)
+        method = mesh_refinement.method_of(asked, part, body)
+        levels = mesh_refinement.refined(asked, part, body, method, Cache(Path(empty)), lambda _: None)
+        mesh_refinement.gathered(asked, levels, method.scatter)
 
 
 def lean(given: Design, coarsenesses: Sequence[float], accuracy: float = 0.0) -> list[Quantity]:
@@ -84,14 +85,14 @@ def lean(given: Design, coarsenesses: Sequence[float], accuracy: float = 0.0) ->
     found, sizes, limits = [], [], []
     for coarseness in coarsenesses:
         mesh = method.mesh(coarseness)
-        gate.check(mesh, body, part.linkage().of_kind("hinge"))
+        resolution_gate.check(mesh, body, part.linkage().of_kind("hinge"))
         compliance, factor = solid.solved(part, body, Elasticity(mesh, given.material))
         factor.free()
         found.append({q.key: q for q in of_compliance(compliance, given.actuator)})
         sizes.append(method.size(mesh, coarseness))
         if len(found) > 1:
-            limits = refinement.limits(found, sizes, method.scatter)
-            if refinement.estimated_error(limits) <= accuracy:
+            limits = mesh_refinement.limits(found, sizes, method.scatter)
+            if mesh_refinement.estimated_error(limits) <= accuracy:
                 break
     return limits
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
 
-from flexdesign.cache import Cache, default_folder
-from flexdesign.errors import InputError
+from flexdesign.core.errors import InputError
+from flexdesign.core.result_cache import Cache, default_folder
 from flexdesign.report import render
 from studies.error_bars import report, trial
 from studies.error_bars.designs import COUNT, Drawn, curved_designs, designs

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from flexdesign import study
-from flexdesign.errors import InputError
-from flexdesign.study import Study
+from flexdesign.core.errors import InputError
+from flexdesign.design import study
+from flexdesign.design.study import Study
 
 SEED = 20_19
 COUNT = 40

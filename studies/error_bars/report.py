@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from flexdesign import __version__
+from flexdesign.core.toml_files import FORMAT
 from flexdesign.fem import convergence
-from flexdesign.files import FORMAT
 from flexdesign.report import charts
 from flexdesign.report.document import Document, Figure, Section, Table
 from studies.error_bars.findings import ASKED, OVERCAUTIOUS, Case, Deviation, Judgement, judge

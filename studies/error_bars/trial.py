@@ -17,12 +17,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from flexdesign import quantities, refinement
-from flexdesign.cache import Cache, content_key
-from flexdesign.errors import InputError
-from flexdesign.fem import domain, methods
-from flexdesign.model import Quantity, by_key
-from flexdesign.study import Study
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Quantity, by_key
+from flexdesign.core.result_cache import Cache, content_key
+from flexdesign.design.study import Study
+from flexdesign.fem import mesh_refinement, quantities
+from flexdesign.fem.meshing import domain, methods
 from studies.error_bars import bridge
 from studies.error_bars.bridge import Bridge, Fineness, Reference
 from studies.error_bars.designs import Drawn
@@ -153,8 +153,10 @@ def judged_anew(answer: Answered, method: Method, accuracy: float) -> Answered |
         meshes = [
             {key: Quantity(ALL[key], values[i], "1", "1") for key, values in answer.raw.items()} for i in range(count)
         ]
-        limits = dict(zip(answer.raw, refinement.limits(meshes, answer.sizes[:count], SCATTER[method]), strict=True))
-        if refinement.estimated_error(list(limits.values())) <= accuracy or count == refinement.MOST_LEVELS:
+        limits = dict(
+            zip(answer.raw, mesh_refinement.limits(meshes, answer.sizes[:count], SCATTER[method]), strict=True)
+        )
+        if mesh_refinement.estimated_error(list(limits.values())) <= accuracy or count == mesh_refinement.MOST_LEVELS:
             values = {key: limit.value for key, limit in limits.items()}
             estimates = {key: limit.sigma or 0.0 for key, limit in limits.items()}
             return replace(answer, values=values, estimates=estimates) if count == len(answer.sizes) else None
@@ -174,7 +176,7 @@ def answered(
     try:
         answer = _solved(drawn.study(accuracy, method), cache, judged(drawn))
     except (InputError, ArithmeticError) as error:  # no mesh, or a solution that fails its checks
-        answer = Answered({}, {}, (), {}, (), time.perf_counter() - began, refinement.engine(), str(error))
+        answer = Answered({}, {}, (), {}, (), time.perf_counter() - began, mesh_refinement.engine(), str(error))
     _keep(path, question, asdict(answer))
     return answer
 
@@ -184,9 +186,9 @@ def _solved(study: Study, cache: Cache, keys: Sequence[str]) -> Answered:
     began = time.perf_counter()
     part = study.design.part()
     body = domain.of_part(part, material=study.design.material, chord=domain.chord(part))
-    method = refinement.method_of(study, part, body)
-    levels = refinement.refined(study, part, body, method, cache, lambda _: None, all_classes=False)
-    gathered = by_key(refinement.gathered(study, levels, method.scatter))
+    method = mesh_refinement.method_of(study, part, body)
+    levels = mesh_refinement.refined(study, part, body, method, cache, lambda _: None, all_classes=False)
+    gathered = by_key(mesh_refinement.gathered(study, levels, method.scatter))
     found = {key: gathered[key] for key in keys}
     by_level = [by_key(quantities.of_solution(study, level.solution)) for level in levels]
     return Answered(
@@ -196,7 +198,7 @@ def _solved(study: Study, cache: Cache, keys: Sequence[str]) -> Answered:
         raw={key: [on_level[key].value for on_level in by_level] for key in keys},
         unknowns=[level.solution.facts["unknowns"] for level in levels],
         seconds=time.perf_counter() - began + sum(level.seconds for level in levels if level.cached),
-        elements=refinement.engine(),
+        elements=mesh_refinement.engine(),
     )
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
-from flexdesign.errors import InputError
+from flexdesign.core.errors import InputError
 from studies.fuzz_readers.mutations import damaged
 from studies.fuzz_readers.readers import READERS
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from studies.fuzz_readers import seeds
 
 if TYPE_CHECKING:
-    from flexdesign.static_tables import StaticModel
+    from flexdesign.analytic.static_model import StaticModel
 
 #: Makes the content of a file, once.
 Make = Callable[[], bytes]
@@ -37,59 +37,59 @@ class Reader:
 
 
 def _design(folder: Path) -> object:
-    from flexdesign import study
+    from flexdesign.design import study
 
     found = study.read(folder / "design.toml")
     return found.design.part() if not found.design.is_stage else found.design.stage().assembly()
 
 
 def _study(folder: Path) -> object:
-    from flexdesign import study
+    from flexdesign.design import study
 
     return study.read(folder / "study.toml")
 
 
 def _stage_study(folder: Path) -> object:
-    from flexdesign import study
-    from flexdesign.validation.stage_published import read_published
+    from flexdesign.design import study
+    from flexdesign.workflows.validation.stage_published import read_published
 
     found = study.read(folder / "study.toml")
     return read_published(found, found.design.stage().assembly())
 
 
 def _material(folder: Path) -> object:
-    from flexdesign.materials.library import read
+    from flexdesign.design.materials.library import read
 
     return read(folder / "material.toml")
 
 
 def _sweep(folder: Path) -> object:
-    from flexdesign import sweeps
+    from flexdesign.workflows import sweeps
 
     return sweeps.read(folder / "sweep.toml")
 
 
 def _targets(folder: Path) -> object:
-    from flexdesign import sizing
+    from flexdesign.analytic import dimension_synthesis
 
-    return sizing.size(folder / "targets.toml").to_toml()
+    return dimension_synthesis.size(folder / "targets.toml").to_toml()
 
 
 def _stage_model(folder: Path) -> object:
-    from flexdesign import stage_model
+    from flexdesign.dynamics import stage_model
 
     return stage_model.to_toml(stage_model.read(folder / "model.toml"), folder)
 
 
 def _overrides(folder: Path) -> object:
-    from flexdesign import stage_model
+    from flexdesign.dynamics import stage_model
 
     lines = (folder / "overrides.txt").read_bytes().decode(errors="replace").split("\n")
     return stage_model.read(folder / "model.toml", [line for line in lines if line])
 
 
 def _experiments(folder: Path) -> object:
-    from flexdesign import experiments, stage_model
+    from flexdesign.dynamics import experiments, stage_model
 
     plan = experiments.read(folder / "experiments.toml", ["x", "y", "z"])
     for each in plan.experiments:
@@ -99,32 +99,33 @@ def _experiments(folder: Path) -> object:
 
 
 def _recordings(folder: Path) -> object:
-    from flexdesign import runs
+    from flexdesign.measurements import recordings
 
-    found = runs.read_recordings([folder])
-    return runs.split([each for each in found if isinstance(each, runs.Run)])
+    found = recordings.read_recordings([folder])
+    return recordings.split([each for each in found if isinstance(each, recordings.Run)])
 
 
 def _static(folder: Path) -> object:
-    from flexdesign import static_tables
-    from flexdesign.comparison import tables
+    from flexdesign.analytic import static_model
+    from flexdesign.diagnosis.comparison import static_table
 
     model = _bridge()
-    return tables.compare(model, static_tables.read([folder / "table.csv"], model.design))
+    return static_table.compare(model, static_model.read([folder / "table.csv"], model.design))
 
 
 @cache
 def _bridge() -> StaticModel:
-    from flexdesign import design, static_tables
+    from flexdesign.analytic import static_model
+    from flexdesign.design import design
 
-    return static_tables.of_design(design.read(design.find("bridge_amplifier")))
+    return static_model.of_design(design.read(design.find("bridge_amplifier")))
 
 
 def _imported(name: str) -> Callable[[Path], object]:
     """Return what looks into a file, proposes a map, and brings the file in as another one says."""
 
     def read(folder: Path) -> object:
-        from flexdesign import importing
+        from flexdesign.measurements import importing
 
         importing.template(importing.look([folder / name]))
         return importing.bring_in([folder / name], folder / "map.toml", folder / "out")
@@ -133,13 +134,13 @@ def _imported(name: str) -> Callable[[Path], object]:
 
 
 def _by_map(folder: Path) -> object:
-    from flexdesign import importing
+    from flexdesign.measurements import importing
 
     return importing.bring_in([folder / "data.txt"], folder / "map.toml", folder / "out")
 
 
 def _answers(folder: Path) -> object:
-    from flexdesign.sweeps.store import Store
+    from flexdesign.workflows.sweeps.store import Store
 
     (folder / "cases").mkdir(exist_ok=True)
     (folder / "cases" / "kept.npz").write_bytes((folder / "kept.npz").read_bytes())

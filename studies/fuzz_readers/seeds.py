@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flexdesign import shipped
+from flexdesign.core import data_files
 
 RATE, COUNT = 2000.0, 60
 TIME = np.arange(COUNT) / RATE
@@ -311,7 +311,7 @@ FOLLOWED = table(("t [s]", TIME), ("ux [V]", COMMAND), ("uy [V]", COMMAND))
 
 def shipped_file(name: str) -> bytes:
     """Return a file of ``studies/`` or ``geometry/``."""
-    return (shipped.root() / name).read_bytes()
+    return (data_files.root() / name).read_bytes()
 
 
 def _made(ending: str, write: Any) -> bytes:
@@ -323,10 +323,10 @@ def _made(ending: str, write: Any) -> bytes:
 
 
 def parquet() -> bytes:
-    from flexdesign import columns
+    from flexdesign.core import unit_tables
 
     def write(path: Path) -> None:
-        columns.write(path, {"t [s]": TIME, "u [V]": COMMAND, "x [um]": 1e-6 * MOTION}, "a run")
+        unit_tables.write(path, {"t [s]": TIME, "u [V]": COMMAND, "x [um]": 1e-6 * MOTION}, "a run")
 
     return _made(".parquet", write)
 
@@ -438,9 +438,9 @@ def numpy_archive() -> bytes:
 
 def answers() -> bytes:
     """Return the answers of a sweep, as they are kept."""
-    from flexdesign.model import Quantity
-    from flexdesign.sweeps.answers import Answers
-    from flexdesign.sweeps.store import Store
+    from flexdesign.core.model import Quantity
+    from flexdesign.workflows.sweeps.answers import Answers
+    from flexdesign.workflows.sweeps.store import Store
 
     one = np.ones(2)
     kept = Answers({"K": Quantity("K", 1.0, "N/m", "N/m", "free")}, {"K": one}, {"K": one}, ["", ""], one)

@@ -16,10 +16,11 @@ from studies.hidden_effect_trial.scoring import Diagnosed
 
 def diagnose(folder: Path, answer: Answer) -> Diagnosed:
     """Diagnose a case's folder; the answer serves only to compare intervals with afterwards."""
-    from flexdesign import diagnosis, runs
-    from flexdesign.stage_model import reading
+    from flexdesign import diagnosis
+    from flexdesign.dynamics.stage_model import reading
+    from flexdesign.measurements import recordings
 
-    recorded = runs.read_runs([folder / RUNS])
+    recorded = recordings.read_runs([folder / RUNS])
     began = time.perf_counter()
     found: Any = diagnosis.diagnose(reading.read(folder / MODEL), recorded, threads=1)
     seconds = time.perf_counter() - began

@@ -16,7 +16,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from flexdesign import isolated
+from flexdesign.core import subprocess_call
 from studies.hidden_effect_trial import cases, imperfect
 from studies.hidden_effect_trial import folder as folders
 from studies.hidden_effect_trial.folder import Answer
@@ -260,7 +260,7 @@ def run(
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[name] = "1"
     began = time.perf_counter()
-    with ProcessPoolExecutor(max(1, jobs), get_context("spawn"), initializer=isolated.end_with_parent) as pool:
+    with ProcessPoolExecutor(max(1, jobs), get_context("spawn"), initializer=subprocess_call.end_with_parent) as pool:
         waiting = {pool.submit(one, n, out, seconds, seed): n for n in left}
         for count, future in enumerate(as_completed(waiting), start=1):
             outcome = future.result()

@@ -9,7 +9,7 @@ from typing import cast
 
 import numpy as np
 
-from flexdesign import design
+from flexdesign.design import design
 from studies.error_bars import bridge
 from studies.error_bars.bridge import Bridge, Fineness
 from studies.error_bars.trial import LEVELS, extrapolated

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from flexdesign.hinges import roots, width
-from flexdesign.model import Root
+from flexdesign.core.model import Root
+from flexdesign.effects.hinge_compliance import roots, width
 from studies.hinge_coefficients import planar, plate
 
 NAMES = ("MM", "MV", "NN", "NM")

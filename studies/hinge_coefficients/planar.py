@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from skfem.helpers import ddot, sym_grad, trace
 
-from flexdesign.fem.planar import triangulate
-from flexdesign.fem.section import Curve
+from flexdesign.fem.meshing.planar import triangulate
+from flexdesign.fem.meshing.section import Curve
 
 Array = NDArray[np.float64]
 Point = tuple[float, float]

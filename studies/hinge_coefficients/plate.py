@@ -1,7 +1,7 @@
 """How far a plate clamped at two sides and free at the others is relieved of its constraint: Ritz solutions.
 
 The plate is 1 long between its clamped sides and 1 / ratio wide; moduli are those of plane stress with E = 1. The
-relief r is that of `flexdesign.hinges.width`: the compliance is 1 - nu^2 + nu^2 r of a beam's.
+relief r is that of `flexdesign.effects.hinge_compliance.width`: the compliance is 1 - nu^2 + nu^2 r of a beam's.
 """
 
 from __future__ import annotations

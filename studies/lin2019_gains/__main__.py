@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from flexdesign.errors import InputError
+from flexdesign.core.errors import InputError
 from flexdesign.report import render
 from studies.lin2019_gains import report, result
 from studies.lin2019_gains.findings import investigate

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from flexdesign.control import (
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics.control import (
     PID,
     Margins,
     Plant,
@@ -27,11 +28,10 @@ from flexdesign.control import (
     tune,
     ultimate,
 )
-from flexdesign.control.implied import Candidate as Implied
-from flexdesign.control.implied import Comparison, compare, plants_for_delays, plants_for_frequency
-from flexdesign.control.sampled_loop import Matrices, Response, matrices
-from flexdesign.control.ziegler_nichols import from_rule
-from flexdesign.errors import InputError
+from flexdesign.dynamics.control.implied import Candidate as Implied
+from flexdesign.dynamics.control.implied import Comparison, compare, plants_for_delays, plants_for_frequency
+from flexdesign.dynamics.control.sampled_loop import Matrices, Response, matrices
+from flexdesign.dynamics.control.ziegler_nichols import from_rule
 from studies.lin2019_gains.printed import Axis
 
 Array = NDArray[np.float64]

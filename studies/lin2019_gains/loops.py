@@ -6,11 +6,11 @@ import cmath
 import math
 from collections.abc import Sequence
 
-from flexdesign.control import PID, Plant, open_loop, rule, ultimate
-from flexdesign.control.sampled_loop import matrices
-from flexdesign.report import frequency_charts as charts
+from flexdesign.core.units import to_text
+from flexdesign.dynamics.control import PID, Plant, open_loop, rule, ultimate
+from flexdesign.dynamics.control.sampled_loop import matrices
+from flexdesign.report.diagnosis import frequency_charts as charts
 from flexdesign.report.document import Figure, Section, Table
-from flexdesign.units import to_text
 from studies.lin2019_gains.findings import BAND, Candidate, Findings, Step, damping_for, settled_on
 from studies.lin2019_gains.words import hz, ms, n, named, settling
 

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from flexdesign import printed, units
-from flexdesign.control import PID, Plant, Ultimate
-from flexdesign.control.ziegler_nichols import from_rule
+from flexdesign.core import printed_numbers, units
+from flexdesign.dynamics.control import PID, Plant, Ultimate
+from flexdesign.dynamics.control.ziegler_nichols import from_rule
 
 
 class Sourced(NamedTuple):
@@ -21,7 +21,7 @@ class Sourced(NamedTuple):
     place: str
 
 
-PAPER = printed.read("lin2019")
+PAPER = printed_numbers.read("lin2019")
 
 
 def _sourced(meaning: str, si: str, xy: tuple[str, str], z: tuple[str, str] | None) -> Sourced:
@@ -72,7 +72,7 @@ class Axis:
 
     def half_digit(self, key: str) -> float:
         """Return half a unit of the last digit printed, in SI."""
-        return printed.Printed(PRINTED[key].place, key, self.text(key)).half_digit(PRINTED[key].si)
+        return printed_numbers.Printed(PRINTED[key].place, key, self.text(key)).half_digit(PRINTED[key].si)
 
     @property
     def model(self) -> Plant:

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexdesign.control import PID, Plant
-from flexdesign.report import frequency_charts as charts
+from flexdesign.core.units import to_text
+from flexdesign.dynamics.control import PID, Plant
+from flexdesign.report.diagnosis import frequency_charts as charts
 from flexdesign.report.document import Document, Figure, Section, Table
-from flexdesign.units import to_text
 from studies.lin2019_gains import loops
 from studies.lin2019_gains.findings import Candidate, Findings, fitted
 from studies.lin2019_gains.printed import PRINTED, Axis, damping_bound, frequency_bound

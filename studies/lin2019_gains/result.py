@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from flexdesign import __version__
-from flexdesign.control import PID
-from flexdesign.files import FORMAT
+from flexdesign.core.toml_files import FORMAT
+from flexdesign.dynamics.control import PID
 from studies.lin2019_gains.findings import Candidate, Findings
 from studies.lin2019_gains.printed import PRINTED, Axis, damping_bound, frequency_bound
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from flexdesign.units import significant, to_text
+from flexdesign.core.units import significant, to_text
 from studies.lin2019_gains.findings import Candidate, Findings, Step
 
 

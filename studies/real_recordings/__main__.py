@@ -11,10 +11,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from flexdesign import runs, stage_model, versions
+from flexdesign.core import versions
 from flexdesign.diagnosis import Diagnosis, diagnose
+from flexdesign.dynamics import stage_model
+from flexdesign.measurements import recordings
 from flexdesign.report import comparison_words as words
-from flexdesign.report import diagnosis_words as said
+from flexdesign.report.diagnosis import diagnosis_words as said
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ def diagnosed(recording: Recording, folder: Path) -> Diagnosis:
             path = Path(scratch) / "model.toml"
             path.write_text(f"format = 1\n[axis.x]\n{recording.model}\n", encoding="utf-8")
         model = stage_model.read(str(path), [])
-        return diagnose(model, runs.read_recordings([folder]), axis=recording.axis or None)
+        return diagnose(model, recordings.read_recordings([folder]), axis=recording.axis or None)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

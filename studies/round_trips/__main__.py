@@ -19,12 +19,16 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign import effects, runs, simulation, stage_model, standard_experiments, versions
+from flexdesign import effects
+from flexdesign.core import versions
 from flexdesign.diagnosis import Diagnosis, diagnose
-from flexdesign.diagnosis.candidates import candidates
-from flexdesign.dynamics.axis_model import AxisDynamics
-from flexdesign.dynamics.stage import stack_range
-from flexdesign.stage_model import StageModel
+from flexdesign.diagnosis.effect_selection.candidates import candidates
+from flexdesign.dynamics import stage_model
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.experiments import simulation, standard_experiments
+from flexdesign.dynamics.stage_dynamics import stack_range
+from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.measurements import recordings as runs
 
 Array = NDArray[np.float64]
 STAGE, AXIS = "lin2019_stage", "x"

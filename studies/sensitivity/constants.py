@@ -73,53 +73,74 @@ class Constant:
 #: Constants that decide, each with what it decides. Edit here.
 CONSTANTS: tuple[Constant, ...] = (
     Constant(
-        "flexdesign.evidence.model_comparison",
+        "flexdesign.estimation.model_selection.model_comparison",
         "LEVEL",
         "family-wise probability of a false effect in one step",
         most=1.0,
     ),
     Constant(
-        "flexdesign.evidence.model_comparison",
+        "flexdesign.estimation.model_selection.model_comparison",
         "SHARE",
         "least share of the unexplained that an effect removes",
         most=1.0,
     ),
     Constant(
-        "flexdesign.evidence.model_comparison",
+        "flexdesign.estimation.model_selection.model_comparison",
         "INDISTINGUISHABLE",
         "difference of BIC below which two effects are alike",
     ),
     Constant(
-        "flexdesign.evidence.determination", "SHARE_OF_RANGE", "width of an interval that says nothing, of the range"
+        "flexdesign.estimation.model_selection.determination",
+        "SHARE_OF_RANGE",
+        "width of an interval that says nothing, of the range",
     ),
     Constant(
-        "flexdesign.diagnosis.setting", "OF_NOISE", "relevance: least motion of a prediction, in shares of the noise"
+        "flexdesign.diagnosis.preparation.dataset",
+        "OF_NOISE",
+        "relevance: least motion of a prediction, in shares of the noise",
     ),
     Constant(
-        "flexdesign.diagnosis.setting", "OF_STROKE", "relevance: least motion of a prediction, in shares of the stroke"
+        "flexdesign.diagnosis.preparation.dataset",
+        "OF_STROKE",
+        "relevance: least motion of a prediction, in shares of the stroke",
     ),
     Constant(
-        "flexdesign.diagnosis.setting", "TOLERANCE", "relevance where the noise is unknown, in shares of the stroke"
+        "flexdesign.diagnosis.preparation.dataset",
+        "TOLERANCE",
+        "relevance where the noise is unknown, in shares of the stroke",
     ),
     Constant(
-        "flexdesign.diagnosis.course", "WORSE", "validation error at which calibration is refused, over the design", 1.0
+        "flexdesign.diagnosis.procedure",
+        "WORSE",
+        "validation error at which calibration is refused, over the design",
+        1.0,
     ),
     Constant(
-        "flexdesign.diagnosis.course",
+        "flexdesign.diagnosis.procedure",
         "BETTER",
         "share left by smooth functions that are the better explanation",
         most=1.0,
     ),
     Constant(
-        "flexdesign.diagnosis.conflicts",
+        "flexdesign.diagnosis.effect_selection.prior_conflicts",
         "CONFLICT",
         "standard deviations from its prior at which a number is a finding",
     ),
-    Constant("flexdesign.diagnosis.conflicts", "LARGE", "how much more than remains an effect explains that is named"),
     Constant(
-        "flexdesign.noise_floor.floor", "ADEQUATE", "mean square of the residual above one that still counts as noise"
+        "flexdesign.diagnosis.effect_selection.prior_conflicts",
+        "LARGE",
+        "how much more than remains an effect explains that is named",
     ),
-    Constant("flexdesign.noise_floor.floor", "ERRORS", "standard errors of the residual that still count as noise"),
+    Constant(
+        "flexdesign.measurements.noise_level.floor",
+        "ADEQUATE",
+        "mean square of the residual above one that still counts as noise",
+    ),
+    Constant(
+        "flexdesign.measurements.noise_level.floor",
+        "ERRORS",
+        "standard errors of the residual that still count as noise",
+    ),
 )
 
 

@@ -7,9 +7,9 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 
-from flexdesign import static_tables
-from flexdesign.diagnosis import tables
-from flexdesign.diagnosis.tables import TableDiagnosis
+from flexdesign.analytic import static_model
+from flexdesign.diagnosis.static_tables import diagnose
+from flexdesign.diagnosis.static_tables.diagnose import TableDiagnosis
 from studies.static_trial.cases import KINDS, Case, case, references
 
 #: Share of right answers that is asked for.
@@ -18,7 +18,7 @@ ASKED = 0.9
 
 def answered(given: Case) -> TableDiagnosis:
     """Return the diagnosis of a case."""
-    return tables.diagnose(static_tables.of_design(given.design), given.table)
+    return diagnose.diagnose(static_model.of_design(given.design), given.table)
 
 
 def said(found: TableDiagnosis) -> str:

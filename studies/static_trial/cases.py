@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign import units
-from flexdesign.design import Actuator, Design
-from flexdesign.static_tables import Row, StaticTable
+from flexdesign.analytic.static_model import Row, StaticTable
+from flexdesign.core import units
+from flexdesign.design.design import Actuator, Design
 from studies.error_bars.designs import Drawn, designs
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from flexdesign.errors import InputError
+from flexdesign.core.errors import InputError
 from flexdesign.report import render
 from studies.steering_mirror import report
 from studies.steering_mirror.findings import investigate

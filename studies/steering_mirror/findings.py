@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.diagnosis import Diagnosis, diagnose
-from flexdesign.runs import AXES, read_runs
-from flexdesign.stage_model import reading
+from flexdesign.dynamics.stage_model import reading
+from flexdesign.measurements.recordings import AXES, read_runs
 from studies.steering_mirror.modes import filtered
 from studies.steering_mirror.recordings import JUDGING, LEVELS, Decoupled, Recordings, decouple, linear, name_of, write
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.errors import InputError
-from flexdesign.runs import AXES, DESCRIPTION, write_run
+from flexdesign.core.errors import InputError
+from flexdesign.measurements.recordings import AXES, DESCRIPTION, write_run
 from studies.steering_mirror.modes import Complex, Modes, filtered, fit, frequency_response
 
 Array = NDArray[np.float64]

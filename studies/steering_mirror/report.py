@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from flexdesign import __version__
+from flexdesign.core.toml_files import FORMAT
 from flexdesign.diagnosis import Diagnosis
-from flexdesign.files import FORMAT
 from flexdesign.report.document import Document, Section, Table
 from studies.steering_mirror.findings import LINEAR, MODAL, Findings
 from studies.steering_mirror.recordings import BAND, JUDGING, LEVELS, SHOWN, TEACHING

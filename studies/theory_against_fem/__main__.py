@@ -13,17 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign import __version__, units
-from flexdesign.cache import Cache, default_folder
-from flexdesign.errors import InputError
-from flexdesign.files import FORMAT
-from flexdesign.model import Quantity
+from flexdesign import __version__
+from flexdesign.core import units
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Quantity
+from flexdesign.core.result_cache import Cache, default_folder
+from flexdesign.core.toml_files import FORMAT
 from flexdesign.report import charts, render
+from flexdesign.report.diagnosis.table_words import called
 from flexdesign.report.document import Document, Figure, Section, Table
-from flexdesign.report.ladder_section import SYMBOLS
-from flexdesign.report.table_words import called
-from flexdesign.validation import ladder
-from flexdesign.validation.ladder import Ladder
+from flexdesign.report.validation.ladder_section import SYMBOLS
+from flexdesign.workflows.validation import model_hierarchy
+from flexdesign.workflows.validation.model_hierarchy import Ladder
 from studies.error_bars import trial
 from studies.error_bars.designs import SEED, Drawn, designs
 
@@ -49,7 +50,7 @@ def compared(drawn: Drawn, work: Path, store: Cache) -> Compared:
     if answer.error:
         raise InputError("design", str(drawn.number), None, answer.error)
     fem = {key: _quantity(key, value) for key, value in answer.values.items()}
-    climbed = ladder.climb(drawn.study(trial.ACCURACY, "extruded").design, fem)
+    climbed = model_hierarchy.climb(drawn.study(trial.ACCURACY, "extruded").design, fem)
     assert climbed is not None
     return Compared(drawn, climbed, {key: e / abs(answer.values[key]) for key, e in answer.estimates.items()})
 

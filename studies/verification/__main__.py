@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
-from flexdesign.errors import InputError
+from flexdesign.core.errors import InputError
 from flexdesign.report import render
 from studies.verification import beams, elements, hinges, large, nafems, report
 from studies.verification.finding import Finding, failures

@@ -9,7 +9,7 @@ lose of d what a material does that cannot contract at all, 1 - (1 + nu)(1 - 2 n
 
 from __future__ import annotations
 
-from flexdesign.materials import Material
+from flexdesign.design.materials import Material
 from studies.verification.elements import compliance
 from studies.verification.finding import Finding, around
 from studies.verification.solids import CORK, METAL, Array, beam

@@ -9,10 +9,10 @@ import numpy as np
 from skfem import Basis, ElementTetP2, ElementVector, Functional
 from skfem.helpers import ddot, sym_grad
 
-from flexdesign.fem import loads, ports, statics
-from flexdesign.fem.elasticity import Elasticity
-from flexdesign.fem.solver import factorize, times
-from flexdesign.part import Port
+from flexdesign.design.part import Port
+from flexdesign.fem.solving import loads, port_compliance, statics
+from flexdesign.fem.solving.elasticity import Elasticity
+from flexdesign.fem.solving.solver import factorize, times
 from studies.verification.finding import Finding
 from studies.verification.solids import METAL, Array, Bent, Solid, at, lattice, tagged
 
@@ -144,8 +144,8 @@ def compliance(solid: Solid) -> tuple[Array, int]:
     """Return the compliance between the ports of a solid without symmetry planes, and its number of unknowns."""
     body = solid.body
     stiffness = body.stiffness()
-    space = ports.port_space(body, solid.domain, solid.ports)
-    whole = ports.classes(solid.domain)[0]
+    space = port_compliance.port_space(body, solid.domain, solid.ports)
+    whole = port_compliance.classes(solid.domain)[0]
     system = statics.class_system(body, solid.domain, whole, stiffness, [solid.domain.ports["ground"]])
     matrix, checks, _, _ = statics.class_compliance(body, system, stiffness, space)
     checks.require()

@@ -19,12 +19,14 @@ from pathlib import Path
 
 import numpy as np
 
-from flexdesign import part as parts
 from flexdesign.analytic import notch
-from flexdesign.fem import convergence, domain, gate, loads, ports, statics
-from flexdesign.fem.elasticity import Elasticity
-from flexdesign.fem.methods import EXTRUDED_GRADING, Extruded, Grading
-from flexdesign.materials import Material
+from flexdesign.design import part as parts
+from flexdesign.design.materials import Material
+from flexdesign.fem import convergence
+from flexdesign.fem.meshing import domain, resolution_gate
+from flexdesign.fem.meshing.methods import EXTRUDED_GRADING, Extruded, Grading
+from flexdesign.fem.solving import loads, port_compliance, statics
+from flexdesign.fem.solving.elasticity import Elasticity
 from studies.verification.finding import Finding, around
 from studies.verification.solids import Array, Bent, graded, lattice
 
@@ -184,7 +186,7 @@ def own_mesh(coarseness: tuple[float, ...] = (1.35**2, 1.35, 1.0)) -> list[Findi
     found, across, unknowns = [], [], 0
     for factor in coarseness:
         mesh = method.mesh(factor)
-        across.append(min(check.across for check in gate.check(mesh, body, hinges)))
+        across.append(min(check.across for check in resolution_gate.check(mesh, body, hinges)))
         stiffness, unknowns = _stiffness(Elasticity(mesh, METAL), body, bar)
         found.append(stiffness)
     sizes = [method.finest_edge(factor) for factor in coarseness]
@@ -203,8 +205,9 @@ def own_mesh(coarseness: tuple[float, ...] = (1.35**2, 1.35, 1.0)) -> list[Findi
             "the structured mesh's own error, 0.2 %, is added",
         ),
         Finding(
-            problem, "elements across the neck of the coarsest mesh", "bound", "mesh gate", gate.LEAST_ACROSS,
-            across[0], "1", gate.LEAST_ACROSS, np.inf, unknowns, "one element knows nothing of the neck",
+            problem, "elements across the neck of the coarsest mesh", "bound", "mesh gate",
+            resolution_gate.LEAST_ACROSS,
+            across[0], "1", resolution_gate.LEAST_ACROSS, np.inf, unknowns, "one element knows nothing of the neck",
         ),
     ]  # fmt: skip
 
@@ -212,8 +215,8 @@ def own_mesh(coarseness: tuple[float, ...] = (1.35**2, 1.35, 1.0)) -> list[Findi
 def _stiffness(body: Elasticity, whole: domain.Domain, bar: parts.Piece) -> tuple[float, int]:
     """Return moment per turn of the notch alone [N m/rad], and the unknowns."""
     held = [whole.ports["ground"]]
-    space, stiffness = ports.port_space(body, whole, bar.ports()), body.stiffness()
-    system = statics.class_system(body, whole, ports.classes(whole)[0], stiffness, held)
+    space, stiffness = port_compliance.port_space(body, whole, bar.ports()), body.stiffness()
+    system = statics.class_system(body, whole, port_compliance.classes(whole)[0], stiffness, held)
     share, checks, _, _ = statics.class_compliance(body, system, stiffness, space)
     checks.require()
     system.factor.free()

@@ -6,10 +6,10 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
-from flexdesign.fem import ports, statics
-from flexdesign.fem.load_path import Equilibrium, load_path
-from flexdesign.fem.mesh import mirrored
-from flexdesign.part import Port, SymmetryPlane
+from flexdesign.design.part import Port, SymmetryPlane
+from flexdesign.fem.meshing.mesh import mirrored
+from flexdesign.fem.solving import port_compliance, statics
+from flexdesign.fem.solving.load_path import Equilibrium, load_path
 from studies.verification.finding import Finding, around
 from studies.verification.solids import CORK, Array, Solid, at, beam, held_at_ground, lattice, welded
 
@@ -49,7 +49,7 @@ def bent_cantilever(cells: int = 60, alpha: float = 2.0) -> list[Finding]:
     length, side = 100e-3, 1e-3
     solid = beam(length, side, side, (cells, 1, 1), CORK)
     body = solid.body
-    load = ports.port_space(body, solid.domain, solid.ports).loads["output"][:, [1]]
+    load = port_compliance.port_space(body, solid.domain, solid.ports).loads["output"][:, [1]]
     force = alpha * CORK.youngs_modulus * side**4 / 12 / length**2
     *_, end = load_path(held_at_ground(solid), load, [force * k / 4 for k in (1, 2, 3, 4)])
     tip = end.displacement.reshape(-1, 3)[np.isclose(body.positions[:, 0], length)].mean(axis=0) / length
@@ -93,7 +93,7 @@ def parasitic_motion(shifts: tuple[float, ...] = (1e-3, 2e-3)) -> list[Finding]:
     """
     solid = parallelogram()
     body = solid.body
-    load = ports.port_space(body, solid.domain, solid.ports).loads["output"][:, [1]]
+    load = port_compliance.port_space(body, solid.domain, solid.ports).loads["output"][:, [1]]
     stiffness = 24 * CORK.youngs_modulus * WIDTH * THICKNESS**3 / 12 / LEAF**3
     table = np.isclose(body.positions[:, 0], LEAF + TABLE)
 
@@ -104,7 +104,7 @@ def parasitic_motion(shifts: tuple[float, ...] = (1e-3, 2e-3)) -> list[Finding]:
     model = held_at_ground(solid)
     path: list[Equilibrium] = list(load_path(model, load, [stiffness * shift for shift in shifts]))
     system = statics.class_system(
-        body, solid.domain, ports.classes(solid.domain)[0], body.stiffness(), [solid.domain.ports["ground"]]
+        body, solid.domain, port_compliance.classes(solid.domain)[0], body.stiffness(), [solid.domain.ports["ground"]]
     )
     linear = coefficient(system.solve(load * stiffness * shifts[-1]))
     system.factor.free()

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexdesign.fem import loads, modes, ports, stress
-from flexdesign.fem.domain import Domain
-from flexdesign.fem.solver import factorize
-from flexdesign.fem.statics import ClassSystem
-from flexdesign.materials import Material
-from flexdesign.part import Port, SymmetryPlane
+from flexdesign.design.materials import Material
+from flexdesign.design.part import Port, SymmetryPlane
+from flexdesign.fem.meshing.domain import Domain
+from flexdesign.fem.post_processing import stress
+from flexdesign.fem.solving import loads, modes, port_compliance
+from flexdesign.fem.solving.solver import factorize
+from flexdesign.fem.solving.statics import ClassSystem
 from studies.verification.finding import Finding, around
 from studies.verification.solids import Array, Bent, at, graded, lattice
 
@@ -113,11 +114,11 @@ def tapered_membrane(along: int = 32, across: int = 16) -> list[Finding]:
 
 def _frequencies(bent: Bent, free: Array, domain: Domain) -> list[float]:
     """Return the lowest six frequencies [Hz] of the fields that are even in the planes of the domain."""
-    body, cls = bent.body, ports.classes(domain)[0]
+    body, cls = bent.body, port_compliance.classes(domain)[0]
     stiffness = body.stiffness()[free][:, free].tocsr()
     system = ClassSystem(cls, free, factorize(stiffness), stiffness)
     tip = Port("output", "output", (10.0, 0.0, 0.0), (1.0, 0.0, 0.0))
-    space = ports.port_space(body, domain, (tip,))
+    space = port_compliance.port_space(body, domain, (tip,))
     found = modes.class_modes(system, body.mass(), space, len(TAPERED), 0.0)
     system.factor.free()
     return [mode.frequency for mode in found]

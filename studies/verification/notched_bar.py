@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from flexdesign.model import Linkage, Member, Parameter
-from flexdesign.part import Axis, Port, SymmetryPlane
+from flexdesign.core.model import Linkage, Member, Parameter
+from flexdesign.design.part import Axis, Port, SymmetryPlane
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from flexdesign import __version__
-from flexdesign.files import FORMAT
+from flexdesign.core.toml_files import FORMAT
 from flexdesign.report.document import Document, Section, Table
 from studies.verification.finding import Finding
 

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from skfem import MeshTet
 
-from flexdesign.fem import ports, statics
-from flexdesign.fem.domain import Domain
-from flexdesign.fem.elasticity import Elasticity
-from flexdesign.fem.large_displacement import LargeDisplacement
-from flexdesign.fem.mesh import TaggedMesh, boundary, mirrored
-from flexdesign.fem.solver import factorize
-from flexdesign.materials import Material
-from flexdesign.part import Port, SymmetryPlane
+from flexdesign.design.materials import Material
+from flexdesign.design.part import Port, SymmetryPlane
+from flexdesign.fem.meshing.domain import Domain
+from flexdesign.fem.meshing.mesh import TaggedMesh, boundary, mirrored
+from flexdesign.fem.solving import port_compliance, statics
+from flexdesign.fem.solving.elasticity import Elasticity
+from flexdesign.fem.solving.large_displacement import LargeDisplacement
+from flexdesign.fem.solving.solver import factorize
 
 Array = np.ndarray[Any, Any]
 Where = Callable[[Array], Array]
@@ -151,7 +151,7 @@ def beam(
 
 def held_at_ground(solid: Solid) -> LargeDisplacement:
     """Return the body for large displacements, its ground held."""
-    whole = ports.classes(solid.domain)[0]
+    whole = port_compliance.classes(solid.domain)[0]
     body = solid.body
     return LargeDisplacement(body, statics.free_dofs(body, solid.domain, whole, [solid.domain.ports["ground"]]))
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexdesign import design
 from flexdesign.analytic import frame, prb, textbook
 from flexdesign.analytic.compliance import ComplianceModel, drawn
+from flexdesign.core.model import Linkage, Member
+from flexdesign.design import design
 from flexdesign.effects import statics
-from flexdesign.model import Linkage, Member
 from geometry.bridge_amplifier import BridgeAmplifier
 from studies.error_bars.designs import designs
 

@@ -9,18 +9,19 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from flexdesign import design
 from flexdesign.analytic import frame
 from flexdesign.analytic.compliance import ComplianceModel
 from flexdesign.analytic.stage_compliance import StageCompliance, drawn
-from flexdesign.assembly import Assembly, Body, Box
+from flexdesign.core.model import Elastic, Member
+from flexdesign.design import design
+from flexdesign.design.assembly import Assembly, Body, Box
+from flexdesign.design.materials import Material
 from flexdesign.effects import statics
-from flexdesign.fem import domain, methods, superelement
-from flexdesign.fem.port_shapes import rigid_motions
-from flexdesign.hinges import beam
-from flexdesign.materials import Material
-from flexdesign.model import Elastic, Member
-from flexdesign.validation import ladder
+from flexdesign.effects.hinge_compliance import beam
+from flexdesign.fem.meshing import domain, methods
+from flexdesign.fem.solving.port_shapes import rigid_motions
+from flexdesign.fem.superelements import superelement
+from flexdesign.workflows.validation import model_hierarchy
 from geometry.leaf_hinge import LeafHinge
 from tests.conftest import FOUR_SIDED
 
@@ -138,7 +139,7 @@ def test_so_do_its_variants(name):
     overrides, known = VARIANTS[name]
     model = of(design.read(STAGE.file, overrides))
     found = model.having(drawn(model.assembly)).quantities()
-    keys = [key.format(axis) for axis in "xz" for key in ladder.OF_AXIS]
+    keys = [key.format(axis) for axis in "xz" for key in model_hierarchy.OF_AXIS]
     assert [found[key].value for key in keys] == pytest.approx(known, rel=0.0125)
 
 

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from flexdesign.control.implied import compare, consistency, plants_for_delays, plants_for_frequency
-from flexdesign.control.pid import PID
-from flexdesign.control.plant import Plant
-from flexdesign.control.ziegler_nichols import rule, ultimate
-from flexdesign.errors import InputError
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics.control.implied import compare, consistency, plants_for_delays, plants_for_frequency
+from flexdesign.dynamics.control.pid import PID
+from flexdesign.dynamics.control.plant import Plant
+from flexdesign.dynamics.control.ziegler_nichols import rule, ultimate
 
 PERIOD = 1e-3
 XY, XY_GAIN = PID(0.01355, 3.988e-3, 0.997e-3), 6.0777

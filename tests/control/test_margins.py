@@ -8,10 +8,10 @@ import control as ct
 import numpy as np
 import pytest
 
-from flexdesign.control.margins import margins
-from flexdesign.control.pid import PID
-from flexdesign.control.plant import Plant
-from flexdesign.control.sampled_loop import matrices, open_loop
+from flexdesign.dynamics.control.margins import margins
+from flexdesign.dynamics.control.pid import PID
+from flexdesign.dynamics.control.plant import Plant
+from flexdesign.dynamics.control.sampled_loop import matrices, open_loop
 
 PERIOD = 1e-3
 LIGHT = Plant(6.0777, 118.3, 0.0242)

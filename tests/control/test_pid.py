@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from flexdesign.control.pid import PID, controller, tick
-from flexdesign.errors import InputError
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics.control.pid import PID, controller, tick
 
 PERIOD = 1e-3
 PRINTED = PID(0.01355, 3.988e-3, 0.997e-3)

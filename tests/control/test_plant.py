@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexdesign.control.plant import Plant
-from flexdesign.errors import InputError
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics.control.plant import Plant
 
 PERIOD = 1e-3
 ANGLES = np.array([0.01, 0.3, 0.74, 1.5, 3.0])

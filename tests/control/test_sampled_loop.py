@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flexdesign.control.pid import PID, controller
-from flexdesign.control.plant import Plant
-from flexdesign.control.sampled_loop import matrices, open_loop, settling_time, simulate, stable_ranges
-from flexdesign.errors import InputError
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics.control.pid import PID, controller
+from flexdesign.dynamics.control.plant import Plant
+from flexdesign.dynamics.control.sampled_loop import matrices, open_loop, settling_time, simulate, stable_ranges
 
 PERIOD = 1e-3
 

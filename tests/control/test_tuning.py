@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from flexdesign.control.pid import PID
-from flexdesign.control.plant import Plant
-from flexdesign.control.sampled_loop import matrices, open_loop, settling_time, simulate
-from flexdesign.control.tuning import assess, tune
-from flexdesign.errors import InputError
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics.control.pid import PID
+from flexdesign.dynamics.control.plant import Plant
+from flexdesign.dynamics.control.sampled_loop import matrices, open_loop, settling_time, simulate
+from flexdesign.dynamics.control.tuning import assess, tune
 
 PERIOD = 1e-3
 XY, Z = Plant(6.0777, 118.3, 0.0242), Plant(6.3621, 133.0, 0.099)

@@ -8,11 +8,11 @@ import control as ct
 import numpy as np
 import pytest
 
-from flexdesign.control.pid import PID
-from flexdesign.control.plant import Plant
-from flexdesign.control.sampled_loop import simulate
-from flexdesign.control.ziegler_nichols import Ultimate, by_experiment, from_rule, oscillation, rule, ultimate
-from flexdesign.errors import InputError
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics.control.pid import PID
+from flexdesign.dynamics.control.plant import Plant
+from flexdesign.dynamics.control.sampled_loop import simulate
+from flexdesign.dynamics.control.ziegler_nichols import Ultimate, by_experiment, from_rule, oscillation, rule, ultimate
 
 PERIOD = 1e-3
 LIGHT, DELAYED = Plant(6.0777, 118.3, 0.0242), Plant(6.0777, 128.8, 0.063, 2e-3)

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from flexdesign import effects
-from flexdesign.control.pid import PID, controller
-from flexdesign.dynamics.chain import AxisChain, Oscillator
+from flexdesign.dynamics.control.pid import PID, controller
+from flexdesign.dynamics.signal_chain.chain import AxisChain, Oscillator
 from flexdesign.dynamics.simulate import TOLERANCE, Loop, Response, Stage, simulate
 from tests.reference import chains, hysteretic_oscillator
 from tests.reference.chains import BoucWen, Chain, Floats, Mode

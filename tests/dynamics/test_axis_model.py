@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from flexdesign import effects
-from flexdesign.dynamics import stage as stages
-from flexdesign.dynamics.axis_model import DELAY, AxisDynamics
-from flexdesign.dynamics.axis_parameters import changed
-from flexdesign.dynamics.axis_run import command_column, doubts, of_axis
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics import stage_dynamics as stages
+from flexdesign.dynamics.axis.axis_model import DELAY, AxisDynamics
+from flexdesign.dynamics.axis.axis_parameters import changed
+from flexdesign.dynamics.axis.axis_run import command_column, doubts, of_axis
 from flexdesign.dynamics.simulate import Loop, Response, Stage, simulate
+from flexdesign.dynamics.stage_model import AxisModel, Driver, Mode, Sensor
+from flexdesign.dynamics.stage_model.axis import lumped_frequency
 from flexdesign.effects.bouc_wen import advance
-from flexdesign.errors import InputError
-from flexdesign.runs import Run
-from flexdesign.stage_model import AxisModel, Driver, Mode, Sensor
-from flexdesign.stage_model.axis import lumped_frequency
+from flexdesign.measurements.recordings import Run
 
 PERIOD = 1e-3
 LOOP = {"a": 0.46e-6, "b": 0.0165, "c": 0.004, "n": 1.0}

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from flexdesign.dynamics.between import slopes, smooth
-from flexdesign.dynamics.chain import AxisChain, Oscillator
+from flexdesign.dynamics.signal_chain.chain import AxisChain, Oscillator
+from flexdesign.dynamics.signal_chain.interpolation import slopes, smooth
 from flexdesign.dynamics.simulate import Loop, Stage, simulate
 
 FREQUENCIES = (13.0, 41.0, 68.0, 110.0)

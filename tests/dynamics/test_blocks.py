@@ -13,11 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flexdesign import effects
-from flexdesign.dynamics import kernels
-from flexdesign.dynamics.chain import AxisChain, Oscillator
+from flexdesign.core.model import Block, Effect, Socket
+from flexdesign.dynamics.signal_chain import kernels
+from flexdesign.dynamics.signal_chain.chain import AxisChain, Oscillator
 from flexdesign.dynamics.simulate import Loop, Stage, simulate
 from flexdesign.effects import bouc_wen
-from flexdesign.model import Block, Effect, Socket
 
 PERIOD = 1e-3
 NAMES = effects.names()

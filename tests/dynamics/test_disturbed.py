@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign.control import pid as pids
-from flexdesign.dynamics import disturbed
-from flexdesign.dynamics import stage as stages
+from flexdesign.dynamics import disturbances
+from flexdesign.dynamics import stage_dynamics as stages
+from flexdesign.dynamics.control import pid as pids
 from flexdesign.dynamics.simulate import Loop, simulate
-from flexdesign.stage_model import AxisModel, StageModel
+from flexdesign.dynamics.stage_model import AxisModel, StageModel
 
 PERIOD = 1e-3
 PLAIN = AxisModel(100.0, 0.5, 2e-6)
@@ -30,7 +30,7 @@ def step(size: float) -> Any:
 
 def test_a_resting_sensor_reads_its_share_of_another_axis() -> None:
     tilted = with_effects(PLAIN, abbe_error={"linear": 0.03})
-    response = disturbed.run(StageModel({"x": tilted, "y": PLAIN}), {"y": Loop(step(20.0))}, PERIOD, oversampling=3)
+    response = disturbances.run(StageModel({"x": tilted, "y": PLAIN}), {"y": Loop(step(20.0))}, PERIOD, oversampling=3)
     x, y = response.motion
     assert not x.any() and np.ptp(y) > 39e-6
     # Between the samples of the clock the share goes straight.
@@ -47,7 +47,7 @@ def test_loops_that_read_each_other_come_to_rest_where_both_readings_are_as_aske
         }
     )
     loops = {name: Loop(step(0.0), step(size), (SETTLING,)) for name, size in (("x", r), ("y", s))}
-    response = disturbed.run(model, loops, PERIOD)
+    response = disturbances.run(model, loops, PERIOD)
     x, y = response.motion[:, -1]
     assert (x + a * y, y + b * x + c * x**2) == pytest.approx((r, s), rel=1e-5)
     assert abs(x - r) > 0.05 * r and response.error < 1e-5
@@ -56,15 +56,15 @@ def test_loops_that_read_each_other_come_to_rest_where_both_readings_are_as_aske
 def test_without_such_effects_it_is_the_engine_alone() -> None:
     model = StageModel({"x": with_effects(PLAIN, mains_hum={"amplitude": 1e-7, "frequency": 50.0, "phase": 0.0})})
     loops = {"x": Loop(step(5.0))}
-    mine, engine = disturbed.run(model, loops, PERIOD), simulate(stages.stage(model), loops, PERIOD)
+    mine, engine = disturbances.run(model, loops, PERIOD), simulate(stages.stage(model), loops, PERIOD)
     assert np.array_equal(mine.reading, engine.reading) and not np.array_equal(mine.reading, mine.motion)
 
 
 def test_what_experiments_do_not_have_is_said() -> None:
     axis = with_effects(PLAIN, thermal_expansion={"coefficient": 1e-6}, abbe_error={"linear": 0.01})
     alone, two = StageModel({"x": axis}), StageModel({"x": axis, "y": PLAIN})
-    assert disturbed.left_out(alone, "x") == [
+    assert disturbances.left_out(alone, "x") == [
         "thermal expansion needs a record of T, which is not there: it adds nothing here.",
         "abbe error needs another axis, which is not there: it adds nothing here.",
     ]
-    assert len(disturbed.left_out(two, "x")) == 1 and not disturbed.left_out(two, "y")
+    assert len(disturbances.left_out(two, "x")) == 1 and not disturbances.left_out(two, "y")

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from flexdesign import effects
-from flexdesign.dynamics.chain import AxisChain, Oscillator
+from flexdesign.core.model import Controller
+from flexdesign.dynamics.signal_chain.chain import AxisChain, Oscillator
 from flexdesign.dynamics.simulate import Loop, Stage, simulate
-from flexdesign.model import Controller
 
 PERIOD = 1e-3
 GAIN = 2e-6

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from flexdesign.metrics import contour, coupling, loop, step_response, tracking
+from flexdesign.dynamics.metrics import contour, coupling, loop, step_response, tracking
 
 Array = NDArray[np.float64]
 

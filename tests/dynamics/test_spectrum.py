@@ -14,14 +14,14 @@ import pytest
 from numpy.typing import NDArray
 
 from flexdesign import effects
-from flexdesign.dynamics import stage as stages
-from flexdesign.dynamics.axis_model import AxisDynamics
+from flexdesign.core.model import Block
+from flexdesign.dynamics import stage_dynamics as stages
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.simulate import Loop, Stage, simulate
 from flexdesign.dynamics.spectrum import WorkingPoint, response, shows
-from flexdesign.model import Block
-from flexdesign.runs import FrequencyResponse
-from flexdesign.stage_model import AxisModel, Driver, Mode
-from flexdesign.stage_model import Sensor as AxisSensor
+from flexdesign.dynamics.stage_model import AxisModel, Driver, Mode
+from flexdesign.dynamics.stage_model import Sensor as AxisSensor
+from flexdesign.measurements.recordings import FrequencyResponse
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

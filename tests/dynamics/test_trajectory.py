@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from flexdesign import files
-from flexdesign.errors import InputError
-from flexdesign.trajectory import Level, Multisine, Sine, Trajectory, shapes
+from flexdesign.core import toml_files
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics.trajectories import Level, Multisine, Sine, Trajectory, shapes
 
 Array = NDArray[np.float64]
 PERIOD = 1e-3
@@ -81,7 +81,7 @@ def test_a_rest_comes_before_the_motion_and_changes_nothing_else(shape: str) -> 
 @pytest.mark.parametrize("shape", TABLES)
 def test_a_table_is_written_back_as_it_was_read(shape: str) -> None:
     trajectory = made(shape, rest="0.1 s")
-    assert Trajectory.model_validate(files.as_text(trajectory)) == trajectory
+    assert Trajectory.model_validate(toml_files.as_text(trajectory)) == trajectory
 
 
 @pytest.mark.parametrize(
@@ -265,18 +265,18 @@ def test_csv_that_cannot_be_followed(content: str, column: str, message: str, tm
 # --- Tables that are refused
 
 
-class Experiment(files.Table):
+class Experiment(toml_files.Table):
     command: Trajectory
 
 
 def refusal(**table: Any) -> str:
     with pytest.raises(InputError) as caught:
-        files.check(Experiment, {"command": table}, Path("loops.toml"))
+        toml_files.check(Experiment, {"command": table}, Path("loops.toml"))
     return str(caught.value).removeprefix("loops.toml: ")
 
 
 def test_a_field_of_a_file_takes_any_shape() -> None:
-    command = files.check(Experiment, {"command": {"shape": "sine", **TABLES["sine"]}}, Path("loops.toml")).command
+    command = toml_files.check(Experiment, {"command": {"shape": "sine", **TABLES["sine"]}}, Path("loops.toml")).command
     assert isinstance(command, Sine)
     assert command.low == Level(0.0, "V") and str(command.high) == "120 V"
     assert isinstance(Experiment(command=command).command, Sine)
@@ -327,7 +327,7 @@ def test_what_is_missing_is_named_with_what_else_is_needed() -> None:
     assert refusal(shape="csv", file="a.csv", column=["u [V]", "x [um]"]).startswith("command: mixes volts and metres")
     assert refusal(shape="csv", file="a.csv", column=[]).startswith("command: names no column")
     with pytest.raises(InputError, match=r"command = sine: expected a table such as \{ shape"):
-        files.check(Experiment, {"command": "sine"}, Path("loops.toml"))
+        toml_files.check(Experiment, {"command": "sine"}, Path("loops.toml"))
 
 
 def test_multisine_says_which_tones_it_has() -> None:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign import effects
-from flexdesign.dynamics import stage as stages
+from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.simulate import Loop, Response, Stage, simulate
-from flexdesign.stage_model import AxisModel, fields
+from flexdesign.dynamics.stage_model import AxisModel, fields
 
 Array = NDArray[np.float64]
 PERIOD = 1e-3

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from flexdesign import effects
-from flexdesign.model import OTHER, Adjust, Block, Disturbance, Resonance
-from flexdesign.stage_model import fields
+from flexdesign.core.model import OTHER, Adjust, Block, Disturbance, Resonance
+from flexdesign.dynamics.stage_model import fields
 from tests.effects.bench import Array, reading, start, strengths
 
 NAMES = effects.names()

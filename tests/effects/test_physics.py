@@ -10,10 +10,10 @@ import pytest
 from scipy import signal
 
 from flexdesign import effects
-from flexdesign.dynamics import stage as stages
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.simulate import TOLERANCE, Loop, Stage, simulate
-from flexdesign.errors import InputError
-from flexdesign.stage_model import Driver, Mode
+from flexdesign.dynamics.stage_model import Driver, Mode
 from tests.effects.bench import BASE, COMMAND, PERIOD, RECORDED, TIME, Array, respond, start, strengths
 from tests.reference import effects as reference
 

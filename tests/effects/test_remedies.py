@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from flexdesign import effects, stage_model
-from flexdesign.errors import InputError
-from flexdesign.model import ACTUATORS, PIEZO
-from flexdesign.stage_model import ActuatorData, AxisModel
+from flexdesign import effects
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import ACTUATORS, PIEZO
+from flexdesign.dynamics import stage_model
+from flexdesign.dynamics.stage_model import ActuatorData, AxisModel
 
 #: Words that mean nothing to who has a motor, a coil or a circuit.
 OF_STACKS = re.compile(r"stack|charge amplifier|capacitance|monolithic|flexure|hinge|bridge|seat|piezo")

@@ -9,13 +9,13 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy.sparse as sp
 
-from flexdesign.fem import ports, statics
-from flexdesign.fem.elasticity import Elasticity
-from flexdesign.fem.ports import PortSpace
-from flexdesign.fem.statics import Checks
-from flexdesign.materials import Material
-from flexdesign.model import Linkage, Parameter, Quantity
-from flexdesign.part import Axis, Port, SymmetryPlane
+from flexdesign.core.model import Linkage, Parameter, Quantity
+from flexdesign.design.materials import Material
+from flexdesign.design.part import Axis, Port, SymmetryPlane
+from flexdesign.fem.solving import port_compliance, statics
+from flexdesign.fem.solving.elasticity import Elasticity
+from flexdesign.fem.solving.port_compliance import PortSpace
+from flexdesign.fem.solving.statics import Checks
 from studies.verification.solids import METAL, Array, Solid, at, lattice
 
 
@@ -37,9 +37,9 @@ def solve(solid: Solid) -> Solved:
     """Solve every class; the factors stay, for modes."""
     body = solid.body
     stiffness = body.stiffness()
-    space = ports.port_space(body, solid.domain, solid.ports)
+    space = port_compliance.port_space(body, solid.domain, solid.ports)
     found = Solved(solid, body, stiffness, space, np.zeros((space.size, space.size)))
-    for cls in ports.classes(solid.domain):
+    for cls in port_compliance.classes(solid.domain):
         system = statics.class_system(body, solid.domain, cls, stiffness, [solid.domain.ports["ground"]])
         share, checks, displacements, _ = statics.class_compliance(body, system, stiffness, space)
         found.matrix += share

@@ -11,12 +11,13 @@ from scipy.sparse.linalg import spsolve
 from skfem import Basis, BilinearForm, ElementTetP2, ElementVector
 from skfem.helpers import sym_grad
 
-from flexdesign import materials
-from flexdesign.fem import analysis, domain
-from flexdesign.fem.elasticity import Elasticity, stress_points
-from flexdesign.fem.mesh import mirrored
-from flexdesign.fem.solver import times
-from flexdesign.materials import Crystal, Material
+from flexdesign.design import materials
+from flexdesign.design.materials import Crystal, Material
+from flexdesign.fem import analysis
+from flexdesign.fem.meshing import domain
+from flexdesign.fem.meshing.mesh import mirrored
+from flexdesign.fem.solving.elasticity import Elasticity, stress_points
+from flexdesign.fem.solving.solver import times
 from studies.verification.solids import METAL, Array, Solid, lattice, tagged, welded
 from tests.fem.solids import RING_PATCHES, RING_PLANES, RING_PORTS, Bracket, full, relative, ring, solve
 

@@ -10,14 +10,14 @@ import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from flexdesign import design
-from flexdesign.assembly import Assembly, Body, Box, Element, Placement
-from flexdesign.fem import second_order
-from flexdesign.fem.assembled import AssembledStage
-from flexdesign.fem.corotated import CorotatedStage, NoEquilibrium, State
-from flexdesign.fem.load_path import stroke_path
-from flexdesign.fem.second_order import SecondOrder
-from flexdesign.fem.superelement import Superelement
+from flexdesign.design import design
+from flexdesign.design.assembly import Assembly, Body, Box, Element, Placement
+from flexdesign.fem.solving.load_path import stroke_path
+from flexdesign.fem.superelements import second_order
+from flexdesign.fem.superelements.assembled_stage import AssembledStage
+from flexdesign.fem.superelements.corotated import CorotatedStage, NoEquilibrium, State
+from flexdesign.fem.superelements.second_order import SecondOrder
+from flexdesign.fem.superelements.superelement import Superelement
 from studies.verification.large import elastica
 from studies.verification.solids import CORK
 from tests.conftest import FOUR_SIDED

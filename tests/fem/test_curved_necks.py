@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import part as parts
-from flexdesign import quantities, refinement, study
 from flexdesign.analytic import notch
-from flexdesign.cache import Cache
-from flexdesign.fem import domain, gate, profile, sizing
-from flexdesign.fem.mesh import MeshError
-from flexdesign.fem.sizing import Neck
-from flexdesign.model import Member, by_key
-from flexdesign.refinement import Level
+from flexdesign.core.model import Member, by_key
+from flexdesign.core.result_cache import Cache
+from flexdesign.design import part as parts
+from flexdesign.design import study
+from flexdesign.fem import mesh_refinement, quantities
+from flexdesign.fem.mesh_refinement import Level
+from flexdesign.fem.meshing import domain, profile, resolution_gate, sizing
+from flexdesign.fem.meshing.mesh import MeshError
+from flexdesign.fem.meshing.sizing import Neck
 from studies.error_bars import lever
 from studies.error_bars.bridge import Fineness
 from studies.error_bars.designs import PARTS
@@ -61,7 +62,7 @@ def extruded() -> tuple[Any, Any]:
     asked = study.read(str(PARTS / "notched_lever.toml"))
     part = asked.design.part()
     body = domain.of_part(part, chord=domain.chord(part))
-    return part, refinement.method_of(asked, part, body)
+    return part, mesh_refinement.method_of(asked, part, body)
 
 
 def test_meshes_of_a_notch_have_elements_across_the_neck_and_never_equally_many_layers(extruded: Any) -> None:
@@ -70,7 +71,7 @@ def test_meshes_of_a_notch_have_elements_across_the_neck_and_never_equally_many_
     across, layers = [], []
     for coarseness in (1.35**2, 1.35, 1.0):
         mesh = method.mesh(coarseness)
-        (check,) = gate.check(mesh, method.grading.domain, part.linkage().of_kind("hinge"))
+        (check,) = resolution_gate.check(mesh, method.grading.domain, part.linkage().of_kind("hinge"))
         across.append(check.across)
         layers.append(len(method.heights(coarseness)) - 1)
     assert across[0] > 3 and across == sorted(across)
@@ -83,15 +84,15 @@ def test_meshes_of_a_notch_have_elements_across_the_neck_and_never_equally_many_
 def test_a_neck_of_one_element_is_refused_though_it_is_as_thick_as_drawn() -> None:
     """Cells over the whole thickness, each as high as the others: one and two are refused, three and four pass."""
     for cells in (3, 4):
-        (found,) = gate.check(shaped_across(NOTCH, cells), EVERYWHERE, [NOTCH])
+        (found,) = resolution_gate.check(shaped_across(NOTCH, cells), EVERYWHERE, [NOTCH])
         assert found.resolved and found.across == pytest.approx(cells, rel=0.03)
     for cells in (1, 2):
-        assert gate.elements_across(shaped_across(NOTCH, cells), NOTCH) == pytest.approx(cells, rel=0.03)
+        assert resolution_gate.elements_across(shaped_across(NOTCH, cells), NOTCH) == pytest.approx(cells, rel=0.03)
     said = (
         r"^notch has 0\.98 elements across its curved neck of 0\.5 mm, 2\.5 at least are needed; reduce mesh\.at_root"
     )
     with pytest.raises(MeshError, match=said):
-        gate.check(shaped_across(NOTCH, 1), EVERYWHERE, [NOTCH])
+        resolution_gate.check(shaped_across(NOTCH, 1), EVERYWHERE, [NOTCH])
 
 
 def shaped_across(member: Member, cells: int) -> Any:
@@ -106,14 +107,14 @@ def shaped_across(member: Member, cells: int) -> Any:
 
 def test_nothing_is_asked_across_a_straight_leaf() -> None:
     flat = replace(LEAF, name="leaf")
-    assert gate.elements_across(shaped_across(flat, 1), flat) == math.inf
+    assert resolution_gate.elements_across(shaped_across(flat, 1), flat) == math.inf
 
 
 def test_a_notch_declared_as_fillets_is_judged_as_one() -> None:
     """Chords of 0.12 % are more than the 0.1 % of a flat leaf, of which such a notch has nothing."""
-    (as_fillets,) = gate.check(shaped(FILLETS, 40), EVERYWHERE, [FILLETS])
-    (as_notch,) = gate.check(shaped(NOTCH, 80), EVERYWHERE, [NOTCH])
-    assert as_fillets.limit == as_notch.limit == gate.CURVED_LIMIT
+    (as_fillets,) = resolution_gate.check(shaped(FILLETS, 40), EVERYWHERE, [FILLETS])
+    (as_notch,) = resolution_gate.check(shaped(NOTCH, 80), EVERYWHERE, [NOTCH])
+    assert as_fillets.limit == as_notch.limit == resolution_gate.CURVED_LIMIT
     assert as_fillets.deviation == pytest.approx(as_notch.deviation, rel=0.05)
 
 
@@ -127,8 +128,8 @@ def levels_of(folder: Path, *overrides: str) -> tuple[Any, Any, list[Level]]:
     asked = study.read(str(PARTS / f"{design}.toml"), ['mesh.accuracy="2 %"', *changes])
     part = asked.design.part()
     body = domain.of_part(part, material=asked.design.material, chord=domain.chord(part))
-    method = refinement.method_of(asked, part, body)
-    return asked, method, refinement.refined(
+    method = mesh_refinement.method_of(asked, part, body)
+    return asked, method, mesh_refinement.refined(
         asked, part, body, method, Cache(folder), lambda _: None, all_classes=False
     )  # fmt: skip
 
@@ -140,7 +141,7 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Any, list[Lev
 
 def gathered(found: tuple[Any, Any, list[Level]]) -> dict[str, Any]:
     asked, method, levels = found
-    return by_key(refinement.gathered(asked, levels, method.scatter))
+    return by_key(mesh_refinement.gathered(asked, levels, method.scatter))
 
 
 def assert_contains(found: dict[str, Any], part: Any, material: Any) -> None:

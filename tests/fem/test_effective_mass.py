@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import scipy.linalg as la
 
-from flexdesign.fem import modes
-from flexdesign.fem.effective_mass import moved_mass, of_mode
-from flexdesign.fem.ports import classes
+from flexdesign.fem.post_processing.effective_mass import moved_mass, of_mode
+from flexdesign.fem.solving import modes
+from flexdesign.fem.solving.port_compliance import classes
 from studies.verification.solids import CORK, Array, beam
 from tests.fem.solids import RING_PATCHES, Solved, full, ring, solve
 

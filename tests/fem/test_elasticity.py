@@ -10,9 +10,9 @@ from skfem import Basis, ElementTetP2, ElementVector, Functional, LinearForm
 from skfem.helpers import ddot, dot, sym_grad
 from skfem.models.elasticity import linear_elasticity
 
-from flexdesign.fem.elasticity import Elasticity, stress_points
-from flexdesign.fem.mesh import TaggedMesh
-from flexdesign.fem.solver import SuperLU, factorize, times
+from flexdesign.fem.meshing.mesh import TaggedMesh
+from flexdesign.fem.solving.elasticity import Elasticity, stress_points
+from flexdesign.fem.solving.solver import SuperLU, factorize, times
 from studies.verification.solids import METAL, Array, lattice, tagged
 from tests.fem.solids import full
 

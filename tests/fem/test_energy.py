@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from flexdesign.fem import energy
-from flexdesign.model import Member
+from flexdesign.core.model import Member
+from flexdesign.fem.post_processing import energy
 from studies.verification.solids import CORK, METAL, beam
 from tests.fem.solids import Solved, ring, solve
 

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import design, study
-from flexdesign.cache import Cache
-from flexdesign.errors import InputError
-from flexdesign.fem import domain, gate, methods, section
-from flexdesign.fem.domain import Domain
-from flexdesign.fem.extruded import Layers, drawn_out
-from flexdesign.fem.mesh import TaggedMesh, boundary, signed_volumes, tag
-from flexdesign.fem.methods import EXTRUDED_GRADING, Extruded, Grading
-from flexdesign.fem.planar import triangulate
-from flexdesign.part import examine
-from flexdesign.validation import validate
+from flexdesign.core.errors import InputError
+from flexdesign.core.result_cache import Cache
+from flexdesign.design import design, study
+from flexdesign.design.part import examine
+from flexdesign.fem.meshing import domain, methods, resolution_gate, section
+from flexdesign.fem.meshing.domain import Domain
+from flexdesign.fem.meshing.extruded import Layers, drawn_out
+from flexdesign.fem.meshing.mesh import TaggedMesh, boundary, signed_volumes, tag
+from flexdesign.fem.meshing.methods import EXTRUDED_GRADING, Extruded, Grading
+from flexdesign.fem.meshing.planar import triangulate
+from flexdesign.workflows.validation import validate
 from studies.verification.solids import Array
 from tests.fem.solids import Bracket
 
@@ -75,7 +75,7 @@ def test_tags_are_those_of_the_general_tagger(found: tuple[Any, Domain, TaggedMe
 
 def test_hinges_are_as_thick_as_drawn(found: tuple[Any, Domain, TaggedMesh]) -> None:
     part, body, mesh = found
-    checks = gate.check(mesh, body, part.linkage().of_kind("hinge"))
+    checks = resolution_gate.check(mesh, body, part.linkage().of_kind("hinge"))
     assert len(checks) == 4
     rounding = 1e-9 if part.fillet_radius == 0 else 2e-3
     assert max(abs(check.bending) for check in checks) < rounding

@@ -8,11 +8,11 @@ import math
 import numpy as np
 import pytest
 
-from flexdesign.fem import gate
-from flexdesign.fem.domain import Domain
-from flexdesign.fem.mesh import MeshError, TaggedMesh
-from flexdesign.model import Member
-from flexdesign.part import SymmetryPlane
+from flexdesign.core.model import Member
+from flexdesign.design.part import SymmetryPlane
+from flexdesign.fem.meshing import resolution_gate
+from flexdesign.fem.meshing.domain import Domain
+from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
 from studies.verification.solids import Array, lattice, tagged
 
 LENGTH, THICKNESS, WIDTH, ARM = 3e-3, 0.5e-3, 4e-3, 3e-3
@@ -58,7 +58,7 @@ def test_exact_leaf_passes_whichever_way_it_points(angle: float) -> None:
     mesh = moved(leaf(), turned(leaf().points, angle) + offset)
     ends = turned(np.array([LEAF.start, LEAF.end]), angle) + offset
     member = dataclasses.replace(LEAF, start=tuple(ends[0]), end=tuple(ends[1]))
-    (found,) = gate.check(mesh, EVERYWHERE, [member])
+    (found,) = resolution_gate.check(mesh, EVERYWHERE, [member])
     assert found.hinge is member and found.passed and found.limit == 1e-3
     assert found.deviation < ROUNDING
     assert abs(found.bending) < ROUNDING
@@ -71,14 +71,14 @@ def test_leaf_off_by_a_little(share: float, passes: bool) -> None:
     points = mesh.points.copy()
     points[on_top(mesh), 1] += share * THICKNESS
     if passes:
-        (found,) = gate.check(moved(mesh, points), EVERYWHERE, [LEAF])
+        (found,) = resolution_gate.check(moved(mesh, points), EVERYWHERE, [LEAF])
         assert found.deviation == pytest.approx(abs(share), rel=1e-6)
         assert 0.8 * share < found.bending < share  # nothing at the roots
     else:
         with pytest.raises(
             MeshError, match=rf"^hinge_1 is off its 0\.5 mm by 0\.{abs(share) * 1e3:.0f}\d* % \(limit 0\.1 %\)"
         ):
-            gate.check(moved(mesh, points), EVERYWHERE, [LEAF])
+            resolution_gate.check(moved(mesh, points), EVERYWHERE, [LEAF])
 
 
 def test_one_displaced_vertex_is_found() -> None:
@@ -87,7 +87,7 @@ def test_one_displaced_vertex_is_found() -> None:
     points = mesh.points.copy()
     points[np.flatnonzero(on_top(mesh))[0], 1] -= 0.01 * THICKNESS
     with pytest.raises(MeshError, match="hinge_1 is off"):
-        gate.check(moved(mesh, points), EVERYWHERE, [LEAF])
+        resolution_gate.check(moved(mesh, points), EVERYWHERE, [LEAF])
 
 
 def test_a_bow_of_both_surfaces_is_no_change_of_thickness() -> None:
@@ -95,7 +95,7 @@ def test_a_bow_of_both_surfaces_is_no_change_of_thickness() -> None:
     mesh = leaf()
     points = mesh.points.copy()
     points[np.abs(points[:, 0]) < LENGTH / 2 - 1e-9, 1] += 0.1 * THICKNESS
-    assert gate.check(moved(mesh, points), EVERYWHERE, [LEAF])[0].deviation < ROUNDING
+    assert resolution_gate.check(moved(mesh, points), EVERYWHERE, [LEAF])[0].deviation < ROUNDING
 
 
 @pytest.mark.parametrize("part", ["all of it", "one slice along", "half of the width", "a corner"])
@@ -110,7 +110,7 @@ def test_missing_leaf_is_found(part: str) -> None:
     elif part == "a corner":
         gone &= (z > WIDTH / 4) & (x > 0)
     with pytest.raises(MeshError, match=r"^hinge_1 is missing in the mesh"):
-        gate.check(without(mesh, gone), EVERYWHERE, [LEAF])
+        resolution_gate.check(without(mesh, gone), EVERYWHERE, [LEAF])
 
 
 def test_of_two_hinges_the_bad_one_is_named() -> None:
@@ -120,7 +120,7 @@ def test_of_two_hinges_the_bad_one_is_named() -> None:
     both = tagged(np.vstack([good.points, points]), np.vstack([good.tets, bad.tets + len(good.points)]), {})[0]
     second = dataclasses.replace(LEAF, name="hinge_2", start=(-LENGTH / 2, 10e-3, 0.0), end=(LENGTH / 2, 10e-3, 0.0))
     with pytest.raises(MeshError, match=r"^hinge_2 is off its 0\.5 mm by 1 %"):
-        gate.check(both, EVERYWHERE, [LEAF, second])
+        resolution_gate.check(both, EVERYWHERE, [LEAF, second])
 
 
 def test_a_leaf_close_by_is_not_taken_for_the_leaf() -> None:
@@ -137,7 +137,7 @@ def test_a_leaf_close_by_is_not_taken_for_the_leaf() -> None:
     second = dataclasses.replace(
         LEAF, start=(-LENGTH / 2, 4 / 3 * THICKNESS, 0), end=(LENGTH / 2, 4 / 3 * THICKNESS, 0)
     )
-    for found in gate.check(tagged(*lattice(x, y, z, inside), {})[0], EVERYWHERE, [LEAF, second]):
+    for found in resolution_gate.check(tagged(*lattice(x, y, z, inside), {})[0], EVERYWHERE, [LEAF, second]):
         assert found.deviation < ROUNDING
 
 
@@ -147,13 +147,13 @@ def test_hinges_cut_away_by_a_plane_are_not_sought() -> None:
     half = without(mesh, mesh.points[mesh.tets].mean(axis=1)[:, 2] < 0)
     gone = dataclasses.replace(LEAF, name="below", start=(-LENGTH / 2, 0.0, -9e-3), end=(LENGTH / 2, 0.0, -9e-3))
     domain = dataclasses.replace(EVERYWHERE, planes=(SymmetryPlane("z", {}),))
-    found = gate.check(half, domain, [LEAF, gone])
+    found = resolution_gate.check(half, domain, [LEAF, gone])
     assert [check.hinge.name for check in found] == ["hinge_1"]
 
 
 def test_coarse_leaf_is_measured_all_the_same() -> None:
     """Two elements along the leaf: all vertices of a facet may lie at its ends and middle."""
-    assert gate.check(leaf(along=2), EVERYWHERE, [LEAF])[0].deviation < ROUNDING
+    assert resolution_gate.check(leaf(along=2), EVERYWHERE, [LEAF])[0].deviation < ROUNDING
 
 
 # --- notches and fillets ------------------------------------------------------------------------------------------
@@ -194,7 +194,7 @@ def test_curved_hinge_with_vertices_on_the_drawing_passes(member: Member) -> Non
     In a half circle of 80 chords that is 0.019 % of R, 0.12 % of the neck on both sides, measured along the normal;
     across the leaf it is more where the outline is steep, but so is the thickness.
     """
-    (found,) = gate.check(shaped(member, 80), EVERYWHERE, [member])
+    (found,) = resolution_gate.check(shaped(member, 80), EVERYWHERE, [member])
     assert found.deviation < 1.2e-3
     assert 0 <= found.bending < 1.2e-3
 
@@ -206,11 +206,11 @@ def test_thickness_of_a_curved_hinge_is_measured_against_its_drawing(member: Mem
     The limit is 0.5 % for a notch and 0.1 % for the flat middle of a leaf with fillets, where there are no chords.
     """
     limit, chords = (5e-3, 1.2e-3) if math.isfinite(member.curvature_radius) else (1e-3, 1e-9)
-    (found,) = gate.check(shaped(member, 80, 0.6 * limit), EVERYWHERE, [member])
+    (found,) = resolution_gate.check(shaped(member, 80, 0.6 * limit), EVERYWHERE, [member])
     assert found.limit == limit
     assert found.deviation == pytest.approx(0.6 * limit, abs=chords)
     with pytest.raises(MeshError, match=rf"^{member.name} is off its 0\.5 mm by 0\.\d+ % \(limit {limit * 100:g} %\)"):
-        gate.check(shaped(member, 80, 1.4 * limit), EVERYWHERE, [member])
+        resolution_gate.check(shaped(member, 80, 1.4 * limit), EVERYWHERE, [member])
 
 
 def test_fillets_are_judged_by_what_bending_feels_of_them() -> None:
@@ -221,19 +221,19 @@ def test_fillets_are_judged_by_what_bending_feels_of_them() -> None:
     outline = np.interp(lines, corners, [FILLETED.thickness_at(s) for s in corners])
     drawn = np.array([FILLETED.thickness_at(s) for s in lines])
     expected = (np.mean(outline**-3.0) / np.mean(drawn**-3.0)) ** (-1 / 3) - 1
-    (found,) = gate.check(coarse, EVERYWHERE, [FILLETED])
+    (found,) = resolution_gate.check(coarse, EVERYWHERE, [FILLETED])
     assert found.bending == pytest.approx(expected, rel=1e-6)
     assert found.deviation < ROUNDING
     points = coarse.points.copy()
     points[np.abs(points[:, 0]) > LENGTH / 2 - 0.25e-3, 1] *= 1.3  # fillets 30 % too thick, the leaf untouched
     with pytest.raises(MeshError, match=r"^filleted is off its 0\.5 mm by [\d.]+ % in bending \(limit 0\.5 %\)"):
-        gate.check(moved(coarse, points), EVERYWHERE, [FILLETED])
+        resolution_gate.check(moved(coarse, points), EVERYWHERE, [FILLETED])
 
 
 def test_chords_across_a_notch_thicken_it_as_much_as_geometry_says() -> None:
     """At the gate's lines, every 0.049 of the length: the chord's height less the arc's, on either side."""
     radius = SHALLOW.curvature_radius
-    found = gate._measure(gate._around(shaped(SHALLOW, 8), EVERYWHERE, SHALLOW), SHALLOW)
+    found = resolution_gate._measure(resolution_gate._around(shaped(SHALLOW, 8), EVERYWHERE, SHALLOW), SHALLOW)
     corners = knots(SHALLOW, 8)
     lines = np.linspace(-0.49, 0.49, 21) * LENGTH
     rise = radius - np.sqrt(radius**2 - lines**2)

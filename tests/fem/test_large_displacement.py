@@ -10,10 +10,10 @@ import scipy.sparse as sp
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
-from flexdesign.fem import ports, statics
-from flexdesign.fem.elasticity import Elasticity
-from flexdesign.fem.large_displacement import LargeDisplacement
-from flexdesign.fem.load_path import load_path, stroke_path
+from flexdesign.fem.solving import port_compliance, statics
+from flexdesign.fem.solving.elasticity import Elasticity
+from flexdesign.fem.solving.large_displacement import LargeDisplacement
+from flexdesign.fem.solving.load_path import load_path, stroke_path
 from studies.verification import large
 from studies.verification.finding import failures
 from studies.verification.solids import CORK, METAL, beam, held_at_ground
@@ -110,7 +110,7 @@ def test_a_block_bears_no_more_than_its_material() -> None:
     """Pressed along x a bar without lateral contraction bears E A s (1 - s^2) / 2, 0.192 E A at most."""
     solid = beam(0.5e-3, 2e-3, 2e-3, (1, 2, 2), CORK)
     body = solid.body
-    load = -ports.port_space(body, solid.domain, solid.ports).loads["output"][:, [0]]
+    load = -port_compliance.port_space(body, solid.domain, solid.ports).loads["output"][:, [0]]
     strength = CORK.youngs_modulus * 4e-6
     (found,) = load_path(held_at_ground(solid), load, [0.15 * strength])
     tip = found.displacement.reshape(-1, 3)[np.isclose(body.positions[:, 0], 0.5e-3), 0]

@@ -10,13 +10,13 @@ import meshio
 import numpy as np
 import pytest
 
-from flexdesign import design
-from flexdesign.errors import InputError
-from flexdesign.fem import domain, mesh, sizing
-from flexdesign.fem.domain import Domain, Face
-from flexdesign.fem.elasticity import EDGES, Elasticity
-from flexdesign.fem.mesh import MeshError, TaggedMesh
-from flexdesign.part import SymmetryPlane
+from flexdesign.core.errors import InputError
+from flexdesign.design import design
+from flexdesign.design.part import SymmetryPlane
+from flexdesign.fem.meshing import domain, mesh, sizing
+from flexdesign.fem.meshing.domain import Domain, Face
+from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
+from flexdesign.fem.solving.elasticity import EDGES, Elasticity
 from studies.verification.solids import METAL, Array, lattice, tagged, welded
 from tests.fem.solids import Bracket, misplaced
 

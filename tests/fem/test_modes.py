@@ -13,12 +13,12 @@ import scipy.linalg as la
 from numpy.linalg import det
 from scipy.optimize import brentq
 
-from flexdesign.fem import modes
+from flexdesign.design.part import Port, SymmetryPlane
 from flexdesign.fem.analysis import ModeRecord
-from flexdesign.fem.modes import Mode
-from flexdesign.fem.statics import PortCompliance
-from flexdesign.part import Port, SymmetryPlane
-from flexdesign.quantities import drive_share
+from flexdesign.fem.quantities import drive_share
+from flexdesign.fem.solving import modes
+from flexdesign.fem.solving.modes import Mode
+from flexdesign.fem.solving.statics import PortCompliance
 from studies.verification.solids import CORK, METAL, Array, Solid, at, beam, lattice
 from tests.fem.solids import Solved, full, solve
 

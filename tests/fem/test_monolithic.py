@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign.assembly import Assembly, Body, Box, Element, Placement
-from flexdesign.fem import monolithic
-from flexdesign.fem.elasticity import Elasticity
-from flexdesign.fem.mesh import signed_volumes
-from flexdesign.fem.monolithic import MonolithicStage, WholePart, box_mesh, mirrored
-from flexdesign.fem.superelement import Superelement
+from flexdesign.design.assembly import Assembly, Body, Box, Element, Placement
+from flexdesign.fem.meshing.mesh import signed_volumes
+from flexdesign.fem.solving.elasticity import Elasticity
+from flexdesign.fem.superelements import monolithic
+from flexdesign.fem.superelements.monolithic import MonolithicStage, WholePart, box_mesh, mirrored
+from flexdesign.fem.superelements.superelement import Superelement
 from tests.fem.test_superelement import ALLOY, FRAME, TURNED, coarse, leaf, parallelogram
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexdesign.fem.extruded import drawn_out
-from flexdesign.fem.mesh import MeshError
-from flexdesign.fem.morphing import LEAST_QUALITY, Pattern, alike, moved
-from flexdesign.fem.planar import triangulate
-from flexdesign.fem.section import Curve, Section
+from flexdesign.fem.meshing.extruded import drawn_out
+from flexdesign.fem.meshing.mesh import MeshError
+from flexdesign.fem.meshing.morphing import LEAST_QUALITY, Pattern, alike, moved
+from flexdesign.fem.meshing.planar import triangulate
+from flexdesign.fem.meshing.section import Curve, Section
 from studies.verification.solids import Array
 
 CORNERS = np.array([(0, 0), (20, 0), (20, 8), (12, 8), (12, 3), (8, 3), (8, 8), (0, 8)]) * 1e-3

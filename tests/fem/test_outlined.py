@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import design
-from flexdesign import part as parts
-from flexdesign.errors import InputError
-from flexdesign.fem import domain, outlined
-from flexdesign.part import Outline, SymmetryPlane
+from flexdesign.core.errors import InputError
+from flexdesign.design import design
+from flexdesign.design import part as parts
+from flexdesign.design.part import Outline, SymmetryPlane
+from flexdesign.fem.meshing import domain, outlined
 from tests.fem.solids import Bracket
 
 BRACKET = [(-4, 0), (4, 0), (4, 9), (9, 9), (9, 13), (-9, 13), (-9, 9), (-4, 9)]

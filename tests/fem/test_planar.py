@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from flexdesign.fem.planar import PlanarError, Triangulation, triangulate
-from flexdesign.fem.section import Curve
+from flexdesign.fem.meshing.planar import PlanarError, Triangulation, triangulate
+from flexdesign.fem.meshing.section import Curve
 from studies.verification.solids import Array
 
 SIDE = 10e-3

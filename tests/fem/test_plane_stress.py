@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import design
-from flexdesign.fem import outlined
-from flexdesign.fem.planar import triangulate
-from flexdesign.fem.plane_stress import Plate, plane_stress
-from flexdesign.materials import Material
-from flexdesign.model import Linkage
-from flexdesign.multifidelity import Planar
-from flexdesign.part import Axis, Outline, Port, SymmetryPlane
+from flexdesign.core.model import Linkage
+from flexdesign.design import design
+from flexdesign.design.materials import Material
+from flexdesign.design.part import Axis, Outline, Port, SymmetryPlane
+from flexdesign.fem.meshing import outlined
+from flexdesign.fem.meshing.planar import triangulate
+from flexdesign.fem.multifidelity import Planar
+from flexdesign.fem.solving.plane_stress import Plate, plane_stress
 from studies.verification.solids import CORK, METAL
 
 LENGTH, HEIGHT, WIDTH = 60e-3, 2e-3, 7e-3

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexdesign.fem import domain, mesh, ports, sizing
-from flexdesign.fem.mesh import mirrored
-from flexdesign.fem.ports import SymmetryClass, parity
-from flexdesign.part import Port, SymmetryPlane
+from flexdesign.design.part import Port, SymmetryPlane
+from flexdesign.fem.meshing import domain, mesh, sizing
+from flexdesign.fem.meshing.mesh import mirrored
+from flexdesign.fem.solving import port_compliance
+from flexdesign.fem.solving.port_compliance import SymmetryClass, parity
 from studies.verification.solids import Array, Solid, at, beam, lattice, welded
 from tests.fem.solids import RING_PATCHES, RING_PLANES, RING_PORTS, Bracket, Solved, relative, ring, solve
 
@@ -38,7 +39,7 @@ def lopsided() -> tuple[Solid, Array]:
     cells = lattice(axis, axis, axis, lambda c: (c[:, 0] < 1e-3) | (c[:, 1] < 1e-3), wobble=1e-4)
     place = Port("output", "output", (1e-3, 0.5e-3, 3e-3), (0.0, 0.0, 1.0))
     solid = Solid.of(cells, {"output": at("z", 3e-3), "ground": at("z", 0.0)}, [place])
-    return solid, ports.port_space(solid.body, solid.domain, solid.ports).loads["output"]
+    return solid, port_compliance.port_space(solid.body, solid.domain, solid.ports).loads["output"]
 
 
 def test_unit_loads_have_unit_force_and_moment(lopsided: tuple[Solid, Array]) -> None:
@@ -88,7 +89,7 @@ def test_uniform_traction_on_quadratic_triangles_loads_edge_middles_alone() -> N
     place = Port("output", "output", (0.5e-3, 0.5e-3, 1e-3), (0.0, 0.0, 1.0))
     solid = Solid.of(lattice(axis, axis, axis), {"output": at("z", 1e-3)}, [place])
     body = solid.body
-    pull = ports.port_space(body, solid.domain, solid.ports).loads["output"].reshape(-1, 3, 6)[:, 2, 2]
+    pull = port_compliance.port_space(body, solid.domain, solid.ports).loads["output"].reshape(-1, 3, 6)[:, 2, 2]
     nodes = body.surface_nodes(body.mesh.on_face(solid.domain.ports["output"]))
     expected = np.zeros(len(pull))
     np.add.at(expected, nodes[:, 3:], 1 / 3 / len(nodes))
@@ -96,7 +97,7 @@ def test_uniform_traction_on_quadratic_triangles_loads_edge_middles_alone() -> N
 
 
 def test_ground_is_no_moving_port_and_rows_follow_the_order_of_ports() -> None:
-    space = ports.port_space(ring().body, ring().domain, RING_PORTS)
+    space = port_compliance.port_space(ring().body, ring().domain, RING_PORTS)
     assert [port.name for port in space.ports] == ["input_left", "input_right", "output"]
     assert space.kept == ("input_right", "output")
     assert space.size == 18 and space.rows("output") == slice(12, 18)
@@ -104,7 +105,7 @@ def test_ground_is_no_moving_port_and_rows_follow_the_order_of_ports() -> None:
 
 def test_extension_opens_the_gap_and_output_follows_its_normal() -> None:
     """Inner faces of the inputs: moved apart by 1 on the right and 2 on the left they have let in 3."""
-    space = ports.port_space(ring().body, ring().domain, RING_PORTS)
+    space = port_compliance.port_space(ring().body, ring().domain, RING_PORTS)
     motion = np.zeros(18)
     motion[space.rows("input_left")][:3] = (-2.0, 7.0, 7.0)
     motion[space.rows("input_right")][:3] = (1.0, 7.0, 7.0)
@@ -129,7 +130,7 @@ def test_parity_is_that_of_a_mirrored_rigid_motion(axis: int) -> None:
 
 
 def test_classes_of_two_planes() -> None:
-    found = ports.classes(ring().domain)
+    found = port_compliance.classes(ring().domain)
     assert [cls.signs for cls in found] == [(1, 1), (1, -1), (-1, 1), (-1, -1)]
     assert [cls.is_symmetric for cls in found] == [True, False, False, False]
     assert found[0].name == "even in x, even in z" and found[2].name == "odd in x, even in z"
@@ -294,4 +295,4 @@ def test_compliance_is_symmetric_and_positive(rings: tuple[Solved, Solved]) -> N
 
 
 def test_without_symmetry_there_is_one_class() -> None:
-    assert [cls.name for cls in ports.classes(beam(1.0, 0.1, 0.1, (2, 1, 1)).domain)] == ["whole part"]
+    assert [cls.name for cls in port_compliance.classes(beam(1.0, 0.1, 0.1, (2, 1, 1)).domain)] == ["whole part"]

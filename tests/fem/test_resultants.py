@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from flexdesign.fem import resultants
-from flexdesign.fem.resultants import Section
-from flexdesign.model import Member
-from flexdesign.part import SymmetryPlane
+from flexdesign.core.model import Member
+from flexdesign.design.part import SymmetryPlane
+from flexdesign.fem.post_processing import resultants
+from flexdesign.fem.post_processing.resultants import Section
 from studies.verification.solids import CORK, METAL, Array, Solid, beam
 from tests.fem.solids import Solved, solve
 

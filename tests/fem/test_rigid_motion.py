@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexdesign.fem import ports, rigid_motion
-from flexdesign.fem.rigid_motion import RigidMotion
-from flexdesign.fem.statics import PortCompliance
+from flexdesign.fem.solving import port_compliance, rigid_motion
+from flexdesign.fem.solving.rigid_motion import RigidMotion
+from flexdesign.fem.solving.statics import PortCompliance
 from studies.verification.solids import CORK, Solid, beam
 from tests.fem.solids import RING_PATCHES, ring, solve
 
@@ -25,7 +25,7 @@ def test_an_imposed_rigid_motion_is_found_at_the_port_and_at_the_sensor() -> Non
     body, point = solid.body, np.array(solid.ports[0].point)
     translation, rotation = np.array([3e-6, -2e-6, 5e-6]), np.array([1e-4, -3e-4, 2e-4])
     field = translation + np.cross(rotation, body.positions - point)
-    motion = ports.port_space(body, solid.domain, solid.ports).loads["output"].T @ field.ravel()
+    motion = port_compliance.port_space(body, solid.domain, solid.ports).loads["output"].T @ field.ravel()
     found = RigidMotion(motion[:3], motion[3:])
     np.testing.assert_allclose(found.translation, translation, rtol=1e-9)
     np.testing.assert_allclose(found.rotation, rotation, rtol=1e-9)

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from flexdesign import design
-from flexdesign.fem import domain, methods, superelement
-from flexdesign.fem.domain import Face
-from flexdesign.fem.large_displacement import LargeDisplacement
-from flexdesign.fem.second_order import SecondOrder, amplitudes, of
-from flexdesign.fem.superelement import Superelement
-from flexdesign.materials import Crystal, Material
-from flexdesign.part import Port, SymmetryPlane
+from flexdesign.design import design
+from flexdesign.design.materials import Crystal, Material
+from flexdesign.design.part import Port, SymmetryPlane
+from flexdesign.fem.meshing import domain, methods
+from flexdesign.fem.meshing.domain import Face
+from flexdesign.fem.solving.large_displacement import LargeDisplacement
+from flexdesign.fem.superelements import superelement
+from flexdesign.fem.superelements.second_order import SecondOrder, amplitudes, of
+from flexdesign.fem.superelements.superelement import Superelement
 from studies.verification.solids import CORK, METAL, Solid, at, beam, lattice
 from tests.fem.test_superelement import ALLOY, coarse, leaf
 

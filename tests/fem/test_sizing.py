@@ -9,10 +9,10 @@ import pytest
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import ConvexHull
 
-from flexdesign import design
-from flexdesign.fem import domain, sizing
-from flexdesign.fem.mesh import signed_volumes
-from flexdesign.fem.sizing import Sizing
+from flexdesign.design import design
+from flexdesign.fem.meshing import domain, sizing
+from flexdesign.fem.meshing.mesh import signed_volumes
+from flexdesign.fem.meshing.sizing import Sizing
 from studies.verification.solids import lattice
 
 ROOTS = np.array([[[0.0, 0.0, -2e-3], [0.0, 0.0, 3e-3]], [[5e-3, 1e-3, 0.0], [6e-3, 4e-3, 2e-3]]])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from flexdesign.fem import solver
-from flexdesign.fem.solver import NotEnoughMemory, NotPositiveDefinite, Pardiso, SuperLU
+from flexdesign.fem.solving import solver
+from flexdesign.fem.solving.solver import NotEnoughMemory, NotPositiveDefinite, Pardiso, SuperLU
 
 
 def laplacian(n: int) -> sp.csr_matrix:

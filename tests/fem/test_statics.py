@@ -9,9 +9,9 @@ import pytest
 import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
-from flexdesign.fem import ports, statics
-from flexdesign.fem.statics import Checks, PortCompliance
-from flexdesign.part import Port
+from flexdesign.design.part import Port
+from flexdesign.fem.solving import port_compliance, statics
+from flexdesign.fem.solving.statics import Checks, PortCompliance
 from studies.verification.solids import CORK, METAL, Solid, at, beam, lattice
 from tests.fem.solids import RING_PATCHES, Solved, full, ring, solve
 
@@ -260,8 +260,8 @@ def test_motions_of_a_cut_port_by_class() -> None:
     For the output: y is even in both; x and rz odd in x alone; z and rx odd in z alone; ry odd in both.
     """
     solid = ring()
-    space = ports.port_space(solid.body, solid.domain, solid.ports)
-    for cls in ports.classes(solid.domain):
+    space = port_compliance.port_space(solid.body, solid.domain, solid.ports)
+    for cls in port_compliance.classes(solid.domain):
         fitting = np.any(space.projection(cls) != 0, axis=1)
         expected = {(1, 1): {1}, (-1, 1): {0, 5}, (1, -1): {2, 3}, (-1, -1): {4}}[cls.signs]
         assert set(np.flatnonzero(fitting[6:])) == expected

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from flexdesign.fem import stress
-from flexdesign.fem.elasticity import Elasticity
-from flexdesign.fem.solver import factorize, times
-from flexdesign.model import Member
+from flexdesign.core.model import Member
+from flexdesign.fem.post_processing import stress
+from flexdesign.fem.solving.elasticity import Elasticity
+from flexdesign.fem.solving.solver import factorize, times
 from studies.verification.solids import CORK, METAL, Array, beam, lattice, tagged
 from tests.fem.solids import solve
 

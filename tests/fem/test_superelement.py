@@ -9,16 +9,18 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from flexdesign import design, part
-from flexdesign.assembly import Assembly, Body, Box, Element, Placement
-from flexdesign.errors import InputError
-from flexdesign.fem import analysis, domain, methods, superelement
+from flexdesign.core.errors import InputError
+from flexdesign.design import design, part
+from flexdesign.design.assembly import Assembly, Body, Box, Element, Placement
+from flexdesign.design.materials import Material
+from flexdesign.design.part import Port
+from flexdesign.fem import analysis
 from flexdesign.fem.analysis import Solution
-from flexdesign.fem.assembled import AssembledStage
-from flexdesign.fem.port_shapes import PortShapes, rigid_motions
-from flexdesign.fem.superelement import Superelement
-from flexdesign.materials import Material
-from flexdesign.part import Port
+from flexdesign.fem.meshing import domain, methods
+from flexdesign.fem.solving.port_shapes import PortShapes, rigid_motions
+from flexdesign.fem.superelements import superelement
+from flexdesign.fem.superelements.assembled_stage import AssembledStage
+from flexdesign.fem.superelements.superelement import Superelement
 
 ALLOY = Material("alloy", 45e9, 0.35, 1770.0, None)
 GEOMETRY = Path(__file__).parents[2] / "geometry"

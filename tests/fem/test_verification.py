@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexdesign.fem import loads, ports
+from flexdesign.fem.solving import loads, port_compliance
 from studies.verification import __main__ as command
 from studies.verification import beams, elements, finding, hinges, large, nafems, report
 from studies.verification.finding import Finding, around, failures
@@ -148,7 +148,7 @@ def test_linear_traction_is_the_moment_of_a_port() -> None:
     """Two ways to the same nodal forces: a port's unit moment about z, and the stress -y / I of beam theory."""
     solid = beam(10e-3, 2e-3, 3e-3, (4, 3, 3), METAL, wobble=1e-4)
     body = solid.body
-    unit = ports.port_space(body, solid.domain, solid.ports).loads["output"][:, 5]
+    unit = port_compliance.port_space(body, solid.domain, solid.ports).loads["output"][:, 5]
     inertia = 3e-3 * 2e-3**3 / 12
     facets = body.mesh.on_face(solid.domain.ports["output"])
     found = loads.traction(body, facets, lambda x: x[..., [1]] / inertia * np.array([-1.0, 0.0, 0.0]))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from flexdesign.hinges import beam
-from flexdesign.model import Elastic, Member
+from flexdesign.core.model import Elastic, Member
+from flexdesign.effects.hinge_compliance import beam
 
 ELASTIC = Elastic(70e9, 0.33)
 W, T, L = 10e-3, 0.5e-3, 3e-3

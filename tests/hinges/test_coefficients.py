@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexdesign.hinges import roots, width
-from flexdesign.model import Elastic, Member, Root
+from flexdesign.core.model import Elastic, Member, Root
+from flexdesign.effects.hinge_compliance import roots, width
 from studies.hinge_coefficients import planar, plate
 
 

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from flexdesign.model import Adjust, Block, Effect, Linkage, Member, Parameter, Quantity, Socket
+from flexdesign.core.model import Adjust, Block, Effect, Linkage, Member, Parameter, Quantity, Socket
 
 # --- quantities ---------------------------------------------------------------------------------------------------
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from flexdesign import design
-from flexdesign.design import Design
-from flexdesign.errors import InputError
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Quantity
+from flexdesign.design import design
+from flexdesign.design.design import Design
+from flexdesign.design.study import MeshSettings
 from flexdesign.fem import analysis
-from flexdesign.model import Quantity
-from flexdesign.multifidelity import Correction, Planar, extrusion
-from flexdesign.quantities import of_compliance
-from flexdesign.study import MeshSettings
+from flexdesign.fem.multifidelity import Correction, Planar, extrusion
+from flexdesign.fem.quantities import of_compliance
 
 MIDDLE = design.read(design.find("lin2019_amplifier_xy"))
 VARIED = ("hinge_thickness", "arm_span", "width")

@@ -8,17 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flexdesign import design, refinement
-from flexdesign.design import Design
-from flexdesign.errors import InputError
-from flexdesign.fem import analysis, convergence, gate
-from flexdesign.fem.elasticity import Elasticity
-from flexdesign.model import Quantity
-from flexdesign.multifidelity import FastSolid, Planar, extrusion, solid
-from flexdesign.multifidelity.further import Further
-from flexdesign.part import Outline
-from flexdesign.quantities import of_compliance
-from flexdesign.study import MeshSettings
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Quantity
+from flexdesign.design import design
+from flexdesign.design.design import Design
+from flexdesign.design.part import Outline
+from flexdesign.design.study import MeshSettings
+from flexdesign.fem import analysis, convergence, mesh_refinement
+from flexdesign.fem.meshing import resolution_gate
+from flexdesign.fem.multifidelity import FastSolid, Planar, extrusion, solid
+from flexdesign.fem.multifidelity.further import Further
+from flexdesign.fem.quantities import of_compliance
+from flexdesign.fem.solving.elasticity import Elasticity
 
 MIDDLE = design.read(design.find("lin2019_amplifier_xy"))
 #: Coarser than the engine's own, to be quick; the truths are found on the same.
@@ -43,7 +44,7 @@ def full(given: Design) -> dict[str, Quantity]:
         solution = analysis.solve(part, given.material, body, mesh, all_classes=False)
         found.append({q.key: q for q in of_compliance(solution.compliance, given.actuator)})
     sizes = [method.finest_edge(coarseness) for coarseness in ANCHORING]
-    return {q.key: q for q in refinement.limits(found, sizes, method.scatter)}
+    return {q.key: q for q in mesh_refinement.limits(found, sizes, method.scatter)}
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +86,7 @@ def test_moved_bodies_have_the_stiffness_of_new_ones(fast: FastSolid) -> None:
     coarse = fast.families[0].meshes[0]
     moved = coarse.numbers(NEIGHBOUR, part, body, method)
     mesh = coarse.morphed(method)
-    checked = gate.check(mesh, body, part.linkage().of_kind("hinge"))
+    checked = resolution_gate.check(mesh, body, part.linkage().of_kind("hinge"))
     assert len(checked) == 4 and max(abs(each.deviation) for each in checked) < 1e-9
     new = analysis.solve(part, NEIGHBOUR.material, body, mesh, all_classes=False).compliance
     assert moved == pytest.approx(solid.three(new), rel=1e-9)

@@ -94,7 +94,7 @@ def record(name: str, refinement: int, after: Reference, before: Reference) -> s
 
 def main() -> None:
     """Solve both designs until converged, and write the record."""
-    from flexdesign import design
+    from flexdesign.design import design
 
     tables = []
     for name in DESIGNS:

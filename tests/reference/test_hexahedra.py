@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import design
+from flexdesign.design import design
 from studies.error_bars import bridge
 from studies.error_bars.bridge import Fineness, Reference
 from studies.error_bars.hexahedra import Array, Body, Plan, between, graded, sheared, with_middles

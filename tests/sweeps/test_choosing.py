@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexdesign.errors import InputError
-from flexdesign.model import Quantity
-from flexdesign.sweeps import choosing
-from flexdesign.sweeps.answers import Answers
-from flexdesign.sweeps.choosing import Aim, Limit
-from flexdesign.sweeps.sampling import Factor, cases
-from flexdesign.sweeps.store import Store
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Quantity
+from flexdesign.workflows.sweeps import choosing
+from flexdesign.workflows.sweeps.answers import Answers
+from flexdesign.workflows.sweeps.choosing import Aim, Limit
+from flexdesign.workflows.sweeps.sampling import Factor, cases
+from flexdesign.workflows.sweeps.store import Store
 
 WIDTH = Factor("dimensions.width", (0.01, 0.02, 0.04), (0.01, 0.04), True, "m", "mm")
 METAL = Factor("material", ("AZ31B", "Ti-6Al-4V"))

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexdesign import design as designs
-from flexdesign.design import Design
-from flexdesign.report import design_pictures, pictures
+from flexdesign.design import design as designs
+from flexdesign.design.design import Design
+from flexdesign.report import pictures
 from flexdesign.report.pictures import NoPictures
+from flexdesign.report.validation import design_pictures
 
 SHARP = ("dimensions.fillet_radius=0 mm",)
 ROUNDED = ("dimensions.fillet_radius=0.2 mm",)

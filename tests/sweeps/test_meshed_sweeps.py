@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexdesign import sweeps
-from flexdesign.sweeps.store import Store
+from flexdesign.workflows import sweeps
+from flexdesign.workflows.sweeps.store import Store
 
 ROOT = Path(__file__).parents[2]
 STUDY = f"""format = 1

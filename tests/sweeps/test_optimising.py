@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign import design, sweeps
-from flexdesign.design import Design
-from flexdesign.errors import InputError
-from flexdesign.model import Quantity
-from flexdesign.sweeps import evaluators, optimising
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Quantity
+from flexdesign.design import design
+from flexdesign.design.design import Design
+from flexdesign.workflows import sweeps
+from flexdesign.workflows.sweeps import evaluators, optimising
 from tests.conftest import FOUR_SIDED, Ended
 
 ROOT = Path(__file__).parents[2]

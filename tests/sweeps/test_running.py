@@ -16,14 +16,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexdesign import design, static_tables, sweeps
-from flexdesign.analytic import stage_compliance
+from flexdesign.analytic import stage_compliance, static_model
 from flexdesign.analytic.stage_compliance import StageCompliance
-from flexdesign.assembly import Element
-from flexdesign.cache import Cache
-from flexdesign.errors import InputError
-from flexdesign.sweeps import running
-from flexdesign.sweeps.store import STAGE, Store
+from flexdesign.core.errors import InputError
+from flexdesign.core.result_cache import Cache
+from flexdesign.design import design
+from flexdesign.design.assembly import Element
+from flexdesign.workflows import sweeps
+from flexdesign.workflows.sweeps import running
+from flexdesign.workflows.sweeps.store import STAGE, Store
 
 ROOT = Path(__file__).parents[2]
 CASES = 400
@@ -295,7 +296,7 @@ def test_effects_of_a_design_vary(tmp_path: Path) -> None:
     found = sweeps.run(sweeps.read(path), Store(tmp_path / "out"), jobs=1).answers
     drawn = ROOT / "geometry" / "lin2019_amplifier_xy.toml"
     for place, thinner in enumerate(("0 um", "20 um")):
-        alone = static_tables.of_design(design.read(drawn, [f"effects.over_cut.thinner={thinner}"]))
+        alone = static_model.of_design(design.read(drawn, [f"effects.over_cut.thinner={thinner}"]))
         for key, quantity in alone.compliance({}).quantities().items():
             assert found.column(key)[place] == pytest.approx(quantity.value, rel=1e-12)
     assert found.column("K_in_output_free")[1] < 0.96 * found.column("K_in_output_free")[0]  # t^2.5, and t is 0.5 mm

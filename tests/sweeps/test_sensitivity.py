@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("SALib")
 
-from flexdesign.sweeps import sensitivity
+from flexdesign.workflows.sweeps import sensitivity
 
 
 def test_indices_of_ishigamis_function_are_those_of_its_closed_form() -> None:

@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexdesign import experiments, simulation, stage_model, study, sweeps
-from flexdesign.cache import Cache
-from flexdesign.errors import InputError
-from flexdesign.sweeps import Sweep
-from flexdesign.sweeps.store import Store
-from flexdesign.validation import validate
+from flexdesign.core.errors import InputError
+from flexdesign.core.result_cache import Cache
+from flexdesign.design import study
+from flexdesign.dynamics import experiments, stage_model
+from flexdesign.dynamics.experiments import simulation
+from flexdesign.workflows import sweeps
+from flexdesign.workflows.sweeps import Sweep
+from flexdesign.workflows.sweeps.store import Store
+from flexdesign.workflows.validation import validate
 
 STAGE = """format = 1
 [axis.x]

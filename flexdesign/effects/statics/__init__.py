@@ -15,8 +15,8 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import cast
 
+from flexdesign.core.model import Effect
 from flexdesign.effects import _finding
-from flexdesign.model import Effect
 
 #: What a drawing tells is there, in full strength: nothing has to be measured for it.
 BY_DRAWING = (

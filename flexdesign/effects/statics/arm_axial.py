@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexdesign.hinges import beam
-from flexdesign.model import Effect, Elastic, Member, Parameter, Term
-from flexdesign.model.effect import Floats, Values
+from flexdesign.core.model import Effect, Elastic, Member, Parameter, Term
+from flexdesign.core.model.effect import Floats, Values
+from flexdesign.effects.hinge_compliance import beam
 
 
 def compliance(member: Member, elastic: Elastic, values: Values) -> Floats:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from flexdesign.model import Effect, Member, Parameter, Reshape
-from flexdesign.model.effect import Values
+from flexdesign.core.model import Effect, Member, Parameter, Reshape
+from flexdesign.core.model.effect import Values
 
 
 def shape(member: Member, values: Values) -> Member:

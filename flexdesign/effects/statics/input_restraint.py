@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from flexdesign.model import Adjust, Effect, Parameter
-from flexdesign.model.effect import Values
+from flexdesign.core.model import Adjust, Effect, Parameter
+from flexdesign.core.model.effect import Values
 
 
 def apply(base: Values, values: Values) -> dict[str, float]:

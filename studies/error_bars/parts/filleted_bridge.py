@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from flexdesign import part
+from flexdesign.design import part
 
 Point = tuple[float, float]
 Straight = part.load("bridge_amplifier")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
-from flexdesign import part
+from flexdesign.design import part
 
 Circular = part.load("notched_lever", Path(__file__).parent)
 

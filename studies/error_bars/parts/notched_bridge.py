@@ -6,9 +6,9 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from flexdesign import part
-from flexdesign.errors import InputError
-from flexdesign.model import Linkage
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Linkage
+from flexdesign.design import part
 
 Filleted = part.load("filleted_bridge", Path(__file__).parent)
 

@@ -21,10 +21,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from flexdesign.analytic import notch
-from flexdesign.errors import InputError
-from flexdesign.materials import Material
-from flexdesign.model import Linkage, Member, Parameter, Quantity
-from flexdesign.part import Axis, Port, SymmetryPlane
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Linkage, Member, Parameter, Quantity
+from flexdesign.design.materials import Material
+from flexdesign.design.part import Axis, Port, SymmetryPlane
 
 
 def _length(name: str, meaning: str, smallest: float, largest: float) -> Parameter:

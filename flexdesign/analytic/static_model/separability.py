@@ -1,0 +1,54 @@
+"""Measurements that tell models of static tables apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from flexdesign.analytic.static_model.model import StaticModel
+from flexdesign.analytic.static_model.uncertainty import UNSAID
+from flexdesign.core.errors import InputError
+from flexdesign.measurements.static_table import Row, StaticTable, measurable
+
+#: By how much a dimension is changed to tell models apart.
+CHANGED = (0.7, 1.4)
+
+
+class Telling(NamedTuple):
+    """A measurement that would tell models apart, and what each expects of it, in the row's unit."""
+
+    row: Row
+    expected: tuple[float, ...]
+
+    @property
+    def apart(self) -> float:
+        """How far the models are apart, relative."""
+        return (max(self.expected) - min(self.expected)) / abs(float(np.mean(self.expected)))
+
+
+def tellings(models: Sequence[StaticModel], table: StaticTable, most: int = 3) -> tuple[Telling, ...]:
+    """Return measurements that no table holds yet on which models of a design differ, the best first.
+
+    They are of the part itself, and of parts with one dimension changed. A difference smaller than the uncertainty that
+    is taken for a measurement tells nothing.
+    """
+    design = models[0].design
+    done = {(row.key, row.part) for row in table.rows}
+    lengths = {p.name for p in design.part_class.dimensions if p.si == "m"}
+    variants: list[dict[str, float]] = [{}]
+    for name, drawn in design.dimensions.items():
+        variants += [{name: float(f"{by * drawn:.3g}")} for by in CHANGED if drawn > 0 and name in lengths]
+    found = []
+    for dimensions in variants:
+        asked = [Row(quantity, boundary, 1.0, None, "", dimensions) for quantity, boundary in measurable(design)]
+        rows = tuple(row for row in asked if (row.key, row.part) not in done)
+        try:
+            expected = np.array([model.predict(StaticTable("", rows)) for model in models])
+        except InputError:  # cannot be built
+            continue
+        finite = zip(rows, expected.T, np.isfinite(expected).all(axis=0), strict=True)
+        found += [Telling(row, tuple(map(float, column))) for row, column, is_finite in finite if is_finite]
+    found.sort(key=lambda telling: (-round(telling.apart, 2), len(telling.row.dimensions)))
+    return tuple(telling for telling in found[:most] if telling.apart > UNSAID)

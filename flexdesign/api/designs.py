@@ -1,0 +1,154 @@
+"""Designs from Python: read one, validate it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from flexdesign.api.changing import overrides
+from flexdesign.api.result import Result
+from flexdesign.core.result_cache import Cache, default_folder
+from flexdesign.design import design as designs
+from flexdesign.design import study as studies
+from flexdesign.design.design import Design
+from flexdesign.design.study import Study
+from flexdesign.dynamics.stage_model import to_toml
+from flexdesign.measurements.static_table import to_csv
+from flexdesign.report.validation import stage_report, validation_report
+from flexdesign.workflows import validation
+from flexdesign.workflows.validation import Validation
+from flexdesign.workflows.validation.validate_stage import StageValidation, validate_stage
+
+Progress = Callable[[str], None]
+#: Short names of quantities, besides the keys that a report uses.
+SHORT = {
+    "K_in": "K_in_output_free",
+    "amplification": "lambda_output_free",
+    "K_out": "K_out_input_free",
+    "K_out_held": "K_out_input_held",
+}
+
+
+def read_design(name: str | Path, changes: Sequence[str] = (), **tables: Any) -> Design:
+    """Read a design.
+
+    Parameters
+    ----------
+    name
+        A path, or the bare name of a design in geometry/.
+    changes
+        ``key=value``, as `--set` takes them.
+    tables
+        The same as nested tables: ``dimensions={"hinge_thickness": "0.4 mm"}``, ``material="Ti-6Al-4V"``.
+
+    Raises
+    ------
+    InputError
+        If anything in it cannot be used.
+    """
+    return designs.read(designs.find(name), overrides(changes, tables))
+
+
+def read_study(design: str | Path | Design | Study, changes: Sequence[str] = (), **tables: Any) -> Study:
+    """Return how a design is studied: meshes, modes, output.
+
+    Parameters
+    ----------
+    design
+        A design, or the path or bare name of a design or study.
+    changes, tables
+        What differs from the defaults, as `read_design` takes them: ``mesh={"levels": 2}``.
+
+    Raises
+    ------
+    InputError
+        If anything cannot be used.
+    """
+    given = overrides(changes, tables)
+    if isinstance(design, Design):
+        return studies.of_design(design, given)
+    return design if isinstance(design, Study) else studies.read(design, given)
+
+
+def validate(
+    design: str | Path | Design | Study,
+    changes: Sequence[str] = (),
+    *,
+    cache: str | Path | None = None,
+    progress: Progress = lambda _: None,
+    **tables: Any,
+) -> Result[Validation] | Result[StageValidation]:
+    """Solve a design with finite elements, beside the formulas: Table 1, modes, stress, coupling.
+
+    Parameters
+    ----------
+    design
+        A design, or the path or bare name of a design or study.
+    changes, tables
+        What differs, as `read_design` takes them: ``mesh={"levels": 2}``.
+    cache
+        Folder of meshes and solutions; default that of the command line.
+    progress
+        Is told what is going on.
+
+    Returns
+    -------
+    Result
+        ``result["K_in"]`` is a `Quantity`; ``result.stage_model`` what dynamics needs.
+
+    Raises
+    ------
+    InputError
+        If anything cannot be used or built.
+    """
+    study = read_study(design, changes, **tables)
+    store = Cache(Path(cache) if cache else default_folder())
+    store.prepare()
+    return _of_stage(study, store, progress) if study.design.is_stage else _of_part(study, store, progress)
+
+
+def _of_part(study: Study, store: Cache, progress: Progress) -> Result[Validation]:
+    found = validation.validate(study, store, progress)
+    quantities = {q.key: q for q in [*(c.fem for c in found.comparisons), *found.further]}
+    return Result(
+        found,
+        validation_report.document(found, progress),
+        validation_report.brief_table_1(found),
+        partial(validation_report.result, found),
+        partial(_files, found, []),
+        quantities | {short: quantities[key] for short, key in SHORT.items() if key in quantities},
+        partial(_rows, found),
+        validation_report.closing(found),
+        is_table_first=True,
+    )
+
+
+def _of_stage(study: Study, store: Cache, progress: Progress) -> Result[StageValidation]:
+    found = validate_stage(study, store, progress)
+    return Result(
+        found,
+        stage_report.document(found, progress),
+        stage_report.brief_table_1(found),
+        partial(stage_report.result, found),
+        partial(_files, found, found.further),
+        {q.key: q for q in [*(c.fem for c in found.comparisons), *found.further]},
+        partial(_rows, found),
+    )
+
+
+def _rows(found: Validation | StageValidation) -> list[dict[str, Any]]:
+    """Return Table 1 in numbers: FEM, its error estimate and every model, SI."""
+    return [
+        {"quantity": c.fem.key, "boundary": c.fem.boundary, "unit": c.fem.si, "FEM": c.fem.value, "error": c.fem.sigma}
+        | {model: quantity.value for model, quantity in c.analytic.items()}
+        for c in found.comparisons
+    ]
+
+
+def _files(found: Validation | StageValidation, further: Sequence[Any], folder: Path) -> dict[str, str | bytes]:
+    """Return the stage model, and FEM's quantities as a static table, which `compare` and `diagnose` take."""
+    quantities = [*(comparison.fem for comparison in found.comparisons), *further]
+    model = {"stage_model.toml": to_toml(found.stage_model, folder)} if found.stage_model else {}
+    return {**model, "fem.csv": to_csv(quantities, found.study.design)}

@@ -1,0 +1,303 @@
+"""Measurements from Python: read recordings, compare, identify, diagnose, add an effect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from flexdesign.api import static_tables
+from flexdesign.api.models import read_model
+from flexdesign.api.result import Result
+from flexdesign.design.design import Design
+from flexdesign.diagnosis import Diagnosis, discriminating_experiments, initialised_comparison
+from flexdesign.diagnosis import add_effect as additions
+from flexdesign.diagnosis import diagnose as find_missing
+from flexdesign.diagnosis import identify as identification
+from flexdesign.diagnosis.add_effect import Added
+from flexdesign.diagnosis.comparison import Comparison
+from flexdesign.diagnosis.comparison.static_table import TableComparison
+from flexdesign.diagnosis.identify import Identification
+from flexdesign.diagnosis.progress import Progress as Steps
+from flexdesign.diagnosis.static_tables.diagnose import TableDiagnosis
+from flexdesign.dynamics.stage_model import StageModel, to_toml
+from flexdesign.measurements import recordings as reading
+from flexdesign.measurements.recordings import FrequencyResponse, Run
+from flexdesign.report.diagnosis import (
+    addition_report,
+    comparison_report,
+    diagnosis_report,
+    diagnosis_result,
+    identification_report,
+)
+
+Progress = Callable[[str], None]
+#: Recordings: files or folders, or what `read_recordings` returned.
+Recordings = str | Path | Iterable[str | Path | Run | FrequencyResponse]
+
+
+def read_recordings(paths: Recordings) -> tuple[Run | FrequencyResponse, ...]:
+    """Read recorded runs and frequency responses.
+
+    Parameters
+    ----------
+    paths
+        CSV files, or folders of them with a measurements.toml; recordings in memory are passed on.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used.
+    """
+    given = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    ready = [each for each in given if isinstance(each, (Run, FrequencyResponse))]
+    files = [each for each in given if isinstance(each, (str, Path))]
+    return (*ready, *(reading.read_recordings(files) if files or not ready else ()))
+
+
+def compare(
+    model: str | Path | StageModel | Design,
+    recordings: Recordings,
+    changes: Sequence[str] = (),
+    *,
+    axis: str | None = None,
+    noise: str | None = None,
+    progress: Progress = lambda _: None,
+) -> Result[Comparison] | Result[TableComparison]:
+    """Compare a model with measurements: by how much it fails, and where.
+
+    Parameters
+    ----------
+    model
+        A stage model, or a design for static tables; its path or bare name.
+    recordings
+        Recordings, or CSV files of static tables.
+    changes
+        ``key=value`` of the model, as `--set` takes them.
+    axis
+        Which axis, where several could be meant.
+    noise
+        Standard deviation of the noise, ``"3 nm"``; estimated without it.
+    progress
+        Is told what is going on.
+
+    Raises
+    ------
+    InputError
+        If anything cannot be used.
+    """
+    if static_tables.is_design(model):
+        static_tables.refuse({"--axis": axis, "--noise": noise})
+        return static_tables.compare(model, recordings, changes)
+    stage, runs = read_model(_stage(model), changes), read_recordings(recordings)
+    stated = additions.size(stage, runs, axis, "--noise", noise)
+    found = initialised_comparison.compare(stage, runs, axis=axis, noise=stated, progress=progress)
+    return Result(
+        found,
+        comparison_report.document(found),
+        comparison_report.errors(found),
+        partial(comparison_report.result, found),
+        numbers={run.name: run.rms for run in found.runs},
+    )
+
+
+def identify(
+    model: str | Path | StageModel,
+    recordings: Recordings,
+    changes: Sequence[str] = (),
+    *,
+    axis: str | None = None,
+    free: Sequence[str] | None = None,
+    progress: Progress = lambda _: None,
+) -> Result[Identification]:
+    """Fit the free numbers of a stage model to recorded runs, and say what the runs leave open.
+
+    Parameters
+    ----------
+    model
+        A stage model, its path or bare name.
+    recordings
+        Runs in time.
+    changes
+        ``key=value`` of the model.
+    axis
+        Which axis, where several could be meant.
+    free
+        What is fitted; None for gain, damping ratio, natural frequency and hysteresis.
+    progress
+        Is told what is going on.
+
+    Raises
+    ------
+    InputError
+        If anything cannot be used.
+    """
+    stage = read_model(model, changes)
+    runs = [*reading.read_runs(_paths(recordings)), *_in_memory(recordings)]
+    found = identification.identify(stage, runs, axis=axis, free=free, progress=progress)
+    return Result(
+        found,
+        identification_report.document(found),
+        identification_report.estimates(found),
+        partial(identification_report.result, found),
+        lambda folder: {"stage_model.toml": to_toml(found.model, folder)},
+        {estimate.name: estimate for estimate in found.estimates},
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DiagnosisResult(Result[Diagnosis]):
+    """The result of a diagnosis; `model` is the better stage model, with what is now known of its numbers.
+
+    Parameters
+    ----------
+    better
+        That model.
+    """
+
+    better: StageModel | None = None
+
+    @property
+    def model(self) -> StageModel:
+        """The better stage model."""
+        return self.better or self.found.model
+
+
+def diagnose(
+    model: str | Path | StageModel | Design,
+    recordings: Recordings,
+    changes: Sequence[str] = (),
+    *,
+    axis: str | None = None,
+    effects: Sequence[str] = (),
+    tolerance: str | None = None,
+    noise: str | None = None,
+    bare: bool = False,
+    progress: Progress = lambda _: None,
+) -> DiagnosisResult | Result[TableDiagnosis]:
+    """Find which physical effect a model lacks, from measurements.
+
+    Parameters
+    ----------
+    model
+        A stage model, or a design for static tables; its path or bare name.
+    recordings
+        Recordings, or CSV files of static tables.
+    changes
+        ``key=value`` of the model.
+    axis
+        Which axis, where several could be meant.
+    effects
+        Files with effects of your own, tried with those of the catalogue.
+    tolerance
+        What matters, rms: ``"0.2 um"``, or ``"0.1 %"`` of the stroke.
+    noise
+        Standard deviation of the noise, ``"3 nm"``; estimated without it.
+    bare
+        For a design: begin with hinges that only rotate.
+    progress
+        Is told what is going on.
+
+    Returns
+    -------
+    DiagnosisResult
+        With `verdict`, `effects`, `ladder` and the better `model`.
+
+    Raises
+    ------
+    InputError
+        If anything cannot be used.
+    """
+    if static_tables.is_design(model):
+        static_tables.refuse({"--axis": axis, "--tolerance": tolerance, "--noise": noise})
+        return static_tables.diagnose(model, recordings, changes, bare=bare, own=effects, progress=progress)
+    static_tables.refuse_bare(bare)
+    stage, runs = read_model(_stage(model), changes), read_recordings(recordings)
+    more = additions.own_effects(effects)
+    least = additions.size(stage, runs, axis, "--tolerance", tolerance)
+    stated = additions.size(stage, runs, axis, "--noise", noise)
+    found = find_missing(stage, runs, axis=axis, more=more, tolerance=least, noise=stated, progress=Steps(progress))
+    apart = discriminating_experiments.tellings(found, progress)
+    better = additions.with_knowledge(found.model, found.axis, additions.values(found), (*found.runs, *found.responses))
+    return DiagnosisResult(
+        found,
+        diagnosis_report.document(found, apart),
+        diagnosis_report.ladder_of(found),
+        partial(diagnosis_result.result, found, apart),
+        lambda folder: {"stage_model.toml": to_toml(better, folder)},
+        {named.name: named for named in found.effects},
+        better=better,
+    )
+
+
+def add_effect(
+    model: str | Path | StageModel | Design,
+    effect: str,
+    recordings: Recordings,
+    changes: Sequence[str] = (),
+    *,
+    axis: str | None = None,
+    noise: str | None = None,
+    progress: Progress = lambda _: None,
+) -> Result[Added] | Result[TableDiagnosis]:
+    """Fit one effect to measurements, and put it into the model.
+
+    Parameters
+    ----------
+    model
+        A stage model, or a design for static tables; its path or bare name.
+    effect
+        Its name, or the path of a file.
+    recordings
+        Recordings, or CSV files of static tables.
+    changes
+        ``key=value`` of the model.
+    axis
+        Which axis, where several could be meant.
+    noise
+        Standard deviation of the noise, ``"3 nm"``; estimated without it.
+    progress
+        Is told what is going on.
+
+    Returns
+    -------
+    Result
+        With `model`, the model with the effect, and `ladder`, the fall of the error.
+
+    Raises
+    ------
+    InputError
+        If anything cannot be used.
+    """
+    if static_tables.is_design(model):
+        static_tables.refuse({"--axis": axis, "--noise": noise})
+        return static_tables.add_effect(model, effect, recordings, changes, progress=progress)
+    name = additions.known_effect(effect, "EFFECT")
+    stage, runs = read_model(_stage(model), changes), read_recordings(recordings)
+    stated = additions.size(stage, runs, axis, "--noise", noise)
+    found = additions.add(stage, name, runs, axis=axis, noise=stated, progress=progress)
+    loop = additions.in_the_loop(found, progress)
+    return Result(
+        found,
+        addition_report.document(found, loop),
+        addition_report.ladder_of(found),
+        partial(addition_report.result, found, loop),
+        lambda folder: {"stage_model.toml": to_toml(found.model, folder)},
+        {value.parameter.name: value for value in found.values},
+    )
+
+
+def _stage(model: str | Path | StageModel | Design) -> str | Path | StageModel:
+    assert not isinstance(model, Design)  # a design is for static tables
+    return model
+
+
+def _paths(recordings: Recordings) -> list[str | Path]:
+    given = [recordings] if isinstance(recordings, (str, Path)) else list(recordings)
+    return [each for each in given if isinstance(each, (str, Path))]
+
+
+def _in_memory(recordings: Recordings) -> list[Run]:
+    given = [] if isinstance(recordings, (str, Path)) else list(recordings)
+    return [each for each in given if isinstance(each, Run)]

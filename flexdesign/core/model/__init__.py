@@ -1,0 +1,48 @@
+"""The nouns everything speaks: quantities, parameters, effects, linkages, observations, models."""
+
+from flexdesign.core.model.effect import (
+    ACTUATORS,
+    OTHER,
+    PIEZO,
+    Adjust,
+    Block,
+    Controller,
+    Disturbance,
+    Effect,
+    Elastic,
+    Reshape,
+    Resonance,
+    Socket,
+    Term,
+)
+from flexdesign.core.model.formulas import Formulas
+from flexdesign.core.model.linkage import Linkage, Member, Root
+from flexdesign.core.model.observation import Model, Observation
+from flexdesign.core.model.parameter import Parameter
+from flexdesign.core.model.quantity import Quantity, by_key, output_boundary
+
+__all__ = [
+    "ACTUATORS",
+    "OTHER",
+    "PIEZO",
+    "Adjust",
+    "Block",
+    "Controller",
+    "Disturbance",
+    "Effect",
+    "Elastic",
+    "Formulas",
+    "Linkage",
+    "Member",
+    "Model",
+    "Observation",
+    "Parameter",
+    "Quantity",
+    "Reshape",
+    "Resonance",
+    "Root",
+    "Socket",
+    "Term",
+    "by_key",
+    "output_boundary",
+]

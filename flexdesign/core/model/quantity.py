@@ -1,0 +1,92 @@
+"""A number that says what it is: the common answer of FEM, formula, paper and bench."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from flexdesign.core import units
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One physical quantity, in SI, with the boundary it holds under and where it comes from.
+
+    Parameters
+    ----------
+    name
+        Standard name, e.g. ``K_in``. Two quantities are comparable when name and boundary agree.
+    value
+        The number, in the SI unit `si`.
+    si
+        Its SI unit, e.g. ``N/m``; ``"1"`` for ratios.
+    unit
+        The unit in which people read it, e.g. ``N/mm``.
+    boundary
+        The conditions at the ports, e.g. ``output free``.
+    source
+        What produced it: an equation, a mesh, a paper, an instrument.
+    sigma
+        Half-width of the stated uncertainty in SI, or None when none is known.
+    """
+
+    name: str
+    value: float
+    si: str
+    unit: str
+    boundary: str = ""
+    source: str = ""
+    sigma: float | None = None
+
+    @property
+    def key(self) -> str:
+        """Name and boundary in one word: ``K_out_input_held``."""
+        return "_".join([self.name, *self.boundary.replace(",", "").split()])
+
+    def shown(self, digits: int = 4) -> str:
+        """Write the value in the display unit with `digits` digits, or with those its uncertainty leaves meaning."""
+        scale = units.factor(self.unit or "1", self.si)
+        value = self.value / scale
+        if not self.sigma:
+            return f"{units.significant(value, digits)} {self.unit}".rstrip()
+        sigma = self.sigma / scale
+        decimals = 1 - math.floor(math.log10(float(f"{sigma:.1e}")))  # two digits of the uncertainty
+        if decimals < 0 or decimals > 9:
+            return f"{units.significant(value, 6)} ± {units.significant(sigma, 2)} {self.unit}".rstrip()
+        return f"{value:.{decimals}f} ± {sigma:.{decimals}f} {self.unit}".rstrip()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the quantity in its display unit, as result.json holds it."""
+        scale = units.factor(self.unit or "1", self.si)
+        return {
+            "name": self.name,
+            "boundary": self.boundary,
+            "value": self.value / scale,
+            "sigma": None if self.sigma is None else self.sigma / scale,
+            "unit": self.unit or "1",
+            "source": self.source,
+        }
+
+    def __str__(self) -> str:
+        boundary = f" ({self.boundary})" if self.boundary else ""
+        return f"{self.name}{boundary} = {self.shown()}"
+
+
+def by_key(found: Iterable[Quantity]) -> dict[str, Quantity]:
+    """Return quantities by their keys."""
+    return {quantity.key: quantity for quantity in found}
+
+
+def output_boundary(load: float) -> str:
+    """Return the boundary's name for an output that pushes against a stiffness [N/m]; 0 is a free output.
+
+    Raises
+    ------
+    ValueError
+        If the stiffness is negative or not finite.
+    """
+    if not 0 <= load < math.inf:
+        raise ValueError(f"an output load is a stiffness of zero or more, found {load!r} N/m")
+    return "output free" if load == 0 else f"output loaded by {units.to_text(load, 'N/mm', si='N/m')}"

@@ -1,0 +1,123 @@
+"""Results kept by the content that made them: the same question is never computed twice.
+
+A key is a hash of everything an answer depends on: the upstream result's content, options, the stage's version and the
+libraries' versions. Entries are npz files with arrays and one JSON text; they are written whole or not at all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.core.errors import InputError
+
+Arrays = dict[str, NDArray[Any]]
+
+
+def default_folder() -> Path:
+    """Return the cache folder: $FLEXDESIGN_CACHE, or flexdesign/ under $XDG_CACHE_HOME or ~/.cache.
+
+    Raises
+    ------
+    InputError
+        If nothing is set and there is no home folder.
+    """
+    if chosen := os.environ.get("FLEXDESIGN_CACHE"):
+        return Path(chosen)
+    try:
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "flexdesign"
+    except RuntimeError as error:
+        remedy = "there is no home folder to keep results in; set it to a folder"
+        raise InputError("environment", "FLEXDESIGN_CACHE", None, remedy) from error
+
+
+def content_key(*parts: object) -> str:
+    """Return the hash of numbers, texts, arrays and nested tables thereof.
+
+    >>> content_key(1, 23) == content_key(12, 3)
+    False
+    """
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=_as_json).encode()).hexdigest()[:32]
+
+
+def _as_json(piece: object) -> Any:
+    if isinstance(piece, np.ndarray):
+        return [str(piece.dtype), piece.shape, hashlib.sha256(np.ascontiguousarray(piece).tobytes()).hexdigest()]
+    return repr(piece)
+
+
+@dataclass(frozen=True)
+class Cache:
+    """A folder of results.
+
+    Parameters
+    ----------
+    folder
+        Where they are kept.
+    """
+
+    folder: Path
+
+    def load(self, stage: str, key: str) -> tuple[Arrays, dict[str, Any]] | None:
+        """Return the arrays and the table stored under `key`, or None; a damaged entry counts as none."""
+        try:
+            with self._path(stage, key).open("rb") as file, np.load(file, allow_pickle=False) as entry:
+                arrays = {name: entry[name] for name in entry.files if name != "table"}
+                return arrays, json.loads(str(entry["table"]))
+        except Exception:  # none, or damaged: zip, zlib, NumPy and JSON each have their own errors
+            return None
+
+    def prepare(self) -> None:
+        """Make the folder, before long work begins.
+
+        Raises
+        ------
+        InputError
+            If it cannot be made or written to.
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=self.folder):
+                pass
+        except OSError as error:
+            raise self._refusal(error) from error
+
+    def store(self, stage: str, key: str, arrays: Mapping[str, NDArray[Any]], table: Mapping[str, Any]) -> None:
+        """Keep arrays and a JSON-ready table under `key`.
+
+        Raises
+        ------
+        InputError
+            If the folder cannot be written or is full; nothing half-written stays.
+        """
+        path = self._path(stage, key)
+        temporary = ""
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
+                temporary = file.name
+                np.savez_compressed(file, **arrays, table=np.array(json.dumps(table)))  # type: ignore[arg-type]
+            Path(temporary).replace(path)
+        except BaseException as error:
+            if temporary:
+                Path(temporary).unlink(missing_ok=True)
+            if isinstance(error, OSError):
+                raise self._refusal(error) from error
+            raise
+
+    def _refusal(self, error: OSError) -> InputError:
+        why = "it is a file" if isinstance(error, FileExistsError) else error.strerror or error
+        remedy = f"cannot keep results here ({why}); free space, or choose another folder with --cache"
+        return InputError("cache", "folder", str(self.folder), remedy)
+
+    def _path(self, stage: str, key: str) -> Path:
+        return self.folder / stage / f"{key}.npz"

@@ -1,0 +1,219 @@
+"""Units at the border: text with a unit comes in, SI numbers travel inside, text with a unit goes out.
+
+>>> from_text("0.5 mm", "m")
+0.0005
+>>> to_text(1906.2e3, "N/mm")
+'1906 N/mm'
+"""
+
+from __future__ import annotations
+
+import math
+import unicodedata
+from functools import cache
+from typing import Any
+
+from flexdesign.core.errors import shortened
+
+#: No unit has more letters, and no product of all powers in one is higher.
+LONGEST, HIGHEST = 100, 1000
+#: No number with its unit has more letters.
+LONGEST_NUMBER = 500
+#: How each kind of number is shown to people: SI unit -> display unit.
+DISPLAY = {
+    "m": "mm",
+    "N/m": "N/mm",
+    "Pa": "MPa",
+    "kg/m^3": "kg/m^3",
+    "N": "N",
+    "kg": "g",
+    "Hz": "Hz",
+    "N*m/rad": "N*mm/rad",
+    "s": "ms",
+    "F": "uF",
+    "m/V": "um/V",
+    "rad/V": "urad/V",
+    "1/m": "1/mm",
+    "1": "",
+}
+#: What each SI unit measures, in words.
+MEASURES = {
+    "m": "length",
+    "N/m": "stiffness",
+    "Pa": "stress or modulus",
+    "kg/m^3": "density",
+    "N": "force",
+    "kg": "mass",
+    "Hz": "frequency",
+    "V": "voltage",
+    "N*m/rad": "rotational stiffness",
+    "rad": "angle",
+    "s": "time",
+    "F": "capacitance",
+    "V/s": "slew rate",
+    "m/V": "gain: length, angle or voltage per voltage",
+    "rad/V": "angle per voltage",
+    "1/V": "one per voltage",
+    "1/m": "one per length",
+}
+
+
+@cache
+def _registry() -> Any:
+    import pint  # costs a third of a second: only where text with units is read or written
+
+    try:  # parsing its definitions takes as long again: once parsed they are kept in the user's cache
+        return pint.UnitRegistry(autoconvert_offset_to_baseunit=False, cache_folder=":auto:")
+    except Exception:  # a folder that cannot be written, or a file that another process is writing
+        return pint.UnitRegistry(autoconvert_offset_to_baseunit=False)
+
+
+def _is_short(unit: str) -> bool:
+    """Tell whether a unit is short and all its powers together are small, so that working it out takes no time."""
+    import re
+
+    plain = re.sub("[⁰¹²³⁴-⁹]+", lambda digits: f"**{unicodedata.normalize('NFKC', digits[0])}", unit)
+    number = r"[+-]?(\d++\.?\d*+)"  # another power right behind it would make a tower
+    powers = re.findall(rf"(?:\*\*|\^)\s*(?:{number}|\(\s*{number}\s*(?:/\s*\d+\s*)?\))(?!\s*(?:\*\*|\^))", plain)
+    known = len(powers) == plain.count("**") + plain.count("^")
+    return len(unit) <= LONGEST and known and math.prod(max(float(a or b), 1.0) for a, b in powers) <= HIGHEST
+
+
+def _parsed(unit: str) -> Any:
+    import pint
+
+    if not _is_short(unit):
+        raise ValueError(f"cannot read the unit {shortened(unit, 40)!r}: it is too long, or has a power without end")
+    try:
+        if "#" in unit:  # the parser takes it for the start of a comment
+            raise ValueError("no unit has a '#'")
+        return _registry().parse_units(unit)
+    except pint.UndefinedUnitError as error:
+        raise ValueError(f"unknown unit {shortened(unit, 40)!r}") from error
+    except Exception as error:  # pint passes on whatever its tokenizer meets
+        raise ValueError(f"cannot read the unit {shortened(unit, 40)!r}") from error
+
+
+@cache
+def factor(unit: str, si: str) -> float:
+    """Return the factor that turns a number in `unit` into one in the SI unit `si`.
+
+    Raises
+    ------
+    ValueError
+        If `unit` is unknown, measures something else than `si`, or counts from an offset as degC does.
+    """
+    import pint
+
+    parsed = _parsed(unit)
+    try:
+        zero, one = (float(_registry().Quantity(number, parsed).to(si).magnitude) for number in (0.0, 1.0))
+    except pint.DimensionalityError as error:
+        what = "the number has no unit" if si == "1" else f"it is not a unit of {MEASURES.get(si, si)}"
+        raise ValueError(f"{unit!r} is wrong here: {what}") from error
+    if zero != 0:
+        raise ValueError(f"{unit!r} does not count from zero; use {si!r}")
+    return one
+
+
+def from_text(text: object, si: str) -> float:
+    """Read ``"0.5 mm"`` as a number in the SI unit `si`.
+
+    A bare number is accepted only where the quantity has no unit (`si` is ``"1"``).
+
+    Raises
+    ------
+    ValueError
+        If the text is no number with a unit, the unit is wrong, or the number is not finite.
+    """
+    hint = f'; write for example "{example(si)}"' if si != "1" else ""
+    if isinstance(text, bool) or not isinstance(text, (str, int, float)):
+        raise ValueError(f"is not a number{' with a unit' if si != '1' else ''}{hint}")
+    try:
+        number, unit = _split(str(text))
+        if math.isfinite(number) and not unit and si != "1":
+            raise ValueError("the unit is missing")
+        value = number * factor(unit or "1", si) if math.isfinite(number) else number
+        if not math.isfinite(value):
+            raise ValueError("is not a finite number")
+    except ValueError as error:
+        raise ValueError(f"{error}{hint}") from error
+    return value
+
+
+def quantity(values: Any, unit: str) -> Any:
+    """Return numbers with their unit, for arithmetic that checks units: a quantity of pint.
+
+    Raises
+    ------
+    ValueError
+        If the unit is unknown, or counts from an offset as degC does.
+
+    >>> (3 * quantity(2.0, "V") / quantity(0.5, "V/mm")).to("mm").magnitude
+    12.0
+    """
+    parsed = _parsed(unit or "1")
+    if _registry().Quantity(0.0, parsed).to_base_units().magnitude != 0:
+        raise ValueError(f"{unit!r} does not count from zero; use {_si_of(unit)!r}")
+    return _registry().Quantity(values, parsed)
+
+
+def quantity_from_text(text: object) -> Any:
+    """Read ``"0.5 mm"`` as a quantity of pint in whatever unit it has; a bare number is a pure number.
+
+    Raises
+    ------
+    ValueError
+        If the text is no finite number, or the unit is unknown.
+    """
+    if isinstance(text, bool) or not isinstance(text, (str, int, float)):
+        raise ValueError('is not a number with a unit; write for example "1.5 V/mm"')
+    number, unit = _split(str(text))
+    if not math.isfinite(number):
+        raise ValueError("is not a finite number")
+    return quantity(number, unit)
+
+
+def to_text(value: float, unit: str, digits: int = 4, si: str | None = None) -> str:
+    """Write the SI number `value` in `unit`, with `digits` significant digits."""
+    number = value / factor(unit or "1", si or _si_of(unit))
+    return f"{significant(number, digits)} {unit}".rstrip()
+
+
+def significant(number: float, digits: int = 4) -> str:
+    """Write a number with `digits` significant digits, without an exponent where that stays readable."""
+    if number == 0 or not math.isfinite(number):
+        return f"{number:g}"
+    exponent = math.floor(math.log10(abs(float(f"{number:.{digits - 1}e}"))))
+    if -4 <= exponent < 7:
+        return f"{number:.{max(digits - 1 - exponent, 0)}f}"
+    return f"{number:.{digits - 1}e}"
+
+
+def example(si: str) -> str:
+    """Return an example of how a quantity in `si` is written."""
+    number = {"kg/m^3": "2700", "Pa": "500"}.get(si, "1.5")
+    return f"{number} {DISPLAY.get(si, si)}".rstrip()
+
+
+@cache
+def _si_of(unit: str) -> str:
+    base = _registry().Quantity(1.0, _registry().parse_units(unit or "1")).to_base_units()
+    return f"{base.units:~C}" or "1"
+
+
+def _split(text: str) -> tuple[float, str]:
+    import re
+
+    if len(text) > LONGEST_NUMBER:
+        raise ValueError(f"is no number of at most {LONGEST_NUMBER} letters, with its unit")
+    match = re.match(
+        r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)(?:inity)?)\s*(.*?)\s*$", text, re.I
+    )
+    if not text.strip():
+        raise ValueError("is empty")
+    if not match:
+        raise ValueError("does not begin with a number")
+    if match[2].startswith(","):
+        raise ValueError("decimals are written with a point")
+    return float(match[1]), match[2]

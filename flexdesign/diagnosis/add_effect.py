@@ -1,0 +1,392 @@
+"""One effect added to a stage model: fitted, judged on runs that no fit has seen, written with what is known of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from flexdesign import effects
+from flexdesign.core import units
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import OTHER, Disturbance
+from flexdesign.diagnosis import procedure, verdict
+from flexdesign.diagnosis.effect_selection import candidates, estimation_setup
+from flexdesign.diagnosis.effect_selection.per_run_parameters import of_further_run, of_runs, with_runs
+from flexdesign.diagnosis.preparation import periodic_disturbances
+from flexdesign.diagnosis.preparation.dataset import Setting, settle
+from flexdesign.diagnosis.result import Course, Diagnosis, Named, Rung, Value
+from flexdesign.dynamics import spectrum
+from flexdesign.dynamics.axis.axis_choice import choose_axis
+from flexdesign.dynamics.axis.axis_run import acts_ahead_of_stack
+from flexdesign.dynamics.experiments import AS_MODELLED, simulation, standard_experiments
+from flexdesign.dynamics.experiments.simulation import Simulation
+from flexdesign.dynamics.stage_dynamics import missing
+from flexdesign.dynamics.stage_model import StageModel, fields
+from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.fitted_model import Stand, fit, predict_tests
+from flexdesign.estimation.model_selection.model_comparison import HALF_WIDTH
+from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.measurements.noise_level import LineNoise, NoiseFloor
+from flexdesign.measurements.recordings import FrequencyResponse, Run
+
+#: What shows an effect in a closed loop: a step and a sine, under these controllers.
+SHOWN, CONTROLLERS = ("step", "sine"), ("robust", "feedforward + robust")
+#: From so many values an effect is fitted that promises nothing.
+TRIALS = 4
+#: Not more names of runs than these are written into a source.
+NAMED = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Added:
+    """A stage model with one more effect.
+
+    Parameters
+    ----------
+    name, axis
+        The effect, and the axis it was added to.
+    before, without, model
+        The stage model as it was, with its own numbers fitted, and with the effect.
+    values, calibration
+        The effect's numbers, and the model's own beside it.
+    ladder
+        As designed, recalibrated, with the effect: errors on the runs kept apart [response].
+    noise, noise_floor
+        The noise, and its rms over the runs that judge [response].
+    share
+        Of what recalibration leaves unexplained there (in squares, above the noise): how much the effect explains.
+    reason
+        Why the effect is not needed; empty if it is.
+    runs, remainders
+        The runs with their roles, and what is left of them before and after.
+    seconds
+        How long it took.
+    responses, lines
+        The frequency responses with their roles, and the noise of each by its name.
+    by_run
+        The effect's strength in each run, where it differs from run to run.
+    """
+
+    name: str
+    axis: str
+    before: StageModel
+    without: StageModel
+    model: StageModel
+    values: tuple[Value, ...]
+    calibration: tuple[Value, ...]
+    ladder: tuple[Rung, ...]
+    noise: NoiseFloor
+    noise_floor: float
+    share: float
+    reason: str
+    runs: tuple[Run, ...]
+    remainders: Mapping[str, Mapping[str, object]]
+    seconds: float
+    responses: tuple[FrequencyResponse, ...] = ()
+    lines: Mapping[str, LineNoise] = field(default_factory=dict)
+    by_run: Mapping[str, Value] = field(default_factory=dict)
+
+
+def add(
+    model: StageModel,
+    effect: str,
+    runs: Sequence[Run | FrequencyResponse],
+    *,
+    axis: str | None = None,
+    noise: float | None = None,
+    threads: int = 2,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Added:
+    """Fit a stage model with one more effect, needed or not, and say whether it is.
+
+    Parameters
+    ----------
+    model
+        The stage model; its uncertainties say how far its numbers may move.
+    effect
+        A name of the catalogue, or the path of a file.
+    runs
+        What was recorded; where nobody chose roles, they are split.
+    axis
+        Which one; may be left out where model and runs leave no choice.
+    noise
+        Standard deviation of the noise of runs, where it is stated [response]; by default it is estimated.
+    threads
+        Simulations at a time.
+    seed
+        Of the sample of starts.
+    progress
+        Told what is being done.
+
+    Raises
+    ------
+    InputError
+        If the effect is unknown, acts on the axis already, needs a column that was not recorded or cannot be simulated;
+        if the axis is ambiguous, a run does not suit it, or no run may be fitted.
+    """
+    began = perf_counter()
+    name = known_effect(effect, "EFFECT")
+    progress("reading the noise")
+    setting = settle(model, runs, axis, None, noise)
+    _check(setting, name, model)
+    with estimation_setup.simulating(threads) as each:
+        setting = estimation_setup.choose_interpolation(model, setting, each, progress)
+        dynamics, case = estimation_setup.case_of(model, setting, each, progress)
+
+        @cache
+        def alone(stand: Stand) -> tuple[Candidate]:
+            lines = periodic_disturbances.frequencies(setting, stand)
+            return (candidates.candidate_of(dynamics, effects.find(name), name, fields.ELSEWHERE.get(name), lines),)
+
+        case, gone = procedure.search(setting, case, dynamics, alone, seed)
+        (candidate,) = alone(gone.calibrated)
+        final, reason = _added(case, gone, candidate)
+        ladder = [predict_tests(case, stand) for stand in (gone.designed, gone.calibrated, final)]
+        named = with_runs(Named(name, verdict.values_of(final, candidate.free), 0.0), of_runs(case, final))
+        own_values = verdict.values_of(final, verdict.own_numbers(final))
+    errors = [setting.test_error(stand) for stand in ladder]
+    unexplained = max(errors[1] ** 2 - (setting.floor**2 if setting.noise.known else 0.0), 1e-300)
+    numbers, said = [*own_values, *of_further_run(named)], verdict.model_of(model, setting, final)
+    labels = ("as designed", "recalibrated", f"+ {name}")
+    return Added(
+        name=name,
+        axis=setting.name,
+        before=model,
+        without=verdict.model_of(model, setting, gone.calibrated),
+        model=with_knowledge(said, setting.name, numbers, setting.recorded),
+        values=named.values,
+        calibration=own_values,
+        ladder=tuple(Rung(label, error) for label, error in zip(labels, errors, strict=True)),
+        noise=setting.noise,
+        noise_floor=setting.floor,
+        share=float(np.clip((errors[1] ** 2 - errors[2] ** 2) / unexplained, 0.0, 1.0)),
+        reason=reason,
+        runs=setting.runs,
+        remainders={"calibrated": ladder[1].remainders, "found": ladder[2].remainders},
+        seconds=perf_counter() - began,
+        responses=setting.responses,
+        lines=setting.lines,
+        by_run=named.by_run,
+    )
+
+
+def _added(case: Case, gone: Course, candidate: Candidate) -> tuple[Stand, str]:
+    """Return the fit with an effect, and why it is not needed."""
+    step = gone.steps[0]
+    if step.trials:
+        best = step.chosen or step.trials[0]
+        return best.stand, best.reason
+    # It promises nothing; its value then says how large it may be at most.
+    model = case.fine(candidate.add(gone.calibrated.model))
+    tried = [fit(case, model.replace(values), (candidate,)) for values in candidate.trials[:TRIALS]]
+    made = [stand for stand in tried if stand is not None]
+    if made:
+        return min(made, key=lambda stand: stand.cost), "no more than chance gives"
+    raise InputError("command line", "EFFECT", candidate.name, "cannot be simulated on this axis at any of its values")
+
+
+def _check(setting: Setting, name: str, model: StageModel) -> None:
+    """Refuse an effect that is there, or that the runs cannot show."""
+    if name in candidates.NOISE:
+        remedy = "is noise to a fit, which leaves it out; write sensor.resolution into the model"
+        raise InputError("command line", "EFFECT", name, remedy)
+    number = fields.ELSEWHERE.get(name)
+    numbers = {**setting.axis.numbers, "controller.delay": model.controller.delay}
+    if name in setting.axis.effects or (number and numbers[number] not in (0.0, math.inf)):
+        place = f"{setting.name}.{number}" if number else f"{setting.name}.effects.{name}"
+        remedy = f"acts on axis {setting.name} already (axis.{place}); identify --free fits its numbers"
+        raise InputError("command line", "EFFECT", name, remedy)
+    if setting.is_at_stack and acts_ahead_of_stack(effects.find(name)):
+        remedy = "acts ahead of the stack, and these runs know the voltage at the stack: none of it is left to show"
+        raise InputError("command line", "EFFECT", name, remedy)
+    if not setting.runs and not spectrum.shows(effects.find(name)):
+        remedy = "changes nothing about small sines, which are all that frequency responses show; add runs in time"
+        raise InputError("command line", "EFFECT", name, remedy)
+    for run in setting.runs:
+        if lacking := missing(setting.name, effects.find(name), run.columns):
+            needs = " and ".join("the response of another axis" if c == OTHER else f"a column {c}" for c in lacking)
+            raise InputError(run.name, name, None, f"the effect needs {needs}, which the run lacks; leave the run out")
+
+
+def known_effect(name: str, field: str) -> str:
+    """Return the name under which an effect is found from everywhere, a path as an absolute one.
+
+    Parameters
+    ----------
+    name
+        Of the catalogue, or a path.
+    field
+        Where it was given, for the message.
+
+    Raises
+    ------
+    InputError
+        If there is none, or it has nothing that a fit could move in time.
+    """
+    try:
+        whole = effects.beside(name, Path())
+        effect = effects.find(whole)
+    except ValueError as error:
+        raise InputError("command line", field, name, str(error)) from None
+    if whole not in fields.ELSEWHERE and not (effect.faces and effect.acts_in_time):
+        raise InputError("command line", field, name, "acts on parts at rest alone, which no run in time shows")
+    if not any(p.null is not None for p in effect.parameters):
+        raise InputError("command line", field, name, "none of its parameters states a null, at which it is not there")
+    return whole
+
+
+def own_effects(names: Sequence[str]) -> list[str]:
+    """Return effects beside those of the catalogue, as `diagnose` takes them.
+
+    Raises
+    ------
+    InputError
+        If one cannot be used.
+    """
+    whole = [known_effect(name, "--effect") for name in names]
+    return [name for name in dict.fromkeys(whole) if name not in effects.names()]
+
+
+def size(
+    model: StageModel,
+    runs: Sequence[Run | FrequencyResponse],
+    axis: str | None,
+    option: str,
+    text: str | None,
+) -> float | None:
+    """Return an option that is a size of the response [response], given with its unit or in percent of the stroke.
+
+    Raises
+    ------
+    InputError
+        If it is no positive number with a unit of the response, or a percentage.
+    """
+    if text is None:
+        return None
+    try:
+        if text.strip().endswith("%"):
+            value = units.from_text(text, "1") * settle(model, runs, axis, None).stroke
+        else:
+            value = units.from_text(text, model.axes[choose_axis(model, runs, axis)].response)
+        if not value > 0:
+            raise ValueError("must be more than zero")
+    except ValueError as error:
+        raise InputError("command line", option, text, str(error)) from None
+    return value
+
+
+# --- what is known of the numbers --------------------------------------------------------------------------------
+
+
+def values(found: Diagnosis) -> list[Value]:
+    """Return all numbers that a diagnosis fitted, the model's own first."""
+    return [*found.calibration, *(value for named in found.effects for value in of_further_run(named))]
+
+
+def with_knowledge(
+    model: StageModel, axis: str, fitted_values: Sequence[Value], runs: Sequence[Run | FrequencyResponse]
+) -> StageModel:
+    """Return a stage model that says of fitted numbers how well they are known, and from which runs.
+
+    Parameters
+    ----------
+    model, axis
+        The model with the values.
+    fitted_values
+        Numbers with their 95 % intervals; half of one over 1.96 becomes the standard deviation, relative.
+    runs
+        Those of role ``identify`` are named as the source.
+    """
+    its = model.axes[axis]
+    seen = list(dict.fromkeys(run.name.partition(":")[0] for run in runs if run.role == "identify"))
+    others = f" and {len(seen) - NAMED} more" if len(seen) > NAMED else ""
+    source = f"identified from {', '.join(seen[:NAMED])}{others}"
+    known = {v.parameter.name: v for v in fitted_values if v.parameter.name in its.numbers}
+    sigmas = {name: _relative(v) for name, v in known.items()}
+    uncertainty = {name: sigma for name, sigma in its.uncertainty.items() if name not in known}
+    uncertainty |= {name: _rounded(sigma) for name, sigma in sigmas.items() if 0 < sigma < 100}
+    sources = dict(its.sources) | dict.fromkeys(known, source)
+    if its.stiffness is not None and "natural_frequency" in known:
+        sources["mass"] = "from the identified natural frequency and the stiffness"
+        uncertainty.pop("mass", None)
+        if "stiffness" in its.uncertainty:
+            uncertainty["mass"] = _rounded(math.hypot(its.uncertainty["stiffness"], 2 * sigmas["natural_frequency"]))
+    assumed = its.still_assumed(list(known))
+    told = replace(its, uncertainty=uncertainty, sources=sources, assumed=assumed, fitted=())
+    return replace(model, axes={**model.axes, axis: told})
+
+
+def _relative(value: Value) -> float:
+    low, high = value.interval
+    return (high - low) / (2 * HALF_WIDTH * abs(value.value)) if value.value and math.isfinite(high - low) else math.inf
+
+
+def _rounded(relative: float) -> float:
+    """Return two digits, as they come back from a file that has them in percent."""
+    return float(f"{100 * relative:.2g}") * units.factor("%", "1")
+
+
+# --- what it does to the loop ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class InTheLoop:
+    """A closed loop without and with an effect.
+
+    Parameters
+    ----------
+    simulation
+        A step and a sine under controllers that were tuned on the stage without the effect; None if none could be run.
+    reason
+        Why not.
+    """
+
+    simulation: Simulation | None
+    reason: str = ""
+
+
+def in_the_loop(found: Added, progress: Callable[[str], None] = lambda _: None) -> InTheLoop:
+    """Simulate a closed loop on the stage without the effect and with it.
+
+    The controllers are tuned on the recalibrated stage without it, as its owner would have tuned them.
+
+    Parameters
+    ----------
+    found
+        The stage with the effect.
+    progress
+        Told what is being run.
+    """
+    effect = effects.find(found.name)
+    lacking = missing(found.axis, effect, {found.axis: np.zeros(0)})
+    if lacking and all(isinstance(face, Disturbance) for face in effect.faces):
+        needs = " and ".join("another axis that moves" if each == OTHER else f"a record of {each}" for each in lacking)
+        return InTheLoop(None, f"the effect needs {needs}, which these experiments do not have")
+    without, with_it = (
+        replace(model, axes={found.axis: model.axes[found.axis]}, coupling=type(model.coupling)())
+        for model in (found.without, found.model)
+    )
+    try:
+        plan = standard_experiments.plan(without)
+        wanted = {"controllers": CONTROLLERS, "variants": (AS_MODELLED, variant(found.name))}
+        chosen = [e.model_copy(update=wanted) for e in plan.experiments if e.name.partition(" ")[0] in SHOWN]
+        variants = {AS_MODELLED: without, variant(found.name): with_it}
+        return InTheLoop(simulation.run(without, variants, replace(plan, experiments=tuple(chosen)), progress))
+    except InputError as error:
+        return InTheLoop(None, error.remedy)
+
+
+def variant(name: str) -> str:
+    """Return what the stage with an effect is called.
+
+    >>> variant("mains_hum")
+    'with mains hum'
+    """
+    return f"with {effects.find(name).name.replace('_', ' ')}"

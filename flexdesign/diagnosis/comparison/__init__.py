@@ -1,0 +1,21 @@
+"""Comparison of a stage model with recorded runs: by how much it fails, and where.
+
+`where` takes the residuals of any model, and divides what they have above the noise floor; `compare` makes them.
+"""
+
+from flexdesign.diagnosis.comparison.compare import Comparison, RunComparison, compare
+from flexdesign.diagnosis.comparison.error_location import Breakdown, Part, holds, where
+from flexdesign.diagnosis.comparison.frequency_response import ResponseComparison, by_band, joined
+
+__all__ = [
+    "Breakdown",
+    "Comparison",
+    "Part",
+    "ResponseComparison",
+    "RunComparison",
+    "by_band",
+    "compare",
+    "holds",
+    "joined",
+    "where",
+]

@@ -1,0 +1,251 @@
+"""A stage model beside recorded runs: the error of each against its noise floor, and where it lies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis.axis_noise import noise_of_axis
+from flexdesign.diagnosis.comparison.error_location import Breakdown, where
+from flexdesign.diagnosis.comparison.frequency_response import ResponseComparison, compared_lines
+from flexdesign.dynamics.axis import axis_response
+from flexdesign.dynamics.axis.axis_choice import choose_axis
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.axis.axis_run import of_axis
+from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.measurements.noise_level import NoiseFloor, line_noise
+from flexdesign.measurements.noise_level.lines import noise_of_lines
+from flexdesign.measurements.recordings import FrequencyResponse, Role, Run
+
+Array = NDArray[np.float64]
+#: Error of the simulations, relative to the span.
+TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class RunComparison:
+    """How well the model predicts one run.
+
+    Parameters
+    ----------
+    name, role
+        Of the run.
+    time, command, measured, predicted
+        n values each [s], [V], [response]; the offset of the run is added to the prediction. `measured` is NaN where
+        it was not compared.
+    floor
+        Standard deviation of the noise [response].
+    stroke
+        What the response covers in all runs together, the largest span of a run [response].
+    remarks
+        What to keep in mind about this run.
+    offset_rms
+        Rms residual if nothing but the offset of the run is fitted; None if that is what the residual is [response].
+    """
+
+    name: str
+    role: Role
+    time: Array
+    command: Array
+    measured: Array
+    predicted: Array
+    floor: float
+    stroke: float
+    remarks: tuple[str, ...]
+    offset_rms: float | None = None
+
+    @property
+    def residual(self) -> Array:
+        """Measured less predicted [response]; NaN where it was not compared."""
+        return self.measured - self.predicted
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residual [response]."""
+        return float(np.sqrt(np.nanmean(self.residual**2)))
+
+    @property
+    def largest(self) -> float:
+        """Largest residual, without its sign [response]."""
+        return float(np.nanmax(np.abs(self.residual)))
+
+    @property
+    def of_stroke(self) -> float:
+        """The root mean square over the stroke, a ratio; NaN if nothing moved."""
+        return self.rms / self.stroke if self.stroke else math.nan
+
+    @property
+    def r2(self) -> float:
+        """Share of the measured variance that the model explains; NaN if the command never moved."""
+        variance = float(np.nanvar(self.measured))
+        return 1 - self.rms**2 / variance if variance and np.ptp(self.command) else math.nan
+
+    @property
+    def ratio(self) -> float:
+        """The root mean square over the noise floor."""
+        return self.rms / self.floor
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A stage model and what runs say against it.
+
+    Parameters
+    ----------
+    model, axis
+        The model, and which of its axes.
+    runs
+        In the order given.
+    noise
+        The noise floor.
+    where
+        The unexplained error by run, frequency and operating region.
+    observed
+        The runs as the axis sees them, with gaps where they cannot be compared.
+    seconds
+        How long it took.
+    responses
+        Frequency responses, in the order given.
+    """
+
+    model: StageModel
+    axis: str
+    runs: tuple[RunComparison, ...]
+    noise: NoiseFloor
+    where: tuple[Breakdown, ...]
+    observed: tuple[Run, ...]
+    seconds: float
+    responses: tuple[ResponseComparison, ...] = ()
+
+    def __post_init__(self) -> None:
+        where = (replace(b, si=self.response) if b.by == "position" else b for b in self.where)
+        object.__setattr__(self, "where", tuple(where))  # positions are written as the model says
+
+    @property
+    def response(self) -> str:
+        """SI unit of the response, which knows in which units it is written."""
+        return self.model.axes[self.axis].shown
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean square over runs, each counting the same [response]; NaN without runs."""
+        if not self.runs:
+            return math.nan
+        return math.sqrt(float(np.mean([run.rms**2 for run in self.runs])))
+
+    @property
+    def floor(self) -> float:
+        """The same of the noise [response]."""
+        if not self.runs:
+            return math.nan
+        return math.sqrt(float(np.mean([run.floor**2 for run in self.runs])))
+
+    @property
+    def unexplained(self) -> float:
+        """Root of the mean square above the noise floor [response]; zero where the error is noise."""
+        return math.sqrt(max(self.rms**2 - self.floor**2, 0.0))
+
+    def by(self, what: str) -> Breakdown | None:
+        """Return the breakdown by one thing; None if these runs do not show it."""
+        return next((breakdown for breakdown in self.where if breakdown.by == what), None)
+
+
+def compare(
+    model: StageModel,
+    runs: Sequence[Run | FrequencyResponse],
+    *,
+    axis: str | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Comparison:
+    """Predict runs and frequency responses with a stage model as it is, and say by how much and where it fails.
+
+    Every run has an unknown offset of its own, which is taken out. What a mode did before the record began is unknown,
+    too: until it has decayed, a run is not compared.
+
+    Parameters
+    ----------
+    model
+        The stage model; nothing is fitted.
+    runs
+        What was recorded.
+    axis
+        Which one; may be left out where model and runs leave no choice.
+    progress
+        Told what is being done.
+
+    Raises
+    ------
+    InputError
+        If the axis is ambiguous, a run lacks its command or response or has it in another unit, or the model gives no
+        numbers for a run.
+    """
+    began = perf_counter()
+    name = choose_axis(model, runs, axis)
+    its = model.axes[name]
+    in_time = [run for run in runs if isinstance(run, Run)]
+    seen = [of_axis(run, name, its) for run in in_time]
+    measured = [axis_response.of_axis(each, name, its) for each in runs if isinstance(each, FrequencyResponse)]
+    volts = max((float(np.abs(run.command()).max()) for run in seen), default=0.0) or 1.0
+    dynamics = AxisDynamics(name, its, volts, tolerance=TOLERANCE, delay=model.controller.delay)
+    progress("reading the noise")
+    lines = {each.name: line_noise(each) for each in measured}
+    responses = tuple(compared_lines(each, dynamics.response(each), lines[each.name]) for each in measured)
+    if not seen:
+        floor = noise_of_lines(measured, lines)
+        return Comparison(model, name, (), floor, (), (), perf_counter() - began, responses)
+    noise = noise_of_axis(in_time, name, its)
+    stroke = max(float(np.nanmax(run.measured()) - np.nanmin(run.measured())) for run in seen)
+    compared, observed = [], []
+    for run in seen:
+        progress(f"predicting {run.name}")
+        observed.append(dynamics.comparable(run))
+        compared.append(_compared(dynamics, observed[-1], noise.rms[run.name], stroke))
+    progress("looking where it fails")
+    residuals = {run.name: run.residual for run in compared}
+    predictions = {run.name: run.predicted for run in compared}
+    return Comparison(
+        model=model,
+        axis=name,
+        runs=tuple(compared),
+        noise=noise,
+        where=where(residuals, observed, predictions, noise),
+        observed=tuple(observed),
+        seconds=perf_counter() - began,
+        responses=responses,
+    )
+
+
+def _compared(dynamics: AxisDynamics, run: Run, floor: float, stroke: float) -> RunComparison:
+    measured, predicted = run.measured(), dynamics.predict(run)
+    there = np.isfinite(measured)
+    if not there.any():
+        raise InputError(run.name, dynamics.name, None, "the run holds no reading that can be compared; leave it out")
+    if not np.all(np.isfinite(predicted)):
+        remedy = "the model's response grows without bound in this run; check its damping and its effects"
+        raise InputError(run.name, dynamics.name, None, remedy)
+    predicted = predicted + float(np.mean((measured - predicted)[there]))
+    return RunComparison(
+        run.name, run.role, run.time, run.command(), measured, predicted, floor, stroke, _remarks(dynamics, run)
+    )
+
+
+def _remarks(dynamics: AxisDynamics, run: Run) -> tuple[str, ...]:
+    said = list(run.remarks)
+    skipped = dynamics.unknown_start(run)
+    if skipped:
+        said.append(
+            f"the command was moving as the record began: the first {skipped * run.period:.3g} s are not compared"
+        )
+    others = [name for name in run.commands if name not in ("u", f"u{dynamics.name}") and np.ptp(run.columns[name])]
+    if others:
+        said.append(f"{' and '.join(others)} moved too; what that does to this axis is left in the residual")
+    cut = dynamics.cut(run)
+    if cut > 0:
+        said.append(f"the command goes up to {cut:.3g} V beyond the limits of the model, which cut it off")
+    return tuple(said)

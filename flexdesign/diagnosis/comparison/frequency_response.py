@@ -1,0 +1,180 @@
+"""A stage model beside measured frequency responses: the error of each line against its noise, and in which band it is.
+
+Errors are relative to the measured line, as a Bode picture shows them: a resonance is not worse for being large.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.diagnosis.comparison.error_location import Breakdown, Part
+from flexdesign.measurements.noise_level import LineNoise
+from flexdesign.measurements.recordings import FrequencyResponse
+from flexdesign.measurements.recordings.run import Role
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+#: Bands of even ratios, no more than these and none with fewer lines than that on average.
+BANDS, FEWEST = 8, 5
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseComparison:
+    """How well the model predicts one frequency response.
+
+    Parameters
+    ----------
+    name, role
+        Of the response; of one whose lines are split the role is ``validate``.
+    frequencies
+        n lines [Hz].
+    measured, predicted
+        n complex numbers each [response/V].
+    sigma
+        Standard deviation of each part of each line [response/V].
+    coherence
+        n numbers; None if it was not recorded.
+    judging
+        Which lines judge: those that no fit has seen, or all.
+    known
+        Whether the noise is known.
+    remarks
+        What to keep in mind about it.
+    """
+
+    name: str
+    role: Role
+    frequencies: Array
+    measured: Complex
+    predicted: Complex
+    sigma: Array
+    coherence: Array | None
+    judging: NDArray[np.bool_]
+    known: bool
+    remarks: tuple[str, ...]
+
+    @property
+    def left(self) -> Array:
+        """Size of measured less predicted over the measured size, line by line."""
+        return np.asarray(np.abs(self.measured - self.predicted) / np.abs(self.measured))
+
+    @property
+    def noise(self) -> Array:
+        """What noise gives of it, line by line."""
+        return np.asarray(math.sqrt(2) * self.sigma / np.abs(self.measured))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of `left` over the lines that judge, a ratio."""
+        return float(np.sqrt(np.mean(self.left[self.judging] ** 2)))
+
+    @property
+    def floor(self) -> float:
+        """The same of the noise."""
+        return float(np.sqrt(np.mean(self.noise[self.judging] ** 2)))
+
+    @property
+    def ratio(self) -> float:
+        """Root mean square of the error over the noise, line by line: one where nothing but noise is left."""
+        return float(np.sqrt(np.mean((self.left / self.noise)[self.judging] ** 2)))
+
+    @property
+    def worst(self) -> float:
+        """The frequency at which it is largest [Hz]."""
+        return float(self.frequencies[self.judging][np.argmax(self.left[self.judging])])
+
+
+def compared_lines(
+    response: FrequencyResponse, predicted: Complex, noise: LineNoise, judging: NDArray[np.bool_] | None = None
+) -> ResponseComparison:
+    """Return a measured response beside a predicted one.
+
+    Parameters
+    ----------
+    response
+        With all its lines.
+    predicted
+        At its lines.
+    noise
+        Of it.
+    judging
+        The lines that judge; by default all.
+    """
+    return ResponseComparison(
+        response.name,
+        response.role if judging is None or judging.all() else "validate",
+        response.frequencies,
+        response.response,
+        predicted,
+        noise.sigma,
+        response.coherence,
+        np.ones(len(predicted), dtype=bool) if judging is None else judging,
+        noise.known,
+        response.remarks,
+    )
+
+
+def joined(
+    responses: Sequence[FrequencyResponse], left: Mapping[str, Array], noise: Mapping[str, LineNoise]
+) -> tuple[ResponseComparison, ...]:
+    """Return frequency responses beside what a fit leaves of them; both halves of one are put together.
+
+    Parameters
+    ----------
+    responses
+        With roles, perhaps in halves, see `flexdesign.measurements.recordings.split_lines`.
+    left
+        Measured less predicted, by name: 2n values, the real parts first.
+    noise
+        Of each, by name.
+    """
+    halves: dict[str, list[FrequencyResponse]] = {}
+    for each in responses:
+        split = each.name.endswith((":identify", ":validate"))
+        halves.setdefault(each.name.rpartition(":")[0] if split else each.name, []).append(each)
+    made = []
+    for name, parts in halves.items():
+        measured, predicted = (np.full(len(parts[0].frequencies), np.nan + 0j) for _ in range(2))
+        judging = np.zeros(len(measured), dtype=bool)
+        for part in parts:
+            there, count = part.present, len(part.frequencies)
+            rest = left[part.name][:count] + 1j * left[part.name][count:]
+            measured[there], predicted[there] = part.response[there], (part.response - rest)[there]
+            judging |= there if part.role == "validate" or len(parts) == 1 else False
+        whole = FrequencyResponse(
+            name, parts[0].frequencies, measured, role=parts[0].role, coherence=parts[0].coherence,
+            remarks=parts[-1].remarks,
+        )  # fmt: skip
+        made.append(compared_lines(whole, predicted, noise[parts[0].name], judging))
+    return tuple(made)
+
+
+def by_band(responses: Sequence[ResponseComparison]) -> Breakdown:
+    """Divide the unexplained error of frequency responses by bands: what the squares of errors have above the noise."""
+    low = min(float(each.frequencies[0]) for each in responses)
+    high = max(float(each.frequencies[-1]) for each in responses)
+    lines = max(len(each.frequencies) for each in responses)
+    edges = np.geomspace(low, high, min(max(lines // FEWEST, 1), BANDS) + 1).tolist()
+    excess, counts, squares = [], [], []
+    for first, last in pairwise(edges):
+        total, count, square = 0.0, 0, 0.0
+        for each in responses:
+            inside = (each.frequencies >= first) & ((each.frequencies < last) | (last == edges[-1])) & each.judging
+            square += float(np.sum(each.left[inside] ** 2))
+            total += float(np.sum(each.left[inside] ** 2 - each.noise[inside] ** 2))
+            count += int(inside.sum())
+        excess.append(max(total, 0.0))
+        counts.append(count)
+        squares.append(square)
+    whole, number = sum(excess) or 1.0, sum(counts)
+    parts = tuple(
+        Part("", first, last, e / whole, c / number, math.sqrt(s / c) if c else 0.0)
+        for (first, last), e, c, s in zip(pairwise(edges), excess, counts, squares, strict=True)
+    )
+    return Breakdown("frequency", "Hz", parts)

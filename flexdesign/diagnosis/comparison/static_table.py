@@ -1,0 +1,94 @@
+"""A design's compliance model beside a static table: errors, and whether they say anything."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.analytic.static_model import StaticModel, StaticTable, Uncertainty, uncertainty
+from flexdesign.analytic.static_model.uncertainty import UNSAID
+from flexdesign.core.errors import InputError
+
+Array = NDArray[np.float64]
+#: A value so near a power of 1000 from what is expected has the wrong unit: in decades.
+WRONG_UNIT = 0.35
+
+
+@dataclass(frozen=True, eq=False)
+class TableComparison:
+    """A model beside a table.
+
+    Parameters
+    ----------
+    model, table
+        What was compared.
+    predicted
+        What the model says of each row, SI.
+    uncertainty
+        How far it may be off although nothing is missing.
+    remarks
+        What was done to the table, or makes it say less.
+    """
+
+    model: StaticModel
+    table: StaticTable
+    predicted: Array
+    uncertainty: Uncertainty
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def errors(self) -> Array:
+        """Predicted over measured, less one."""
+        return np.asarray(self.predicted / self.table.measured() - 1)
+
+    @property
+    def significance(self) -> Array:
+        """Size of each difference over the validation uncertainty: above one it says that the model is wrong there."""
+        return np.asarray(np.abs(self.predicted - self.table.measured()) / self.uncertainty.validation)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether chance makes such differences, each by itself and all together; then nothing is missing."""
+        return self.uncertainty.agrees(self.predicted - self.table.measured())
+
+
+def compare(model: StaticModel, table: StaticTable) -> TableComparison:
+    """Compare a model with a table.
+
+    Raises
+    ------
+    InputError
+        If the model has no number for a row, or a row seems to have another unit.
+    """
+    predicted = model.predict(table)
+    believed = _believable(table, predicted)
+    noise = uncertainty(model, believed)
+    remarks = []
+    if believed is not table:
+        remarks.append("amplifications were taken with the sign of the model, along the output's normal")
+    if noise.unsaid:
+        remarks.append(f"some rows state no sigma: {100 * UNSAID:g} % was taken for it")
+    if noise.unstated:
+        shown, widest = ", ".join(noise.unstated[:2]), 100 * float(np.max(noise.model / np.abs(believed.measured())))
+        remarks.append(
+            f"the part does not state what all its hinges and rods run into (Member.roots, as of {shown}): the model "
+            f"may be off by {widest:.2g} %, one standard deviation, and little can be told from this table"
+        )
+    return TableComparison(model, believed, predicted, noise, tuple(remarks))
+
+
+def _believable(table: StaticTable, predicted: Array) -> StaticTable:
+    """Return a table whose values can be meant: amplifications with the model's sign."""
+    rows = []
+    for row, expected in zip(table.rows, predicted, strict=True):
+        if math.isfinite(expected):
+            power = math.log10(abs(row.value / expected)) / 3
+            if round(power) != 0 and abs(power - round(power)) < WRONG_UNIT / 3:
+                remedy = f"is {1000.0 ** round(power):g} times what the model expects: correct the unit ({row.unit})"
+                raise InputError(table.name, row.key, f"{row.value:.4g} (SI)", remedy)
+        opposite = row.quantity == "lambda" and row.value * expected < 0
+        rows.append(replace(row, value=-row.value) if opposite else row)
+    return table if tuple(rows) == table.rows else replace(table, rows=tuple(rows))

@@ -1,0 +1,61 @@
+"""The experiment that would tell apart what the runs cannot: chosen from the menu of the bench by simulating it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis import experiment_design
+from flexdesign.diagnosis.experiment_design import Resolved
+from flexdesign.diagnosis.result import Diagnosis
+
+
+@dataclass(frozen=True, eq=False)
+class Telling:
+    """A group of effects that look alike in the runs, and what would tell them apart.
+
+    Parameters
+    ----------
+    group
+        Names of the effects, the one that was added first.
+    resolved
+        The first with each of the others, and every experiment of the menu by how far it tells the two apart.
+    reason
+        Why some could not be simulated; empty if all could.
+    """
+
+    group: tuple[str, ...]
+    resolved: tuple[Resolved, ...]
+    reason: str = ""
+
+
+def tellings(found: Diagnosis, progress: Callable[[str], None] = lambda _: None) -> tuple[Telling, ...]:
+    """Return for every group that the runs cannot tell apart the experiments that would.
+
+    The menu is that of `experiment_design`: what the command can do within the limits of the axis, a known added
+    mass, a static push, another axis, warmth. Each is simulated with either effect, on the model with all else that was
+    found, and its difference counted in the noise of the runs.
+
+    Parameters
+    ----------
+    found
+        The diagnosis.
+    progress
+        Told what is being done.
+    """
+    return tuple(_telling(found, group, progress) for group in found.confusable)
+
+
+def _telling(found: Diagnosis, group: tuple[str, ...], progress: Callable[[str], None]) -> Telling:
+    resolved = list[Resolved]()
+    try:
+        limits = experiment_design.of_axis(found.model, found.axis)
+        dynamics = experiment_design.dynamics(found.model, found.axis, limits)
+        menu = [*experiment_design.suite_of(dynamics, limits), *experiment_design.elsewhere(dynamics, limits)]
+        for other in group[1:]:
+            progress(f"simulating what tells {group[0]} from {other}")
+            resolved.append(experiment_design.resolve_effects(dynamics, (group[0], other), menu, found.noise_floor))
+    except InputError as error:  # a model may lack what experiments go by, and is diagnosed all the same
+        return Telling(group, tuple(resolved), error.remedy)
+    return Telling(group, tuple(resolved))

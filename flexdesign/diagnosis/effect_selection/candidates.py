@@ -1,0 +1,188 @@
+"""The catalogue as candidates of a diagnosis: which numbers a fit may move, and where a search tries them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+
+from flexdesign import effects
+from flexdesign.core.model import Effect, Model, Parameter, Resonance
+from flexdesign.dynamics import spectrum
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, of_catalogue
+from flexdesign.dynamics.axis.axis_run import acts_ahead_of_stack
+from flexdesign.dynamics.stage_model import fields
+from flexdesign.estimation.model_selection.score_test import Candidate
+
+#: Effects that only move a number of the model itself: a recalibration beyond what was known names them.
+IMITATED = ("payload_mass", "stiffness_loss", "sensor_gain")
+#: The one among them that a known mass tells from the others.
+LOADED = "payload_mass"
+#: A delay of the sensor.
+READS_LATE = "sensor_delay"
+#: Readings in whole steps are noise to a fit.
+NOISE = ("quantisation",)
+#: In the band of frequency responses modes and lags are tried at so many frequencies, delays of so many cycles of its
+#: highest one.
+IN_BAND, CYCLES = 10, (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+#: Not more trials than these for one effect.
+MOST_TRIALS = 48
+
+
+@dataclass(frozen=True)
+class Adder:
+    """Adds an effect to a model.
+
+    Parameters
+    ----------
+    effect, name
+        The effect, and the name under which `flexdesign.effects.find` has it.
+    """
+
+    effect: Effect
+    name: str
+
+    def __call__(self, model: Model) -> Model:
+        """Return the model with the effect."""
+        return cast(AxisDynamics, model).with_effect(self.effect, self.name)
+
+
+def candidates(
+    model: AxisDynamics,
+    more: Sequence[str] = (),
+    lines: Sequence[float] = (),
+    *,
+    loaded: bool = False,
+    at_stack: bool = False,
+    band: tuple[float, float] | None = None,
+) -> tuple[Candidate, ...]:
+    """Return every effect of the catalogue that the axis does not have.
+
+    Parameters
+    ----------
+    model
+        The axis.
+    more
+        Paths of further effects.
+    lines
+        Frequencies [Hz] of sinusoids that were seen in quiet records, or of peaks that frequency responses leave.
+    loaded
+        Whether some runs carry a known mass: then the table's own mass shows.
+    at_stack
+        Whether all runs know the voltage at the stack: then nothing ahead of it shows, and only the sensor is late.
+    band
+        Lowest and highest frequency [Hz] of frequency responses, where there are no runs in time: these show small
+        sines and nothing else. Modes are then tried all over the band.
+    """
+    made = []
+    left_out = (*(name for name in IMITATED if not (loaded and name == LOADED)), *NOISE)
+    several = [each for name in effects.names() for each in effects.again(name)]
+    for name in (*effects.names(), *several, *more):
+        if name in left_out or name in model.axis.effects or (at_stack and acts_ahead_of_stack(effects.find(name))):
+            continue
+        if name == READS_LATE and not at_stack:  # elsewhere no recording tells it from a delay of the command
+            continue
+        if band is not None and not spectrum.shows(effects.find(name)):
+            continue
+        number = fields.ELSEWHERE.get(name)
+        present = {p.name: p.start for p in model.parameters()}
+        if number is not None and present[number] not in (0.0, math.inf):
+            continue
+        candidate = candidate_of(model, effects.find(name), name, number, lines, band)
+        after = _before(name)
+        made.append(candidate if after in model.axis.effects else replace(candidate, after=after))
+    return tuple(made)
+
+
+def _before(name: str) -> str:
+    """Return the name of the effect after which one that an axis has several times is tried; empty for the first.
+
+    >>> _before("second_mode"), _before("second_mode.2"), _before("second_mode.3")
+    ('', 'second_mode', 'second_mode.2')
+    """
+    first = effects.original(name)
+    names = (first, *effects.again(first))
+    return "" if name == first else names[names.index(name) - 1]
+
+
+def candidate_of(
+    model: AxisDynamics,
+    effect: Effect,
+    name: str,
+    number: str | None,
+    lines: Sequence[float],
+    band: tuple[float, float] | None = None,
+) -> Candidate:
+    """Return one effect as a candidate.
+
+    Parameters
+    ----------
+    model
+        The axis, without the effect.
+    effect, name
+        The effect, and the name under which `flexdesign.effects.find` has it.
+    number
+        The number of driver, sensor or controller that it stands for, if any.
+    lines, band
+        See `candidates`.
+    """
+    with_it = {p.name: p for p in model.with_effect(effect, name).parameters()}
+    if number is not None:
+        own = [_with_screen(with_it[number], effect.parameters[0], model)]
+    else:
+        own = [with_it[f"{name}.{p.name}"] for p in effect.parameters]
+    if band is not None:
+        own = [replace(p, screen=_over(p, band)) if p.screen else p for p in own]
+    strength = next(p for p in own if p.null is not None)
+    power = fields.POWER_LAWS.get(name, ("", ()))[0]
+    free = tuple(p.name for p in own if not p.per_run and p.name.rpartition(".")[2] != power)
+    phase = next((p.name for p in own if p.per_run and p.si == "rad"), "")
+    is_mode = band is not None and any(isinstance(face, Resonance) for face in effect.faces)
+    return Candidate(
+        name=name,
+        add=Adder(effect, name),
+        strength=strength.name,
+        free=free,
+        trials=_trials(own, strength, lines if phase or is_mode else ()),
+        phase=phase,
+        signed=strength.plausible[0] < 0,
+        is_limit=strength.null == math.inf,
+        like=effect.confused_with,
+    )
+
+
+def _over(parameter: Parameter, band: tuple[float, float]) -> tuple[float, ...]:
+    """Return the values at which a number is tried in a band: frequencies all over it, delays of some phase at its end.
+
+    >>> [round(value, 6) for value in _over(Parameter(DELAY, "s", "ms", "delay"), (1.0, 400.0))]
+    [5e-05, 0.000125, 0.00025, 0.0005, 0.00125, 0.0025]
+    """
+    if parameter.si == "Hz":
+        return tuple(np.geomspace(*band, IN_BAND).tolist())
+    return tuple(cycles / band[1] for cycles in CYCLES) if parameter.name in (DELAY, SENSOR_DELAY) else parameter.screen
+
+
+def _with_screen(number: Parameter, catalogue: Parameter, model: AxisDynamics) -> Parameter:
+    """Return a number of driver, sensor or controller with what the catalogue says of the effect that it stands for."""
+    scale = of_catalogue(catalogue, model.stroke, model.volts)
+    return replace(number, screen=tuple(value * scale for value in catalogue.screen), null=catalogue.null)
+
+
+def _trials(own: Sequence[Parameter], strength: Parameter, lines: Sequence[float]) -> tuple[dict[str, float], ...]:
+    grids: list[list[tuple[str, float]]] = []
+    for p in own:
+        if p.per_run:
+            continue
+        values = list(p.screen) if p.screen and (p is not strength or p.null == math.inf) else []
+        if lines and p.si == "Hz":
+            values += [line for line in lines if p.is_plausible(line)]
+        low, high = p.plausible
+        values = sorted({min(max(value, low), high) for value in values})
+        start = p.start if p.start is not None else 0.0
+        grids.append([(p.name, value) for value in values or [start]])
+    return tuple(dict(trial) for trial in itertools.islice(itertools.product(*grids), MOST_TRIALS))

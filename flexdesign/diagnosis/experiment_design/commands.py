@@ -1,0 +1,208 @@
+"""Commands for the bench: what is sent, what it is for, and the shapes it is put together from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.diagnosis.experiment_design.limits import GRID, Limits
+from flexdesign.dynamics.trajectories import Multisine
+from flexdesign.measurements.recordings import AXES, Role, Run
+
+Array = NDArray[np.float64]
+#: What an experiment shows; reports draw each kind in its own way.
+Kind = Literal[
+    "quiet",
+    "steps",
+    "multisine",
+    "triangle",
+    "staircase",
+    "hold",
+    "sine",
+    "levels",
+    "push",
+    "temperature",
+    "other axis",
+]
+#: The temperature of a room [K].
+ROOM = 293.15
+#: Rise time from 10 to 90 % of a first-order low-pass, times its corner frequency.
+RISE = 0.35
+#: Of so many draws of random phases the one with the lowest peaks is taken.
+DRAWS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """One experiment: what is sent to an axis, and what else happens.
+
+    Parameters
+    ----------
+    name
+        As its file is called, without the number before it.
+    kind, purpose
+        What it shows; what it is for, in words.
+    volts
+        The command, n values [V].
+    period
+        Sampling period [s].
+    role
+        Whether a fit may see it.
+    marks
+        Moments that matter [s]: where a hold or the periods begin, the edges of steps.
+    cycle
+        Length of what repeats [s]; zero if nothing does.
+    mass_ratio
+        Known mass that is added at the output, relative to the moving mass.
+    push
+        Known static force on the output, as the displacement it causes by the model [m].
+    recorded
+        Further columns, by name with their SI unit: what another axis or the temperature does.
+    note
+        What has to be done by hand.
+    scaled
+        Why it is smaller than wanted; empty if it is not.
+    """
+
+    name: str
+    kind: Kind
+    purpose: str
+    volts: Array
+    period: float
+    role: Role = "identify"
+    marks: tuple[float, ...] = ()
+    cycle: float = 0.0
+    mass_ratio: float = 0.0
+    push: float = 0.0
+    recorded: Mapping[str, tuple[str, Array]] = field(default_factory=dict)
+    note: str = ""
+    scaled: str = ""
+
+    @property
+    def time(self) -> Array:
+        """Moments of the samples [s]."""
+        return self.period * np.arange(len(self.volts), dtype=np.float64)
+
+    @property
+    def duration(self) -> float:
+        """From the first sample to the last [s]."""
+        return self.period * (len(self.volts) - 1)
+
+    @property
+    def peak(self) -> float:
+        """Largest voltage, with its sign [V]."""
+        return float(self.volts[np.argmax(np.abs(self.volts))])
+
+    @property
+    def slew(self) -> float:
+        """Largest change from one sample to the next, per sampling period [V/s]."""
+        return float(np.abs(np.diff(self.volts)).max(initial=0.0)) / self.period
+
+    @property
+    def command_only(self) -> bool:
+        """Whether everything it needs is the command."""
+        return not (self.mass_ratio or self.push or self.recorded)
+
+    def run(self, axis: str, response: str) -> Run:
+        """Return it as a run with nothing measured yet: a response of zeros, in the SI unit `response`.
+
+        Temperature and another axis rest, unless it is them that move.
+        """
+        still, other = np.zeros(len(self.volts)), other_than(axis)
+        columns = {"u": self.volts, axis: still, other: still, "T": still + ROOM}
+        si = {"u": "V", axis: response, other: response, "T": "K"}
+        for name, (unit, values) in self.recorded.items():
+            columns[name], si[name] = values, unit
+        return Run(self.name, self.time, columns, si, "hold", self.role)
+
+
+def other_than(axis: str) -> str:
+    """Return the name of another axis of a stage."""
+    return next(name for name in AXES if name != axis)
+
+
+def on_grid(volts: Array, limits: Limits) -> Array:
+    """Return a command in whole multiples of the grid, within the voltage range [V].
+
+    Rounding is to the nearest multiple; one that the ends of the range cut off is the last within.
+    """
+    first, last = math.ceil(limits.low / GRID - 1e-9), math.floor(limits.high / GRID + 1e-9)
+    # Divided by a whole number: the nearest double of the decimal that a file holds.
+    return np.clip(np.rint(volts / GRID), first, last) / round(1 / GRID)
+
+
+def path(limits: Limits, points: Sequence[tuple[float, float]], gentle: float = 0.0) -> tuple[Array, tuple[float, ...]]:
+    """Return levels joined by ramps, and when each ramp begins [s].
+
+    Parameters
+    ----------
+    limits
+        Of their slew and bandwidth.
+    points
+        Levels [V], each with the time for which it is held [s].
+    gentle
+        A ramp takes at least this long, and has no corners [s]; zero for straight ones.
+    """
+    pieces, begins, level, count = [], [], points[0][0], 0
+    for target, dwell in points:
+        if target != level:
+            begins.append(count / limits.rate)
+            pieces.append(ramp(limits, level, target, gentle))
+            count += len(pieces[-1])
+        held = max(1, round(dwell * limits.rate))
+        pieces.append(np.full(held, target))
+        count, level = count + held, target
+    return np.concatenate(pieces), tuple(begins)
+
+
+def ramp(limits: Limits, start: float, end: float, gentle: float = 0.0) -> Array:
+    """Return the samples between two levels, neither of them included: none where the command may jump.
+
+    A gentle way is half a cosine, which leaves a mode of a few of its periods' length nearly at rest.
+    """
+    rise = RISE / limits.bandwidth / 0.8  # a ramp's whole length from its 10 to 90 %
+    slowest = abs(end - start) / limits.step * (0.5 * math.pi if gentle else 1.0)
+    samples = max(1, math.ceil(max(rise, gentle) * limits.rate - 0.5), math.ceil(slowest))
+    share = np.arange(1, samples) / samples
+    return start + (end - start) * (0.5 - 0.5 * np.cos(np.pi * share) if gentle else share)
+
+
+def triangle(limits: Limits, frequency: float, cycles: int) -> Array:
+    """Return cycles between both ends of the range at constant rate, from home and back [V]."""
+    rate = 2 * limits.span * frequency
+    corners = [limits.home, *([limits.level(1.0), limits.level(0.0)] * cycles), limits.home]
+    times = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(corners)) / rate)])
+    return np.interp(np.arange(math.ceil(times[-1] * limits.rate) + 1) / limits.rate, times, corners)
+
+
+def multisine(band: tuple[float, float], resolution: float, rate: float, generator: np.random.Generator) -> Array:
+    """Return one period of equal tones with random phases and low peaks, between -1 and 1.
+
+    Parameters
+    ----------
+    band
+        Lowest and highest frequency [Hz].
+    resolution
+        Distance of the tones [Hz]; the sampling rate is a whole multiple.
+    rate
+        [Hz]
+    generator
+        Draws the phases: the best of thirty draws by crest factor, which is about 2.5 where one draw has 3 to 4.
+    """
+    best, crest = np.zeros(0), math.inf
+    for seed in generator.integers(0, 2**32, DRAWS):
+        tones = _tones(band, resolution, int(seed)).sampled(1 / rate)[: round(rate / resolution)]
+        found = 1.0 / float(np.sqrt(np.mean(tones**2)))
+        if found < crest:
+            best, crest = tones, found
+    return best
+
+
+def _tones(band: tuple[float, float], resolution: float, seed: int) -> Multisine:
+    texts = {"band": [f"{edge!r} Hz" for edge in band], "resolution": f"{resolution!r} Hz"}
+    return Multisine.model_validate({"shape": "multisine", "low": "-1 V", "high": "1 V", **texts, "seed": seed})

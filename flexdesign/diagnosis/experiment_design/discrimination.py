@@ -1,0 +1,234 @@
+"""Which experiments tell two effects apart: simulated with either, at strengths that agree on a multisine."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexdesign import effects
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis.experiment_design import signature
+from flexdesign.diagnosis.experiment_design.commands import Array, Command
+from flexdesign.diagnosis.experiment_design.effect_strength import Acting, fitted, on, reading, rms
+from flexdesign.diagnosis.experiment_design.experiments import SAME_WITH_MASS
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+
+#: On this multisine both effects look as alike as they can.
+STANDARD = SAME_WITH_MASS
+#: A difference of so many times the sensor's noise, rms, is plain to see in one run.
+PLAIN = 3.0
+#: An effect changes the standard multisine's response by this share of itself at most.
+SHARE = 0.1
+#: Relative change of the damping ratio from which its influence is taken.
+SMALL = 0.01
+#: So many times the damping is corrected.
+TURNS = 3
+#: So many experiments are proposed, one of each kind.
+PROPOSED = 3
+#: Without a stated noise of the sensor, this share of the stroke is assumed.
+NOISE = 1e-4
+
+
+@dataclass(frozen=True)
+class Separation:
+    """How far one experiment tells two effects apart.
+
+    Parameters
+    ----------
+    command
+        The experiment.
+    first, second
+        Readings with either effect, n values [response]; the second refitted to the first.
+    difference
+        Between the two, rms; of a multisine over its whole periods [response].
+    over_noise
+        The same over the sensor's noise.
+    """
+
+    command: Command
+    first: Array
+    second: Array
+    difference: float
+    over_noise: float
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """Two effects, and what tells them apart.
+
+    Parameters
+    ----------
+    effects
+        Both, on the axis without either.
+    strengths
+        At which they are compared, SI.
+    alike
+        What is left between them on the standard multisine, rms [response].
+    noise
+        Of the sensor, rms [response].
+    separations
+        Of every experiment, the best first.
+    """
+
+    effects: tuple[Acting, Acting]
+    strengths: tuple[float, float]
+    alike: float
+    noise: float
+    separations: tuple[Separation, ...]
+
+    @property
+    def proposed(self) -> tuple[Separation, ...]:
+        """The best experiment of each kind, three at most, among those whose difference is plain to see."""
+        kinds: dict[str, Separation] = {}
+        for each in self.separations:
+            kind = "added mass" if each.command.mass_ratio else each.command.kind
+            if each.over_noise >= PLAIN and each.command.role == "identify":
+                kinds.setdefault(kind, each)
+        return tuple(kinds.values())[:PROPOSED]
+
+
+def resolve_effects(
+    model: AxisDynamics, names: tuple[str, str], experiments: Sequence[Command], noise: float
+) -> Resolved:
+    """Return which experiments tell two effects apart.
+
+    The first effect is as strong as changes the standard multisine by 1 % of the stroke, rms, or by a tenth of its
+    response where that is less; the second such that it agrees with the first there as well as it can. In every
+    experiment the second is given the gain, the offset and the damping that fit the first best, as nobody knows these
+    well enough to go by them; a static push is compared as it is read.
+
+    Parameters
+    ----------
+    model
+        The axis; should it have one of the effects, it is taken away.
+    names
+        Of both effects.
+    experiments
+        The menu; the standard multisine among them.
+    noise
+        Of the sensor, rms [response].
+
+    Raises
+    ------
+    InputError
+        If both effects are the same, or one is not known or does not act in time.
+    """
+    if names[0] == names[1]:
+        raise InputError("command line", "--resolve", " ".join(names), "names one effect twice; name two")
+    plain = on(on(model, names[0]).without, names[1]).without
+    first, second = on(plain, names[0]), on(plain, names[1])
+    standard = next(command for command in experiments if command.name == STANDARD)
+    one = _visible(first, standard, experiments)
+    target = reading(first.at(one), standard)
+    other = _alike(second, standard, target, experiments)
+    found = [_separation(command, first.at(one), second.at(other), noise) for command in experiments]
+    left = next(each.difference for each in found if each.command is standard)
+    words = " ".join(effects.find(name).reveal for name in names)
+    ordered = sorted(found, key=lambda each: _rank(each, words), reverse=True)
+    return Resolved((first, second), (one, other), left, noise, tuple(ordered))
+
+
+def needed(experiments: Sequence[Command], resolved: Resolved) -> tuple[Command, ...]:
+    """Return those of the experiments that tell two effects apart, and the record of the noise they are seen against.
+
+    What is compared with a repetition needs the first time too: the multisine that the added mass repeats.
+    """
+    wanted = {each.command.name for each in resolved.proposed} | {"quiet"}
+    if any(each.command.mass_ratio for each in resolved.proposed):
+        wanted.add(SAME_WITH_MASS)
+    return tuple(command for command in experiments if command.name in wanted)
+
+
+def steady(command: Command) -> slice:
+    """Return which samples count: of a multisine its whole periods, without the way there and back."""
+    if command.kind != "multisine":
+        return slice(None)
+    first, last = (round(command.marks[end] / command.period) for end in (0, -1))
+    return slice(first, last)
+
+
+def _rank(each: Separation, reveal: str) -> tuple[float, bool, float]:
+    """Return the place of an experiment: among equals those come first that the effects' own words name."""
+    seen = each.over_noise
+    place = math.floor(math.log(seen) / math.log(signature.ALIKE)) if 0 < seen < math.inf else -math.inf
+    return place, signature.named(reveal, each.command.kind), seen
+
+
+def _visible(effect: Acting, standard: Command, experiments: Sequence[Command]) -> float:
+    """Return the strength at which an effect changes the standard multisine visibly, or what shows it best.
+
+    No more than a share of the response itself: a stage without a resonance answers a multisine by little.
+    """
+    without = reading(effect.without, standard)
+    cut = steady(standard)
+    wanted = min(signature.VISIBLE * effect.without.stroke, SHARE * float(np.std(without[cut])))
+
+    def change(model: AxisDynamics) -> float:
+        return rms((reading(model, standard) - without)[cut])
+
+    strength = effect.search(wanted, change)
+    if change(effect.at(strength)) > 0.5 * wanted:
+        return strength
+    return signature.signature_of(effect, experiments).strength
+
+
+def _alike(effect: Acting, standard: Command, target: Array, experiments: Sequence[Command]) -> float:
+    """Return the strength at which an effect comes closest to a target on the standard multisine.
+
+    From its visible strength on, of either sign where both are plausible, by golden section over the logarithm.
+    """
+    from scipy.optimize import minimize_scalar
+
+    visible = _visible(effect, standard, experiments)
+    low, high = effect.strength.plausible
+
+    def off(strength: float) -> float:
+        return rms((target - _refitted(effect.at(strength), standard, target))[steady(standard)])
+
+    best = visible
+    for sign in (1.0, -1.0):
+        start = sign * visible
+        if not low <= start <= high:
+            continue
+        bounds = (math.log(abs(start) / 30), math.log(abs(start) * 30))
+        found = minimize_scalar(
+            lambda place, sign=sign: off(math.copysign(1.0, sign * visible) * math.exp(place)),
+            bounds=bounds, method="bounded", options={"xatol": 1e-3},
+        )  # fmt: skip
+        tried = min(max(math.copysign(math.exp(found.x), start), low), high)
+        best = min((best, tried), key=off)
+    return best
+
+
+def _refitted(model: AxisDynamics, command: Command, target: Array) -> Array:
+    """Return a reading with the gain, offset and damping that bring it closest to a target; NaN if it runs away."""
+    found = reading(model, command)
+    if command.push:  # its force is known, and so is what the sensor reads at rest
+        return found
+    cut, first = steady(command), model.axis.damping_ratio
+    damping = first
+    for _ in range(TURNS):
+        model = model.replace({"damping_ratio": damping})
+        found = reading(model, command)
+        turned = reading(model.replace({"damping_ratio": (1 + SMALL) * damping}), command) - found
+        if not math.isfinite(rms(found) + rms(turned)):
+            break
+        gain, step = fitted(found[cut], target[cut], turned[cut])[1]
+        best = gain * found + step * turned
+        best += np.mean((target - best)[cut])
+        if not gain > 0:
+            return best
+        damping = min(max(damping * (1 + SMALL * step / gain), first / 5, 0.5 * damping), 5 * first, 2 * damping)
+    else:
+        return best
+    return np.full(len(found), np.nan)
+
+
+def _separation(command: Command, first: AxisDynamics, second: AxisDynamics, noise: float) -> Separation:
+    one = reading(first, command)
+    other = _refitted(second, command, one)
+    difference = rms((one - other)[steady(command)])
+    return Separation(command, one, other, difference, difference / noise)

@@ -1,0 +1,206 @@
+"""An effect at a chosen strength on an axis, and what it changes in an experiment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from flexdesign import effects
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Block, Effect, Parameter, Socket, Term
+from flexdesign.diagnosis.experiment_design.commands import Array, Command
+from flexdesign.diagnosis.experiment_design.limits import EXACT
+from flexdesign.dynamics import stage_dynamics as stages
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.axis.axis_parameters import DELAY
+from flexdesign.dynamics.stage_model import AxisModel, fields
+
+#: A search for a strength ends this close to it, relative.
+CLOSE = 0.03
+
+
+@dataclass(frozen=True)
+class Acting:
+    """An effect on an axis.
+
+    Parameters
+    ----------
+    name
+        Of the catalogue, of an installed package or the path of a file.
+    without
+        The axis without it; without any other hysteresis too, if it is one.
+    added
+        The axis with it, at its start values.
+    strength
+        The number by which it is made stronger or weaker: its first one with a null; plausible range as on this axis.
+    key
+        What `AxisDynamics.replace` calls that number.
+    """
+
+    name: str
+    without: AxisDynamics
+    added: AxisDynamics
+    strength: Parameter
+    key: str
+
+    @property
+    def start(self) -> float:
+        """The strength to begin with: the start value, or a tenth of the largest plausible one."""
+        numbers = {**self.added.axis.numbers, DELAY: self.added.delay}
+        value, null = numbers.get(self.key, math.nan), self.strength.null
+        if math.isfinite(value) and value != null:
+            return value
+        low, high = self.strength.plausible
+        tenth = 0.1 * high if math.isfinite(high) else low
+        return tenth if tenth not in (0.0, null) else 1.0
+
+    def at(self, strength: float) -> AxisDynamics:
+        """Return the axis with the effect at a strength, SI."""
+        return self.added.replace({self.key: strength})
+
+    def values(self, strength: float) -> dict[str, float]:
+        """Return all its numbers at a strength, by their names in the catalogue, SI."""
+        own = dict(self.added.axis.effects.get(self.name, {}))
+        return {**own, self.strength.name.rpartition(".")[2]: strength}
+
+    def search(self, wanted: float, measure: Callable[[AxisDynamics], float]) -> float:
+        """Return the strength at which `measure` comes to `wanted`, or the end of the plausible range next to it.
+
+        `measure` must grow with the effect and be zero without it. The root is sought between the logarithms of both,
+        where most effects are straight lines.
+        """
+        from scipy.optimize import brentq
+
+        sign, low, high = -1.0 if self.start < 0 else 1.0, *self._magnitudes()
+        stronger = -1.0 if self.strength.null == math.inf else 1.0  # a limit acts the more, the smaller it is
+
+        @cache
+        def excess(place: float) -> float:
+            found = measure(self.at(sign * math.exp(place)))
+            return math.log(min(max(found / wanted, 1e-6), 1e6))
+
+        here = min(max(math.log(abs(self.start)), low), high)
+        towards = -stronger * math.copysign(1.0, excess(here))
+        there = here
+        while excess(there) * excess(here) > 0:
+            here, there = there, min(max(there + towards, low), high)
+            if here == there:  # the end of the range
+                return sign * math.exp(there)
+        return sign * math.exp(brentq(excess, here, there, xtol=CLOSE, rtol=1e-9)) if here != there else self.start
+
+    def _magnitudes(self) -> tuple[float, float]:
+        """Return the logarithms between which the strength may lie; at most nine decades."""
+        low, high = self.strength.plausible
+        largest = max(abs(low), abs(high))
+        largest = largest if math.isfinite(largest) else 1e6 * abs(self.start)
+        return math.log(low if low > 1e-9 * largest else 1e-9 * largest), math.log(largest)
+
+
+def on(model: AxisDynamics, name: str) -> Acting:
+    """Return an effect on an axis, at its start values.
+
+    Raises
+    ------
+    InputError
+        If there is no such effect, or it has nothing that acts in time.
+    """
+    try:
+        effect = effects.find(name)
+    except ValueError as error:
+        raise InputError("command line", "effect", name, str(error)) from None
+    elsewhere = fields.ELSEWHERE.get(name)
+    if not elsewhere and all(isinstance(face, Term) for face in effect.faces):
+        remedy = "acts on static formulas alone; choose one that an experiment in time shows"
+        raise InputError("command line", "effect", name, remedy)
+    own = next((p for p in effect.parameters if p.null is not None), effect.parameters[0])
+    if elsewhere:
+        cleared = model.replace({elsewhere: 0.0 if own.null is None else own.null})
+        without, key, known = _fresh(cleared, cleared.axis), elsewhere, own
+        return Acting(name, without, without.with_effect(effect, name), known, key)
+    without = _fresh(model, _cleared(model.axis, effect, name))
+    added, key = without.with_effect(effect, name), f"{name}.{own.name}"
+    return Acting(name, without, added, next(p for p in added.parameters() if p.name == key), key)
+
+
+def _fresh(model: AxisDynamics, axis: AxisModel) -> AxisDynamics:
+    return AxisDynamics(model.name, axis, model.volts, EXACT, delay=model.delay)
+
+
+def _cleared(axis: AxisModel, effect: Effect, name: str) -> AxisModel:
+    """Return the axis without an effect, and without others in its place if it is a hysteresis."""
+
+    def is_hysteresis(each: Effect) -> bool:
+        blocks = [face for face in each.faces if isinstance(face, Block) and face.socket is Socket.HYSTERESIS]
+        return any(block.states or block.memory for block in blocks)  # without memory it is a curve, no loop
+
+    kept = {
+        other: values
+        for other, values in axis.effects.items()
+        if other != name and not (is_hysteresis(effect) and is_hysteresis(effects.find(other)))
+    }
+    return replace(axis, effects=kept)
+
+
+# --- what an experiment shows ---------------------------------------------------------------------------------------
+
+
+def reading(model: AxisDynamics, command: Command) -> Array:
+    """Return what the sensor reads in an experiment [response], n values; NaN where the motion runs away.
+
+    An added mass and a static push are taken into account as far as the effects of `model` bear on them.
+    """
+    mass, compliance = inertia(model)
+    if command.mass_ratio:
+        # Mass and frequency before and after: (w'/w)^2 = m / (m + added); the damper stays, so that zeta falls as w.
+        fall = math.sqrt(mass / (mass + command.mass_ratio))
+        axis = model.axis
+        lower = {"natural_frequency": axis.natural_frequency * fall, "damping_ratio": axis.damping_ratio * fall}
+        model = model.replace(lower)
+    found = model.predict(command.run(model.name, model.axis.response))
+    if command.push:
+        found = found + command.push * compliance
+    step = model.axis.sensor.resolution
+    if step > 0:  # predictions leave it out, so that fits stay smooth
+        found = step * np.floor(found / step + 0.5)
+    return found
+
+
+def inertia(model: AxisDynamics) -> tuple[float, float]:
+    """Return moving mass and compliance per those of the plain axis, by the effects that adjust its numbers.
+
+    The drive is a force, so that the static gain is in proportion to the compliance, and the mass follows from it and
+    the natural frequency.
+    """
+    now, axis = stages.adjusted(model.axis), model.axis
+    compliance = now["gain"] / axis.gain
+    return 1.0 / (compliance * (now["natural_frequency"] / axis.natural_frequency) ** 2), compliance
+
+
+def rms(values: Array) -> float:
+    """Return the root of the mean square; infinite if the motion ran away."""
+    found = float(np.sqrt(np.mean(values**2)))
+    return found if math.isfinite(found) else math.inf
+
+
+def fitted(values: Array, target: Array, *directions: Array) -> tuple[Array, Array]:
+    """Return values with the gain, the offset and the steps along some directions that bring them closest to a target.
+
+    Parameters
+    ----------
+    values, target
+        n values each; values that do not move have no gain to be fitted.
+    directions
+        How the values change with further numbers, n values each.
+
+    Returns
+    -------
+    The values so changed, n values, and the factors of the values and of each direction.
+    """
+    matrix = np.stack([each - each.mean() for each in (values, *directions)], axis=1)
+    scale = np.array([rms(column) or 1.0 for column in matrix.T])  # what does not move gets the factor zero
+    factors = np.linalg.lstsq(matrix / scale, target - target.mean(), rcond=1e-10)[0] / scale
+    return np.asarray(matrix @ factors + target.mean()), np.asarray(factors)

@@ -1,0 +1,222 @@
+"""What commands of one axis may be: voltage, slew, current, bandwidth and sampling, each with where it comes from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from flexdesign.core.errors import InputError
+from flexdesign.dynamics import stage_dynamics as stages
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.stage_model import AxisModel, StageModel
+
+#: Commands are whole multiples of this [V], so that a file holds exactly what was checked.
+GRID = 1e-6
+#: Simulations are exact to this share of their span: far below what is drawn or compared.
+EXACT = 1e-6
+#: Of the voltage range, that commands leave free at either end: a margin for the driver's own offset.
+MARGIN = 0.02
+#: Of the sampling rate, below which commands stay if no bandwidth is stated: Nyquist's half, less a filter's corner.
+BELOW_NYQUIST = 0.4
+#: Commands must reach so many times the highest resonance, or they do not show what lies above it.
+ABOVE = 1.3
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the commands of an axis keep to.
+
+    Parameters
+    ----------
+    low, high
+        Lowest and highest command [V].
+    slew
+        Fastest change of the command [V/s]; infinite if nothing limits it.
+    bandwidth
+        No tone lies above it, and no edge is faster than its rise time, 0.35 / bandwidth [Hz].
+    rate
+        Samples per second [Hz].
+    capacitance
+        What a volt of the command charges: all stacks, times the driver's gain [F]; None if unknown.
+    origin
+        Where each of these comes from, in words.
+    """
+
+    low: float
+    high: float
+    slew: float
+    bandwidth: float
+    rate: float
+    capacitance: float | None = None
+    origin: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def home(self) -> float:
+        """Where every command begins and ends: zero, or the end of the range next to it [V]."""
+        return min(max(0.0, self.low), self.high)
+
+    @property
+    def span(self) -> float:
+        """Width of the range that commands use [V]."""
+        return (1 - 2 * MARGIN) * (self.high - self.low)
+
+    @property
+    def middle(self) -> float:
+        """Middle of the range [V]."""
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def step(self) -> float:
+        """Largest change from one sample to the next, less what rounding to the grid may add [V]."""
+        return self.slew / self.rate - 2 * GRID
+
+    def level(self, share: float) -> float:
+        """Return a level, from 0 at the low end of the range that commands use to 1 at the high one [V]."""
+        return self.middle + (share - 0.5) * self.span
+
+    def current(self, slew: float) -> float | None:
+        """Return the driver's current while the command changes so fast [A]; None if no capacitance is known."""
+        return None if self.capacitance is None else self.capacitance * slew
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a user states about the bench; None where the model is to say.
+
+    Parameters
+    ----------
+    volts
+        Lowest and highest command [V].
+    slew, current
+        Fastest change of the command [V/s]; largest current of the driver [A].
+    bandwidth, rate
+        [Hz]
+    """
+
+    volts: tuple[float, float] | None = None
+    slew: float | None = None
+    current: float | None = None
+    bandwidth: float | None = None
+    rate: float | None = None
+
+
+def axis(model: StageModel, name: str | None) -> str:
+    """Return the axis that is meant: the one named, or the first.
+
+    Raises
+    ------
+    InputError
+        If the model has no such axis.
+    """
+    if name is None:
+        return next(iter(model.axes))
+    if name not in model.axes:
+        raise InputError("command line", "--axis", name, f"is no axis of the model; it has {', '.join(model.axes)}")
+    return name
+
+
+def dynamics(model: StageModel, name: str, limits: Limits) -> AxisDynamics:
+    """Return an axis as it is simulated on the bench, its stroke that of the limits."""
+    volts = max(abs(limits.low), abs(limits.high))
+    return AxisDynamics(name, model.axes[name], volts, EXACT, delay=model.controller.delay)
+
+
+def of_axis(model: StageModel, name: str, asked: Asked | None = None) -> Limits:
+    """Return what the commands of an axis keep to: the narrower of what model and user say.
+
+    Raises
+    ------
+    InputError
+        If no voltage range is known, what is asked lies outside of the model's, a current is stated of an unknown
+        capacitance, sampling or bandwidth do not reach above the resonance, or the slew limit is finer than the grid
+        of the commands.
+    """
+    asked, axis, file = asked or Asked(), model.axes[name], f"{model.name or 'stage model'}.toml"
+    origin: dict[str, str] = {}
+    low, high = _volts(axis, name, file, asked, origin)
+    capacitance = None
+    if axis.actuator is not None and axis.actuator.capacitance is not None:
+        capacitance = axis.actuator.capacitance * axis.actuator.count * abs(axis.driver.gain)
+    rate = asked.rate or model.controller.rate
+    origin["rate"] = "--rate" if asked.rate else "controller.rate"
+    slew = _slew(axis, name, file, asked, capacitance, origin)
+    if slew / rate < 100 * GRID:
+        remedy = f"allows {slew / rate:.2g} V per sample, less than commands resolve; allow more, or sample slower"
+        raise InputError("command line" if asked.slew else file, origin["slew"], f"{slew:g} V/s", remedy)
+    bandwidth = _bandwidth(axis, asked, rate, file, origin)
+    return Limits(low, high, slew, bandwidth, rate, capacitance, origin)
+
+
+def refuse_unlimited(model: StageModel, name: str, limits: Limits) -> None:
+    """Refuse to plan for a bench of which nobody said how fast its voltage may change: stacks crack, drivers trip.
+
+    Raises
+    ------
+    InputError
+        If the slew is infinite; it says which of slew, current and capacitance are missing.
+    """
+    if math.isfinite(limits.slew):
+        return
+    known = 'or --current "50 mA"'
+    if limits.capacitance is None:
+        known += f' and axis.{name}.actuator.capacitance (--set axis.{name}.actuator.capacitance="3.6 uF")'
+    remedy = (
+        f'is missing: no command is written while nothing says how fast the voltage may change; give --slew "2000 V/s" '
+        f"{known}; --slew none if nothing limits it"
+    )
+    raise InputError(f"{model.name or 'stage model'}.toml", f"axis.{name}.driver.slew", None, remedy)
+
+
+def _volts(axis: AxisModel, name: str, file: str, asked: Asked, origin: dict[str, str]) -> tuple[float, float]:
+    low, high = stages.limits(axis)
+    origin["volts"] = f"axis.{name}.actuator.voltage_range and driver.limits"
+    if asked.volts is not None:
+        first, last = asked.volts
+        if not first < last:
+            raise InputError("command line", "--volts", f"{first:g} V {last:g} V", "the first must be the lower one")
+        if first < low or last > high:
+            remedy = (
+                f"lies outside of {low:g} V to {high:g} V, what driver and actuator of axis {name} allow; stay within"
+            )
+            raise InputError("command line", "--volts", f"{first:g} V {last:g} V", remedy)
+        low, high, origin["volts"] = first, last, "--volts"
+    if not math.isfinite(high - low):
+        remedy = (
+            'is missing, so no voltage is known to be safe; write voltage_range = ["0 V", "150 V"], or give --volts'
+        )
+        raise InputError(file, f"axis.{name}.actuator.voltage_range", None, remedy)
+    return low, high
+
+
+def _slew(
+    axis: AxisModel, name: str, file: str, asked: Asked, capacitance: float | None, origin: dict[str, str]
+) -> float:
+    limits = {f"axis.{name}.driver.slew": axis.driver.slew / abs(axis.driver.gain)}
+    if asked.slew is not None:
+        limits["--slew"] = asked.slew
+    if asked.current is not None:
+        if capacitance is None:
+            remedy = 'is missing, so a current says nothing of the slew; write capacitance = "3.6 uF", or give --slew'
+            raise InputError(file, f"axis.{name}.actuator.capacitance", None, remedy)
+        limits["--current"] = asked.current / capacitance
+    origin["slew"] = min(limits, key=lambda key: limits[key])
+    return limits[origin["slew"]]
+
+
+def _bandwidth(axis: AxisModel, asked: Asked, rate: float, file: str, origin: dict[str, str]) -> float:
+    highest = max([axis.natural_frequency, *(mode.frequency for mode in axis.modes)])
+    needed, nyquist = ABOVE * highest, BELOW_NYQUIST * rate
+    if nyquist < needed:
+        fast = math.ceil(needed / BELOW_NYQUIST - 1e-6)
+        remedy = f"is too slow to see the resonance at {highest:.4g} Hz; sample at {fast} Hz or more (--rate)"
+        raise InputError("command line" if asked.rate else file, origin["rate"], f"{rate:g} Hz", remedy)
+    if asked.bandwidth is None:
+        origin["bandwidth"] = f"{BELOW_NYQUIST:g} of the sampling rate"
+        return nyquist
+    if not needed <= asked.bandwidth <= nyquist:
+        what = f"the resonance is at {highest:.4g} Hz, the sampling rate {rate:g} Hz"
+        remedy = f"commands must reach from {needed:.4g} Hz to at most {nyquist:.4g} Hz ({what}); choose between"
+        raise InputError("command line", "--bandwidth", f"{asked.bandwidth:g} Hz", remedy)
+    origin["bandwidth"] = "--bandwidth"
+    return asked.bandwidth

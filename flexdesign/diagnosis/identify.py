@@ -1,0 +1,379 @@
+"""Identification: the free numbers of one axis of a stage model, fitted to recorded runs, and what the runs leave open.
+
+A number with a stated uncertainty is prior knowledge; one that was assumed is free without it. What the runs do not
+determine keeps its old value: parameters are held one by one, the one asked for last first, and the others are fitted
+again, so that the model that is written matches the runs with the values that stand in it. Where an old value
+contradicts the runs, the value of the best fit is held instead, one of many, and marked as assumed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign import effects, estimation
+from flexdesign.core import units
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis.axis_noise import noise_of_axis
+from flexdesign.dynamics.axis.axis_choice import checked_numbers, choose_axis
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.axis.axis_parameters import DELAY
+from flexdesign.dynamics.axis.axis_run import doubts, of_axis
+from flexdesign.dynamics.stage_model import AxisModel, StageModel
+from flexdesign.estimation import Estimate, Fit, Starts
+from flexdesign.measurements.noise_level import NoiseFloor
+from flexdesign.measurements.recordings import Role, Run
+
+Array = NDArray[np.float64]
+#: What is fitted if nothing is asked for: the linear axis, and hysteresis where the model has it.
+LINEAR = ("gain", "damping_ratio", "natural_frequency")
+HYSTERESIS = ("bouc_wen.a", "bouc_wen.b", "bouc_wen.c", "bouc_wen.rest")
+#: An old value contradicts the runs if their residual is larger by this factor than that of the best fit: more than the
+#: rms of a thousand samples scatters, 1 / sqrt(2 * 1250).
+CONTRADICTED = 1.02
+
+
+@dataclass(frozen=True, eq=False)
+class RunMatch:
+    """How well the fitted axis predicts one run.
+
+    Parameters
+    ----------
+    name, role
+        Of the run.
+    time, command, measured, predicted
+        n values each [s], [V], [response]; the offset of the sensor is added to the prediction. `measured` is NaN
+        where it was not compared.
+    rms, span
+        Root mean square of measured less predicted, and the range of what was measured [response].
+    remarks
+        What to keep in mind about this run.
+    """
+
+    name: str
+    role: Role
+    time: Array
+    command: Array
+    measured: Array
+    predicted: Array
+    rms: float
+    span: float
+    remarks: tuple[str, ...]
+
+    @property
+    def error(self) -> float:
+        """The root mean square over the span, a ratio; NaN if nothing moved."""
+        return self.rms / self.span if self.span else math.nan
+
+
+@dataclass(frozen=True)
+class Held:
+    """A parameter that the runs do not determine, and the value at which it was held [SI].
+
+    Parameters
+    ----------
+    value, is_old
+        The value it had; or that of the best fit, where the runs contradict the old one.
+    """
+
+    value: float
+    is_old: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """A fitted stage model, and what stands behind it.
+
+    Parameters
+    ----------
+    before, model
+        The stage model as it was, and fitted.
+    axis
+        The axis that was identified.
+    estimates
+        The verdict on each parameter, in the order asked for. Where some are held, intervals hold for their values.
+    held, known
+        Parameters that the runs do not determine; and prior knowledge, value and standard deviation, SI.
+    fit
+        The last fit, of the determined parameters; None if there are none.
+    starts
+        How the starts of the first fit ended, of all that were asked for.
+    runs
+        All runs, those for validation among them.
+    before_errors
+        Root mean square error of the model as it was, by run [response].
+    evaluations, seconds
+        Number of simulations, and how long it took.
+    noise
+        The noise of the runs, measured where nothing but noise should be there.
+    doubts
+        What is doubtful about the units of runs, in sentences.
+    """
+
+    before: StageModel
+    model: StageModel
+    axis: str
+    estimates: tuple[Estimate, ...]
+    held: Mapping[str, Held]
+    known: Mapping[str, tuple[float, float]]
+    fit: Fit | None
+    starts: Starts
+    runs: tuple[RunMatch, ...]
+    before_errors: Mapping[str, float]
+    evaluations: int
+    seconds: float
+    noise: NoiseFloor
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def misfit(self) -> float:
+        """The residual of the fitted runs over their noise, a ratio of rms values."""
+        return misfit(self.runs, self.noise)[0]
+
+    @property
+    def is_incomplete(self) -> bool:
+        """Whether the residual is larger than the noise explains, so that the model lacks physics."""
+        return exceeds_noise(self.runs, self.noise)
+
+    @property
+    def response(self) -> str:
+        """SI unit of the response, which knows in which units it is written."""
+        return self.before.axes[self.axis].shown
+
+
+def identify(
+    model: StageModel,
+    runs: Sequence[Run],
+    *,
+    axis: str | None = None,
+    free: Sequence[str] | None = None,
+    starts: int = 8,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Identification:
+    """Fit free numbers of one axis to the runs of role ``identify``, and predict all.
+
+    Parameters
+    ----------
+    model, runs
+        The model, from whose values the fit begins, and the runs.
+    axis
+        May be left out where model and runs leave no choice.
+    free
+        Names of numbers, as in `AxisModel.numbers`, or ``controller.delay``; by default gain, damping ratio and
+        natural frequency, with a, b, c and rest of a Bouc-Wen hysteresis where the model has one.
+    starts, progress
+        How many starts the fit may follow; and what is told what is being done.
+
+    Raises
+    ------
+    InputError
+        If the axis is ambiguous or unknown, a run lacks its command or response or has it in another unit, a free
+        number is unknown, or no run may be fitted.
+    """
+    began = perf_counter()
+    name = choose_axis(model, runs, axis)
+    seen = tuple(of_axis(run, name, model.axes[name]) for run in runs)
+    if not any(run.role == "identify" for run in seen):
+        remedy = "all are kept for validation or testing; name a run with role identify"
+        raise InputError("command line", "RUNS", None, remedy)
+    volts = max(float(np.abs(run.command()).max()) for run in seen) or 1.0
+    start = AxisDynamics(name, model.axes[name], volts, delay=model.controller.delay)
+    usual = LINEAR + (HYSTERESIS if "bouc_wen" in start.axis.effects else ())
+    asked = usual if free is None else checked_numbers(start, free)
+    observed = [start.comparable(run) for run in seen]
+    search = _Search(start, [run for run in observed if run.role == "identify"], asked, starts, progress)
+    progress("predicting all runs")
+    fitted = search.dynamics
+    matches = tuple(_match(fitted, run, _remarks(full, run, fitted)) for full, run in zip(runs, observed, strict=True))
+    noise = noise_of_axis(runs, name, model.axes[name])
+    estimates = [search.verdicts[name] for name in asked]
+    if exceeds_noise(matches, noise):
+        estimates = [_without_interval(estimate) for estimate in estimates]
+    certain = {each.name: each.sigma for each in estimates if each.sigma is not None}
+    fitted_runs = [match.name for match in matches if match.role == "identify"]
+    axes = {**model.axes, name: _updated(model.axes[name], search, certain, fitted_runs)}
+    return Identification(
+        before=model,
+        model=replace(model, axes=axes, controller=replace(model.controller, delay=fitted.delay)),
+        axis=name,
+        estimates=tuple(estimates),
+        held=search.held,
+        known=search.known,
+        fit=search.last,
+        starts=search.starts,
+        runs=matches,
+        before_errors={run.name: _match(start, run, ()).rms for run in observed},
+        evaluations=search.evaluations,
+        seconds=perf_counter() - began,
+        noise=noise,
+        doubts=tuple(doubts(seen)),
+    )
+
+
+def misfit(matches: Sequence[RunMatch], noise: NoiseFloor) -> tuple[float, int]:
+    """Return the residual of the fitted runs over their noise, a ratio of rms values, and the number of samples."""
+    squares, count = 0.0, 0
+    for match in (match for match in matches if match.role == "identify"):
+        samples = int(np.isfinite(match.measured).sum())
+        squares, count = squares + samples * (match.rms / noise.rms[match.name]) ** 2, count + samples
+    return math.sqrt(squares / count), count
+
+
+def exceeds_noise(matches: Sequence[RunMatch], noise: NoiseFloor) -> bool:
+    """Tell whether the residual of the fitted runs is larger than their noise explains; of a guess nothing is told."""
+    ratio, count = misfit(matches, noise)
+    return noise.known and ratio**2 - 1 > noise.allowed_excess(count)
+
+
+def _without_interval(estimate: Estimate) -> Estimate:
+    """Return an estimate without its interval, which would count the noise but not the physics that the model lacks."""
+    if not estimate.determined:
+        return estimate
+    return replace(estimate, sigma=None, interval=None, reason="")
+
+
+def prior(axis: AxisModel, names: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Return what is known of some numbers of an axis: value and standard deviation, SI.
+
+    The natural frequency may be known through mass and stiffness: relative errors of both, halved and added in squares.
+
+    >>> axis = AxisModel(100.0, 0.02, 2e-6, uncertainty={"gain": 0.1, "damping_ratio": 1.0}, assumed=("damping_ratio",))
+    >>> prior(axis, ["gain", "damping_ratio"])
+    {'gain': (2e-06, 2e-07)}
+    """
+    relative = dict(axis.uncertainty)
+    lumped = [relative[part] for part in ("mass", "stiffness") if part in relative]
+    if lumped:
+        relative.setdefault("natural_frequency", 0.5 * math.hypot(*lumped))
+    known = {name: (axis.numbers[name], relative[name]) for name in names if name in relative}
+    return {
+        name: (value, abs(value) * sigma)
+        for name, (value, sigma) in known.items()
+        if value and sigma and name not in axis.assumed and not name.endswith(".rest")  # each record begins elsewhere
+    }
+
+
+class _Search:
+    """The fits of an identification: what turns out undetermined is held, until all that is free is determined."""
+
+    def __init__(
+        self,
+        start: AxisDynamics,
+        runs: Sequence[Run],
+        asked: Sequence[str],
+        starts: int,
+        progress: Callable[[str], None],
+    ) -> None:
+        self.start, self.runs, self.asked, self.progress = start, runs, tuple(asked), progress
+        self.known = prior(start.axis, asked)
+        self.held: dict[str, Held] = {}
+        self.evaluations = 0
+        # Which minimum is the best, simulations of 1e-5 of the span tell: they are faster, and still below any noise.
+        self.dynamics = start.refined(100 * start.tolerance)
+        self.starts = self._fit(self.asked, starts, profiles=False).starts
+        progress("fitting from the best minimum, and checking the intervals")
+        self.last: Fit | None = self._accurate_fit(self.asked)
+        self.verdicts: dict[str, Estimate] = {}  # of a parameter that is held the first one stays
+        while self.last is not None and self.last.undetermined:
+            self.verdicts = {name: self.last[name] for name in self.last.undetermined} | self.verdicts
+            self.last = self._without(self.last.undetermined[-1], self.last)
+        self.verdicts |= {estimate.name: estimate for estimate in self.last.estimates} if self.last else {}
+
+    def _without(self, name: str, best: Fit) -> Fit | None:
+        """Hold a parameter, at its old value if the runs allow it, and fit the others; None if there are none."""
+        others = [estimate.name for estimate in best.estimates if estimate.name != name]
+        fitted = self.dynamics
+        for which, model in {"old": self.start, "best": fitted}.items():
+            value = _present(model, name)
+            self.dynamics = fitted.replace({name: value})
+            self.held[name] = Held(value, which == "old")
+            self.progress(f"{name} is held at its {which} value; fitting the others again")
+            found = self._accurate_fit(others) if others else None
+            rms = [m.rms for m in found.matches] if found else [_match(self.dynamics, run, ()).rms for run in self.runs]
+            if all(r <= CONTRADICTED * m.rms for r, m in zip(rms, best.matches, strict=True)):
+                break
+        return found
+
+    def _accurate_fit(self, free: Sequence[str]) -> Fit:
+        self.dynamics = self.dynamics.refined(self.start.tolerance)
+        return self._fit(free)
+
+    def _fit(self, free: Sequence[str], starts: int = 1, profiles: bool = True) -> Fit:
+        owners = {name: name.partition(".")[0] for name in free}
+        reveal = {name: effects.find(owner).reveal for name, owner in owners.items() if owner in effects.names()}
+        found = estimation.fit(
+            self.dynamics,
+            self.runs,
+            free,
+            known=self.known,
+            starts=starts,
+            profiles=profiles,
+            reveal=reveal,
+            progress=self.progress if starts > 1 else lambda _: None,
+        )
+        assert isinstance(found.model, AxisDynamics)
+        self.dynamics = found.model
+        self.evaluations += found.evaluations
+        return found
+
+
+def _present(dynamics: AxisDynamics, name: str) -> float:
+    """Return the value of a parameter; what the model does not say is as in the catalogue."""
+    return next(p.start or 0.0 for p in dynamics.parameters() if p.name == name)
+
+
+def _remarks(full: Run, run: Run, dynamics: AxisDynamics) -> tuple[str, ...]:
+    """Return what to keep in mind about a run; `full` is the run with all its columns."""
+    said = []
+    response = full.columns[dynamics.name]
+    skipped = int((np.isnan(run.measured()) & ~np.isnan(response)).sum())
+    if skipped:
+        seconds = f"{skipped * run.period:.3g} s"
+        said.append(f"the command was moving as the record began: the first {seconds} are not compared")
+    said += run.remarks
+    if full.closed_loop or any(name in full.columns for name in ("r", f"r{dynamics.name}")):
+        said.append("recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit")
+    others = [name for name in full.commands if name not in ("u", f"u{dynamics.name}") and np.ptp(full.columns[name])]
+    if others:
+        said.append(f"{' and '.join(others)} moved too; what that does to this axis is left in the residual")
+    cut = dynamics.cut(run)
+    if cut > 0:
+        said.append(f"the command goes up to {cut:.3g} V beyond the limits of the model, which cut it off")
+    return tuple(said)
+
+
+def _match(dynamics: AxisDynamics, run: Run, remarks: tuple[str, ...]) -> RunMatch:
+    measured, predicted = run.measured(), dynamics.predict(run)
+    predicted = predicted + np.nanmean(measured - predicted)  # every run has an unknown offset of its own
+    rms = float(np.sqrt(np.nanmean((measured - predicted) ** 2)))
+    span = float(np.nanmax(measured) - np.nanmin(measured))
+    return RunMatch(run.name, run.role, run.time, dynamics.command(run), measured, predicted, rms, span, remarks)
+
+
+def _updated(axis: AxisModel, search: _Search, sigmas: Mapping[str, float], runs: Sequence[str]) -> AxisModel:
+    """Return the fitted axis with how well its numbers are known, and from where."""
+    listed = ", ".join(runs[:4]) + (f" and {len(runs) - 4} more" if len(runs) > 4 else "")
+    values = {name: v for name, v in search.last.values.items() if name != DELAY} if search.last else {}
+    guessed = [name for name, held in search.held.items() if not held.is_old and name != DELAY]
+    relative = {name: sigmas[name] / abs(value) for name, value in values.items() if value and name in sigmas}
+    uncertainty = {k: v for k, v in axis.uncertainty.items() if k not in values and k not in guessed}
+    uncertainty |= {name: _rounded(sigma) for name, sigma in relative.items() if 0 < sigma < 100}
+    sources = dict(axis.sources) | dict.fromkeys(values, f"identified from {listed}")
+    sources |= dict.fromkeys(guessed, f"suits {listed}, as other values do")
+    if axis.stiffness is not None and "natural_frequency" in relative:
+        sources["mass"] = "from the identified natural frequency and the stiffness"
+        uncertainty.pop("mass", None)
+        if "stiffness" in axis.uncertainty:
+            uncertainty["mass"] = _rounded(math.hypot(axis.uncertainty["stiffness"], 2 * relative["natural_frequency"]))
+    assumed = dict.fromkeys([*axis.still_assumed(values), *guessed])
+    return replace(search.dynamics.axis, uncertainty=uncertainty, assumed=tuple(assumed), fitted=(), sources=sources)
+
+
+def _rounded(relative: float) -> float:
+    """Return two digits, as they come back from a file that has them in percent."""
+    return float(f"{100 * relative:.2g}") * units.factor("%", "1")

@@ -1,0 +1,101 @@
+"""A stage model as it is beside recorded runs, the unknown initial conditions of each run fitted.
+
+Before a record the stage had moved in ways that are not in it: its mode rings, its hysteresis is somewhere on a loop,
+the trigger came a little late. A model is compared with these few numbers of each run fitted, and nothing else, as the
+first line of a diagnosis' ladder is; what they explain is stated beside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis import comparison
+from flexdesign.diagnosis.comparison import Comparison
+from flexdesign.diagnosis.effect_selection.estimation_setup import BELIEVED, case_of, simulating
+from flexdesign.diagnosis.preparation.dataset import settle
+from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
+from flexdesign.diagnosis.residual_comparison import compared
+from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.estimation.model_selection.calibration import evaluate_design
+from flexdesign.estimation.model_selection.fitted_model import predict_tests
+from flexdesign.measurements.noise_level import LineNoise, NoiseFloor
+from flexdesign.measurements.recordings import FrequencyResponse, Run
+
+
+@dataclass(frozen=True, eq=False)
+class _AsDesigned:
+    """What `flexdesign.diagnosis.residual_comparison.compared` asks of a diagnosis."""
+
+    axis: str
+    before: StageModel
+    model: StageModel
+    runs: Sequence[Run]
+    responses: Sequence[FrequencyResponse]
+    lines: dict[str, LineNoise]
+    noise: NoiseFloor
+    remainders: dict[str, dict[str, object]]
+
+
+def compare(
+    model: StageModel,
+    recorded: Sequence[Run | FrequencyResponse],
+    *,
+    axis: str | None = None,
+    noise: float | None = None,
+    threads: int = 2,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Comparison:
+    """Return a stage model beside runs: residuals with the initial conditions of each run fitted.
+
+    Parameters
+    ----------
+    model
+        The stage model; none of its numbers is fitted.
+    recorded
+        Runs and frequency responses.
+    axis
+        Which one; may be left out where model and runs leave no choice.
+    noise
+        Standard deviation of the noise of runs, where it is stated [response]; by default it is estimated.
+    threads
+        Simulations at a time.
+    progress
+        Told what is being done.
+
+    Raises
+    ------
+    InputError
+        As `flexdesign.diagnosis.comparison.compare`.
+    """
+    began = perf_counter()
+    plain = comparison.compare(model, recorded, axis=axis, progress=progress)
+    if not plain.runs:
+        return plain
+    # Roles matter to no prediction: every run is fitted by its own numbers alone.
+    every = [replace(each, role="identify", role_is_stated=True) for each in recorded if isinstance(each, Run)]
+    progress("fitting the initial conditions of each run")
+    setting = settle(model, every, plain.axis, None, noise)
+    with simulating(threads) as each:
+        dynamics, case = case_of(model, setting, each, progress)
+        stand = evaluate_design(replace(case, free=(), believed=BELIEVED), dynamics)
+    if stand is None:
+        raise InputError("model", f"axis.{plain.axis}", None, "cannot be simulated at the values it has")
+    residuals = {name: np.asarray(rest) for name, rest in predict_tests(case, stand).remainders.items()}
+    roles = {run.name: run.role for run in plain.runs}
+    alone = {run.name: float(np.sqrt(np.nanmean(offset_residual(dynamics, run) ** 2))) for run in setting.runs}
+    seen = tuple(replace(run, role=roles[run.name]) for run in setting.runs)
+    designed = _AsDesigned(
+        plain.axis, model, model, seen, (), {}, setting.noise, {"found": dict(residuals), "calibrated": dict(residuals)}
+    )
+    progress("looking where it fails")
+    found = compared(designed, "found")
+    runs = tuple(
+        replace(run, offset_rms=alone[run.name], remarks=before.remarks)
+        for run, before in zip(found.runs, plain.runs, strict=True)
+    )
+    return replace(found, runs=runs, responses=plain.responses, seconds=perf_counter() - began)

@@ -1,0 +1,304 @@
+"""What is diagnosed, and how well things are known: runs and frequency responses with roles, noise, tolerance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis.axis_noise import noise_of_axis
+from flexdesign.diagnosis.identify import HYSTERESIS, LINEAR, prior
+from flexdesign.diagnosis.preparation import quantisation_noise
+from flexdesign.dynamics import stage_dynamics as stages
+from flexdesign.dynamics.axis import axis_response
+from flexdesign.dynamics.axis.axis_choice import choose_axis
+from flexdesign.dynamics.axis.axis_run import is_at_stack, of_axis
+from flexdesign.dynamics.stage_model import AxisModel, StageModel
+from flexdesign.estimation.model_selection.fitted_model import Stand
+from flexdesign.estimation.noise.autoregressive import Process
+from flexdesign.estimation.noise.whitening import Coloured, Whitening
+from flexdesign.measurements.noise_level import LineNoise, Mixed, NoiseFloor, line_noise
+from flexdesign.measurements.noise_level.lines import noise_of_lines, with_lines
+from flexdesign.measurements.recordings import FrequencyResponse, Run, split, split_lines
+
+Array = NDArray[np.float64]
+#: An effect must move a held-out prediction by this share of the noise, or of the stroke if that is less.
+OF_NOISE, OF_STROKE = 0.3, 5e-4
+#: Where the noise is unknown, what a user hardly cares about: an effect must move a prediction by more, and a residual
+#: below it counts as none, in shares of the stroke.
+TOLERANCE = 1e-3
+#: How often rounding is drawn, to learn what chance makes of it.
+ROUNDED = 400
+#: The largest command of an axis of which nobody said how far it may be driven [V].
+UNLIMITED = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What is diagnosed, with what, and how well things are known.
+
+    Parameters
+    ----------
+    name, axis
+        The axis.
+    runs
+        With roles, seen by this axis.
+    noise
+        The noise floor.
+    tolerance
+        What an effect must move [response].
+    known
+        What is known of the model's own numbers.
+    responses
+        Frequency responses with roles, seen by this axis.
+    lines
+        The noise of each of these, by name.
+    usual
+        What `tolerance` is where nobody said [response].
+    is_asked
+        Whether somebody said what matters: then a residual below the tolerance counts as none.
+    """
+
+    name: str
+    axis: AxisModel
+    runs: tuple[Run, ...]
+    noise: NoiseFloor
+    tolerance: float
+    known: Mapping[str, tuple[float, float]]
+    responses: tuple[FrequencyResponse, ...] = ()
+    lines: Mapping[str, LineNoise] = field(default_factory=dict)
+    usual: float = 0.0
+    is_asked: bool = False
+
+    @property
+    def recorded(self) -> tuple[Run | FrequencyResponse, ...]:
+        """Runs, then frequency responses."""
+        return (*self.runs, *self.responses)
+
+    @property
+    def whitening(self) -> Whitening:
+        """What whitens runs and frequency responses."""
+        return Mixed(self.noise.whitening, self.lines) if self.lines else self.noise.whitening
+
+    @property
+    def is_loaded(self) -> bool:
+        """Whether some runs carry a known mass on an axis whose mass is known."""
+        return self.axis.mass is not None and any(each.payload for each in self.recorded)
+
+    @property
+    def is_at_stack(self) -> bool:
+        """Whether the voltage at the stack is known of every run that moves, and of every frequency response."""
+        moving = [run for run in self.runs if np.ptp(run.command())]
+        behind = [is_at_stack(run) for run in moving] + [each.command_is != "dac" for each in self.responses]
+        return bool(behind) and all(behind)
+
+    @property
+    def is_one_record(self) -> bool:
+        """Whether no more than one run that moves teaches: then its own delay is not told from one that all have."""
+        return sum(bool(np.ptp(run.command())) for run in self.of("identify")) < 2
+
+    @cached_property
+    def coarse_step(self) -> float | None:
+        """The step of readings that come in whole steps larger than the noise [response]; else None."""
+        if not self.runs:
+            return None
+        readings = np.concatenate([run.measured() for run in self.runs])
+        return quantisation_noise.coarse_step(readings, self.noise.rms[self.runs[0].name], self.axis.sensor.resolution)
+
+    def rounded(self, stand: Stand) -> Whitening | None:
+        """Return the noise with the rounding of what is predicted, where readings come in coarse steps.
+
+        Test runs, which no fit predicts before the end, keep the noise as it was read.
+        """
+        if self.coarse_step is None:
+            return None
+        seen = {run.name: run for run in self.runs if run.name in stand.remainders}
+        made = quantisation_noise.rounded(seen, self.noise.whitening, stand.remainders, self.coarse_step)
+        noise = Coloured(
+            {run.name: (made if run.name in seen else self.noise.whitening).process(run.name) for run in self.runs}
+        )
+        return Mixed(noise, self.lines) if self.lines else noise
+
+    def drawn(self, residuals: Mapping[str, Array]) -> Iterator[Mapping[str, Array]]:
+        """Yield errors of rounding beside the residuals of a fit, where readings come in coarse steps; else nothing."""
+        if self.coarse_step is None:
+            return
+        runs = {run.name: run for run in self.of("identify")}
+        rng = np.random.default_rng(0)
+        for error in quantisation_noise.errors(runs, self.noise.whitening, residuals, self.coarse_step, ROUNDED):
+            lines = {each.name: self.lines[each.name].of_values for each in self.responses}
+            yield {**error, **{name: sigma * rng.standard_normal(len(sigma)) for name, sigma in lines.items()}}
+
+    def of(self, role: str) -> list[Run]:
+        """Return the runs of a role."""
+        return [run for run in self.runs if run.role == role]
+
+    def observed(self, role: str) -> list[Run | FrequencyResponse]:
+        """Return runs and frequency responses of a role."""
+        return [*self.of(role), *(each for each in self.responses if each.role == role)]
+
+    @property
+    def taught(self) -> Sequence[FrequencyResponse]:
+        """The frequency responses that are fitted, or all if none is."""
+        return [each for each in self.responses if each.role == "identify"] or self.responses
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Their lowest and highest frequency [Hz]."""
+        ends = [(float(each.frequencies[0]), float(each.frequencies[-1])) for each in self.taught]
+        return min(low for low, _ in ends), max(high for _, high in ends)
+
+    @property
+    def choosing(self) -> list[str]:
+        """Names of what the model is chosen by: validation runs, or all if there are none; else of responses."""
+        every = self.runs or self.responses
+        return [each.name for each in every if each.role == "validate"] or [each.name for each in every]
+
+    @property
+    def judging(self) -> list[str]:
+        """Names of what errors are stated of: test runs, which chose nothing, or else what the model is chosen by."""
+        every = self.runs or self.responses
+        return [each.name for each in every if each.role == "test"] or self.choosing
+
+    @property
+    def scales(self) -> dict[str, Array]:
+        """What the values of frequency responses are multiplied with, so that each line counts by its noise."""
+        return {e.name: self.noise.rms[e.name] / self.lines[e.name].of_values for e in self.responses}
+
+    def error(self, stand: Stand) -> float:
+        """Return the rms residual of what the model is chosen by [response]."""
+        return stand.rms(self.choosing, self.scales)
+
+    def test_error(self, stand: Stand) -> float:
+        """Return the rms residual of what errors are stated of [response]."""
+        return stand.rms(self.judging, self.scales)
+
+    @property
+    def volts(self) -> float:
+        """Largest command [V]; of frequency responses alone what the model allows, on which plausible ranges hang."""
+        driven = [float(np.abs(run.command()).max()) for run in self.runs]
+        driven += [abs(each.bias) + (each.amplitude or 0.0) for each in self.responses]
+        if not self.runs:
+            driven += [abs(limit) for limit in stages.limits(self.axis) if math.isfinite(limit)] or [UNLIMITED]
+        return max(driven) or 1.0
+
+    @property
+    def periods(self) -> list[float]:
+        """Sampling periods of the runs; without runs half of that of the highest line [s]."""
+        highest = max((float(each.frequencies[-1]) for each in self.responses), default=0.0)
+        return [run.period for run in self.runs] or [0.5 / highest]
+
+    @property
+    def known_floor(self) -> float:
+        """Rms noise of what the model is chosen by; zero where the noise is a guess [response]."""
+        return self._rms_noise(self.choosing) if self.noise.known else 0.0
+
+    @property
+    def stroke(self) -> float:
+        """What the gain makes of the largest command, or of one volt where there are responses alone [response]."""
+        return abs(self.axis.gain * self.axis.driver.gain) * (self.volts if self.runs else 1.0)
+
+    @property
+    def floor(self) -> float:
+        """Rms noise of what errors are stated of [response]."""
+        return self._rms_noise(self.judging)
+
+    def _rms_noise(self, names: Sequence[str]) -> float:
+        sizes = {each.name: np.isfinite(each.measured()).sum() for each in self.recorded}
+        squares = [self.noise.rms[name] ** 2 * sizes[name] for name in names]
+        return float(np.sqrt(sum(squares) / sum(sizes[name] for name in names)))
+
+
+def settle(
+    model: StageModel,
+    recorded: Sequence[Run | FrequencyResponse],
+    axis: str | None,
+    tolerance: float | None,
+    stated: float | None = None,
+) -> Setting:
+    """Return what is to be diagnosed, with its noise floor.
+
+    Parameters
+    ----------
+    model, recorded, axis
+        The stage model, what was recorded, and which axis.
+    tolerance
+        What matters to the user [response]; None for the usual one.
+    stated
+        Standard deviation of the noise of runs, if somebody states it [response].
+    """
+    name = choose_axis(model, recorded, axis)
+    its = model.axes[name]
+    runs = [each for each in recorded if isinstance(each, Run)]
+    seen = tuple(of_axis(run, name, its) for run in split(runs, test=True)) if runs else ()
+    measured = [axis_response.of_axis(each, name, its) for each in recorded if isinstance(each, FrequencyResponse)]
+    responses = split_lines(measured)
+    if "identify" not in [*(run.role for run in seen), *(each.role for each in responses)]:
+        raise InputError("command line", "RUNS", None, "all are kept for validation; name a run with role identify")
+    whole = {each.name: line_noise(each) for each in measured}
+    lines = {each.name: whole.get(each.name) or whole[each.name.rpartition(":")[0]] for each in responses}
+    if not seen:
+        return _of_responses(
+            Setting(name, its, (), noise_of_lines(responses, lines), 0.0, _known(its)), responses, lines, tolerance
+        )
+    noise = noise_of_axis(runs, name, its)
+    if stated is not None:
+        level = {name: stated for name in noise.rms}
+        white = Coloured(Process(np.zeros(0), stated))
+        noise = NoiseFloor(white, level, "as stated", known=True, lines=noise.lines, dof=math.inf)
+    noise = _of_blocks(noise, seen)
+    first = Setting(name, its, seen, noise, 0.0, _known(its))
+    if (step := first.coarse_step) is not None:  # a quiet record may show nothing of it
+        at_least = {run: max(rms, step / math.sqrt(12)) for run, rms in noise.rms.items()}
+        first = replace(first, noise=replace(noise, rms=at_least))
+    least = min(OF_NOISE * first.floor, OF_STROKE * first.stroke) if noise.known else TOLERANCE * first.stroke
+    asked = tolerance is not None
+    setting = replace(first, tolerance=least if tolerance is None else tolerance, usual=least, is_asked=asked)
+    return replace(setting, noise=with_lines(setting.noise, responses, lines), responses=responses, lines=lines)
+
+
+def _of_responses(
+    setting: Setting,
+    responses: tuple[FrequencyResponse, ...],
+    lines: Mapping[str, LineNoise],
+    tolerance: float | None,
+) -> Setting:
+    """Return the setting of frequency responses alone, whose unit is the response to one volt."""
+    setting = replace(setting, responses=responses, lines=lines)
+    least = min(OF_NOISE * setting.floor, OF_STROKE * setting.stroke)
+    least = least if setting.noise.known else TOLERANCE * setting.stroke
+    asked = tolerance is not None
+    return replace(setting, tolerance=least if tolerance is None else tolerance, usual=least, is_asked=asked)
+
+
+def line_weights(setting: Setting) -> dict[str, Array]:
+    """Return what the values of frequency responses count beside the tolerance.
+
+    As in time an effect must move a line by a share of its noise, or of its size if that is less; by so many times as
+    much as somebody asks for a tolerance that is larger than the usual one.
+    """
+    found = {}
+    for each in setting.responses:
+        sigma = setting.lines[each.name].of_values
+        size = np.hypot(np.tile(np.abs(np.nan_to_num(each.response)), 2), sigma)
+        known = setting.noise.known or bool(setting.runs)
+        found[each.name] = setting.usual / (
+            np.minimum(OF_NOISE * sigma, OF_STROKE * size) if known else TOLERANCE * size
+        )
+    return found
+
+
+def _of_blocks(noise: NoiseFloor, runs: Sequence[Run]) -> NoiseFloor:
+    """Return the noise with that of blocks of a record under their own names, too."""
+    records = {run.name: run.name if run.name in noise.rms else run.name.rpartition(":")[0] for run in runs}
+    processes = {name: noise.whitening.process(record) for name, record in records.items()}
+    return replace(noise, whitening=Coloured(processes), rms={n: noise.rms[r] for n, r in records.items()})
+
+
+def _known(axis: AxisModel) -> dict[str, tuple[float, float]]:
+    return prior(axis, [*LINEAR, *HYSTERESIS[:-1]] if "bouc_wen" in axis.effects else LINEAR)

@@ -1,0 +1,137 @@
+"""How a record began, of which little is known: late, ringing, still creeping, from where the voltage had turned."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign import effects
+from flexdesign.core.model import Block, Model, Observation, Parameter
+from flexdesign.dynamics.axis.axis_model import CAME_FROM, AxisDynamics
+from flexdesign.dynamics.axis.axis_parameters import TRIGGER
+from flexdesign.dynamics.stage_model import AxisModel
+from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.noise.whitening import Whitening
+from flexdesign.measurements.recordings import FrequencyResponse, Run
+
+Array = NDArray[np.float64]
+#: Standard deviations: samples that a record was late, share of the largest command where the voltage had turned,
+#: share of the stroke that the mode swings by.
+LATE, TURNED, SWINGS = 0.3, 0.4, 0.1
+#: Before the first fit, delays are tried up to this one [s], at so many periods of the mode from each other.
+LATEST, IN_TIME = 0.012, 0.125
+#: And natural frequencies this far away, relative, at such steps: from farther than a resonance is wide, slopes lead
+#: nowhere. A payload or a loose part may have changed it by so much.
+OUT_OF_TUNE, IN_TUNE = 0.24, 0.03
+
+
+def known_of_start(parameter: Parameter, runs: Sequence[Run], volts: float, model: Model) -> tuple[float, float] | None:
+    """Return what is known of a number of one run of a model: about how late it began, where the voltage had turned.
+
+    And how far a number of an effect may be from its mean over runs.
+    """
+    run, _, number = parameter.name.rpartition(":")
+    if number in (by_run := cast(AxisDynamics, model).by_run):
+        return 0.0, by_run[number]
+    if number == TRIGGER:
+        return 0.0, LATE * next(each.period for each in runs if each.name == run)
+    if number in CAME_FROM:
+        return CAME_FROM[number] * volts, TURNED * volts
+    return None
+
+
+@dataclass(frozen=True)
+class InitialConditions:
+    """What unknown initial conditions add to a record, in unknown amounts: offset, ringing, creep under way.
+
+    Parameters
+    ----------
+    axis
+        Its main mode rings as a record begins, and slow states of its effects relax.
+    stroke
+        What the gain makes of the largest command [response].
+    """
+
+    axis: AxisModel
+    stroke: float
+
+    def __call__(self, observation: Observation) -> tuple[Array, Array]:
+        """Return the columns, samples by k, and their standard deviations [response]; a frequency response has none."""
+        if isinstance(observation, FrequencyResponse):
+            return np.zeros((len(observation.measured()), 0)), np.zeros(0)
+        run = cast(Run, observation)
+        t = run.time - run.time[0]
+        w = 2 * math.pi * self.axis.natural_frequency
+        ringing = np.exp(-self.axis.damping_ratio * w * t)
+        slow = relaxing(self.axis)
+        columns = [np.ones_like(t), ringing * np.cos(w * t), ringing * np.sin(w * t)]
+        columns += [np.exp(-t / tau) for tau, _ in slow]
+        sizes = [math.inf, *2 * [SWINGS * self.stroke], *(share * self.stroke for _, share in slow)]
+        return np.column_stack(columns), np.array(sizes)
+
+
+def relaxing(axis: AxisModel) -> list[tuple[float, float]]:
+    """Return time constants [s] and sizes [strokes] of the slow linear states that the effects of an axis have."""
+    found = list[tuple[float, float]]()
+    for name, values in axis.effects.items():
+        effect = effects.find(name)
+        if not effect.is_null(values):
+            blocks = (face for face in effect.faces if isinstance(face, Block))
+            found += [pair for block in blocks if block.relaxing for pair in block.relaxing(values)]
+    return found
+
+
+def with_initial_conditions(task: Case, model: AxisDynamics, noise: Whitening | None = None) -> Case:
+    """Return the task with the initial conditions that a model has, and perhaps with other noise."""
+    shapes = InitialConditions(model.axis, model.stroke)
+    identify, validate = (suite.with_shapes(shapes, noise) for suite in (task.identify, task.validate))
+    test = task.test.with_shapes(shapes, noise) if task.test else None
+    return replace(task, identify=identify, validate=validate, test=test)
+
+
+def offset_residual(dynamics: AxisDynamics, run: Run) -> Array:
+    """Return the residual of a run if nothing of it is fitted but its offset, n values [response]; NaN at gaps."""
+    left = run.measured() - replace(dynamics, apart=(), own={}).predict(run)
+    return np.asarray(left - np.nanmean(left))
+
+
+def grid_delay(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
+    """Return the model with the common trigger delay that fits best on a grid, if that is more than one step.
+
+    From half a period of the mode on, a fit that begins without delay goes the wrong way.
+    """
+    if not math.isinf(case.believed):
+        return dynamics
+
+    def late_by(late: float) -> AxisDynamics:
+        return dynamics.replace({f"{run}:{TRIGGER}": late for run in dynamics.apart})
+
+    step = IN_TIME / dynamics.first.natural_frequency
+    best = min(np.arange(0.0, LATEST, step).tolist(), key=lambda late: _cost(case, late_by(late)))
+    return late_by(best) if best > step else dynamics
+
+
+def grid_frequency(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
+    """Return the model with the natural frequency that fits best on a grid, if that is more than one step away."""
+    if "natural_frequency" not in case.free:  # the runs do not show it
+        return dynamics
+    designed = dynamics.first.natural_frequency
+
+    def tuned(factor: float) -> AxisDynamics:
+        return dynamics.replace({"natural_frequency": factor * designed})
+
+    factors = (1 + np.arange(-OUT_OF_TUNE, OUT_OF_TUNE + IN_TUNE / 2, IN_TUNE)).tolist()
+    best = min(factors, key=lambda factor: _cost(case, tuned(factor)))
+    return tuned(best) if abs(best - 1) > 1.5 * IN_TUNE else dynamics
+
+
+def _cost(case: Case, model: AxisDynamics) -> float:
+    """Return chi^2 of the fitted runs, of which only what enters linearly is fitted."""
+    where = case.coordinates(model, (), case.identify)
+    residuals = case.problem(case.identify, model, where).residuals(where.start)
+    return math.inf if residuals is None else float(sum(part @ part for part in residuals))

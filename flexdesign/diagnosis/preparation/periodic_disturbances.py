@@ -1,0 +1,76 @@
+"""Frequencies at which something periodic may act: seen in quiet records, or in what a calibrated model leaves.
+
+A quiet record shows mains hum or a floor that moves, unless there is none, or readings come in steps so coarse that
+they hide a sinusoid or show its harmonics instead. What is left of records in motion is rounded at ever other places.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from flexdesign.estimation.model_selection.fitted_model import Stand
+from flexdesign.estimation.noise.restricted_likelihood import Stretch
+from flexdesign.estimation.noise.sinusoids import remove_sinusoids
+
+if TYPE_CHECKING:
+    from flexdesign.diagnosis.preparation.dataset import Setting
+
+#: A line in what is left is sought in records of at least so many samples without a gap.
+FEWEST = 200
+#: So many peaks of what frequency responses leave are frequencies at which modes are tried.
+PEAKS = 6
+
+
+def frequencies(setting: Setting, stand: Stand) -> tuple[float, ...]:
+    """Return the frequencies of lines [Hz]: those of quiet records, and those of remainders where these show nothing.
+
+    Parameters
+    ----------
+    setting
+        What is diagnosed.
+    stand
+        The calibrated model, without effects.
+    """
+    seen = tuple(line.frequency for line in setting.noise.lines)
+    if setting.noise.known and setting.coarse_step is None:
+        return seen
+    periods = {run.name: run.period for run in setting.of("identify")}
+    found = set(seen)
+    for period in sorted(set(periods.values())):
+        parts = [_longest(name, stand.remainders[name]) for name, own in periods.items() if own == period]
+        stretches = [part for part in parts if len(part.values) >= FEWEST and np.ptp(part.values) > 0]
+        if stretches:
+            found |= {line.frequency for line in remove_sinusoids(stretches, period)[0]}
+    return tuple(sorted(found))
+
+
+def peaks(setting: Setting, stand: Stand) -> tuple[float, ...]:
+    """Return the frequencies [Hz] where measured frequency responses rise most above what a calibrated model predicts.
+
+    There a mode may be that the model lacks; beside one, where the response is small, the residual is large over the
+    noise as well.
+    """
+    found = list[tuple[float, float]]()
+    for each in setting.responses:
+        if each.role == "identify":
+            left = np.hypot(*stand.remainders[each.name].reshape(2, -1)[:, each.present])
+            predicted = np.hypot(*(each.measured() - stand.remainders[each.name]).reshape(2, -1)[:, each.present])
+            places, about = find_peaks(left / predicted, prominence=0.0)
+            there = each.frequencies[each.present][places]
+            found += zip(about["prominences"].tolist(), there.tolist(), strict=True)
+    return tuple(frequency for _, frequency in sorted(found, reverse=True)[:PEAKS])
+
+
+def _longest(name: str, remainder: np.ndarray) -> Stretch:
+    """Return the longest part of a remainder without gaps, which may drift."""
+    present = np.concatenate([[False], np.isfinite(remainder), [False]])
+    begins, ends = np.flatnonzero(np.diff(present.astype(int)) == 1), np.flatnonzero(np.diff(present.astype(int)) == -1)
+    if not len(begins):
+        return Stretch(name, 0, np.zeros(0), np.zeros((0, 2)))
+    longest = int(np.argmax(ends - begins))
+    first, count = int(begins[longest]), int(ends[longest] - begins[longest])
+    straight = np.column_stack([np.ones(count), np.linspace(-1, 1, count)])
+    return Stretch(name, first, remainder[first : first + count], np.linalg.qr(straight)[0])

@@ -1,0 +1,91 @@
+"""Readings in coarse steps: rounding is no white noise in slow motion, and a fit would see effects in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.estimation.noise.autoregressive import Process
+from flexdesign.estimation.noise.whitening import Coloured
+from flexdesign.measurements.recordings import Run
+
+Array = NDArray[np.float64]
+#: Samples of its past that rounding is predicted from; and how often it is drawn, with another noise beneath each time.
+ORDER, DRAWS = 12, 4
+#: Noise of a sensor whose steps hide it is no more than this share of a step.
+HIDDEN = 0.3
+#: Steps of a reading are coarse where they are this many times the noise, which rounding alone makes 0.29 of them; and
+#: real where readings take no more levels than this share of their number, each within this share of a step.
+COARSE, MOST_LEVELS, ON_THE_GRID = 1.2, 0.5, 0.05
+
+
+def coarse_step(readings: Array, noise: float, resolution: float) -> float | None:
+    """Return the step of readings that come in whole steps, larger than noise and resolution; else None.
+
+    Parameters
+    ----------
+    readings
+        Of all runs [response]; NaN at gaps.
+    noise, resolution
+        Rms noise, and what the sensor is stated to resolve [response].
+    """
+    levels = np.unique(readings[np.isfinite(readings)])
+    gaps = np.diff(levels)
+    step = float(np.median(gaps)) if len(gaps) else 0.0
+    if step <= max(COARSE * noise, 2 * resolution) or len(levels) > MOST_LEVELS * len(readings):
+        return None
+    return None if np.abs(gaps / step - np.round(gaps / step)).max() > ON_THE_GRID else step
+
+
+def rounded(
+    runs: Mapping[str, Run], noise: Coloured, residuals: Mapping[str, Array], step: float, seed: int = 0
+) -> Coloured:
+    """Return noise with the rounding that the predicted motion goes through, run by run.
+
+    Parameters
+    ----------
+    runs
+        By name.
+    noise
+        As it was found in the readings; of a sensor with coarse steps most of it is rounding.
+    residuals
+        Measured less predicted of each run, by name [response].
+    step
+        Of the readings [response].
+    seed
+        Of the noise beneath the steps.
+    """
+    drawn = list(errors(runs, noise, residuals, step, DRAWS, seed))
+    return Coloured({name: _process([each[name][np.isfinite(each[name])] for each in drawn]) for name in runs})
+
+
+def errors(
+    runs: Mapping[str, Run], noise: Coloured, residuals: Mapping[str, Array], step: float, count: int, seed: int = 0
+) -> Iterator[dict[str, Array]]:
+    """Yield by how much readings differ from the predicted motion that they are rounded from, run by run; NaN at gaps.
+
+    Parameters are those of `rounded`, and how often it is drawn.
+    """
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        found = dict[str, Array]()
+        for name, run in runs.items():
+            beneath = min(noise.process(name).rms, HIDDEN * step)
+            # Where the grid lies beneath an unknown offset is drawn, too.
+            moved = run.measured() - residuals[name] + rng.uniform(0, step)
+            found[name] = step * np.round((moved + beneath * rng.standard_normal(len(moved))) / step) - moved
+        yield found
+
+
+def _process(drawn: list[Array]) -> Process:
+    """Return the autoregressive process with the correlations of some records, and the innovations that they show."""
+    count = sum(len(record) for record in drawn)
+    mean = sum(float(record.sum()) for record in drawn) / count
+    centred = [record - mean for record in drawn]
+    lags = [sum(float(e[k:] @ e[: len(e) - k]) for e in centred) / count for k in range(ORDER + 1)]
+    process = Process.from_covariances(np.array(lags))
+    innovations = np.concatenate([process.whiten(e[:, None])[ORDER:] for e in centred])
+    return replace(process, sigma=process.sigma * float(np.sqrt(np.mean(innovations**2))))

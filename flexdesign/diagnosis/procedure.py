@@ -1,0 +1,249 @@
+"""Diagnosis of one axis: calibrate the model, select effects, and decide what is named.
+
+The numbers of the model itself are fitted first, what finite elements know within its uncertainty, so that no effect is
+blamed for a stiffness that is one percent off. Effects are then selected, and the residual is compared with the noise.
+They are named if no more than noise remains, or if they explain a large share and no smooth function of position,
+velocity and voltage explains more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from time import perf_counter
+from typing import cast
+
+import numpy as np
+
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis.effect_selection.basis_functions import features_of
+from flexdesign.diagnosis.effect_selection.candidates import candidates
+from flexdesign.diagnosis.effect_selection.estimation_setup import (
+    BELIEVED,
+    case_of,
+    choose_interpolation,
+    simulating,
+    undetermined,
+    with_beginnings,
+)
+from flexdesign.diagnosis.effect_selection.per_run_parameters import of_runs, vary_by_run, vary_step
+from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, explains
+from flexdesign.diagnosis.preparation import periodic_disturbances
+from flexdesign.diagnosis.preparation.dataset import Setting, settle
+from flexdesign.diagnosis.preparation.initial_conditions import grid_delay, grid_frequency, offset_residual
+from flexdesign.diagnosis.preparation.truncated_runs import opening
+from flexdesign.diagnosis.result import Course, Diagnosis
+from flexdesign.diagnosis.verdict import conclude, decide, is_adequate, ladder_of
+from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.estimation.model_selection.calibration import calibrate, evaluate_design
+from flexdesign.estimation.model_selection.determination import drop_undetermined, hold_undetermined
+from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.fitted_model import (
+    Stand,
+    escape,
+    fit,
+    predict_tests,
+    refine,
+    with_effects,
+    with_values,
+)
+from flexdesign.estimation.model_selection.model_comparison import INDISTINGUISHABLE, Step, compare
+from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.estimation.model_selection.sparse_residual_model import Rival, cost_of_terms, rival
+from flexdesign.estimation.model_selection.stepwise_selection import GROSS, confusable, select, select_otherwise
+from flexdesign.measurements.recordings import FrequencyResponse, Run
+
+#: Calibration is refused where it makes the validation error larger by this factor, and chi^2 by more than chance does.
+WORSE = 1.02
+#: Smooth functions are the better explanation where they leave no more than this share of what effects leave above the
+#: noise, in squares.
+BETTER = 0.5
+#: Largest number of effects that are added to explain runs in time, and to explain frequency responses: there a driver,
+#: a delay and two modes act in bands of their own.
+MOST, MOST_OF_LINES = 3, 5
+
+
+def diagnose(
+    model: StageModel,
+    runs: Sequence[Run | FrequencyResponse],
+    *,
+    axis: str | None = None,
+    more: Sequence[str] = (),
+    tolerance: float | None = None,
+    noise: float | None = None,
+    threads: int = 2,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Diagnosis:
+    """Find which physical effects a stage model lacks.
+
+    Parameters
+    ----------
+    model
+        The stage model; its uncertainties say how far its numbers may move.
+    runs
+        What was recorded, frequency responses among it; where nobody chose roles, they are split.
+    axis
+        Which one; may be left out where model and runs leave no choice.
+    more
+        Paths of effects beside those of the catalogue.
+    tolerance
+        How far an effect must move the prediction of a validation run, rms [response]; by default 0.05 % of the stroke
+        or 0.3 of the noise, whichever is less. A residual below a stated tolerance counts as none.
+    noise
+        Standard deviation of the noise of runs, where it is stated [response]; by default it is estimated.
+    threads
+        Simulations at a time.
+    seed
+        Of the sample of starts.
+    progress
+        Told what is being done.
+
+    Raises
+    ------
+    InputError
+        If the axis is ambiguous, a run does not suit it, or no run may be fitted.
+    """
+    began = perf_counter()
+    progress("reading the noise")
+    setting = settle(model, runs, axis, tolerance, noise)
+    with simulating(threads) as each:
+        setting = choose_interpolation(model, setting, each, progress)
+        dynamics, case = case_of(model, setting, each, progress)
+
+        def catalogue(of: Setting, stand: Stand) -> tuple[Candidate, ...]:
+            lines = periodic_disturbances.frequencies(of, stand) if of.runs else periodic_disturbances.peaks(of, stand)
+            return candidates(
+                dynamics,
+                more,
+                lines,
+                loaded=setting.is_loaded,
+                at_stack=setting.is_at_stack,
+                band=None if setting.runs else setting.band,
+            )
+
+        ahead = None
+        if (short := opening(setting)) is not None:
+            progress("searching in the first part of each run")
+            _, case_of_parts = case_of(model, short, each, progress)
+            _, ahead = search(short, case_of_parts, dynamics, partial(catalogue, short), seed)
+        case, course = search(setting, case, dynamics, partial(catalogue, setting), seed, ahead)
+        if course.final.effects:
+            progress("fitting once more, simulated more exactly")
+            course = course.with_final(refine(case, course.final))
+        progress("looking at the residual")
+        left = _rival(setting, case, course.final)
+        verdict, named = decide(setting, course, left, partial(_is_better_smooth, setting, case))
+        named, fixed = drop_undetermined(case, named)
+        if verdict == "effects-found" and not named.effects:
+            verdict, named = "unknown", course.calibrated
+        named, held = hold_undetermined(case, named)
+        course = replace(course, undetermined=(*course.undetermined, *fixed, *held))
+        groups = confusable(case, named, course.steps)
+        beyond = conflicts(setting, named)
+        is_done = is_adequate(setting, course.final, left)
+        implied = [c for c in beyond if c.named is not None and (is_done or explains(setting, case, named, c))]
+        progress("predicting the test runs")
+        judging = [run for run in setting.runs if run.name in setting.judging]
+        alone = np.concatenate([offset_residual(dynamics, run) for run in judging]) if judging else None
+        ladder = [predict_tests(case, stand) for stand in (course.designed, *ladder_of(course, named))]
+        by_run = of_runs(case, ladder[-1])
+        progress("finding the intervals")
+        found = conclude(model, setting, course, left, verdict, ladder, groups, beyond, implied, alone, by_run)
+    evaluations = sum(stand.solution.problem.evaluations for stand in (course.calibrated, *course.stands))
+    return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
+
+
+def search(
+    setting: Setting,
+    case: Case,
+    dynamics: AxisDynamics,
+    catalogue: Callable[[Stand], Sequence[Candidate]],
+    seed: int,
+    ahead: Course | None = None,
+) -> tuple[Case, Course]:
+    """Calibrate and select effects; return the case as calibrated, and the course of the selection.
+
+    Which effects are tried, and at what values, may follow from the residual of the calibration: `catalogue` tells.
+    Effects that a search `ahead` found in a part of the runs are fitted first.
+    """
+    case.progress("predicting with the model as it is")
+    held = undetermined(case, dynamics)
+    case = replace(case, free=tuple(name for name in case.free if name not in held))
+    designed = evaluate_design(replace(case, believed=BELIEVED), dynamics)
+    case.progress("calibrating")
+    if ahead is None:
+        stand = calibrate(case, grid_frequency(case, grid_delay(case, dynamics)), seed, designed)
+    else:
+        stand = fit(case, with_values(dynamics, ahead.calibrated.model))
+    if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
+        case = with_beginnings(case, cast(AxisDynamics, stand.model), setting.rounded(stand))
+        stand = fit(case, stand.model)
+    if stand is not None and stand.exceeds_noise:
+        stand = escape(case, stand)
+    if designed is None or stand is None:
+        raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
+    rise = stand.held_cost - designed.held_cost
+    is_refused = (
+        bool(case.validate.records)
+        and setting.error(stand) > WORSE * setting.error(designed)
+        and rise > INDISTINGUISHABLE * stand.discrepancy
+    )
+    if is_refused or stand.scale > GROSS:
+        kept = evaluate_design(with_beginnings(case, dynamics, setting.rounded(designed)), designed.model)
+        designed = kept or designed
+    calibrated = designed if is_refused else stand
+    every = catalogue(calibrated)
+    steps, stands = _confirm(case, calibrated, ahead.steps if ahead else ())
+    more = select(
+        case,
+        stands[-1] if stands else calibrated,
+        every,
+        MOST if setting.runs else MOST_OF_LINES,
+        # Beside a gross misfit calibrated numbers may have moved far to imitate an effect.
+        origins=(designed,) if stand.scale > GROSS and not is_refused and not stands else (),
+        vary_step=partial(vary_step, case, candidates=every),
+        vary=partial(vary_by_run, case),
+    )
+    if not setting.runs:  # simulations of small sines cost little
+        more = select_otherwise(case, more, every, MOST_OF_LINES)
+    steps, stands = [*steps, *more[0]], [*stands, *more[1]]
+    return case, Course(designed, calibrated, tuple(stands), tuple(steps), held, is_refused)
+
+
+def _confirm(case: Case, stand: Stand, steps: Sequence[Step]) -> tuple[list[Step], list[Stand]]:
+    """Return the steps of a selection in a part of the runs that all of them accept, and the fits after these."""
+    confirmed, stands = list[Step](), list[Stand]()
+    for step in steps:
+        if step.chosen is None:
+            break
+        names = step.chosen.names
+        case.progress(f"fitting with {' and '.join((*stand.names, *names))}, the whole runs")
+        added = tuple(effect for effect in step.chosen.stand.effects if effect.name in names)
+        model = with_values(with_effects(stand.model, added), step.chosen.stand.model)
+        made = fit(case, case.fine(model), (*stand.effects, *added))
+        trial = None if made is None else compare(case, stand, made, names, step.chosen.score)
+        if trial is None or trial.reason:
+            break
+        stand = trial.stand
+        stands.append(stand)
+        confirmed.append(replace(step, chosen=trial))
+    return confirmed, stands
+
+
+def _is_better_smooth(setting: Setting, case: Case, base: Stand, stand: Stand) -> bool:
+    """Tell whether the smooth functions of what a fit with effects leaves explain more in the place of the effects."""
+    terms = _rival(setting, case, stand).terms
+    if not terms:
+        return False
+    alone = cost_of_terms(case, base, features_of(setting, base), terms)
+    samples = base.solution.problem.suite.samples
+    return alone - samples < BETTER * (stand.seen_cost - samples)
+
+
+def _rival(setting: Setting, case: Case, stand: Stand) -> Rival:
+    seen = stand.solution.problem.suite  # records may begin in more ways in a later fit
+    case = replace(case.prepared(case, stand.model), identify=seen)
+    return rival(case, stand, features_of(setting, stand))

@@ -1,0 +1,205 @@
+"""What a diagnosis says: the verdict and everything behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from flexdesign.core.model import Parameter
+from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.estimation.model_selection.fitted_model import Stand
+from flexdesign.estimation.model_selection.model_comparison import Step
+from flexdesign.estimation.model_selection.sparse_residual_model import Rival
+from flexdesign.measurements.noise_level import LineNoise, NoiseFloor
+from flexdesign.measurements.recordings import FrequencyResponse, Run
+
+Verdict = Literal["nothing-missing", "effects-found", "unknown"]
+
+
+@dataclass(frozen=True)
+class Value:
+    """A fitted number with its 95 % interval, SI.
+
+    Parameters
+    ----------
+    parameter
+        What it is, and its unit.
+    value, interval
+        The number and the interval.
+    """
+
+    parameter: Parameter
+    value: float
+    interval: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that the measurements call for.
+
+    Parameters
+    ----------
+    name
+        Of the effect.
+    values
+        Its numbers; of one that differs from run to run the mean over the fitted runs.
+    share
+        Of what was unexplained (in squares, above the noise) on the runs kept apart: how much it explains.
+    by_run
+        Its strength in each run, where it differs from run to run; empty where one number does for all.
+    """
+
+    name: str
+    values: tuple[Value, ...]
+    share: float
+    by_run: Mapping[str, Value] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A candidate that was fitted.
+
+    Parameters
+    ----------
+    names
+        The effect, or a pair of them.
+    beside
+        The effects that were in the model then.
+    error
+        Root mean square error on the runs kept apart [response].
+    evidence
+        Fall of the cost, whitened, in multiples of what chance gives.
+    outcome
+        ``"added"``, or why it was not.
+    """
+
+    names: tuple[str, ...]
+    beside: tuple[str, ...]
+    error: float
+    evidence: float
+    outcome: str
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One step of the error ladder: a label, and the rms error on the runs kept apart [response]."""
+
+    label: str
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """The course of a selection, from the design to the last effect.
+
+    Parameters
+    ----------
+    designed, calibrated
+        The design, with initial conditions fitted; and with its own numbers fitted.
+    stands
+        The fit after each step that added effects.
+    steps
+        What was tried at each step, the last one without success.
+    undetermined
+        The model's own numbers that these runs cannot show: they keep their design values.
+    is_refused
+        Whether calibration made the validation runs worse, so that the design values were kept.
+    """
+
+    designed: Stand
+    calibrated: Stand
+    stands: tuple[Stand, ...]
+    steps: tuple[Step, ...]
+    undetermined: tuple[str, ...] = ()
+    is_refused: bool = False
+
+    @property
+    def final(self) -> Stand:
+        """The last fit."""
+        return self.stands[-1] if self.stands else self.calibrated
+
+    def with_final(self, stand: Stand) -> Course:
+        """Return the course with another last fit of the same effects."""
+        return replace(self, stands=(*self.stands[:-1], stand))
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What the measurements say about a stage model.
+
+    Parameters
+    ----------
+    verdict
+        Whether something is missing, and whether it is known.
+    axis
+        The axis that was looked at.
+    before, model
+        The stage model as it was, and with what was found.
+    effects
+        What was named, in the order in which it was added; empty unless effects were found.
+    confusable
+        Groups of effects that these runs cannot tell apart, one of each is among `effects`.
+    near
+        Effects that are possible, but do not explain enough beside what remains.
+    candidates
+        Everything that was fitted.
+    ladder
+        Errors on the runs kept apart, from the model as designed to the last effect.
+    calibration
+        The model's own numbers after the fit.
+    conflicts
+        Numbers that had to move by more than three standard deviations of what was known, in words.
+    noise
+        The noise floor, by run and in words.
+    noise_floor, validation_error
+        Root mean squares over the runs kept apart [response].
+    rival
+        What smooth functions would explain of the rest.
+    remainder
+        What stays above the noise, in words; empty if nothing does.
+    remainders
+        The residual of each run by name, as calibrated without effects and with what was found [response].
+    runs
+        The runs with their roles.
+    confidence
+        What weakens the verdict, in words; empty if nothing does.
+    evaluations, seconds
+        How many predictions were made, and how long it took.
+    remainder_rms
+        Rms residual above the noise of the runs that judge; zero if the model is adequate [response].
+    stroke, tolerance
+        What the gain makes of the largest command, and what matters [response].
+    undetermined
+        The model's own numbers that these runs cannot show: they keep their design values.
+    responses, lines
+        The frequency responses with their roles, and the noise of each by its name.
+    """
+
+    verdict: Verdict
+    axis: str
+    before: StageModel
+    model: StageModel
+    effects: tuple[Named, ...]
+    confusable: tuple[tuple[str, ...], ...]
+    near: tuple[str, ...]
+    candidates: tuple[Tried, ...]
+    ladder: tuple[Rung, ...]
+    calibration: tuple[Value, ...]
+    conflicts: tuple[str, ...]
+    noise: NoiseFloor
+    noise_floor: float
+    validation_error: float
+    rival: Rival
+    remainder: str
+    remainders: Mapping[str, Mapping[str, object]]
+    runs: tuple[Run, ...]
+    confidence: str
+    evaluations: int
+    seconds: float
+    remainder_rms: float = 0.0
+    stroke: float = 0.0
+    tolerance: float = 0.0
+    undetermined: tuple[str, ...] = ()
+    responses: tuple[FrequencyResponse, ...] = ()
+    lines: Mapping[str, LineNoise] = field(default_factory=dict)

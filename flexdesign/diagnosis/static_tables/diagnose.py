@@ -1,0 +1,217 @@
+"""Diagnosis of a static table: which physics the compliance model of a design lacks, or that nothing is missing.
+
+Every static effect that the model has not is fitted alone, and in pairs where one does not do. What is known of the
+measurements, of the tolerances of the part and of the model's own accuracy stands in the weights (`Uncertainty`), so
+that nothing is named for what a part may be off by anyhow. What fits as well as the best is said beside it, with the
+measurement that would tell.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.analytic.static_model import StaticModel, StaticTable
+from flexdesign.analytic.static_model.separability import Telling, tellings
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis.comparison.static_table import compare
+from flexdesign.diagnosis.result import Rung, Verdict
+from flexdesign.diagnosis.static_tables.fit import Cases, Trial, cases, fitted
+from flexdesign.effects import statics
+from flexdesign.estimation.model_selection.model_comparison import INDISTINGUISHABLE
+
+Array = NDArray[np.float64]
+#: Effects that are the answer only if no other is: turned arms pass for any offset that was not drawn, and tables are
+#: mostly taken at rest. They are not tried in pairs.
+LAST = ("geometric_stiffening",)
+#: The same of a table of several parts: one member is seldom off alike in parts that were made one by one.
+LAST_OF_SEVERAL = ("one_member",)
+
+
+@dataclass(frozen=True, eq=False)
+class TableDiagnosis:
+    """What a static table says about the model of a design.
+
+    Parameters
+    ----------
+    verdict
+        Whether something is missing, and whether it is known.
+    before, found
+        The model as it was beside the table, and with what was found (the best answer, even where it does not suffice).
+    alike
+        Other answers that the table cannot tell from `found`.
+    tried
+        Everything that was fitted, best first.
+    tellings
+        Measurements that would tell `found` from `alike`, the best first.
+    ladder
+        Relative errors, rms: of the design, with what was found, and so of each row left out of the fit in turn.
+    remarks
+        What was done to the table, or weakens the verdict.
+    asked
+        Whether `found` was asked for, and not found.
+    """
+
+    verdict: Verdict
+    before: Trial
+    found: Trial
+    alike: tuple[Trial, ...]
+    tried: tuple[Trial, ...]
+    tellings: tuple[Telling, ...]
+    ladder: tuple[Rung, ...]
+    remarks: tuple[str, ...]
+    asked: bool = False
+
+    @property
+    def groups(self) -> tuple[tuple[str, ...], ...]:
+        """Effects that the table cannot tell apart, the one that was found first."""
+        groups = []
+        for name in self.found.names:
+            beside = {*self.found.names} - {name}
+            others = [o for trial in self.alike if beside <= {*trial.names} for o in trial.names if o not in beside]
+            if {*others} - {name}:
+                groups.append(tuple(dict.fromkeys((name, *others))))
+        return tuple(groups)
+
+
+def diagnose(
+    model: StaticModel,
+    table: StaticTable,
+    progress: Callable[[str], None] = lambda _: None,
+    more: Sequence[str] = (),
+) -> TableDiagnosis:
+    """Find which static effects a model lacks; `more` are tried with those of the catalogue.
+
+    Raises
+    ------
+    InputError
+        If the model has no number for a row, or a row seems to have another unit.
+    """
+    before, remarks = _before(model, table)
+    elsewhere = statics.OF_PARTS if model.design.is_stage else statics.OF_STAGES
+    names = [name for name in (*statics.names(), *more) if name not in (*model.effects, *elsewhere)]
+    candidates = [case for name in names for case in cases(model, name, before.table)]
+    progress("trying every effect")
+    tried = singles = _sorted(fitted(before, case) for case in candidates)
+    nearest, answers = before, list[Trial]()
+    if not before.is_adequate:
+        last = (*LAST, *(LAST_OF_SEVERAL if len({row.part for row in table.rows}) > 1 else ()))
+        every = _answers(before, singles, len(singles))
+        first = _answers(before, [trial for trial in singles if trial.names[0] not in last], len(singles))
+        answers = first or every
+        unlikely = {
+            statics.find(trial.names[0]).name.replace("_", " ") for trial in every if first and trial not in first
+        }
+        remarks += tuple(f"{name} explains the table as well, but is seldom the cause" for name in sorted(unlikely))
+        nearest = next((trial for trial in singles if trial.counts_beside(before, len(singles))), before)
+    if not (before.is_adequate or answers):
+        pairs = _sorted(fitted(before, pair) for pair in _pairs(candidates, progress))
+        # Two causes, of which one contradicts the design, are believed of nothing.
+        sound = [trial for trial in pairs if not trial.excess_modulus(before)]
+        answers, tried = _answers(nearest, sound, len(pairs)), [*singles, *pairs]
+    best, *alike = answers or [nearest]
+    verdict: Verdict = "effects-found" if answers else "nothing-missing" if before.is_adequate else "unknown"
+    progress("leaving out each row in turn")
+    ladder, remarks = _ladder(before, best), (*remarks, *_contradictions(before, answers))
+    apart = tellings([trial.model for trial in answers], before.table) if alike else ()
+    return TableDiagnosis(verdict, before, best, tuple(alike), tuple(tried), apart, ladder, remarks)
+
+
+def add(
+    model: StaticModel, effect: str, table: StaticTable, progress: Callable[[str], None] = lambda _: None
+) -> TableDiagnosis:
+    """Fit one effect, whether it is called for or not: the verdict is that of this effect alone.
+
+    Raises
+    ------
+    InputError
+        If it cannot be fitted to the table.
+    """
+    before, remarks = _before(model, table)
+    progress(f"fitting {effect}")
+    trials = _sorted(fitted(before, case) for case in cases(model, effect, before.table))
+    if not trials:
+        remedy = (
+            "cannot be fitted: the table does not show it, or it has as many numbers as there are rows; measure more"
+        )
+        raise InputError("command line", "EFFECT", effect, remedy)
+    trial = trials[0]
+    if not trial.counts_beside(before, 1):
+        remarks += ("the effect lowers the error by no more than chance does: it is not needed",)
+    remarks += _contradictions(before, [trial])
+    ladder = _ladder(before, trial)
+    return TableDiagnosis("effects-found", before, trial, (), (trial,), (), ladder, remarks, asked=True)
+
+
+def _pairs(candidates: Sequence[Cases], progress: Callable[[str], None]) -> Iterable[Cases]:
+    """Return all pairs of different effects."""
+    for one, other in itertools.combinations(candidates, 2):
+        pair = {**one, **other}
+        if len(pair) == 2 and not {*pair} & {*LAST}:
+            progress(f"trying {' and '.join(pair)}")
+            yield pair
+
+
+def _sorted(trials: Iterable[Trial | None]) -> list[Trial]:
+    made = [trial for trial in trials if trial is not None and math.isfinite(trial.cost)]
+    return sorted(made, key=lambda trial: trial.cost)
+
+
+def _answers(before: Trial, trials: Sequence[Trial], count: int) -> list[Trial]:
+    """Return the trials that count, agree with the table and cannot be told apart, best first.
+
+    What the design rules out comes last. Of an effect that was tried with several constants each bears a share of its
+    probability only.
+    """
+    good: list[Trial] = []
+    for trial in trials:
+        if good and trial.cost > good[0].cost + INDISTINGUISHABLE:
+            break
+        if trial.counts_beside(before, count) and trial.is_adequate:
+            good.append(trial)
+    times = Counter(trial.names for trial in trials)
+
+    def order(trial: Trial) -> tuple[bool, float]:
+        return trial.excess_modulus(before) != 0, trial.cost + 2 * math.log(times[trial.names])
+
+    return sorted(good, key=order)
+
+
+def _before(model: StaticModel, table: StaticTable) -> tuple[Trial, tuple[str, ...]]:
+    """Return the model without anything fitted, and what a comparison remarks."""
+    beside = compare(model, table)
+    return Trial({}, model, beside.table, beside.uncertainty), beside.remarks
+
+
+def _contradictions(before: Trial, answers: Sequence[Trial]) -> tuple[str, ...]:
+    """Return a remark if an answer takes the modulus where the design says it is not."""
+    stated, excess = before.model.design.tolerances.modulus, [trial.excess_modulus(before) for trial in answers]
+    said = f"which states it within {100 * stated:.3g} %: look for another cause"
+    return tuple(f"a modulus off by {100 * e:+.1f} % contradicts the design, {said}" for e in excess if e)[:1]
+
+
+def _ladder(before: Trial, best: Trial) -> tuple[Rung, ...]:
+    """Return relative errors, rms: as designed, with what was found, and of rows that the fit then did not see."""
+    table, measured = before.table, before.table.measured()
+
+    def rung(label: str, difference: Array) -> Rung:
+        return Rung(label, float(np.sqrt(np.mean((difference / measured) ** 2))))
+
+    rungs = [rung("as designed", before.difference)]
+    if best.names:
+        label = f"+ {' + '.join(statics.find(name).name for name in best.names)}"
+        rungs.append(rung(label, best.difference))
+        unseen = np.zeros(len(measured))
+        for i in range(len(measured)):
+            seen = replace(before, table=table.without(i), noise=before.noise.without(i))
+            if (again := fitted(seen, best.cases, near=best)) is None:
+                return tuple(rungs)  # with one row less there are none to fit
+            unseen[i] = again.model.predict(table)[i] - measured[i]
+        rungs.append(rung(f"{label}, rows that the fit did not see", unseen))
+    return tuple(rungs)

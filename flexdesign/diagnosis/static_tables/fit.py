@@ -1,0 +1,184 @@
+"""Static effects fitted to a table, alone and in pairs: what each leaves, and what it must lower to count."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from flexdesign.analytic.static_model import StaticModel, StaticTable, Uncertainty
+from flexdesign.analytic.static_model.uncertainty import LEVEL
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Member, Observation, Parameter, Reshape
+from flexdesign.diagnosis.comparison.static_table import compare
+from flexdesign.diagnosis.result import Value
+from flexdesign.effects import statics
+from flexdesign.estimation.least_squares.dataset import Suite
+from flexdesign.estimation.least_squares.levenberg_marquardt import MINIMUM, Solution, solve
+from flexdesign.estimation.least_squares.parameter_transforms import coordinate, coordinates, value
+from flexdesign.estimation.least_squares.residual_function import Problem
+from flexdesign.estimation.uncertainty.covariance import uncertainty
+from flexdesign.estimation.uncertainty.intervals import profiles_of
+
+Array = NDArray[np.float64]
+#: Effects to be fitted, each with the value of its discrete constant, if it has one, and others that do the same.
+Cases = Mapping[str, tuple[float, ...]]
+#: Fits begin at these multiples of the size at which an effect is shown, and at the negative ones.
+STARTS = (1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A model with some effects added, fitted to a table.
+
+    Parameters
+    ----------
+    cases
+        The effects.
+    model
+        With the fitted values.
+    table, noise
+        What it was fitted to, and how far a model may be from it although nothing is missing.
+    solution
+        The fit; None if nothing was free.
+    """
+
+    cases: Cases
+    model: StaticModel
+    table: StaticTable
+    noise: Uncertainty
+    solution: Solution | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return tuple(self.cases)
+
+    @property
+    def free(self) -> tuple[Parameter, ...]:
+        """The fitted parameters."""
+        return self.solution.problem.where.parameters if self.solution else ()
+
+    @cached_property
+    def difference(self) -> Array:
+        """Predicted less measured, SI."""
+        return np.asarray(self.model.predict(self.table) - self.table.measured())
+
+    @cached_property
+    def cost(self) -> float:
+        """Sum of squares, whitened."""
+        return self.noise.squares(self.difference)
+
+    @cached_property
+    def values(self) -> tuple[Value, ...]:
+        """The fitted numbers with 95 % profile intervals; the plausible range where the table says nothing."""
+        if self.solution is None:
+            return ()
+        where, x = self.solution.problem.where, self.solution.x
+        profiles = profiles_of(self.solution, uncertainty(self.solution), range(len(x)))
+        made = []
+        for j, parameter in enumerate(where.parameters):
+            profile = profiles[j]
+            ends = (profile.low, profile.high) if profile else (where.lower[j], where.upper[j])
+            low, high = sorted(value(parameter, float(end)) for end in ends)
+            made.append(Value(parameter, value(parameter, float(x[j])), (low, high)))
+        return tuple(made)
+
+    @cached_property
+    def is_adequate(self) -> bool:
+        """Tell whether a comparison of the model with the table agrees."""
+        return compare(self.model, self.table).uncertainty.agrees(self.difference, len(self.free))
+
+    def counts_beside(self, less: Trial, candidates: int) -> bool:
+        """Tell whether the effects that another lacks lower the sum of squares by more than chance does."""
+        more = max(len(self.free) - len(less.free), 1)
+        return less.cost - self.cost > float(chi2.isf(LEVEL / max(candidates, 1), more))
+
+    def excess_modulus(self, before: Trial) -> float:
+        """Return by how much the modulus is above that of another model, relative, where the design rules that out."""
+        ratio = self.model.compliance({}).base["modulus"] / before.model.compliance({}).base["modulus"]
+        return ratio - 1 if abs(ratio - 1) > self.model.design.tolerances.modulus else 0.0
+
+    def members(self, name: str) -> tuple[Member, ...]:
+        """Return the members of which an effect changes one, the table cannot tell which; none if it changes all."""
+        faces = [face for face in statics.find(name).faces if isinstance(face, Reshape) and face.number]
+        every = self.model.design.part().linkage().members if faces else ()
+        return tuple(m for face in faces for n in self.cases[name] for m in face.changed(every, {face.number: n}))
+
+
+def constant(name: str) -> Parameter | None:
+    """Return the discrete constant of an effect, which no fit moves: it is tried at the values of its screen."""
+    return next((p for p in statics.find(name).parameters if p.null is None and p.screen), None)
+
+
+def cases(model: StaticModel, name: str, table: StaticTable) -> list[dict[str, tuple[float, ...]]]:
+    """Return an effect with each value of its discrete constant that does something else to a table."""
+    if (own := constant(name)) is None:
+        return [{name: ()}]
+    shown, found = {p.name: float(p.start or 0.0) for p in statics.find(name).parameters}, dict[int, list[float]]()
+    predictions = [model.predict(table)]  # of the model itself: what changes nothing is not tried
+    for each in own.screen:
+        with_it = model.with_effect(statics.find(name), name)
+        values = {f"{name}.{key}": number for key, number in {**shown, own.name: each}.items()}
+        try:
+            predictions.append(with_it.replace(values).predict(table))
+        except InputError:  # cannot be built
+            continue
+        same = next(i for i, other in enumerate(predictions) if np.allclose(other, predictions[-1], rtol=1e-9, atol=0))
+        found.setdefault(same, []).append(float(each))
+    return [{name: tuple(numbers)} for same, numbers in found.items() if same]
+
+
+def fitted(before: Trial, cases: Cases, near: Trial | None = None) -> Trial | None:
+    """Fit a model with some effects more to the same table, from the values of a trial perhaps.
+
+    None where no values of theirs give numbers, or there are too few rows.
+    """
+    with_them, held = before.model, dict[str, float]()
+    for name, choice in cases.items():
+        with_them = with_them.with_effect(statics.find(name), name)
+        if own := constant(name):
+            held[f"{name}.{own.name}"] = choice[0]
+    theirs = [p for p in with_them.parameters() if p.name.rpartition(".")[0] in cases and p.name not in held]
+    free = [p for p in theirs if not _is_switch(p)]
+    with_them = with_them.replace(held | {p.name: 1.0 for p in theirs if _is_switch(p)})
+    if not free:
+        return replace(before, cases=cases, model=with_them)
+    if len(free) >= len(before.table.rows):
+        return None
+    problem = Problem(
+        Suite([before.table], before.noise, _exact), with_them, coordinates(with_them, [p.name for p in free], {})
+    )
+    start = near.solution.x if near and near.solution else _start(problem)
+    found = solve(problem, start, MINIMUM, small=1e-4)  # a hundredth of a standard deviation
+    if found is None:
+        return None
+    return replace(before, cases=cases, model=cast(StaticModel, problem.at(found.x)), solution=found)
+
+
+def _exact(table: Observation) -> tuple[Array, Array]:
+    """Return no nuisance columns: a table has no offset."""
+    return np.zeros((len(table.measured()), 0)), np.zeros(0)
+
+
+def _is_switch(parameter: Parameter) -> bool:
+    """Tell whether an effect is there or not, and has no strength to be fitted."""
+    return parameter.name.rpartition(".")[2] == "share"
+
+
+def _start(problem: Problem) -> Array:
+    """Return the best point of a grid."""
+    grids: list[Sequence[float]] = []
+    for parameter in problem.where.parameters:
+        effect, _, name = parameter.name.rpartition(".")
+        size = next(p.start for p in statics.find(effect).parameters if p.name == name) or 1.0
+        tried = [sign * size * by for by in STARTS for sign in (1, -1)]
+        grids.append([coordinate(parameter, s) for s in tried if parameter.is_plausible(s)])
+    points = [np.array(point) for point in itertools.product(*grids)]
+    return min(points, key=lambda x: problem.cost(x, problem.residuals(x)))

@@ -1,0 +1,379 @@
+"""A chain: the blocks of each axis in the order of the signal, and the arrays through which the engine runs them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.core.model import Block, Controller, Disturbance, Effect, Socket
+from flexdesign.core.model.effect import Values
+from flexdesign.dynamics.signal_chain import exact_step, kernels
+from flexdesign.dynamics.signal_chain.memory_layout import Forces, Layout, Modes, Moves, State, Ticks, Timing
+
+#: Numbers for which a chain has room in one array: several times what one of the catalogue needs.
+ROOM = 1024
+#: Sockets before the mechanics, in the order of the signal.
+UPSTREAM = (Socket.COMMAND, Socket.DRIVER, Socket.HYSTERESIS, Socket.ACTUATOR)
+
+
+@dataclass(frozen=True)
+class Oscillator:
+    """One mode: its frequency [Hz], damping ratio, and the part of the static response that it carries."""
+
+    frequency: float
+    damping_ratio: float
+    share: float = 1.0
+
+
+@dataclass(frozen=True)
+class AxisChain:
+    """The chain of one axis.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    gain
+        Displacement that drives the modes, per voltage, before hysteresis [m/V].
+    modes
+        At least one; the motion is the sum of all.
+    effects
+        Effects with their values in SI; those at null take no part. What they do to the numbers and modes of the axis
+        is in those already, see `flexdesign.dynamics.stage_dynamics.chain`.
+    amplifier
+        Voltage at the stack per command [V/V].
+    """
+
+    name: str
+    gain: float
+    modes: tuple[Oscillator, ...]
+    effects: tuple[tuple[Effect, Mapping[str, float]], ...] = ()
+    amplifier: float = 1.0
+
+    @cached_property
+    def acting(self) -> list[tuple[Effect, Values]]:
+        """The effects that are not at null with their values, by name."""
+        return by_name(self.effects)
+
+    def blocks(self, *sockets: Socket) -> list[tuple[Block, Values]]:
+        """Return the blocks of some sockets with their values, by name of their effect."""
+        return [each for each in self._blocks if each[0].socket in sockets]
+
+    @cached_property
+    def _blocks(self) -> list[tuple[Block, Values]]:
+        faces = ((face, values) for effect, values in self.acting for face in effect.faces)
+        return [(face, values) for face, values in faces if isinstance(face, Block)]
+
+    def disturbance(
+        self, time: NDArray[np.float64], recorded: Mapping[str, NDArray[np.float64]] | None = None
+    ) -> NDArray[np.float64] | None:
+        """Return what the effects add to the reading [m], n values; None if none does.
+
+        Parameters
+        ----------
+        time
+            Of the samples [s], n values.
+        recorded
+            Columns, n values each; an effect that needs one that is not there adds nothing.
+        """
+        there, total = recorded or {}, None
+        for effect, values in self.acting:
+            for face in effect.faces:
+                if isinstance(face, Disturbance) and set(face.columns) <= set(there):
+                    added = face.reading(values, there, time)
+                    total = added if total is None else total + added
+        return total
+
+
+def by_name(given: Iterable[tuple[Effect, Values]]) -> list[tuple[Effect, Values]]:
+    """Return the effects that act, in an order that does not depend on the one in which they were added."""
+    return sorted((each for each in given if not each[0].is_null(each[1])), key=lambda each: each[0].name)
+
+
+@dataclass(frozen=True)
+class Program:
+    """A chain laid out for the engine."""
+
+    timing: Timing
+    layout: Layout
+    command_ticks: Ticks
+    moves: Moves
+    forces: Forces
+    modes: Modes
+    sensor_ticks: Ticks
+    controllers: Ticks
+    state: State
+
+
+def program(
+    keep: Keeper,
+    axes: Sequence[AxisChain],
+    controllers: Mapping[str, Sequence[Controller]],
+    period: float,
+    substeps: int,
+    *,
+    delay: float = 0.0,
+    is_linear: bool = False,
+    every: int = 1,
+) -> Program:
+    """Lay out the chains of all axes, at rest at zero volts.
+
+    Parameters
+    ----------
+    keep
+        Where its numbers go; they are there when it is filled.
+    axes
+        Their chains.
+    controllers
+        For each axis, by name, the controllers of its loop.
+    period
+        Sampling period [s].
+    substeps
+        Number of steps in a sample.
+    delay
+        How late a command acts [s].
+    is_linear
+        Whether commands run straight from sample to sample; otherwise they are held.
+    every
+        Controllers act at every so many samples.
+    """
+    shares, steps, lengths, late = _division(period, substeps, delay)
+    builder = _Moves(keep, lengths)
+    command, voltage, drive = zip(*(builder.upstream(axis) for axis in axes), strict=True)
+    upstream = len(builder.moves)
+    motion = [builder.slot() for _ in axes]
+    reading = [builder.sensor(axis, place) for axis, place in zip(axes, motion, strict=True)]
+    signals = keep.reals([0.0] * (3 * builder.slots))
+    modes = [mode for axis in axes for mode in axis.modes]
+    return Program(
+        Timing(
+            len(shares),
+            keep.reals(lengths),
+            keep.ints(steps),
+            late,
+            is_linear,
+            keep.reals(_within(shares, steps)) if is_linear else 0,
+        ),
+        Layout(keep.ints(command), keep.ints(voltage), keep.ints(drive), keep.ints(motion), keep.ints(reading)),
+        _ticks(keep, [_block_ticks(axis, Socket.COMMAND, period) for axis in axes]),
+        builder.laid_out(signals, upstream),
+        _forces(keep, axes, lengths[0]),
+        Modes(
+            len(modes),
+            keep.ints(list(accumulate((len(axis.modes) for axis in axes), initial=0))),
+            keep.reals([number for step in lengths for mode in modes for number in _passage(mode, step)]),
+        ),
+        _ticks(keep, [_block_ticks(axis, Socket.SENSOR, period) for axis in axes]),
+        _ticks(keep, [_control_ticks(controllers.get(axis.name, ()), every * period) for axis in axes]),
+        State(signals, *(keep.reals([0.0] * (2 * count)) for count in (len(modes), len(axes), len(axes)))),
+    )
+
+
+def number_of_steps(period: float, substeps: int, delay: float) -> list[int]:
+    """Return the number of steps in each part into which a delay divides a sample."""
+    return _division(period, substeps, delay)[1]
+
+
+def _division(period: float, substeps: int, delay: float) -> tuple[list[float], list[int], list[float], int]:
+    """Divide a sample where the late command changes: shares, numbers and lengths of steps, and whole samples late."""
+    late = math.floor(delay / period + 1e-9)
+    rest = delay / period - late
+    shares = [1.0] if rest < 1e-9 else [rest, 1.0 - rest]
+    steps = [max(1, math.ceil(substeps * share - 1e-9)) for share in shares]
+    return shares, steps, [period * share / count for share, count in zip(shares, steps, strict=True)], late
+
+
+def _within(shares: Sequence[float], steps: Sequence[int]) -> list[float]:
+    """Return where start, middle and end of each step lie in the stretch between two commands, as shares.
+
+    The first of two segments is the end of such a stretch, the last one its beginning.
+    """
+    begins = [0.0] if len(shares) == 1 else [1.0 - shares[0], 0.0]
+    return [
+        begin + share * (step + half) / count
+        for begin, share, count in zip(begins, shares, steps, strict=True)
+        for step in range(count)
+        for half in (0.0, 0.5, 1.0)
+    ]
+
+
+@lru_cache(maxsize=4096)
+def _passage(mode: Oscillator, step: float) -> tuple[float, ...]:
+    """Return the 16 numbers of a mode's passage over a step, see `memory_layout.Modes`."""
+    w = 2 * math.pi * mode.frequency
+    # In position and velocity over w, where the matrix is balanced; then in position and velocity.
+    a, b = w * np.array([[0.0, 1.0], [-1.0, -2 * mode.damping_ratio]]), w * np.array([0.0, mode.share])
+    half, whole = exact_step.step(a, b, 0.5 * step), exact_step.step(a, b, step)
+    both, rows = np.array([[1.0, 1 / w], [w, 1.0]]), np.array([1.0, w])
+    held = rows * half.weights.sum(axis=1)
+    weights = rows[:, None] * whole.weights
+    return tuple(map(float, (*(both * half.transition).flat, *held, *(both * whole.transition).flat, *weights.flat)))
+
+
+class Keeper:
+    """Keeps numbers and gives their addresses; most fit into two arrays, filled in one go when all are there."""
+
+    def __init__(self) -> None:
+        self.kept: list[NDArray[Any]] = []
+        self._reals, self._ints = _Room(np.zeros(ROOM), self.kept), _Room(np.zeros(ROOM, dtype=np.int64), self.kept)
+
+    def reals(self, numbers: Sequence[float]) -> int:
+        """Keep numbers, at least one; return their address."""
+        return self._reals.keep(numbers)
+
+    def ints(self, numbers: Sequence[int]) -> int:
+        """Keep whole numbers; return their address."""
+        return self._ints.keep(numbers)
+
+    def fill(self) -> None:
+        """Put what was kept where its addresses point to."""
+        self._reals.fill()
+        self._ints.fill()
+
+
+class _Room:
+    """An array that is filled from its beginning; what does not fit gets an array of its own."""
+
+    def __init__(self, array: NDArray[Any], kept: list[NDArray[Any]]) -> None:
+        self.array, self.kept, self.address = array, kept, array.ctypes.data
+        self.numbers: list[float] = []
+        kept.append(array)
+
+    def keep(self, numbers: Sequence[float]) -> int:
+        """Put numbers and a zero behind them into the array; return their address."""
+        first = len(self.numbers)
+        if first + len(numbers) < ROOM:
+            self.numbers += numbers
+            self.numbers.append(0)
+            return self.address + 8 * first
+        own = np.zeros(len(numbers) + 1, dtype=self.array.dtype)
+        own[:-1] = numbers
+        self.kept.append(own)
+        return int(own.ctypes.data)
+
+    def fill(self) -> None:
+        """Put the numbers into the array."""
+        self.array[: len(self.numbers)] = self.numbers
+
+
+class _Moves:
+    """Collects what happens to the signals in a step."""
+
+    def __init__(self, keep: Keeper, steps: Sequence[float]) -> None:
+        self.keep, self.steps = keep, steps
+        self.slots = 0
+        #: hook, input, output, state, base, constants
+        self.moves: list[tuple[int, int, int, int, float, list[int]]] = []
+
+    def slot(self) -> int:
+        """Return the place of three new values in the signal array."""
+        self.slots += 1
+        return 3 * (self.slots - 1)
+
+    def upstream(self, axis: AxisChain) -> tuple[int, int, int]:
+        """Add the sockets before the mechanics; return the places of command, voltage and drive."""
+        command = place = at_stack = self.slot()
+        for socket in UPSTREAM:
+            if socket is Socket.DRIVER:
+                place = self._socket(place, (), axis.amplifier)
+            if socket is Socket.HYSTERESIS and axis.gain < 0:
+                place = self._socket(place, (), -1.0)  # so that hysteresis holds the motion back here too
+            place = self._socket(place, axis.blocks(socket), abs(axis.gain) if socket is Socket.HYSTERESIS else 1.0)
+            if socket is Socket.DRIVER:
+                at_stack = place
+        return command, at_stack, place
+
+    def sensor(self, axis: AxisChain, place: int) -> int:
+        """Add the sensor; return the place of the reading."""
+        return self._socket(place, axis.blocks(Socket.SENSOR), 1.0)
+
+    def _socket(self, source: int, blocks: Sequence[tuple[Block, Values]], base: float) -> int:
+        moving = [(block, values) for block, values in blocks if block.move is not None]
+        if not moving and base == 1.0:
+            return source
+        place = source
+        for block, values in moving:  # those that replace work in series
+            if block.mode == "replace":
+                path, place = place, self.slot()
+                self._move(block, values, path, place, 0.0)
+        if place == source:
+            place = self.slot()
+            self.moves.append((0, source, place, 0, base, [0] * len(self.steps)))
+        for block, values in moving:
+            if block.mode == "add":
+                self._move(block, values, source, place, math.nan)
+        return place
+
+    def _move(self, block: Block, values: Values, path: int, out: int, base: float) -> None:
+        assert block.move is not None
+        hook = kernels.address(block.move, "move")
+        constants = [self.keep.reals(block.constants(values, step)) for step in self.steps]
+        self.moves.append((hook, path, out, _state(self.keep, block), base, constants))
+
+    def laid_out(self, signals: int, upstream: int) -> Moves:
+        """Return the moves as addresses."""
+        columns = zip(*self.moves, strict=True) if self.moves else ((),) * 6
+        hooks, paths, outs, states, bases, constants = columns
+        ints, reals = self.keep.ints, self.keep.reals
+        places = (ints(paths), ints(outs))
+        return Moves(
+            len(paths),
+            upstream,
+            ints(hooks),
+            ints([signals + 8 * path for path in paths]),
+            ints([signals + 8 * out for out in outs]),
+            ints(states),
+            ints([address for row in zip(*constants, strict=True) for address in row]),
+            *places,
+            reals(bases),
+        )
+
+
+def _state(keep: Keeper, block: Block) -> int:
+    return keep.reals([0.0] * (len(block.states) + block.memory))
+
+
+def _forces(keep: Keeper, axes: Sequence[AxisChain], step: float) -> Forces:
+    first, hooks, by_path, place, constants = [0], list[int](), list[int](), [0], list[int]()
+    for axis in axes:
+        blocks = axis.blocks(Socket.FORCE)
+        for kind in ("flow", "pull"):
+            for block, values in blocks:
+                if (hook := getattr(block, kind)) is not None:
+                    hooks.append(kernels.address(hook, kind))
+                    place.append(place[-1] + len(block.states))
+                    constants.append(keep.reals(block.constants(values, step)))
+            if kind == "flow":
+                by_path.append(len(hooks))
+        first.append(len(hooks))
+    rooms = (keep.reals([0.0] * (count * place[-1])) for count in (1, 1, 4))
+    return Forces(place[-1], *(keep.ints(numbers) for numbers in (first, hooks, by_path, place, constants)), *rooms)
+
+
+#: A hook, the number of its states, and its constants.
+Tick = tuple[int, int, Sequence[float]]
+
+
+def _block_ticks(axis: AxisChain, socket: Socket, period: float) -> list[Tick]:
+    return [
+        (kernels.address(block.tick, "tick"), len(block.states) + block.memory, block.constants(values, period))
+        for block, values in axis.blocks(socket)
+        if block.tick is not None
+    ]
+
+
+def _control_ticks(controllers: Sequence[Controller], period: float) -> list[Tick]:
+    return [(kernels.address(c.tick, "control"), len(c.states), c.constants(c.values, period)) for c in controllers]
+
+
+def _ticks(keep: Keeper, by_axis: Sequence[Sequence[Tick]]) -> Ticks:
+    flat = [tick for ticks in by_axis for tick in ticks]
+    entries = [number for hook, states, c in flat for number in (hook, keep.reals([0.0] * states), keep.reals(c))]
+    return Ticks(keep.ints(list(accumulate(map(len, by_axis), initial=0))), keep.ints(entries))

@@ -1,0 +1,1 @@
+"""Nonlinear least squares: data set, residual function, Levenberg-Marquardt, starts, local minima."""

@@ -1,0 +1,218 @@
+"""A data set: observations with their noise, and the nuisance columns that may add to each.
+
+What enters linearly, such as an offset, is eliminated exactly by variable projection (Golub and Pereyra 1973); where
+something is known of its amount, as in ridge regression.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Observation
+from flexdesign.estimation.noise.whitening import Scaled, Whitening
+
+Array = NDArray[np.float64]
+#: A combination of columns so small, beside the largest, is hidden.
+HIDDEN = 1e-10
+#: Residuals smaller than this share of the data are the simulator's rounding: costs are not told apart there.
+ROUNDING = 1e-7
+#: Columns that add to what was measured of an observation (samples by k), and how large each may be [response].
+Shapes = Callable[[Observation], tuple[Array, Array]]
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One observation of n values, and what adds to it in an unknown amount.
+
+    Channels follow one another in the n values; a complex response has its real and imaginary parts as channels.
+
+    Parameters
+    ----------
+    observation
+        The observation.
+    measured
+        n values, SI; zero at gaps.
+    present
+        False at gaps.
+    columns
+        What may add to it: n by k, SI.
+    sizes
+        How large the amount of each may be, SI; infinite where nothing is known of it.
+    basis
+        Orthonormal basis of these columns, whitened, with a row for what is known of each: n + k by k or fewer.
+    amounts
+        Takes a vector of length n + k to the k amounts of the columns that it holds.
+    freedom
+        Logarithm of the volume, in units of the noise, of what the columns may add: the price of their freedom in the
+        marginal likelihood, but for columns of which nothing is known.
+    given
+        The measured values as the observation gives them.
+    channels
+        Number of channels.
+    """
+
+    observation: Observation
+    measured: Array
+    present: NDArray[np.bool_]
+    columns: Array
+    sizes: Array
+    basis: Array
+    amounts: Array
+    freedom: float
+    given: NDArray[Any]
+    channels: int
+
+    @property
+    def rows(self) -> int:
+        """Length of a residual: a row for each value, and one for each column."""
+        return len(self.basis)
+
+    def series(self) -> list[slice]:
+        """Return the rows of a residual that belong to each channel."""
+        n = len(self.measured) // self.channels
+        return [slice(k * n, (k + 1) * n) for k in range(self.channels)]
+
+    def difference(self, predicted: NDArray[Any]) -> Array:
+        """Return measured less predicted, n values in SI; zero at gaps.
+
+        Raises
+        ------
+        InputError
+            If the prediction has another shape than the measurement.
+        """
+        if predicted.shape != self.given.shape:
+            remedy = f"the model predicts values shaped {predicted.shape}, measured are {self.given.shape}"
+            raise InputError("fit", self.observation.name, None, remedy)
+        if np.iscomplexobj(predicted) != np.iscomplexobj(self.given):
+            remedy = "measured and predicted are not both real or complex"
+            raise InputError("fit", self.observation.name, None, remedy)
+        return np.where(self.present, self.measured - channels(predicted)[0], 0.0)
+
+    def restored(self, values: Array) -> NDArray[Any]:
+        """Return n values in the shape and kind of the observation."""
+        table = values.reshape(self.channels, -1).T
+        if np.iscomplexobj(self.given):
+            half = self.channels // 2
+            table = table[:, :half] + 1j * table[:, half:]
+        return table.reshape(self.given.shape)
+
+
+class Suite:
+    """Records with their noise.
+
+    Parameters
+    ----------
+    observations
+        Each of n values.
+    noise
+        What turns residuals into independent numbers of variance one.
+    shapes
+        What may add to each observation in an unknown amount.
+
+    Raises
+    ------
+    InputError
+        If an observation holds no finite value.
+    """
+
+    def __init__(self, observations: Sequence[Observation], noise: Whitening, shapes: Shapes) -> None:
+        self.noise = noise
+        self.records = tuple(self._record(observation, *shapes(observation)) for observation in observations)
+        parts = [self.whitened(record, record.measured) for record in self.records]
+        #: Norm of the measured data, whitened.
+        self.size = float(np.sqrt(sum(part @ part for part in parts))) or 1.0
+        #: Costs that differ by less differ by rounding.
+        self.floor = (ROUNDING * self.size) ** 2
+
+    def with_shapes(self, shapes: Shapes, noise: Whitening | None = None) -> Suite:
+        """Return the suite with other columns that may add to its observations, and perhaps with other noise."""
+        return Suite([record.observation for record in self.records], noise or self.noise, shapes)
+
+    def scaled(self, factor: float) -> Suite:
+        """Return the suite with noise so many times as large."""
+        own = {record.observation.name: (record.columns, record.sizes) for record in self.records}
+        return self.with_shapes(lambda observation: own[observation.name], Scaled(self.noise, factor))
+
+    def part(self, names: Sequence[str]) -> Suite:
+        """Return the suite of some of its observations."""
+        part = copy(self)
+        part.records = tuple(record for record in self.records if record.observation.name in names)
+        return part
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the observations."""
+        return [record.observation.name for record in self.records]
+
+    @property
+    def samples(self) -> int:
+        """Number of values present."""
+        return int(sum(record.present.sum() for record in self.records))
+
+    @property
+    def freedom(self) -> float:
+        """What the freedom of the columns costs, in the units of the sum of squares: twice the sum over the records."""
+        return 2 * sum(record.freedom for record in self.records)
+
+    def whitened(self, record: Record, difference: Array) -> Array:
+        """Return a difference (n, SI) whitened, what may add to it taken out: a vector of `record.rows`."""
+        vector = self._whitened(record.observation, record.present, difference, record.channels)
+        padded = np.concatenate([vector, np.zeros(record.columns.shape[1])])
+        return np.asarray(padded - record.basis @ (record.basis.T @ padded))
+
+    def residual(self, record: Record, predicted: Array) -> Array | None:
+        """Return the whitened residual of a prediction; None where it is not finite."""
+        difference = record.difference(predicted)
+        return self.whitened(record, difference) if np.isfinite(difference).all() else None
+
+    def remainder(self, record: Record, predicted: Array) -> Array:
+        """Return measured less predicted and the best amounts of the columns, n values in SI; NaN at gaps."""
+        difference = record.difference(predicted)
+        return np.where(record.present, difference - record.columns @ self.amounts(record, difference), np.nan)
+
+    def amounts(self, record: Record, difference: Array) -> Array:
+        """Return the amounts of the columns that explain a difference (n, SI) best."""
+        vector = self._whitened(record.observation, record.present, difference, record.channels)
+        return np.asarray(record.amounts @ np.concatenate([vector, np.zeros(record.columns.shape[1])]))
+
+    def _record(self, observation: Observation, columns: Array, sizes: Array) -> Record:
+        given = np.asarray(observation.measured())
+        measured, count = channels(given)
+        present = np.isfinite(measured)
+        if not present.reshape(count, -1).any(axis=1).all():
+            raise InputError(
+                "runs", observation.name, None, "holds no finite value, or a channel without a finite value"
+            )
+        whitened = np.empty_like(columns)
+        for k, column in enumerate(columns.T):
+            whitened[:, k] = self._whitened(observation, present, column * present, count)
+        stacked = np.vstack([whitened, np.diag(1 / sizes)])
+        # A column that a gap hides, or that others make up, takes nothing out and has no amount of its own.
+        lengths = np.linalg.norm(stacked, axis=0)
+        unit = stacked / np.where(lengths > 0, lengths, 1.0)
+        left, singular, right = np.linalg.svd(unit, full_matrices=False)
+        kept = singular > HIDDEN * singular.max(initial=0.0)
+        basis = left[:, kept]
+        amounts = (right[kept].T / singular[kept]) @ basis.T / np.where(lengths > 0, lengths, 1.0)[:, None]
+        freedom = (
+            np.log(singular[kept]).sum() + np.log(lengths[lengths > 0]).sum() + np.log(sizes[np.isfinite(sizes)]).sum()
+        )
+        filled = np.where(present, measured, 0.0)
+        return Record(observation, filled, present, columns, sizes, basis, amounts, float(freedom), given, count)
+
+    def _whitened(self, observation: Observation, present: NDArray[np.bool_], difference: Array, count: int) -> Array:
+        return np.asarray(self.noise.whiten(observation, difference.reshape(count, -1).T).T.ravel() * present)
+
+
+def channels(values: NDArray[Any]) -> tuple[Array, int]:
+    """Return values channel after channel, and the number of channels."""
+    table = values.reshape(len(values), -1) if values.ndim else values.reshape(1, 1)
+    table = np.hstack([table.real, table.imag]) if np.iscomplexobj(table) else np.asarray(table, dtype=float)
+    return table.T.ravel(), table.shape[1]

@@ -1,0 +1,274 @@
+"""Least squares for a suite: Marquardt's method on normal equations that are filled record by record.
+
+Marquardt (1963), SIAM J. Appl. Math. 11, 431-441, with the damping of each coordinate in proportion to its own
+curvature; bounds are kept by holding what would leave them. Slopes are dear and residuals cheap, so that slopes are
+carried along from step to step (Broyden 1965, Math. Comp. 19, 577-593) while they still predict what happens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.estimation.least_squares.residual_function import Problem, Slopes
+
+Array = NDArray[np.float64]
+#: A step that promises to lower chi^2 by less than this is the last: it moves no number by a third of its deviation.
+SMALL = 0.1
+#: Slopes that were carried along serve while a step lowers the cost by this share of what they promise, and for so many
+#: steps; they say that nothing is left to be gained if the last one kept its promise so closely.
+LEAST_KEPT, LONGEST, KEPT_PROMISE = 0.1, 12, (0.7, 1.5)
+#: Damping: where it begins, and what it is multiplied with after a good and a bad step.
+DAMPING, EASED, RAISED, LARGEST_DAMPING = 1e-3, 0.2, 8.0, 1e8
+#: Damping that no longer matters.
+UNDAMPED = 1e-9
+#: Where slopes that were found so often at one point lead nowhere, the search ends.
+TWICE = 2
+
+
+@dataclass(frozen=True)
+class Effort:
+    """When a fit ends.
+
+    Parameters
+    ----------
+    jacobians
+        Largest number of times that the Jacobian is computed; with none, the fit goes as far as the known one leads.
+    share
+        A step that promises to lower chi^2 by less than this share of it is the last.
+    is_exact
+        Whether the Jacobian is computed once more at the end.
+    """
+
+    jacobians: int = 20
+    share: float = 1e-5
+    is_exact: bool = True
+
+
+#: A fit to its end; one that tells whether it is worth its time; and what the Jacobian known promises.
+FULL, ROUGH, QUICK = Effort(), Effort(3, 1e-3, is_exact=False), Effort(0, 1e-3, is_exact=False)
+#: The same without regard for time: to the minimum, and as far as one Jacobian leads.
+MINIMUM, FOLLOWING = Effort(30, 1e-6), Effort(0, 0.0, is_exact=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where the search ended.
+
+    Parameters
+    ----------
+    problem
+        What was solved.
+    x
+        The point; coordinates.
+    cost
+        Sum of squares there.
+    residuals, slopes
+        Of each record; slopes may have been found a short step before.
+    normal
+        J'J with what was known, coordinates by coordinates.
+    is_settled
+        Whether it ended because nothing more was to be gained, and not for want of trials or where no slopes led on.
+    """
+
+    problem: Problem
+    x: Array
+    cost: float
+    residuals: tuple[Array, ...]
+    slopes: tuple[Slopes, ...]
+    normal: Array
+    is_settled: bool
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the coordinates, where the noise is as stated."""
+        return _inverse(self.normal)
+
+    @property
+    def misfit(self) -> float:
+        """Sum of squares of the residuals alone, what was known of the numbers left out."""
+        return sum(float(part @ part) for part in self.residuals)
+
+    def columns(self) -> dict[str, list[Array | None]]:
+        """Return the slopes by the name of the number: a column for each record, or None where it does not act."""
+        found: dict[str, list[Array | None]] = {}
+        for j, name in enumerate(self.problem.where.names):
+            places = [np.flatnonzero(part.places == j) for part in self.slopes]
+            found[name] = [
+                part.matrix[:, place[0]] if len(place) else None
+                for part, place in zip(self.slopes, places, strict=True)
+            ]
+        return found
+
+    def project(self, parts: Sequence[Array]) -> Array:
+        """Return J'v for a vector v in parts, one for each record."""
+        total = np.zeros(len(self.x))
+        for slopes, part in zip(self.slopes, parts, strict=True):
+            total[slopes.places] += slopes.matrix.T @ part
+        return total
+
+
+Columns = Mapping[str, Sequence[Array | None]]
+
+
+def solve(
+    problem: Problem, start: Array, effort: Effort = FULL, old: Columns | None = None, *, small: float = SMALL
+) -> Solution | None:
+    """Return the minimum near a point; None where the model fails there.
+
+    Parameters
+    ----------
+    problem
+        Residuals and their Jacobian.
+    start
+        Coordinates; moved into the bounds.
+    effort
+        When the search ends.
+    old
+        Columns of the Jacobian of a fit nearby, see `Problem.slopes`; the search begins with them.
+    small
+        A step that promises to lower the cost by less than this is the last, too.
+    """
+    x = np.clip(start, problem.where.lower, problem.where.upper)
+    if (residuals := problem.residuals(x)) is None:
+        return None
+    search = _Search(problem, x, residuals, old, small)
+    if not effort.jacobians:
+        search.fresh = True  # where a step fails it is made shorter
+        search.descend(effort.share)
+    for _ in range(effort.jacobians):
+        # A Jacobian that was carried along may promise too little: where it counts, one computed here decides.
+        if search.descend(effort.share) and (search.fresh or not effort.is_exact):
+            return search.solution(True)
+        if search.looked == TWICE:
+            break
+        search.look()
+    return search.solution(False)
+
+
+def linearise(problem: Problem, x: Array) -> Solution | None:
+    """Return a point as it is, with the Jacobian there; None where the model fails."""
+    residuals = problem.residuals(x)
+    return None if residuals is None else _Search(problem, x, residuals, None, SMALL).solution(False)
+
+
+def polish(solution: Solution, small: float) -> Solution:
+    """Return where further steps with the Jacobian of a solution lead, until they promise less than `small`."""
+    search = _Search(solution.problem, solution.x, list(solution.residuals), solution.columns(), small)
+    search.fresh = True
+    search.descend(0.0)
+    return search.solution(solution.is_settled)
+
+
+class _Search:
+    """Where a search stands: a point, its residuals, and slopes that were found there or carried along."""
+
+    def __init__(self, problem: Problem, x: Array, residuals: list[Array], old: Columns | None, small: float) -> None:
+        self.problem, self.x, self.residuals, self.small = problem, x, residuals, small
+        self.cost, self.damping, self.kept = problem.cost(x, residuals), DAMPING, 0.0
+        self.looked = 0
+        self.look(old)
+        self.fresh = not old
+
+    def look(self, old: Columns | None = None) -> None:
+        """Find the slopes here."""
+        self.slopes = self.problem.slopes(self.x, self.residuals, old)
+        self.problem.even(self.slopes)
+        self.normal = _normal(self.problem, self.x, self.slopes)
+        self.fresh, self.eased, self.looked = True, False, self.looked + 1
+
+    def descend(self, share: float) -> bool:
+        """Take steps while the slopes serve; tell whether less than this share of the cost is left to be gained."""
+        for _ in range(LONGEST):
+            enough = max(self.small, share * self.cost)
+            gradient = _gradient(self.problem, self.x, self.slopes, self.residuals)
+            step = _step(self.normal, gradient, self.damping, self.x, self.problem)
+            promised = -float(2 * gradient @ step + step @ self.normal @ step)
+            if promised < 0 and self.damping < LARGEST_DAMPING:
+                # A step that was clipped to the bounds is no minimum of the bounded parabola.
+                self.damping = max(self.damping, 1e-6) * RAISED
+                continue
+            if promised <= enough and not self.eased:
+                # Damping itself may keep promises small along a valley.
+                self.damping, self.eased = UNDAMPED, True
+                continue
+            if promised <= enough:
+                return self.fresh or KEPT_PROMISE[0] < self.kept < KEPT_PROMISE[1]
+            tried = self.problem.residuals(self.x + step)
+            reached = self.problem.cost(self.x + step, tried)
+            if tried is not None and reached < self.cost:
+                self._go(step, tried, reached, promised)
+                if self.kept < LEAST_KEPT:
+                    return False
+            elif not self.fresh:
+                return False
+            else:
+                self.damping = max(self.damping, 1e-6) * RAISED
+                if self.damping > LARGEST_DAMPING:
+                    return True
+        return False
+
+    def _go(self, step: Array, tried: list[Array], reached: float, promised: float) -> None:
+        """Take a step, and carry the slopes along so that they explain what it did (Broyden 1965)."""
+        weighted = np.diag(self.normal) * step
+        weighted = weighted / max(float(weighted @ step), 1e-300)
+        for part, before, after in zip(self.slopes, self.residuals, tried, strict=True):
+            missed = after - before - part.matrix @ step[part.places]
+            part.matrix[:] += np.outer(weighted[part.places], missed).T  # its columns are what lies together
+        self.problem.even(self.slopes)
+        self.kept = (self.cost - reached) / promised
+        self.x, self.residuals, self.cost = self.x + step, tried, reached
+        self.damping = max(self.damping * (EASED if self.kept > 0.5 else 1.0), UNDAMPED)
+        self.normal = _normal(self.problem, self.x, self.slopes)
+        self.fresh, self.eased, self.looked = False, False, 0
+
+    def solution(self, is_settled: bool) -> Solution:
+        """Return where the search stands."""
+        residuals, slopes = tuple(self.residuals), tuple(self.slopes)
+        return Solution(self.problem, self.x, self.cost, residuals, slopes, self.normal, is_settled)
+
+
+def _normal(problem: Problem, x: Array, slopes: Sequence[Slopes]) -> Array:
+    before = problem.before_slopes(x)
+    total = before.T @ before
+    for part in slopes:
+        total[np.ix_(part.places, part.places)] += part.matrix.T @ part.matrix
+    return np.asarray(total)
+
+
+def _gradient(problem: Problem, x: Array, slopes: Sequence[Slopes], residuals: Sequence[Array]) -> Array:
+    total = problem.before_slopes(x).T @ problem.before(x)
+    for part, residual in zip(slopes, residuals, strict=True):
+        total[part.places] += part.matrix.T @ residual
+    return np.asarray(total)
+
+
+def _step(normal: Array, gradient: Array, damping: float, x: Array, problem: Problem) -> Array:
+    """Return the damped step within the bounds; what would leave goes to its bound, and the rest makes up for that."""
+    lower, upper = problem.where.lower - x, problem.where.upper - x
+    scale = np.sqrt(np.where(np.diag(normal) > 0, np.diag(normal), 1.0))
+    damped = normal / np.outer(scale, scale) + damping * np.eye(len(x))
+    step, moving = np.zeros(len(x)), np.ones(len(x), dtype=bool)
+    for _ in range(len(x)):
+        places, stopped = np.flatnonzero(moving), np.flatnonzero(~moving)
+        if not len(places):
+            break
+        pull = gradient[places] / scale[places] + damped[np.ix_(places, stopped)] @ (scale * step)[stopped]
+        inner = damped[np.ix_(places, places)]
+        step[places] = -np.linalg.lstsq(inner, pull, rcond=1e-14)[0] / scale[places]
+        leaving = moving & ((step < lower) | (step > upper))
+        if not leaving.any():
+            break
+        step[leaving] = np.clip(step, lower, upper)[leaving]
+        moving &= ~leaving
+    return np.clip(step, lower, upper)
+
+
+def _inverse(normal: Array) -> Array:
+    scale = np.sqrt(np.where(np.diag(normal) > 0, np.diag(normal), 1.0))
+    return np.asarray(
+        np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
+    )

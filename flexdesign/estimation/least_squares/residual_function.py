@@ -1,0 +1,265 @@
+"""A model beside a data set: whitened residuals and their derivatives, record by record.
+
+Numbers that act on one record alone (where it began, how late it was started) are many, and cost little: their
+derivatives ask for one record each, and the normal equations are filled block by block.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Model
+from flexdesign.estimation.least_squares.dataset import Record, Shapes, Suite
+from flexdesign.estimation.least_squares.parameter_transforms import Coordinates, value
+
+__all__ = ["Problem", "Record", "Shapes", "Slopes", "Suite"]
+
+Array = NDArray[np.float64]
+#: Applies a function to each item of a list, over threads perhaps.
+Map = Callable[..., Any]
+#: How far a finite difference should move the response, relative: between a simulator's error of 1e-7 and curvature.
+MOVED = 3e-4
+#: The same for central differences, whose error is of second order.
+MOVED_CENTRAL = 3 * MOVED
+#: Step of a finite difference per size of its coordinate: where it begins, and how small and large it may become.
+STEP, SMALLEST, LARGEST = 1e-4, 1e-7, 1e-2
+#: Makes another model of one, with the same numbers.
+Made = Callable[[Model], Model]
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Derivative of the residual of one record: rows by some of the coordinates, whose places are `places`."""
+
+    places: NDArray[np.intp]
+    matrix: Array
+
+
+def _itself(model: Model) -> Model:
+    return model
+
+
+class _Count:
+    """Counts predictions, of several threads."""
+
+    def __init__(self) -> None:
+        self.made, self._lock = Counter[str](), threading.Lock()
+
+    def add(self, failed: bool) -> None:
+        """Count one more."""
+        with self._lock:
+            self.made.update(all=1, failed=int(failed))
+
+
+class Problem:
+    """A model with free numbers, to be laid beside a suite.
+
+    Parameters
+    ----------
+    suite
+        The records.
+    model
+        The model.
+    where
+        Its free numbers as coordinates; those that act on one run alone carry its name.
+    each
+        Maps simulations, over threads perhaps.
+    sloping
+        Makes a model whose slopes serve in the place of a model's own: how far a number moves what is predicted need
+        not be known as exactly as where it is.
+    central
+        Whether differences are central, at twice the price of forward ones: their error is then far below that of the
+        simulator.
+    """
+
+    def __init__(
+        self,
+        suite: Suite,
+        model: Model,
+        where: Coordinates,
+        each: Map = map,
+        sloping: Made = _itself,
+        central: bool = False,
+        count: _Count | None = None,
+    ) -> None:
+        self.suite, self.model, self.where, self.each = suite, model, where, each
+        self.sloping, self.central = sloping, central
+        self._count = count or _Count()
+        runs = [parameter.run for parameter in where.parameters]
+        names = [record.observation.name for record in suite.records]
+        self.places = [
+            np.array([j for j, run in enumerate(runs) if run in ("", name)], dtype=np.intp) for name in names
+        ]
+        self.steps = STEP * where.sizes(where.start)
+        self._known = [(where.names.index(name), *about) for name, about in where.known.items()]
+
+    @property
+    def evaluations(self) -> int:
+        """Number of predictions so far, those of problems made from this one among them."""
+        return self._count.made["all"]
+
+    @property
+    def failures(self) -> int:
+        """Number of these that gave no numbers."""
+        return self._count.made["failed"]
+
+    def anew(self, suite: Suite | None = None, central: bool | None = None) -> Problem:
+        """Return the problem with steps of its own for differences; perhaps beside another suite, or with another."""
+        central = self.central if central is None else central
+        return Problem(suite or self.suite, self.model, self.where, self.each, self.sloping, central, self._count)
+
+    def fixed(self, j: int, coordinate: float, x: Array) -> Problem:
+        """Return the problem of the other coordinates, which start from `x`, with one of them held."""
+        where = self.where
+        left = [i for i in range(len(x)) if i != j]
+        held = where.parameters[j]
+        others = Coordinates(
+            tuple(where.parameters[i] for i in left),
+            {name: about for name, about in where.known.items() if name != held.name},
+            where.lower[left],
+            where.upper[left],
+            x[left],
+        )
+        model = self.model.replace({held.name: value(held, coordinate)})
+        return Problem(self.suite, model, others, self.each, self.sloping, self.central, self._count)
+
+    def at(self, x: Array) -> Model:
+        """Return the model at a point."""
+        return self.model.replace(self.where.values(x))
+
+    def even(self, slopes: Sequence[Slopes]) -> None:
+        """Make the slopes of a number and of its twin in each run the same, as they are but for rounding.
+
+        What tells them apart is known of them beforehand; beside strong data the rounding would seem to know better.
+        """
+        for parameter in self.where.parameters:
+            for record, part in zip(self.suite.records, slopes, strict=True) if parameter.twin else ():
+                name = f"{record.observation.name}:{parameter.twin}"
+                if name not in self.where.names:
+                    continue
+                both = [self.where.names.index(each) for each in (parameter.name, name)]
+                mine, other = (int(np.flatnonzero(part.places == place)[0]) for place in both)
+                if part.matrix[:, mine].any():
+                    part.matrix[:, mine] = part.matrix[:, other]
+
+    def residuals(self, x: Array) -> list[Array] | None:
+        """Return the whitened residual of each record; None where the model fails."""
+        return self._residuals(self.at(x))
+
+    def _residuals(self, model: Model) -> list[Array] | None:
+        found = list(self.each(lambda record: self._residual(model, record), self.suite.records))
+        return None if any(part is None for part in found) else found
+
+    def _residual(self, model: Model, record: Record) -> Array | None:
+        try:
+            with np.errstate(all="ignore"):
+                found = self.suite.residual(record, np.asarray(model.predict(record.observation)))
+        except (ArithmeticError, np.linalg.LinAlgError, InputError):
+            found = None
+        self._count.add(found is None)
+        return found
+
+    def before(self, x: Array) -> Array:
+        """Return how many standard deviations each known number is from what was known."""
+        values = self.where.values(x)
+        names = self.where.names
+        return np.array([(values[names[j]] - middle) / sigma for j, middle, sigma in self._known])
+
+    def before_slopes(self, x: Array) -> Array:
+        """Return the derivative of `before`: known numbers by coordinates."""
+        slopes, rows = self.where.slopes(x), np.zeros((len(self._known), len(x)))
+        for row, (j, _, sigma) in enumerate(self._known):
+            rows[row, j] = slopes[j] / sigma
+        return rows
+
+    def cost(self, x: Array, residuals: list[Array] | None) -> float:
+        """Return the sum of squares; infinite where the model fails."""
+        if residuals is None:
+            return np.inf
+        before = self.before(x)
+        return float(sum(part @ part for part in residuals) + before @ before)
+
+    def _sloping_at(self, x: Array, residuals: Sequence[Array]) -> tuple[Made, Sequence[Array]]:
+        """Return what makes models to take slopes from, and their residuals: a model's own where another one fails."""
+        own = self.at(x)
+        if (other := self.sloping(own)) is own or (found := self._residuals(other)) is None:
+            return _itself, residuals
+        return self.sloping, found
+
+    def _moved(
+        self, x: Array, pairs: Sequence[tuple[int, int]], forward: Array, make: Made
+    ) -> dict[tuple[int, int], Array | None]:
+        """Return the residual of each record with one coordinate moved by its step; None where the model fails."""
+        models = self._moved_models(x, sorted({j for _, j in pairs}), forward * self.steps, make)
+        found = self.each(lambda pair: self._residual(models[pair[1]], self.suite.records[pair[0]]), pairs)
+        return dict(zip(pairs, found, strict=True))
+
+    def _moved_models(self, x: Array, places: Sequence[int], steps: Array, make: Made) -> dict[int, Model]:
+        """Return for some coordinates the model with that one moved; those of different runs are moved together."""
+        groups = dict[tuple[str, str | int], list[int]]()
+        for j in places:
+            parameter = self.where.parameters[j]
+            run, _, number = parameter.name.rpartition(":")
+            groups.setdefault(("run", number) if run == parameter.run != "" else ("all", j), []).append(j)
+        models = dict[int, Model]()
+        for together in groups.values():
+            to = x.copy()
+            to[together] += steps[together]
+            models |= dict.fromkeys(together, make(self.at(to)))
+        return models
+
+    def slopes(
+        self, x: Array, residuals: Sequence[Array], old: Mapping[str, Sequence[Array | None]] | None = None
+    ) -> list[Slopes]:
+        """Return the derivative of each record's residual at `x`, by differences, which look inwards at a bound.
+
+        Parameters
+        ----------
+        x, residuals
+            Where, and the residuals there.
+        old
+            Columns that are known well enough, by the name of the number: one for each record, or None.
+        """
+        old = old or {}
+        fresh = [j for j, name in enumerate(self.where.names) if name not in old]
+        forward = np.where(x + self.steps <= self.where.upper, 1.0, -1.0)
+        pairs = [(r, int(j)) for r, places in enumerate(self.places) for j in places if int(j) in fresh]
+        make, here = self._sloping_at(x, residuals) if pairs else (_itself, residuals)
+        parts = self._moved(x, pairs, forward, make)
+        if failed := {j for (_, j), part in parts.items() if part is None}:
+            # On the other side the model may not fail; where it does on both, nothing is known of this slope.
+            forward[list(failed)] *= -1.0
+            parts |= self._moved(x, [pair for pair in pairs if pair[1] in failed], forward, make)
+        opposite = dict[tuple[int, int], Array | None]()
+        if self.central:
+            back = x - forward * self.steps
+            inside = (back >= self.where.lower) & (back <= self.where.upper)
+            opposite = self._moved(x, [(r, j) for r, j in pairs if inside[j] and j not in failed], -forward, make)
+        moved, columns = np.zeros(len(x)), dict[tuple[int, int], Array]()
+        for (r, j), part in parts.items():
+            other = opposite.get((r, j))
+            column = np.zeros_like(here[r]) if part is None else (part - here[r]) * forward[j]
+            if part is not None and other is not None:
+                column = (part - other) * forward[j] / 2
+            moved[j] += column @ column
+            columns[r, j] = column / self.steps[j]
+        for j, name in enumerate(self.where.names):
+            for r, column in enumerate(old.get(name, ())):
+                if column is not None:
+                    columns[r, j] = column
+        # The next steps move the whitened response by a small share of it.
+        sizes, wanted = self.where.sizes(x), (MOVED_CENTRAL if self.central else MOVED) * self.suite.size
+        by = np.where(moved > 0, np.clip(wanted / np.maximum(np.sqrt(moved), 1e-300), 0.1, 10.0), 1.0)
+        self.steps = np.clip(self.steps * by, SMALLEST * sizes, LARGEST * sizes)
+        return [
+            Slopes(places, np.array([columns[r, int(j)] for j in places]).reshape(len(places), len(residuals[r])).T)
+            for r, places in enumerate(self.places)
+        ]

@@ -1,0 +1,1 @@
+"""Which effects a model needs: score test, stepwise selection, comparison of models."""

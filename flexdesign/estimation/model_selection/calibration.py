@@ -1,0 +1,76 @@
+"""Calibration: the numbers of the model itself, fitted from several starts; or left as they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from flexdesign.core.model import Model
+from flexdesign.estimation.least_squares.levenberg_marquardt import Effort, linearise
+from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.fitted_model import Stand, evaluate_fit, fit_initial_states, solve_case
+
+#: A start ends where a step lowers chi^2 by less than 1e-4 of it; the calibration is refined afterwards.
+STARTED = Effort(20, 1e-4, is_exact=False)
+#: Starts beside the design, the best of so many points of a Sobol sample.
+STARTS, SAMPLED = 3, 16
+
+
+def evaluate_design(case: Case, model: Model) -> Stand | None:
+    """Return the fit of a model whose own numbers stay; only the initial conditions of the runs are fitted.
+
+    Its Jacobian holds the free numbers all the same, so that a screening there knows what they can imitate.
+    """
+    case = case.prepared(case, model)
+    begun = fit_initial_states(case, case.identify, model)
+    if begun is None:
+        return None
+    here = begun.problem.at(begun.x)
+    where = case.coordinates(here, case.free, begun.problem.suite)
+    solution = linearise(case.problem(begun.problem.suite, here, where), where.start)
+    return None if solution is None else evaluate_fit(case, solution, ())
+
+
+def calibrate(case: Case, model: Model, seed: int = 0, designed: Stand | None = None) -> Stand | None:
+    """Fit the model's own numbers from several starts; return the best fit.
+
+    The first start is the model as it is. Where the design with the initial states that suit it explains more than the
+    fit from there, it is the second start. Where more than noise remains, others are the best points of a sample of the
+    plausible ranges.
+    """
+    first = solve_case(case, model, effort=STARTED)
+    if designed is not None and (first is None or designed.cost < first.cost):
+        first = solve_case(case, designed.model, effort=STARTED) or first
+    best = None if first is None else evaluate_fit(case, first, ())
+    if best is not None and not best.exceeds_noise:
+        return best
+    found = [] if first is None else [first]
+    for k, values in enumerate(_sample(case, model, seed)):
+        case.progress(f"calibrating: start {k + 2} of {STARTS + 1}")
+        made = solve_case(case, model.replace(values), effort=STARTED)
+        found += [] if made is None else [made]
+    solution = min(found, key=lambda solution: solution.cost, default=None)
+    return best if solution is None or solution is first else evaluate_fit(case, solution, ())
+
+
+def _sample(case: Case, model: Model, seed: int) -> Iterator[dict[str, float]]:
+    """Yield values of the free numbers: the best points of a Sobol sample of their plausible ranges."""
+    from scipy.stats.qmc import Sobol
+
+    where = case.coordinates(model, case.free, case.identify)
+    shared = [j for j, parameter in enumerate(where.parameters) if not parameter.run]
+    if not shared:
+        return
+    problem = case.problem(case.identify, model, where)
+    low, high = where.sampled()
+    tried = []
+    for unit in Sobol(len(shared), rng=np.random.default_rng(seed)).random(SAMPLED):
+        x = where.start.copy()
+        x[shared] = low[shared] + unit * (high - low)[shared]
+        tried.append((problem.cost(x, problem.residuals(x)), x))
+    tried.sort(key=lambda pair: pair[0])
+    for cost, x in tried[:STARTS]:
+        if math.isfinite(cost):
+            yield where.values(x)

@@ -1,0 +1,317 @@
+"""Score of every effect that might explain a residual, without fitting any of them.
+
+An effect at a trial strength moves the prediction by d (whitened). What the free numbers of the model can imitate is
+projected out, d' = d - J (J'J)^-1 J'd. chi^2 promises to fall by (d'e)^2 / d'd', with the residual e: the score
+statistic of Rao (1948) with a secant in the place of the derivative, so that effects with a threshold, whose derivative
+is zero at the null, are found as well. Hidden constants are tried on a grid. A sinusoid has two such columns in each
+run, as its phase is another in each.
+
+The critical value of the largest score follows from the correlations between all d': without any effect the scaled
+scores are Gaussian with these correlations, so that the largest of them can be drawn (a bootstrap over the catalogue).
+Errors that are no Gaussian noise, as those of rounding, are drawn themselves.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, chdtri
+
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Model
+from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
+
+Array = NDArray[np.float64]
+#: An effect of which the free numbers leave less than this, in squares, is one that they can imitate.
+OWN = 1e-8
+#: A move smaller than this, in shares of the data, is rounding.
+ROUNDING = 1e-12
+#: A promise counts only if the strength that it needs is no more than this many times that of the catalogue.
+FARTHEST = 300.0
+#: Trial strengths move the prediction by no more than so many standard deviations of the noise, rms: what the free
+#: numbers imitate is taken out to first order.
+LARGE = 3.0
+#: Draws of chance, and the share of them whose largest score is the critical value that is continued to rarer ones.
+DRAWS, LEVEL = 4000, 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect that might be missing.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    add
+        Returns a model with the effect in it.
+    strength
+        Name of the number that is its strength.
+    free
+        Names of all its numbers that a fit may move.
+    trials
+        Values of its numbers at which it is tried; the strength is among them.
+    phase
+        Name of the number that is the phase of a sinusoid, another in each run; empty if there is none.
+    signed
+        Whether the strength may be of either sign.
+    is_limit
+        Whether the strength is a limit, which a larger effect lowers.
+    like
+        Names of effects that it may be taken for.
+    after
+        Name of the effect beside which alone it is tried: one that a model has several times; empty if there is none.
+    """
+
+    name: str
+    add: Callable[[Model], Model]
+    strength: str
+    free: tuple[str, ...]
+    trials: tuple[Mapping[str, float], ...]
+    phase: str = ""
+    signed: bool = False
+    is_limit: bool = False
+    like: tuple[str, ...] = ()
+    after: str = ""
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        """Names of the constants that do nothing at null strength and are tried at several positive values."""
+        tried = {name: {values[name] for values in self.trials} for name in self.free if name != self.strength}
+        return tuple(name for name, values in tried.items() if len(values) > 1 and min(values) > 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """What one trial does to the whitened prediction.
+
+    Parameters
+    ----------
+    candidate, values
+        The trial; its numbers, SI.
+    move
+        The move of the prediction, whitened, record after record.
+    imitated
+        J' times the move.
+    own, promise
+        d'd' and d'e.
+    columns
+        How many columns stand behind it: two in each run for a sinusoid.
+    scale
+        The trial's strength over that of the catalogue.
+    """
+
+    candidate: Candidate
+    values: Mapping[str, float]
+    move: Array
+    imitated: Array
+    own: float
+    promise: float
+    columns: int = 1
+    scale: float = 1.0
+
+    @property
+    def amount(self) -> float:
+        """How many times the trial's strength the residual asks for."""
+        return self.promise / self.own
+
+    @property
+    def start(self) -> dict[str, float]:
+        """Values from which a fit may begin."""
+        if self.candidate.is_limit:
+            return dict(self.values)
+        return {**self.values, self.candidate.strength: self.values[self.candidate.strength] * self.amount}
+
+    @property
+    def drop(self) -> float:
+        """By how much the cost would fall, as if one column did it; zero where the strength cannot be had."""
+        if (self.amount <= 0 and not self.candidate.signed) or abs(self.amount) * self.scale > FARTHEST:
+            return 0.0
+        more = chdtri(self.columns, LEVEL) - chdtri(1, LEVEL)
+        return max(self.promise * self.amount - float(more), 0.0)
+
+
+class Screening:
+    """The directions of all candidates at a solution.
+
+    Parameters
+    ----------
+    solution
+        The fit.
+    candidates
+        Effects that might be missing.
+    coarse
+        Makes a model that predicts less exactly and faster.
+    """
+
+    def __init__(
+        self,
+        solution: Solution,
+        candidates: Sequence[Candidate],
+        coarse: Callable[[Model], Model] = lambda model: model,
+    ) -> None:
+        self.solution, self.coarse = solution, coarse
+        problem = solution.problem
+        self.model = coarse(problem.at(solution.x))
+        self.inverse = solution.covariance
+        self.residual = np.concatenate(solution.residuals)
+        self.here = [np.asarray(self.model.predict(record.observation)) for record in problem.suite.records]
+        trials = [(candidate, values) for candidate in candidates for values in candidate.trials]
+        found = problem.each(lambda trial: self._try(*trial), trials)
+        self.directions = [direction for direction in found if direction is not None]
+
+    def _try(self, candidate: Candidate, values: Mapping[str, float]) -> Direction | None:
+        """Return the direction of a trial; None where it cannot be simulated, or the free numbers imitate it."""
+        try:
+            with np.errstate(all="ignore"):
+                model = self.coarse(candidate.add(self.model))
+                if candidate.phase:
+                    return self._sinusoid(candidate, model, values)
+                move = self._move(model, values)
+                if move is None or candidate.is_limit:
+                    return None if move is None else self._direction(candidate, values, move)
+                scale = min(LARGE / max(float(np.sqrt(np.mean(move**2))), 1e-300), 1.0)
+                if scale < 1:
+                    values = {**values, candidate.strength: values[candidate.strength] * scale}
+                    move = self._move(model, values)
+                found = None if move is None else self._direction(candidate, values, move)
+                return None if found is None else replace(found, scale=scale)
+        except (ArithmeticError, InputError):
+            return None
+
+    def _move(self, model: Model, values: Mapping[str, float]) -> Array | None:
+        """Return by how much an effect moves the prediction, whitened, record after record; None where not finite."""
+        suite, there = self.solution.problem.suite, model.replace(values)
+        parts = list[Array]()
+        for record, before in zip(suite.records, self.here, strict=True):
+            moved = np.asarray(there.predict(record.observation)) - before
+            if not np.isfinite(moved).all():
+                return None
+            parts.append(suite.whitened(record, np.where(record.present, moved, 0.0)))
+        return np.concatenate(parts)
+
+    def _direction(self, candidate: Candidate, values: Mapping[str, float], move: Array) -> Direction | None:
+        """Return a direction; None where the model can imitate it."""
+        imitated = self._imitated(move[:, None])[:, 0]
+        whole = float(move @ move)
+        own = whole - float(imitated @ self.inverse @ imitated)
+        if whole <= (ROUNDING * self.solution.problem.suite.size) ** 2 or own < OWN * whole:
+            return None
+        return Direction(candidate, values, move, imitated, own, float(move @ self.residual))
+
+    def _sinusoid(self, candidate: Candidate, model: Model, values: Mapping[str, float]) -> Direction | None:
+        """Return the direction of a sinusoid with the best phase in each run."""
+        names = [record.observation.name for record in self.solution.problem.suite.records]
+        ends = np.cumsum([record.rows for record in self.solution.problem.suite.records])
+        columns = []
+        for phase in (0.0, math.pi / 2):
+            move = self._move(model, {**values, **{f"{n}:{candidate.phase}": phase for n in names}})
+            if move is None:
+                return None
+            for begin, end in zip((0, *ends[:-1]), ends, strict=True):
+                column = np.zeros(ends[-1])
+                column[begin:end] = move[begin:end]
+                columns.append(column)
+        matrix = np.column_stack(columns)
+        imitated = self._imitated(matrix)
+        gram = matrix.T @ matrix - imitated.T @ self.inverse @ imitated
+        amounts = np.linalg.pinv(gram, rcond=1e-8, hermitian=True) @ (matrix.T @ self.residual)
+        sines, cosines = amounts[: len(names)], amounts[len(names) :]
+        size = float(np.sqrt(np.mean(sines**2 + cosines**2)))
+        if size == 0:
+            return None
+        phases = {f"{n}:{candidate.phase}": math.atan2(c, s) for n, s, c in zip(names, sines, cosines, strict=True)}
+        found = self._direction(candidate, {**values, **phases}, matrix @ (amounts / size))
+        return None if found is None else replace(found, columns=len(amounts))
+
+    def _imitated(self, moves: Array) -> Array:
+        """Return J'd for moves (rows by k): coordinates by k."""
+        total, row = np.zeros((len(self.solution.x), moves.shape[1])), 0
+        for slopes in self.solution.slopes:
+            part = moves[row : row + len(slopes.matrix)]
+            total[slopes.places] += slopes.matrix.T @ part
+            row += len(part)
+        return total
+
+    def cosines(self, directions: Sequence[Direction]) -> Array:
+        """Return the cosines between directions, what free numbers imitate taken out."""
+        if not directions:
+            return np.zeros((0, 0))
+        moves = np.array([direction.move for direction in directions])
+        imitated = np.array([direction.imitated for direction in directions])
+        inner = moves @ moves.T - imitated @ self.inverse @ imitated.T
+        length = np.sqrt(np.array([direction.own for direction in directions]))
+        return np.asarray(inner / np.outer(length, length))
+
+    def critical_value(self, level: float, errors: Iterable[Mapping[str, Array]] = (), seed: int = 0) -> float:
+        """Return what the largest score exceeds with a probability if nothing is missing.
+
+        The quantile of a few thousand draws is continued to rarer ones as chi^2 of one degree of freedom falls off.
+
+        Parameters
+        ----------
+        level
+            Family-wise probability.
+        errors
+            Draws of what readings may be off by, by the name of the observation [response], if that is not Gaussian.
+        seed
+            Of Gaussian draws.
+        """
+        plain = [direction for direction in self.directions if direction.columns == 1]
+        if not plain:
+            return float(chdtri(1, level))
+        drawn = np.array([self._scaled(plain, error) for error in errors])
+        if not len(drawn):
+            values, vectors = np.linalg.eigh(self.cosines(plain))
+            root = vectors * np.sqrt(np.maximum(values, 0.0))
+            drawn = np.random.default_rng(seed).standard_normal((DRAWS, len(values))) @ root.T
+        signed = np.array([direction.candidate.signed for direction in plain])
+        largest = np.where(signed, np.abs(drawn), np.maximum(drawn, 0.0)).max(axis=1)
+        single = float(np.quantile(largest**2, 1 - LEVEL))
+        comparisons = LEVEL / float(chdtrc(1, single))  # so many independent ones would be exceeded as often
+        return float(chdtri(1, level / max(comparisons, 1.0)))
+
+    def _scaled(self, directions: Sequence[Direction], error: Mapping[str, Array]) -> Array:
+        """Return d'e over the length of d' for readings that are off by an error."""
+        suite = self.solution.problem.suite
+        parts = [
+            suite.whitened(record, np.where(record.present, error[record.observation.name], 0.0))
+            for record in suite.records
+        ]
+        whole, imitated = np.concatenate(parts), self.inverse @ self.solution.project(parts)
+        return np.array([(d.move @ whole - d.imitated @ imitated) / math.sqrt(d.own) for d in directions])
+
+    def best(self) -> list[list[Direction]]:
+        """Return for each candidate its directions, best first; the candidate that promises most first."""
+        by_name: dict[str, list[Direction]] = {}
+        for direction in sorted(self.directions, key=lambda direction: -direction.drop):
+            if direction.drop > 0:
+                by_name.setdefault(direction.candidate.name, []).append(direction)
+        return list(by_name.values())
+
+    def pairs(self, most: int = 5) -> list[tuple[float, Direction, Direction]]:
+        """Return pairs of candidates with what they promise together, best first."""
+        cosines = self.cosines(self.directions)
+        made = []
+        for i, j in itertools.combinations(range(len(self.directions)), 2):
+            a, b, cosine = self.directions[i], self.directions[j], float(cosines[i, j])
+            if a.candidate.name == b.candidate.name or 1 - cosine**2 < OWN:
+                continue
+            p, q = a.promise / math.sqrt(a.own), b.promise / math.sqrt(b.own)
+            of_a, of_b = (p - cosine * q) / (1 - cosine**2), (q - cosine * p) / (1 - cosine**2)
+            far = max(abs(of_a) / math.sqrt(a.own) * a.scale, abs(of_b) / math.sqrt(b.own) * b.scale) > FARTHEST
+            if not far and (of_a > 0 or a.candidate.signed) and (of_b > 0 or b.candidate.signed):
+                made.append((of_a * p + of_b * q, a, b))
+        made.sort(key=lambda pair: -pair[0])
+        seen, kept = set[frozenset[str]](), []
+        for pair in made:
+            names = frozenset((pair[1].candidate.name, pair[2].candidate.name))
+            if names not in seen:
+                seen.add(names)
+                kept.append(pair)
+        return kept[:most]

@@ -1,0 +1,1 @@
+"""Noise models: autoregressive processes, whitening, restricted likelihood, sinusoids."""

@@ -1,0 +1,198 @@
+"""Stationary autoregressive processes: their estimation from records, and the exact whitening of records with gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.linalg import matmul_toeplitz, solve_toeplitz
+
+from flexdesign.core.errors import InputError
+
+Array = NDArray[np.float64]
+#: Fewest samples from which a residual's correlation is judged: of fewer, Schwarz's criterion sees none below 0.33.
+SHORTEST = 30
+#: Fewest samples in each record for a coefficient: Schwarz's criterion holds for many more samples than coefficients.
+SAMPLES_PER_COEFFICIENT = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Process:
+    """A stationary autoregressive process, e_t + a_1 e_(t-1) + ... + a_p e_(t-p) = w_t with white w.
+
+    Parameters
+    ----------
+    reflections
+        The reflection coefficients k_1 ... k_p, minus the partial autocorrelations; none for white noise.
+    sigma
+        Standard deviation of w, SI.
+
+    Raises
+    ------
+    InputError
+        If a reflection is not between -1 and 1, so that the noise would grow without bound, or sigma is not above zero.
+
+    >>> Process.from_coefficients(np.array([1.0, -0.98]), 1.0).rms
+    5.025
+    """
+
+    reflections: Array
+    sigma: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.sigma) and self.sigma > 0):
+            raise InputError("noise", "sigma", self.sigma, "give the standard deviation of the noise, above zero")
+        if not np.all(np.abs(self.reflections) < 1):
+            raise InputError(
+                "noise", "process", None, "grows without bound; noise is described by a stationary process"
+            )
+
+    @classmethod
+    def white(cls, sigma: float) -> Process:
+        """Return white noise."""
+        return cls(np.zeros(0), sigma)
+
+    @classmethod
+    def from_coefficients(cls, coefficients: Array, sigma: float) -> Process:
+        """Return the process with the coefficients 1, a_1, ... a_p, by the step-down recursion."""
+        a, reflections = np.asarray(coefficients, dtype=float), []
+        while len(a) > 1:
+            reflections.append(a[-1])
+            if not abs(a[-1]) < 1:
+                break
+            a = ((a - a[-1] * a[::-1]) / (1 - a[-1] ** 2))[:-1]
+        return cls(np.array(reflections[::-1]), sigma)
+
+    @classmethod
+    def from_covariances(cls, covariances: Array) -> Process:
+        """Return the process that has these covariances at lags 0, 1, ... p, by the Yule-Walker equations."""
+        coefficients = np.append(1.0, -solve_toeplitz(covariances[:-1], covariances[1:]))
+        return cls.from_coefficients(coefficients, float(np.sqrt(coefficients @ covariances)))
+
+    @property
+    def order(self) -> int:
+        """Number of past samples that a sample depends on."""
+        return len(self.reflections)
+
+    @cached_property
+    def predictors(self) -> tuple[Array, ...]:
+        """The best predictors from 0, 1, ... p samples, each 1, a_1, ... (Levinson's recursion)."""
+        found = [np.ones(1)]
+        for reflection in self.reflections:
+            longer = np.append(found[-1], 0.0)
+            found.append(longer + reflection * longer[::-1])
+        return tuple(found)
+
+    @property
+    def coefficients(self) -> Array:
+        """1, a_1, ... a_p."""
+        return self.predictors[-1]
+
+    @property
+    def rms(self) -> float:
+        """Standard deviation of the process, SI."""
+        return self.sigma / float(np.sqrt(np.prod(1 - self.reflections**2)))
+
+    @cached_property
+    def start(self) -> Array:
+        """What whitens the first p samples: lower triangular, p by p, each row the best prediction from those before.
+
+        Its inverse is the Cholesky factor of their covariance matrix.
+        """
+        kept = np.append(np.cumprod((1 - self.reflections**2)[::-1])[::-1], 1.0)  # sigma^2 over the error of each order
+        rows = np.zeros((self.order, self.order))
+        for order, row in enumerate(rows):
+            row[: order + 1] = self.predictors[order][::-1] * np.sqrt(kept[order]) / self.sigma
+        return rows
+
+    def autocorrelation(self, count: int) -> Array:
+        """Return the correlations at the lags 0, 1, ... count - 1: each follows from those before it (Yule-Walker)."""
+        found = np.ones(count)
+        for lag in range(1, count):
+            predictor = self.predictors[min(lag, self.order)][1:]
+            found[lag] = -predictor @ found[lag - len(predictor) : lag][::-1]
+        return found
+
+    def density(self, frequency: Array, period: float) -> Array:
+        """Return the one-sided power spectral density [SI^2/Hz] at some frequencies [Hz], sampled every `period` s."""
+        angles = 2j * np.pi * period * np.outer(np.asarray(frequency), np.arange(self.order + 1))
+        return np.asarray(2 * period * self.sigma**2 / np.abs(np.exp(-angles) @ self.coefficients) ** 2)
+
+    def whiten(self, columns: Array) -> Array:
+        """Return columns (n by m) as independent numbers of variance one, if they hold this process; linear in them."""
+        weights = self.coefficients / self.sigma
+        whitened = np.empty(columns.shape)
+        for k, column in enumerate(columns.T):
+            whitened[:, k] = np.convolve(column, weights)[: len(columns)]
+        count = min(self.order, len(columns))
+        whitened[:count] = self.start[:count, :count] @ columns[:count]
+        return whitened
+
+
+@dataclass(frozen=True, eq=False)
+class Colour:
+    """The correlation between the n samples of a stationary residual; its coefficients are those of `Process`."""
+
+    coefficients: Array
+    samples: int
+
+    @property
+    def is_white(self) -> bool:
+        """Tell whether no correlation was found."""
+        return len(self.coefficients) == 1
+
+    @cached_property
+    def autocorrelation(self) -> Array:
+        """The correlations around a circle of 2n samples or more, lag 0 first, so that lags below n do not overlap."""
+        length = next_fast_len(2 * self.samples, real=True)
+        covariance = irfft(1 / np.abs(rfft(self.coefficients, length)) ** 2, length)
+        return np.asarray(covariance / covariance[0])
+
+    @property
+    def inflation(self) -> float:
+        """How many samples count as one: the sum of the squared autocorrelations over all lags (Bartlett 1946)."""
+        return 1.0 if self.is_white else float(self.autocorrelation @ self.autocorrelation)
+
+    def quadratic(self, columns: Array) -> Array:
+        """Return columns' R columns, with the correlation matrix R of the residual; `columns` are n by m."""
+        if self.is_white:
+            return columns.T @ columns
+        lags = self.autocorrelation[: self.samples]
+        return np.asarray(columns.T @ matmul_toeplitz(lags, columns, check_finite=False))
+
+
+def colour(residual: Array) -> Colour:
+    """Return the colour of a residual (n) by Burg's recursion, of order 10 log10(n) at most as in the `ar` of R."""
+    n = len(residual)
+    reflections = burg([residual], int(10 * np.log10(n))) if n >= SHORTEST else np.zeros(0)
+    return Colour(Process(reflections, 1.0).coefficients, n)
+
+
+def burg(records: Sequence[Array], highest_order: int) -> Array:
+    """Return the reflection coefficients of the process behind some records, by Burg's recursion pooled over them.
+
+    The order is that of the smallest n log(variance) + k log(n) (Schwarz 1978), so that white noise is found white: an
+    empty array. See Percival and Walden (1993), Spectral Analysis for Physical Applications, section 9.5.
+    """
+    n = sum(map(len, records))
+    power = sum(float(r @ r) for r in records) / n
+    if power == 0:
+        return np.zeros(0)
+    reflections, scores = list[float](), [n * np.log(power)]
+    forward, backward = [r[1:] for r in records], [r[:-1] for r in records]
+    for order in range(1, min(highest_order, min(map(len, records)) // SAMPLES_PER_COEFFICIENT) + 1):
+        pairs = list(zip(forward, backward, strict=True))
+        energy = sum(float(f @ f + b @ b) for f, b in pairs)
+        reflection = -2 * sum(float(f @ b) for f, b in pairs) / energy if energy > 0 else 1.0
+        power *= 1 - reflection**2
+        if power <= 0:  # nothing is left to predict
+            break
+        reflections.append(reflection)
+        scores.append(n * np.log(power) + order * np.log(n))
+        forward = [(f + reflection * b)[1:] for f, b in pairs]
+        backward = [(b + reflection * f)[:-1] for f, b in pairs]
+    return np.array(reflections[: int(np.argmin(scores))])

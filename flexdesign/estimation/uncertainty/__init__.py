@@ -1,0 +1,1 @@
+"""Covariance, profile likelihood, confidence intervals, identifiability."""

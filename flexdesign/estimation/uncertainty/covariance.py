@@ -1,0 +1,194 @@
+"""How well the data determine the coordinates: covariance, degrees of freedom, and directions without information.
+
+The parameters minimise the sum of squared whitened residuals. Where the residual is white their covariance is the
+classical one. Where it is coloured (by the noise, or because physics is missing) neighbouring samples carry the same
+information, and the classical covariance is too small. Then the sandwich
+
+    (J'J + P)^-1 (sum_i s_i^2 J_i' R_i J_i + P) (J'J + P)^-1
+
+takes its place (Huber 1967; with correlated errors, Hansen 1982). J is the Jacobian without nuisance columns, P the
+precision of prior knowledge. The correlation R_i of a record's channel is that of the autoregressive process found in
+its residual (`noise.colour`), rather than a sum over lags: at the correlations seen here a lag window would need more
+samples than there are. The variance s_i^2 counts the degrees of freedom that the fit takes from a coloured residual,
+and Student's quantile those that remain after samples are counted as `Colour.inflation` says.
+
+The correlation estimated from a residual is too small where few independent samples stand behind each parameter: for
+100 samples of correlation 0.9 from one to the next, intervals hold the truth in five of six replicas instead of 19 of
+20; from 400 samples on in 91 to 97 of 100.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
+from flexdesign.estimation.noise.autoregressive import Colour, colour
+
+Array = NDArray[np.float64]
+#: Confidence of intervals; a residual is larger than the given noise explains at this level. Both by convention.
+CONFIDENCE, LEVEL = 0.95, 0.01
+#: A singular value of the scaled Jacobian below this share of the largest counts as zero: the simulator's error of
+#: 1e-7 over the relative change of 1e-3 by which central differences move the response.
+RANK = 1e-4
+#: A parameter takes part in a null direction with more than this weight: far above `RANK`, the error of a direction.
+TAKES_PART = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """What the residual at the minimum says about the coordinates.
+
+    Parameters
+    ----------
+    covariance
+        Of the coordinates, without the null space.
+    bread
+        (J'J + P)^-1: what the covariance would be if the residual were white of variance one.
+    null_space
+        Directions that neither data nor prior knowledge determine, one a row: weights in coordinates scaled by their
+        influence, unit length.
+    quantile
+        Student's, for intervals.
+    dof
+        Degrees of freedom of the residual; infinite where the noise is given and explains the residual.
+    variance
+        Of the whitened residual.
+    reduced_chi2
+        The cost of the data over its degrees of freedom, in units of the given noise.
+    inflation
+        How many samples count as one, for each record.
+    """
+
+    covariance: Array
+    bread: Array
+    null_space: Array
+    quantile: float
+    dof: float
+    variance: float
+    reduced_chi2: float
+    inflation: tuple[float, ...]
+
+    @property
+    def half_width(self) -> Array:
+        """Half-widths of the intervals of the coordinates."""
+        return self.quantile * np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> Array:
+        """Correlation matrix of the coordinates; rows without variance are zero off the diagonal."""
+        sigma = np.sqrt(np.diag(self.covariance))
+        sigma = np.where(sigma > 0, sigma, 1.0)
+        matrix = self.covariance / np.outer(sigma, sigma)
+        np.fill_diagonal(matrix, 1.0)
+        return np.asarray(matrix)
+
+    def in_null_space(self, j: int) -> bool:
+        """Tell whether coordinate `j` takes part in the null space."""
+        return bool(np.any(np.abs(self.null_space[:, j]) > TAKES_PART))
+
+    def confounded_with(self, j: int) -> list[int]:
+        """Return the coordinates that can replace `j` along its directions in the null space."""
+        shared = np.abs(self.null_space.T @ self.null_space[:, j]) > TAKES_PART**2
+        return [i for i in np.flatnonzero(shared).tolist() if i != j and self.in_null_space(i)]
+
+
+class _Channel(NamedTuple):
+    """The residual of one channel of a record: J' R J, and the degrees of freedom that the fit takes from it."""
+
+    record: int
+    colour: Colour
+    chi2: float
+    samples: int
+    meat: Array
+    fitted: float
+
+
+def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncertainty:
+    """Return what is known about the coordinates at a minimum.
+
+    Parameters
+    ----------
+    solution
+        The minimum, with its Jacobian.
+    known_variance
+        Of the whitened residual where the noise is given; None where it is unknown, and is taken from the residual.
+    """
+    from scipy.special import chdtri, ndtri, stdtrit
+
+    records, given = solution.problem.suite.records, known_variance or 0.0
+    prior = solution.problem.before_slopes(solution.x)
+    data = np.zeros((len(solution.x), len(solution.x)))
+    for part in solution.slopes:
+        data[np.ix_(part.places, part.places)] += part.matrix.T @ part.matrix
+    projection, bread, null_space = _decomposed(data, prior)
+    jacobians = [part.matrix @ projection[part.places] for part in solution.slopes]
+    channels = _channels(solution, jacobians, bread)
+    inflation = np.array([channel.colour.inflation for channel in channels])
+    samples = np.array([channel.samples for channel in channels])
+    chi2 = np.array([channel.chi2 for channel in channels])
+    # A slowly varying residual seems to be fitted altogether; a tenth of the samples keeps variances finite.
+    left = np.maximum(samples - [channel.fitted for channel in channels], 0.1 * samples)
+    pooled = float(chi2.sum() / left.sum())
+    nuisance = sum(float(np.sum(record.basis[: len(record.measured)] ** 2)) for record in records)
+    fitted = float(np.sum(bread * (projection.T @ data @ projection))) + nuisance
+    dof = max(float(np.sum(samples / inflation)) - fitted, 1.0)
+    is_white = all(channel.colour.is_white for channel in channels)
+    is_explained = is_white and pooled * dof < given * float(chdtri(dof, LEVEL))
+    variance = given if is_explained else pooled
+    variances = np.full(len(channels), variance) if is_white else np.maximum(chi2 / left, given)
+    # What is known of nuisance columns and of parameters counts with the variance that it states.
+    known = np.vstack([prior, *(j[len(record.measured) :] for j, record in zip(jacobians, records, strict=True))])
+    meat = known.T @ known + sum(v * channel.meat for v, channel in zip(variances, channels, strict=True))
+    upper = (1 + CONFIDENCE) / 2
+    return Uncertainty(
+        covariance=bread @ meat @ bread,
+        bread=bread,
+        null_space=null_space,
+        quantile=float(ndtri(upper) if is_explained else stdtrit(dof, upper)),
+        dof=math.inf if is_explained else dof,
+        variance=variance,
+        reduced_chi2=pooled / (given or 1.0),
+        inflation=tuple(
+            float(np.mean(inflation[[channel.record == r for channel in channels]])) for r in range(len(records))
+        ),
+    )
+
+
+def _channels(solution: Solution, jacobians: Sequence[Array], bread: Array) -> list[_Channel]:
+    """Return the channels of all records; the Jacobians have no null directions."""
+    made = []
+    for r, record in enumerate(solution.problem.suite.records):
+        for rows, present in zip(record.series(), record.present.reshape(record.channels, -1), strict=True):
+            residual = solution.residuals[r][rows]
+            found = colour(residual)
+            meat, nuisance = found.quadratic(jacobians[r][rows]), float(np.trace(found.quadratic(record.basis[rows])))
+            fitted = float(np.sum(bread * meat)) + nuisance
+            made.append(_Channel(r, found, float(residual @ residual), int(present.sum()), meat, fitted))
+    return made
+
+
+def _decomposed(data: Array, prior: Array) -> tuple[Array, Array, Array]:
+    """Return the projection that takes null directions out of a Jacobian, (J'J + P)^-1, and the null space.
+
+    The columns of J are scaled to length one, so that units do not matter; `prior` are rows of prior knowledge.
+    """
+    length = np.sqrt(np.diag(data))
+    length = np.where(length > 0, length, 1.0)
+    strength, axes = np.linalg.eigh(data / np.outer(length, length))
+    seen = strength > RANK**2 * strength.max(initial=1e-300)
+    strength, axes = strength[seen], np.where(np.abs(axes) < 1e-9, 0.0, axes)[:, seen]
+    projection = (axes / length[:, None]) @ (axes * length[:, None]).T
+    root = np.vstack([np.sqrt(strength)[:, None] * (axes * length[:, None]).T, prior])
+    scale = np.linalg.norm(root, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    _, singular, right = np.linalg.svd(root / scale)
+    singular = np.concatenate([singular, np.zeros(len(right) - len(singular))])
+    good = singular > 1e-9
+    inverse = right[good] / scale / singular[good, None]
+    return projection, inverse.T @ inverse, right[~good]

@@ -1,0 +1,235 @@
+"""Identifiability of each parameter: a number with its interval, or a sentence that says why there is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.core import units
+from flexdesign.core.model import Parameter
+from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
+from flexdesign.estimation.least_squares.parameter_transforms import coordinate, value
+from flexdesign.estimation.uncertainty.covariance import Uncertainty
+from flexdesign.estimation.uncertainty.profile_likelihood import Profile
+
+Array = NDArray[np.float64]
+#: An interval that covers this share of the plausible range, or of what was known, says nothing new: nearly all.
+TOO_WIDE = 0.9
+#: Parameters correlated more than this are named together when one of them is undetermined: the others, if they were
+#: known, would more than halve its interval, by sqrt(1 - 0.9^2).
+CORRELATED = 0.9
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a fit says about one parameter.
+
+    Parameters
+    ----------
+    parameter
+        The parameter.
+    value, sigma
+        The number and its standard deviation in SI; None if the data do not determine it. Where the interval is from
+        the profile likelihood, the standard deviation is that of a normal interval as wide.
+    interval
+        95 % interval in SI. Where the data only bound a parameter the other end is that of the plausible range; None
+        if they say nothing.
+    determined, reason
+        Whether the data determine it; and why not, or what its interval rests on, perhaps empty.
+    confounded
+        The parameters with which it is confounded.
+    """
+
+    parameter: Parameter
+    value: float | None
+    sigma: float | None
+    interval: tuple[float, float] | None
+    determined: bool
+    reason: str = ""
+    confounded: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        return self.parameter.name
+
+    @property
+    def value_text(self) -> str:
+        """The value with its unit, to two digits of its standard deviation; empty if there is none."""
+        return "" if self.value is None else _text(self.parameter, self.value, self.sigma)
+
+    @property
+    def interval_text(self) -> str:
+        """The interval with its unit; empty if there is none."""
+        if self.interval is None:
+            return ""
+        width = self.interval[1] - self.interval[0]
+        return _pair_text(self.parameter, self.interval, sigma=width / 4)
+
+
+def estimates(
+    solution: Solution,
+    uncertainty: Uncertainty,
+    profiles: Mapping[int, Profile | None],
+    minima: Sequence[Array] = (),
+) -> tuple[Estimate, ...]:
+    """Return what the fit says about some parameters, in the order of `profiles`.
+
+    Parameters
+    ----------
+    solution, uncertainty, minima
+        The fit, and where all its starts ended.
+    profiles
+        The intervals of these coordinates, by their place; None in the null space.
+    """
+    check = _Check(solution, uncertainty, profiles, minima)
+    made = []
+    for j, profile in profiles.items():
+        parameter = solution.problem.where.parameters[j]
+        reason, interval, confounded = check.reason(j)
+        if reason or profile is None:
+            made.append(Estimate(parameter, None, None, interval, False, reason, confounded))
+            continue
+        note, interval, sigma = "", check.interval(j, profile), check.sigma(j)
+        if profile.corrected:
+            note = "interval from the profile likelihood"
+            sigma = (interval[1] - interval[0]) / (2 * uncertainty.quantile)
+        made.append(Estimate(parameter, check.values[parameter.name], sigma, interval, True, note))
+    return tuple(made)
+
+
+class _Check:
+    """Looks for reasons not to report a number."""
+
+    def __init__(
+        self,
+        solution: Solution,
+        uncertainty: Uncertainty,
+        profiles: Mapping[int, Profile | None],
+        minima: Sequence[Array],
+    ) -> None:
+        self.solution, self.uncertainty, self.profiles = solution, uncertainty, profiles
+        self.where = solution.problem.where
+        self.parameters, self.names = self.where.parameters, self.where.names
+        self.values = self.where.values(solution.x)
+        self.correlation = uncertainty.correlation
+        self.floor = solution.problem.suite.floor
+        self.equal_minima = [other for other in minima if self._is_equal_minimum(other)]
+
+    def reason(self, j: int) -> tuple[str, tuple[float, float] | None, tuple[str, ...]]:
+        """Return why there is no number (empty if there is one), the interval if any, and the confounded parameters."""
+        parameter, profile = self.parameters[j], self.profiles[j]
+        if profile is None or (self.uncertainty.in_null_space(j) and profile.open_low and profile.open_high):
+            others, null = self.uncertainty.confounded_with(j), self.uncertainty.null_space
+            reason = self.confounded([j, *others], null.T @ null[:, j]) if others else "does not show in these runs"
+            return reason, None, tuple(self.names[i] for i in others)
+        width = profile.high - profile.low
+        for other in self.equal_minima:
+            if not profile.low - width <= other[j] <= profile.high + width:
+                here, there = (_text(parameter, value(parameter, float(x[j]))) for x in (self.solution.x, other))
+                return f"{here} and {there} fit alike", None, ()
+        others = [i for i in range(len(self.names)) if i != j and abs(self.correlation[i, j]) > CORRELATED]
+        reason, interval = self.too_wide(j, profile)
+        if not others or not (reason or (profile.corrected and self._are_undetermined(others))):
+            return reason, interval, ()
+        sentence, names = self.confounded([j, *others], self.correlation[:, j]), tuple(self.names[i] for i in others)
+        # The end of a bent valley is not the end of the interval: another branch of it may lead further.
+        return (sentence, None, names) if profile.corrected else (f"{reason}; {sentence}", interval, names)
+
+    def too_wide(self, j: int, profile: Profile) -> tuple[str, tuple[float, float] | None]:
+        """Return why an interval says too little, and what it says nevertheless."""
+        parameter, interval = self.parameters[j], self.interval(j, profile)
+        known = self.where.known.get(parameter.name)
+        if known and self.sigma(j) > TOO_WIDE * known[1]:
+            return f"these runs add nothing to what was known, {_pair_text(parameter, known, ' ± ', known[1])}", None
+        is_all = profile.open_low and profile.open_high
+        if is_all or profile.high - profile.low > TOO_WIDE * self.where.span[j]:
+            nearly, plausible = "" if is_all else "nearly ", _pair_text(parameter, parameter.plausible)
+            return f"these runs allow {nearly}all that is plausible, {plausible}", None if is_all else interval
+        if profile.open_low or profile.open_high:
+            # The value falls as its coordinate rises on an inverse scale.
+            has_upper = profile.open_low != (parameter.scale == "inverse")
+            bound, end = interval if has_upper else interval[::-1]
+            limit = f"{'at most' if has_upper else 'at least'} {_text(parameter, end, digits=2)}"
+            if parameter.null is not None and bound == parameter.null:
+                return f"{limit}: these runs do not tell it from {_text(parameter, bound)}", interval
+            side = "lower" if has_upper else "upper"
+            return f"{limit}: it may be at the {side} end of what is plausible, {_text(parameter, bound)}", interval
+        return ("any value in the interval fits alike" if self.uncertainty.in_null_space(j) else ""), interval
+
+    def sigma(self, j: int) -> float:
+        """Return the standard deviation in SI from the covariance."""
+        return abs(float(self.where.slopes(self.solution.x)[j])) * math.sqrt(self.uncertainty.covariance[j, j])
+
+    def interval(self, j: int, profile: Profile) -> tuple[float, float]:
+        """Return the interval in SI."""
+        low, high = sorted(value(self.parameters[j], end) for end in (profile.low, profile.high))
+        return low, high
+
+    def confounded(self, group: list[int], direction: Array) -> str:
+        """Return a sentence on parameters that replace one another along a direction."""
+        names = [self.names[i] for i in group]
+        listed = f"{', '.join(names[:-1])} and {names[-1]}"
+        relation = self._relation(*group) if len(group) == 2 else ""
+        if relation:
+            return f"{listed}: only their {relation} shows in these runs"
+        length = np.linalg.norm(direction[group])
+        weights = ", ".join(f"{self.names[i]} {direction[i] / length:+.2f}" for i in group)
+        return f"{listed} are confounded in these runs (weights {weights})"
+
+    def _relation(self, i: int, j: int) -> str:
+        """Return the only combination of two parameters that changes the prediction, found by changing both."""
+        first, second = self.parameters[i], self.parameters[j]
+        a, b = self.values[first.name], self.values[second.name]
+        if not (a and b and math.isfinite(a) and math.isfinite(b)):
+            return ""
+        moves = {"product": (1.1 * a, b / 1.1), "ratio": (1.1 * a, 1.1 * b)}
+        if first.si == second.si:
+            shift = 0.1 * min(abs(a), abs(b))
+            moves |= {"sum": (a + shift, b - shift), "difference": (a + shift, b + shift)}
+        for name, (to_a, to_b) in moves.items():
+            alone, both = self._change({i: to_a}), self._change({i: to_a, j: to_b})
+            if self.floor < alone < math.inf and both < 1e-3 * alone:
+                return name
+        return ""
+
+    def _change(self, values: Mapping[int, float]) -> float:
+        """Return the squared change of the data's residual when some values change; infinite where the model fails."""
+        x = self.solution.x.copy()
+        for i, number in values.items():
+            x[i] = coordinate(self.parameters[i], number)
+        if (found := self.solution.problem.residuals(x)) is None:
+            return math.inf
+        return sum(float(np.sum((a - b) ** 2)) for a, b in zip(found, self.solution.residuals, strict=True))
+
+    def _are_undetermined(self, places: list[int]) -> bool:
+        """Tell whether some of these parameters have no number, and nothing was known of them."""
+        unknown = (
+            (i, self.profiles[i]) for i in places if i in self.profiles and self.names[i] not in self.where.known
+        )
+        return any(profile is None or self.too_wide(i, profile)[0] for i, profile in unknown)
+
+    def _is_equal_minimum(self, other: Array) -> bool:
+        """Tell whether a minimum fits alike although the parabola about this one says that it cannot."""
+        allowed = self.uncertainty.quantile**2 * self.uncertainty.variance + self.floor
+        distance, problem = other - self.solution.x, self.solution.problem
+        if distance @ self.solution.normal @ distance <= 25 * allowed:
+            return False
+        return problem.cost(other, problem.residuals(other)) - self.solution.cost < allowed
+
+
+def _pair_text(parameter: Parameter, pair: tuple[float, float], word: str = " to ", sigma: float | None = None) -> str:
+    """Write two values in the parameter's unit, which is named once."""
+    first, second = (_text(parameter, number, sigma) for number in pair)
+    return f"{first.removesuffix(parameter.unit).rstrip()}{word}{second}"
+
+
+def _text(parameter: Parameter, number: float, sigma: float | None = None, digits: int = 4) -> str:
+    """Write a value in its unit, to two digits of its standard deviation if that is given."""
+    if sigma and number and math.isfinite(sigma) and math.isfinite(number):
+        digits = int(np.clip(2 + math.floor(math.log10(abs(number))) - math.floor(math.log10(sigma)), 2, 9))
+    return units.to_text(number, parameter.unit, digits, si=parameter.si)

@@ -1,0 +1,148 @@
+"""Profile likelihood: whether an interval from the covariance can be trusted, and the interval to state if not.
+
+The covariance supposes that the cost is a parabola. To check it, a parameter is displaced to the end of its interval
+and the others are fitted again; the cost must then have risen by the square of the quantile (Venzon and Moolgavkar
+1988; Raue et al. 2009, Bioinformatics 25, 1923-1929). Where the residual is coloured that rise is scaled by the ratio
+of the sandwich variance to the bread (Rotnitzky and Jewell 1990). Elsewhere the end is a root of the profile, which is
+bracketed and found by Brent's method.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.estimation.least_squares.levenberg_marquardt import FOLLOWING, Columns, Effort, Solution, solve
+from flexdesign.estimation.uncertainty.covariance import Uncertainty
+
+Array = NDArray[np.float64]
+#: An end from the covariance is kept if it is right to this share of its distance; of an end that is searched for, and
+#: of the rise there, the relative accuracy. One sees no tenth of an interval, and the search must be better than that.
+TRUSTED, ACCURACY = 0.1, 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """The interval of one coordinate after its ends were checked.
+
+    Parameters
+    ----------
+    low, high
+        The ends; a bound of the coordinate where the interval is open on that side.
+    open_low, open_high
+        Whether the cost rises too little all the way to the bound.
+    corrected
+        Whether an end differs from that of the covariance.
+    better
+        A point that fits better than the supposed minimum, if one was met.
+    """
+
+    low: float
+    high: float
+    open_low: bool
+    open_high: bool
+    corrected: bool
+    better: Array | None = None
+
+
+def quadratic(solution: Solution, uncertainty: Uncertainty, j: int) -> Profile:
+    """Return the interval of coordinate `j` as the covariance gives it; open where it leaves the bounds."""
+    low, high = solution.problem.where.lower[j], solution.problem.where.upper[j]
+    ends = solution.x[j] - uncertainty.half_width[j], solution.x[j] + uncertainty.half_width[j]
+    return Profile(max(ends[0], low), min(ends[1], high), ends[0] <= low, ends[1] >= high, False)
+
+
+def profile(solution: Solution, uncertainty: Uncertainty, j: int) -> Profile:
+    """Return the interval of coordinate `j`, each end checked by fitting the others again."""
+    path = _Path(solution, uncertainty, j)
+    low, open_low, corrected_low = path.end(-1.0)
+    high, open_high, corrected_high = path.end(1.0)
+    return Profile(low, high, open_low, open_high, corrected_low or corrected_high, path.better)
+
+
+class _Path:
+    """The profile of one coordinate: the best fit of the others at each of its values."""
+
+    def __init__(self, solution: Solution, uncertainty: Uncertainty, j: int) -> None:
+        self.minimum, self.problem, self.j = solution, solution.problem, j
+        self.others = np.array([i for i in range(len(solution.x)) if i != j], dtype=int)
+        where, variance = self.problem.where, uncertainty.bread[j, j]
+        if uncertainty.in_null_space(j):  # without influence nearby: no other follows, and the whole range is searched
+            self.tangent = np.eye(len(solution.x))[j]
+            self.half = math.inf if math.isfinite(where.span[j]) else float(where.sizes(solution.x)[j])
+            self.expected = uncertainty.quantile**2 * uncertainty.variance
+        else:
+            # Parameters of one run stay: the response is not smooth in its initial state.
+            shared = [parameter.run in ("", where.parameters[j].run) for parameter in where.parameters]
+            self.tangent = np.where(shared, uncertainty.bread[:, j] / variance, 0.0)
+            self.half = float(uncertainty.half_width[j])
+            self.expected = float(self.half**2 / variance)
+        self.floor = self.problem.suite.floor
+        self.columns: Columns = {k: parts for k, parts in solution.columns().items() if k != where.names[j]}
+        self.better: Array | None = None
+
+    def end(self, side: float) -> tuple[float, bool, bool]:
+        """Return the end of the interval on one side, whether it is open, and whether the covariance erred."""
+        from scipy.optimize import brentq
+
+        x, where = float(self.minimum.x[self.j]), self.problem.where
+        bound = float((where.lower if side < 0 else where.upper)[self.j])
+        room = abs(bound - x)
+        if room == 0 or self.expected <= self.floor:  # only rounding is left to compare
+            return x + side * min(self.half, room), self.half >= room, False
+        # By distance from the minimum: the root of the relative rise, less one, and the slopes of all coordinates.
+        met = {0.0: (-1.0, side * self.tangent)}
+
+        def excess(distance: float) -> float:
+            if distance not in met:
+                nearest = max(d for d in met if d < distance)
+                rise, displacement = self.rise(side * distance, met[nearest][1] * distance)
+                # Limited to one, so that the way is halved where the model fails; zero ends the search.
+                found = min(math.sqrt(max(rise, 0.0) / self.expected) - 1, 1.0)
+                met[distance] = (found if abs(found) > ACCURACY else 0.0, displacement / distance)
+            return met[distance][0]
+
+        # A long way is gone in steps, so that the others can follow where the valley bends.
+        step = min(self.half, where.span[self.j] / 8)
+        if step == self.half <= room and abs(excess(step)) <= TRUSTED:
+            return x + side * step, False, False
+        inside = 0.0
+        for outside in [d for k in range(7) if (d := 2.0**k * step) < room] + [room] * math.isfinite(room):
+            if excess(outside) >= 0:
+                return (
+                    x + side * float(brentq(excess, inside, outside, rtol=ACCURACY, maxiter=8, disp=False)),
+                    False,
+                    True,
+                )
+            inside = outside
+        return bound, True, self.half < room
+
+    def rise(self, displacement: float, guess: Array) -> tuple[float, Array]:
+        """Return how far the profile rises above the minimum, and the displacement of all coordinates.
+
+        The others take steps with the Jacobian of the minimum, each at the price of one simulation. Where they end
+        the cost can only be too high: if it is, they are fitted with a Jacobian found there, which then serves further
+        on.
+        """
+        where, small = self.problem.where, ACCURACY * self.expected + self.floor
+        x = np.clip(self.minimum.x + guess, where.lower, where.upper)
+        x[self.j] = np.clip(self.minimum.x[self.j] + displacement, where.lower[self.j], where.upper[self.j])
+        others = self.problem.fixed(self.j, float(x[self.j]), x)
+        found = solve(others, x[self.others], FOLLOWING, self.columns, small=small)
+        if found is None:
+            return math.inf, x - self.minimum.x
+        if self._above_minimum(x, found) > (1 + TRUSTED) ** 2 * self.expected and self.others.size:
+            found = solve(others, found.x, Effort(2, 0.0, is_exact=False), found.columns(), small=small) or found
+            self.columns = found.columns()
+        rise = self._above_minimum(x, found)
+        if -rise > small:
+            self.better = x
+        return rise, x - self.minimum.x
+
+    def _above_minimum(self, x: Array, found: Solution) -> float:
+        """Move the others to where they were fitted, and return the cost there less the minimum's."""
+        x[self.others] = found.x
+        return self.problem.cost(x, list(found.residuals)) - self.minimum.cost

@@ -1,0 +1,283 @@
+"""From coarse to fine: a part meshed and solved as often as a number of meshes, or an accuracy, asks for.
+
+Meshes and solutions are cached by content, so that an interrupted run resumes where it stopped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from flexdesign.core import versions
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Member, Quantity, by_key
+from flexdesign.core.result_cache import Cache, content_key
+from flexdesign.design import part as parts
+from flexdesign.design.study import Study
+from flexdesign.fem import analysis, convergence, quantities
+from flexdesign.fem.analysis import Solution
+from flexdesign.fem.convergence import Scatter
+from flexdesign.fem.meshing import methods, resolution_gate
+from flexdesign.fem.meshing.domain import Domain
+from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
+from flexdesign.fem.meshing.methods import Extruded, Grading, Method, Wild
+from flexdesign.fem.meshing.resolution_gate import HingeCheck
+from flexdesign.fem.solving.solver import NotEnoughMemory
+
+Progress = Callable[[str], None]
+
+#: Distributions whose versions travel with every result.
+LIBRARIES = ("cadquery", "pytetwild", "scikit-fem", "numpy", "scipy", "pypardiso", "pyvista", "meshio")
+#: Modules of `flexdesign.fem` that make neither meshes nor solutions.
+AFTERWARDS = (
+    "assembled",
+    "convergence",
+    "corotated",
+    "monolithic",
+    "morphing",
+    "outlined",
+    "plane_stress",
+    "second_order",
+)
+#: Where an accuracy is asked for there are no more meshes than these.
+MOST_LEVELS = 5
+
+
+@dataclass(frozen=True)
+class Level:
+    """One mesh and its solution.
+
+    Parameters
+    ----------
+    size
+        Length of its edges at the hinge roots [m], by which results are extrapolated.
+    mesh, solution
+        The mesh of the fundamental domain, and what it gave.
+    hinges
+        What the mesh gate measured.
+    seconds
+        Wall time for mesh and solution; those of the run that made them, if cached.
+    cached
+        Whether the solution came from the cache.
+    """
+
+    size: float
+    mesh: TaggedMesh
+    solution: Solution
+    hinges: Sequence[HingeCheck]
+    seconds: float
+    cached: bool
+
+
+def refined(
+    study: Study,
+    part: parts.Part,
+    body: Domain,
+    method: Method,
+    cache: Cache,
+    progress: Progress,
+    *,
+    omit: int = 0,
+    all_classes: bool = True,
+) -> list[Level]:
+    """Solve on one mesh after the other: as many as were asked for, or as an accuracy takes; `omit` the finest.
+
+    Without `all_classes` lateral motions and modes are left out on all of them. A mesh that cannot be used, as it is
+    too coarse for a hinge, is passed over if there are two others.
+
+    Raises
+    ------
+    InputError
+        If there are none, or memory does not suffice.
+    """
+    asked, finest = study.mesh.accuracy, MOST_LEVELS - study.mesh.levels if study.mesh.accuracy else 0
+    levels: list[Level] = []
+    refused: InputError | None = None
+    for power in range(study.mesh.levels - 1, omit - 1 - finest, -1):
+        try:
+            coarseness = study.mesh.refinement**power
+            # Lateral motions and modes converge sooner: with three meshes the finest goes without them.
+            whole = all_classes and (coarseness > 1.0 or len(levels) < 2)
+            levels.append(_level(study, part, body, method, coarseness, cache, progress, all_classes=whole))
+        except InputError as error:
+            if not isinstance(error.__cause__, MeshError):
+                raise
+            refused = refused or error
+            progress(f"passing over this mesh: {error.remedy}")
+            continue
+        if asked and len(levels) > 1 and is_reached(asked, gathered(study, levels, method.scatter), progress):
+            break
+    if refused and len(levels) < 2:
+        raise refused
+    return levels
+
+
+def estimated_error(found: Sequence[Quantity]) -> float:
+    """Return the largest relative error of stiffnesses and amplification, as estimated."""
+    worst = least_certain(found)
+    return abs((worst.sigma or 0.0) / worst.value)
+
+
+def least_certain(found: Sequence[Quantity]) -> Quantity:
+    """Return the stiffness or amplification whose relative error is the largest, as estimated."""
+    judged = [quantity for quantity in found if quantity.name in ("K_in", "lambda", "K_out") and quantity.value]
+    return max(judged, key=lambda quantity: abs((quantity.sigma or 0.0) / quantity.value))
+
+
+def is_reached(asked: float, found: Sequence[Quantity], progress: Progress) -> bool:
+    """Tell whether quantities have the relative accuracy that was asked for, as estimated."""
+    error = estimated_error(found)
+    progress(f"estimated error {100 * error:.2g} %, asked for {100 * asked:.2g} %")
+    return error <= asked
+
+
+def _level(
+    study: Study,
+    part: parts.Part,
+    body: Domain,
+    method: Method,
+    coarseness: float,
+    cache: Cache,
+    progress: Progress,
+    *,
+    all_classes: bool,
+) -> Level:
+    design = study.design
+    began = perf_counter()
+    try:
+        tagged, hinges = meshed(method, body, coarseness, part.linkage().of_kind("hinge"), cache, progress)
+    except MeshError as error:
+        raise InputError(design.file, "mesh", None, str(error)) from error
+    actuator = design.actuator.installed_stiffness if design.actuator else 0.0
+    count = study.modes.count if all_classes else 0
+    material = design.material
+    key = content_key(
+        engine(), content_key(*tagged.arrays().values()), material.mechanics, actuator, count, all_classes,
+        versions.installed(LIBRARIES),
+        [vars(port) for port in part.ports()], [vars(member) for member in part.linkage().members],
+        [vars(plane) for plane in body.planes],
+    )  # fmt: skip
+    size = method.size(tagged, coarseness)
+    stored = cache.load("solution", key)
+    if stored is not None:
+        solution = Solution.from_store(*stored, part)
+        return Level(size, tagged, solution, hinges, float(stored[1]["seconds"]), cached=True)
+
+    def say(text: str) -> None:
+        progress(f"solving: {text}")
+
+    try:
+        solution = analysis.solve(
+            part, material, body, tagged, actuator=actuator, mode_count=count, all_classes=all_classes, progress=say
+        )
+    except NotEnoughMemory as error:
+        remedy = f"{error}; ask for less: fewer mesh.levels, a larger mesh.at_root, or less mesh.accuracy"
+        raise InputError(design.file, "mesh", None, remedy) from error
+    seconds = perf_counter() - began
+    arrays, table = solution.to_store()
+    cache.store("solution", key, arrays, table | {"seconds": seconds})
+    return Level(size, tagged, solution, hinges, seconds, cached=False)
+
+
+def meshed(
+    method: Method, body: Domain, coarseness: float, hinges: Sequence[Member], cache: Cache, progress: Progress
+) -> tuple[TaggedMesh, list[HingeCheck]]:
+    """Return a mesh that passes the gate, and what that measured; one mesher is not deterministic and may try again.
+
+    Only a mesh that passes is kept.
+
+    Raises
+    ------
+    MeshError
+        If none passes.
+    """
+    asked = method.question(coarseness)
+    question = content_key(engine(), body.fingerprint, *asked, versions.installed(LIBRARIES))
+    stored = cache.load("mesh", question)
+    if stored is not None:
+        tagged = TaggedMesh(**stored[0])
+        return tagged, resolution_gate.check(tagged, body, hinges)
+    for left in reversed(range(method.tries)):
+        progress(f"meshing with {method.finest_edge(coarseness) * 1e3:.3g} mm at the hinge roots ({method.name})")
+        try:
+            tagged = method.mesh(coarseness)
+            checks = resolution_gate.check(tagged, body, hinges)
+            break
+        except MeshError as error:
+            if not left:
+                raise
+            progress(f"meshing again: {error}")
+    cache.store("mesh", question, tagged.arrays(), {})
+    return tagged, checks
+
+
+def method_of(study: Study, part: parts.Piece, body: Domain) -> Method:
+    """Return the way to mesh that the study asks for, or else the fastest that the part allows."""
+    asked = study.mesh
+    if asked.method == "extruded" and body.section is None:
+        remedy = (
+            "the part does not declare itself prismatic; leave the method out, or let the part's prismatic() say so"
+        )
+        raise InputError(study.design.file, "mesh.method", asked.method, remedy)
+    extruded = asked.method != "wild" and body.section is not None
+    at_root, growth = methods.EXTRUDED_GRADING if extruded else methods.WILD_GRADING
+    grading = Grading(body, part.linkage().members, asked.at_root or at_root, asked.growth or growth, asked.largest)
+    return Extruded(grading) if extruded else Wild(grading, asked.envelope)
+
+
+def gathered(study: Study, levels: Sequence[Level], scatter: Scatter) -> list[Quantity]:
+    """Extrapolate every quantity over the meshes that know it; peaks of stress are judged by rules of their own."""
+    found = [by_key(quantities.of_solution(study, level.solution)) for level in levels]
+    gathered = []
+    for quantity in limits(found, [level.size for level in levels], scatter):
+        known = [level for level, there in zip(levels, found, strict=True) if quantity.key in there]
+        finest = known[-1].solution.facts["unknowns"]
+        gathered.append(replace(quantity, source=f"FEM, {len(known)} meshes to {finest} unknowns, extrapolated"))
+    return gathered + quantities.peak_stresses(study, [lv.solution for lv in levels], [lv.size for lv in levels])
+
+
+def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scatter: Scatter) -> list[Quantity]:
+    """Extrapolate every quantity that the first mesh knows over all meshes that know it.
+
+    Parameters
+    ----------
+    found
+        The quantities of each mesh, coarse to fine, by their keys.
+    sizes
+        Edge length of each mesh at the hinge roots [m].
+    scatter
+        Of the mesher.
+    """
+    beside = _left_open(found, sizes)
+    extrapolated = []
+    for key, quantity in found[0].items():
+        known = [i for i, there in enumerate(found) if key in there]
+        values = [found[i][key].value for i in known]
+        limit = convergence.extrapolate(
+            values, [sizes[i] for i in known], scatter=scatter, beside=[beside[i] for i in known]
+        )
+        extrapolated.append(replace(quantity, value=limit.value, sigma=limit.error))
+    return extrapolated
+
+
+def _left_open(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float]) -> list[float]:
+    """Return what each mesh leaves open, relative, in the input stiffness."""
+    series = [[there[key].value for there in found] for key, quantity in found[0].items() if quantity.name == "K_in"]
+    limits = [convergence.extrapolate(values, sizes).value for values in series]
+    gaps = [np.abs(np.array(values) / limit - 1) for values, limit in zip(series, limits, strict=True)]
+    return [float(gap) for gap in np.max(gaps, axis=0)]
+
+
+@cache
+def engine() -> str:
+    """Return a hash of the code that makes meshes and solutions, lest results of other code be taken for its.
+
+    What is done with results afterwards does not enter: another estimate asks for no other meshes.
+    """
+    sources = sorted(Path(analysis.__file__).parent.rglob("*.py"))
+    return content_key([source.read_text(encoding="utf-8") for source in sources if source.stem not in AFTERWARDS])

@@ -1,0 +1,1 @@
+"""From a solid to elements: domain, thickness gate, extruded, planar and free meshes."""

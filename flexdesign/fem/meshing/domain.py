@@ -1,0 +1,296 @@
+"""The fundamental domain of a part: what is left of its solid when every symmetry plane has cut it.
+
+Lengths leave this module in metres; the CAD kernel's millimetres stay inside.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Member
+from flexdesign.design.materials import Material
+from flexdesign.design.part import Piece, Port, SymmetryPlane, extrusion_axis
+from flexdesign.fem.meshing import section
+from flexdesign.fem.meshing.section import Section
+
+MM = 1e-3
+#: Tessellations of curved faces keep to this share of the thinnest hinge.
+CHORD = 1e-2
+#: Longest edges of tessellated cylinders whose radius is at least that hinge's thickness, in chords of that error. The
+#: kernel's triangles reach across the width; the wild mesher took ten times as long for such needles, and strayed from
+#: every third notch by more than its envelope. Fillets are smaller, and their triangles too many.
+LONGEST = 1.5
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Face:
+    """One CAD face of the domain.
+
+    Parameters
+    ----------
+    points, triangles
+        Its tessellation, shapes (n, 3) [m] and (m, 3).
+    normal, offset
+        Of a plane, the outward unit normal and ``normal . x`` [m]; None for curved faces.
+    axis, radius
+        Of a cylinder, a point and direction of its axis, shape (2, 3) [m], and its radius [m]; else None.
+    """
+
+    points: FloatArray
+    triangles: IntArray
+    normal: FloatArray | None
+    offset: float = 0.0
+    axis: FloatArray | None = None
+    radius: float = 0.0
+
+
+@dataclass(frozen=True)
+class Domain:
+    """The part of a solid that is meshed; mirrored in its planes it gives the whole.
+
+    Parameters
+    ----------
+    faces
+        Its CAD faces.
+    planes
+        The symmetry planes that bound it.
+    ports
+        The ports that lie in it, by name, with the indices of their faces.
+    plane_faces
+        For each symmetry plane the indices of the faces that lie in it.
+    volume
+        Exact volume of the CAD solid [m^3].
+    fingerprint
+        Hash of the solid's boundary representation.
+    section
+        What is extruded, where the part declares itself prismatic.
+    """
+
+    faces: tuple[Face, ...]
+    planes: tuple[SymmetryPlane, ...]
+    ports: dict[str, int]
+    plane_faces: tuple[tuple[int, ...], ...]
+    volume: float
+    fingerprint: str
+    section: Section | None = None
+
+    @property
+    def copies(self) -> int:
+        """How many mirror images make the whole part."""
+        return int(2 ** len(self.planes))
+
+    def keeps(self, member: Member) -> bool:
+        """Tell whether a member lies in the domain, by its centre, rather than in a mirror image."""
+        return all(member.centre[plane.index] > -1e-12 for plane in self.planes)
+
+    def tangent_faces(self) -> list[tuple[int, int]]:
+        """Return pairs of a cylinder and a plane that it runs out into, by index."""
+        cylinders = [(i, face.axis, face.radius) for i, face in enumerate(self.faces) if face.axis is not None]
+        planes = [(i, face.normal, face.offset) for i, face in enumerate(self.faces) if face.normal is not None]
+        return [
+            (c, p)
+            for c, axis, radius in cylinders
+            for p, normal, offset in planes
+            if abs(axis[1] @ normal) < 1e-9 and abs(abs(axis[0] @ normal - offset) - radius) < 1e-9
+        ]
+
+    def surface(self) -> tuple[FloatArray, IntArray, IntArray]:
+        """Return the welded closed surface: points (n, 3) [m], triangles (m, 3), face index of each triangle (m,)."""
+        points, triangles, owners, base = [], [], [], 0
+        for index, face in enumerate(self.faces):
+            points.append(face.points)
+            triangles.append(face.triangles + base)
+            owners.append(np.full(len(face.triangles), index))
+            base += len(face.points)
+        stacked = np.vstack(points)
+        _, first, inverse = np.unique(np.round(stacked / 1e-9), axis=0, return_index=True, return_inverse=True)
+        welded = inverse.reshape(-1)[np.vstack(triangles)]
+        proper = (welded[:, 0] != welded[:, 1]) & (welded[:, 1] != welded[:, 2]) & (welded[:, 2] != welded[:, 0])
+        return stacked[first], welded[proper], np.concatenate(owners)[proper]
+
+
+def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = True, chord: float) -> Domain:
+    """Cut the part's solid down to its fundamental domain and find the ports on it.
+
+    Parameters
+    ----------
+    part
+        The part.
+    material
+        What it is made of: of the planes in which the part is its own mirror image, a crystal leaves those in which it
+        is one, too. None for an isotropic material, which leaves them all.
+    symmetric
+        False to keep the whole solid.
+    chord
+        Largest distance between a curved face and its tessellation [m]; no finer than the mesher's envelope asks for,
+        as needle-shaped triangles cost it minutes, and mesh vertices are put on the true face afterwards.
+
+    Raises
+    ------
+    InputError
+        If the part's solid is invalid, a port is not found on it, or it is not the extrusion the part says it is.
+    """
+    whole = _one_solid(part.solid(), "the solid")
+    planes = shared_planes(part, material) if symmetric else ()
+    solid = whole
+    for plane in planes:
+        solid = _one_solid(solid.intersect(_half_space(whole, plane)), f"the half {plane.axis} >= 0")
+        if not _mirrors(whole, plane):
+            raise InputError("part", "symmetry", plane.axis, "the solid is not its own mirror image in this plane")
+    thinnest = _thinnest(part)
+    faces = tuple(_face(face, chord, thinnest) for face in solid.Faces())
+    for port in part.ports():
+        for plane in planes:
+            if port.name not in (*plane.swaps, *plane.swaps.values()) and abs(port.point[plane.index]) > 1e-9:
+                remedy = f"its point must lie in the symmetry plane {plane.axis} = 0, or the plane must swap the port"
+                raise InputError("part", f"ports.{port.name}", port.point, remedy)
+    swapped = {name for plane in planes for name in plane.swaps}
+    ports = {port.name: face_of(port, faces) for port in part.ports() if port.name not in swapped}
+    return Domain(
+        faces=faces,
+        planes=planes,
+        ports=ports,
+        plane_faces=tuple(faces_in(plane, faces) for plane in planes),
+        volume=solid.Volume() * MM**3,
+        fingerprint=_fingerprint(solid),
+        section=section.of_solid(solid, axis) if (axis := extrusion_axis(part)) else None,
+    )
+
+
+def chord(part: Piece) -> float:
+    """Return how far the tessellation of curved faces may stray from them [m]."""
+    return CHORD * _thinnest(part)
+
+
+def _thinnest(part: Piece) -> float:
+    return min((hinge.thickness for hinge in part.linkage().of_kind("hinge")), default=np.inf)
+
+
+def shared_planes(part: Piece, material: Material | None) -> tuple[SymmetryPlane, ...]:
+    """Return the planes in which both a part and what it is made of are their own mirror images."""
+    return tuple(plane for plane in part.symmetry() if material is None or material.mirrors_in(plane.index))
+
+
+def _one_solid(shape: Any, what: str) -> Any:
+    solids = shape.Solids()
+    if len(solids) != 1:
+        raise InputError("part", "solid", None, f"{what} must be one closed body, found {len(solids)}")
+    if not solids[0].isValid():
+        raise InputError("part", "solid", None, f"{what} is not valid: its boundary is open or crosses itself")
+    return solids[0]
+
+
+def _mirrors(solid: Any, plane: SymmetryPlane) -> bool:
+    """Tell whether centre of mass and products of inertia are those of a body that mirrors onto itself."""
+    import cadquery as cq
+
+    size = solid.BoundingBox().DiagonalLength
+    centre = np.array(cq.Shape.centerOfMass(solid).toTuple())
+    inertia = np.array(cq.Shape.matrixOfInertia(solid))
+    products = np.delete(inertia[plane.index], plane.index)
+    return bool(abs(centre[plane.index]) < 1e-7 * size and np.abs(products).max() < 1e-7 * np.abs(inertia).max())
+
+
+def _half_space(solid: Any, plane: SymmetryPlane) -> Any:
+    import cadquery as cq
+
+    box = solid.BoundingBox()
+    low, high = np.array([box.xmin, box.ymin, box.zmin]) - 1.0, np.array([box.xmax, box.ymax, box.zmax]) + 1.0
+    low[plane.index] = 0.0
+    size = high - low
+    return cq.Solid.makeBox(*size, pnt=cq.Vector(*low))
+
+
+def _face(face: Any, chord: float, thinnest: float) -> Face:
+    vertices, triangles = face.tessellate(chord / MM, 0.35)
+    points = np.array([(v.x, v.y, v.z) for v in vertices]) * MM
+    corners = np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+
+    kind = face.geomType()
+    if kind == "PLANE":
+        normal = face.normalAt()
+        direction = np.array([normal.x, normal.y, normal.z])
+        return Face(points, corners, direction, float(direction @ points[0]))
+    if kind == "CYLINDER":
+        # A cut of two circles leaves a trimmed surface, which has no cylinder of its own; the adaptor sees through it.
+        cylinder = BRepAdaptor_Surface(face.wrapped).Cylinder()
+        location, direction = cylinder.Axis().Location(), cylinder.Axis().Direction()
+        axis = np.array(
+            [
+                [location.X() * MM, location.Y() * MM, location.Z() * MM],
+                [direction.X(), direction.Y(), direction.Z()],
+            ]
+        )
+        radius = cylinder.Radius() * MM
+        if radius >= thinnest:
+            points, corners = _split(points, corners, LONGEST * float(np.sqrt(8 * radius * CHORD * thinnest)))
+            points = _on_cylinder(points, axis, radius)
+        return Face(points, corners, None, axis=axis, radius=radius)
+    return Face(points, corners, None)
+
+
+def _split(points: FloatArray, triangles: IntArray, longest: float) -> tuple[FloatArray, IntArray]:
+    """Halve triangles at their longest side until none is longer than asked for; neighbours share the new points."""
+    places = list(points)
+    middles: dict[tuple[int, int], int] = {}
+    waiting, done = [tuple(corners) for corners in triangles.tolist()], []
+    while waiting:
+        corners = waiting.pop()
+        sides = [float(np.linalg.norm(places[corners[i]] - places[corners[i - 2]])) for i in range(3)]
+        side = int(np.argmax(sides))
+        if sides[side] <= longest:
+            done.append(corners)
+            continue
+        a, b, c = corners[side], corners[side - 2], corners[side - 1]
+        ends = (min(a, b), max(a, b))
+        if ends not in middles:
+            middles[ends] = len(places)
+            places.append((places[a] + places[b]) / 2)
+        middle = middles[ends]
+        waiting += [(a, middle, c), (middle, b, c)]
+    return np.array(places), np.array(done, dtype=np.int64)
+
+
+def _on_cylinder(points: FloatArray, axis: FloatArray, radius: float) -> FloatArray:
+    origin, direction = axis
+    along = np.outer((points - origin) @ direction, direction)
+    radial = points - origin - along
+    return np.asarray(origin + along + radial * (radius / np.linalg.norm(radial, axis=1))[:, None])
+
+
+def face_of(port: Port, faces: Sequence[Face]) -> int:
+    """Find the plane face with the port's normal whose plane and extent contain the port's point."""
+    for index, face in enumerate(faces):
+        if face.normal is None or face.normal @ np.array(port.normal) < 1 - 1e-9:
+            continue
+        low, high = face.points.min(axis=0) - 1e-9, face.points.max(axis=0) + 1e-9
+        if abs(face.normal @ np.array(port.point) - face.offset) > 1e-9:
+            continue
+        if np.all(port.point >= low) and np.all(port.point <= high):
+            return index
+    raise InputError("part", f"ports.{port.name}", port.point, "no plane face with this normal at this point")
+
+
+def faces_in(plane: SymmetryPlane, faces: Sequence[Face]) -> tuple[int, ...]:
+    """Return the indices of the faces that lie in a symmetry plane; raise InputError if there are none."""
+    inside = [i for i, f in enumerate(faces) if np.all(np.abs(f.points[:, plane.index]) < 1e-9)]
+    if not inside:
+        raise InputError("part", "symmetry", plane.axis, "the plane does not cut the solid")
+    return tuple(inside)
+
+
+def _fingerprint(solid: Any) -> str:
+    stream = io.BytesIO()
+    solid.exportBrep(stream)
+    return hashlib.sha256(stream.getvalue()).hexdigest()

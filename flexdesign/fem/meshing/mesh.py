@@ -1,0 +1,292 @@
+"""From a CAD domain to tetrahedra whose boundary facets know which CAD face they lie on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.core import subprocess_call
+from flexdesign.design.part import SymmetryPlane
+from flexdesign.fem.meshing.domain import Domain, Face
+from flexdesign.fem.meshing.sizing import Sizing
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: Corners of the four faces of a tetrahedron, each seen from outside counter-clockwise.
+TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+
+
+class MeshError(Exception):
+    """A mesh that must not be used; the message says what to change."""
+
+
+@dataclass(frozen=True)
+class TaggedMesh:
+    """Tetrahedra and the boundary facets that make up each CAD face.
+
+    Parameters
+    ----------
+    points
+        Vertices, shape (n, 3) [m].
+    tets
+        Corners of the positively oriented tetrahedra, shape (m, 4).
+    facets
+        Corners of the boundary facets, seen from outside counter-clockwise, shape (k, 3).
+    faces
+        Index of the CAD face each facet lies on, shape (k,).
+    """
+
+    points: FloatArray
+    tets: IntArray
+    facets: IntArray
+    faces: IntArray
+
+    @property
+    def volume(self) -> float:
+        """Volume [m^3]."""
+        return float(signed_volumes(self.points, self.tets).sum())
+
+    def on_face(self, *indices: int) -> IntArray:
+        """Return the facets on the given CAD faces, shape (k, 3)."""
+        return self.facets[np.isin(self.faces, indices)]
+
+    def quality(self) -> FloatArray:
+        """Return the mean-ratio quality of each tetrahedron, 1 for regular and 0 for flat, shape (m,)."""
+        corners = self.points[self.tets]
+        pairs = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
+        squares = sum(((corners[:, a] - corners[:, b]) ** 2).sum(axis=1) for a, b in pairs)
+        volumes = np.maximum(signed_volumes(self.points, self.tets), 0.0)
+        return np.asarray(12 * (3 * volumes) ** (2 / 3) / squares)
+
+    def arrays(self) -> dict[str, NDArray]:
+        """Return the arrays that make up the mesh, for storing."""
+        return {"points": self.points, "tets": self.tets, "facets": self.facets, "faces": self.faces}
+
+
+def tetrahedralize(domain: Domain, sizing: Sizing, envelope: float) -> TaggedMesh:
+    """Fill the domain with tetrahedra and lay their boundary exactly on the CAD faces.
+
+    Parameters
+    ----------
+    domain
+        What to fill.
+    sizing
+        The target edge length.
+    envelope
+        How far the mesher may move the surface [m]; at most a twentieth of the thinnest section, as a looser one
+        thickens or loses hinges.
+
+    Raises
+    ------
+    MeshError
+        If the mesher returns nothing usable.
+    """
+    points, triangles, owners = domain.surface()
+    low, high = points.min(axis=0), points.max(axis=0)
+    try:
+        vertices, tets = subprocess_call.call(
+            _fill,
+            points,
+            triangles,
+            sizing.largest,
+            envelope,
+            float(np.linalg.norm(high - low)),
+            sizing.background(low, high),
+        )
+    except subprocess_call.ProcessDied as error:
+        raise MeshError(
+            "the mesher ended without a mesh; check that the solid is closed, or change mesh.at_root"
+        ) from error
+    if len(tets) == 0:
+        raise MeshError("the mesher returned no tetrahedra; check that the solid is closed")
+    mesh = tag(vertices, tets, domain, (points, triangles, owners))
+    return snap(mesh, domain, envelope)
+
+
+def _fill(
+    points: FloatArray,
+    triangles: IntArray,
+    largest: float,
+    envelope: float,
+    diagonal: float,
+    background: tuple[FloatArray, NDArray[np.int32], FloatArray],
+) -> tuple[FloatArray, IntArray]:
+    """Call the mesher, with lengths in diagonals of the bounding box: its tolerances are relative to it."""
+    import pytetwild
+
+    bg_points, bg_tets, bg_sizes = background
+    vertices, tets = pytetwild.tetrahedralize(
+        points / diagonal,
+        triangles.astype(np.int32),
+        edge_length_abs=largest / diagonal,
+        epsilon=envelope / diagonal,
+        simplify=False,
+        bg_vertices=bg_points / diagonal,
+        bg_tets=bg_tets,
+        bg_values=bg_sizes / diagonal,
+    )
+    return np.asarray(vertices) * diagonal, np.asarray(tets, dtype=np.int64)
+
+
+def tag(
+    points: FloatArray, tets: IntArray, domain: Domain, surface: tuple[FloatArray, IntArray, IntArray]
+) -> TaggedMesh:
+    """Orient the tetrahedra and give each boundary facet the CAD face whose tessellation is nearest to its middle."""
+    import pyvista as pv
+
+    negative = signed_volumes(points, tets) < 0
+    tets = tets.copy()
+    tets[negative] = tets[negative][:, [0, 1, 3, 2]]
+    used, tets = np.unique(tets, return_inverse=True)
+    points, tets = points[used], tets.reshape(-1, 4)
+    facets = boundary(tets)
+    cad = pv.PolyData.from_regular_faces(surface[0], surface[1])
+    nearest = np.asarray(cad.find_closest_cell(points[facets].mean(axis=1)))
+    return TaggedMesh(points, tets, facets, surface[2][nearest])
+
+
+def snap(mesh: TaggedMesh, domain: Domain, envelope: float) -> TaggedMesh:
+    """Move boundary vertices onto the CAD faces they belong to, and drop what this flattens.
+
+    The mesher keeps the surface within its envelope; a hinge's stiffness goes with the cube of its thickness, so that
+    the last micrometre counts. A vertex on several faces goes to their intersection.
+
+    Raises
+    ------
+    MeshError
+        If a vertex has to move farther than three times the envelope, or a tetrahedron turns inside out.
+    """
+    points = mesh.points.copy()
+    vertex_faces = _memberships(mesh, domain)
+    for _ in range(50):  # alternating projections converge to the intersection; planes at right angles in one round
+        before = points.copy()
+        for index, face in enumerate(domain.faces):
+            vertices = vertex_faces[vertex_faces[:, 1] == index, 0]
+            points[vertices] = _projected(points[vertices], face)
+        if np.abs(points - before).max() < 1e-13:
+            break
+    moved = float(np.linalg.norm(points - mesh.points, axis=1).max())
+    if moved > 3 * envelope:
+        raise MeshError(f"a surface vertex lies {moved * 1e6:.2g} um off its CAD face; reduce mesh.envelope")
+    return _without_slivers(TaggedMesh(points, mesh.tets, mesh.facets, mesh.faces))
+
+
+def _memberships(mesh: TaggedMesh, domain: Domain) -> IntArray:
+    """Return pairs of boundary vertex and CAD face, shape (k, 2).
+
+    Facets may straddle the line where a fillet runs out into a plane, as no edge is there to be kept. A vertex with
+    facets on both belongs to the nearer one alone; on both it would be drawn to that line.
+    """
+    pairs = np.unique(np.column_stack([mesh.facets.ravel(), np.repeat(mesh.faces, 3)]), axis=0)
+    for curved, plane in domain.tangent_faces():
+        on_curved, on_plane = (pairs[pairs[:, 1] == index, 0] for index in (curved, plane))
+        both = np.intersect1d(on_curved, on_plane)
+        if not len(both):
+            continue
+        to_curved, to_plane = (_distance_to_face(mesh.points[both], domain.faces[index]) for index in (curved, plane))
+        loser = np.where(to_curved <= to_plane, plane, curved)
+        lost = np.isin(pairs[:, 0] * len(domain.faces) + pairs[:, 1], both * len(domain.faces) + loser)
+        pairs = pairs[~lost]
+    return pairs
+
+
+def _distance_to_face(points: FloatArray, face: Face) -> FloatArray:
+    import pyvista as pv
+
+    patch = pv.PolyData.from_regular_faces(face.points, face.triangles)
+    _, nearest = patch.find_closest_cell(points, return_closest_point=True)
+    return np.asarray(np.linalg.norm(points - nearest, axis=1))
+
+
+def _projected(points: FloatArray, face: Face) -> FloatArray:
+    if face.normal is not None:
+        return points - np.outer(points @ face.normal - face.offset, face.normal)
+    if face.axis is not None:
+        origin, direction = face.axis
+        along = np.outer((points - origin) @ direction, direction)
+        radial = points - origin - along
+        return origin + along + radial * (face.radius / np.linalg.norm(radial, axis=1))[:, None]
+    return points
+
+
+def _without_slivers(mesh: TaggedMesh, smallest: float = 1e-9) -> TaggedMesh:
+    """Drop tetrahedra that snapping laid flat into the boundary, layer by layer, and expose what was behind them."""
+    corners = mesh.points[mesh.tets]
+    size = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1) ** 3
+    volumes = signed_volumes(mesh.points, mesh.tets)
+    flat = volumes < 1e-4 * size
+    if not flat.any():
+        return mesh
+    lost = np.abs(volumes[flat]).sum() / volumes.sum()
+    if lost > smallest:
+        raise MeshError(f"snapping inverts elements ({lost:.1e} of the volume); reduce mesh.envelope or mesh.at_root")
+    owner = {
+        tuple(facet): face
+        for facet, face in zip(np.sort(mesh.facets, axis=1).tolist(), mesh.faces.tolist(), strict=True)
+    }
+    waiting = [[tuple(sorted(tet[f])) for f in TET_FACES.tolist()] for tet in map(np.array, mesh.tets[flat].tolist())]
+    while waiting:
+        outer = [facets for facets in waiting if any(facet in owner for facet in facets)]
+        if not outer:
+            raise MeshError("a flat element lies inside the body; choose another mesh.at_root")
+        for facets in outer:
+            face = next(owner[facet] for facet in facets if facet in owner)
+            owner |= {facet: owner.get(facet, face) for facet in facets}
+        waiting = [facets for facets in waiting if facets not in outer]
+    tets = mesh.tets[~flat]
+    skin = boundary(tets)
+    owners = np.array([owner[tuple(facet)] for facet in np.sort(skin, axis=1).tolist()])
+    used, renumbered = np.unique(
+        tets, return_inverse=True
+    )  # a vertex of dropped elements alone would carry no stiffness
+    return TaggedMesh(mesh.points[used], renumbered.reshape(-1, 4), np.searchsorted(used, skin), owners)
+
+
+def signed_volumes(points: FloatArray, tets: IntArray) -> FloatArray:
+    """Return the volume of each tetrahedron, negative where it is inside out, shape (m,)."""
+    a, b, c, d = (points[tets[:, i]] for i in range(4))
+    return np.asarray(np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6)
+
+
+def boundary(tets: IntArray) -> IntArray:
+    """Return the facets that belong to one tetrahedron only, oriented outwards, shape (k, 3)."""
+    facets = tets[:, TET_FACES].reshape(-1, 3)
+    _, first, count = np.unique(np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True)
+    return facets[first[count == 1]]
+
+
+#: How the nodes of a mirrored tetrahedron are to be listed so that it is not inside out.
+_REFLECTED = {4: [0, 1, 3, 2], 10: [0, 1, 3, 2, 4, 8, 7, 6, 5, 9]}
+
+
+def mirrored(
+    points: FloatArray, cells: IntArray, planes: Sequence[SymmetryPlane], fields: Mapping[str, FloatArray]
+) -> tuple[FloatArray, IntArray, dict[str, FloatArray]]:
+    """Return points, cells and nodal fields of the whole part; vector fields (n, 3) reflect, scalars repeat.
+
+    Fields are taken as symmetric in every plane. Cells are tetrahedra of 4 nodes, or of 10 in scikit-fem's order.
+    """
+    whole = dict(fields)
+    for plane in planes:
+        sign = np.ones(3)
+        sign[plane.index] = -1.0
+        cells = np.vstack([cells, cells[:, _REFLECTED[cells.shape[1]]] + len(points)])
+        points = np.vstack([points, points * sign])
+        for name, values in whole.items():
+            image = values * sign if values.ndim == 2 else values
+            whole[name] = np.concatenate([values, image])
+    return points, cells, whole
+
+
+def write(path: Path, mesh: TaggedMesh, point_data: Mapping[str, FloatArray] | None = None) -> None:
+    """Write the mesh [m] with meshio in the format that the file's suffix names, facets tagged with their CAD face."""
+    import meshio
+
+    cells = [("tetra", mesh.tets), ("triangle", mesh.facets)]
+    tags = [np.full(len(mesh.tets), -1), mesh.faces]
+    meshio.Mesh(mesh.points, cells, point_data=dict(point_data or {}), cell_data={"cad_face": tags}).write(path)

@@ -1,0 +1,1 @@
+"""What a solution says: stress, section forces, energy, effective mass."""

@@ -1,0 +1,1 @@
+"""Elasticity on a mesh: stiffness, ports, statics, modes, large displacements."""

@@ -1,0 +1,140 @@
+"""Natural frequencies and mode shapes, class by class, by shift-invert on the factor that statics already made.
+
+An actuator between the inputs is a massless spring k along their extension e = c . u: a rank-one update of the
+stiffness, so that the same factor serves (Sherman and Morrison, 1950)
+
+    (K + k c c^T)^-1 b = K^-1 b - K^-1 c (c . K^-1 b) / (1/k + c . K^-1 c).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from flexdesign.fem.solving.port_compliance import PortSpace
+from flexdesign.fem.solving.statics import ClassSystem
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A natural vibration with the ground held.
+
+    Parameters
+    ----------
+    frequency
+        [Hz].
+    symmetry
+        Name of its symmetry class.
+    output_mass
+        The mass that, moving with the output, has this mode's kinetic energy [kg]; infinite if the output rests.
+    extension
+        How far the shape parts the inputs [1/sqrt(kg)]; negative where they approach as the output moves along its
+        normal, of either sign where the output rests.
+    shape
+        Displacements of the domain's nodes for unit modal mass of the whole part, the output moving along its normal,
+        shape (n, 3) [1/sqrt(kg)].
+    """
+
+    frequency: float
+    symmetry: str
+    output_mass: float
+    extension: float
+    shape: FloatArray
+
+
+def class_modes(system: ClassSystem, mass: sp.csr_matrix, space: PortSpace, count: int, actuator: float) -> list[Mode]:
+    """Return the lowest `count` modes of one symmetry class.
+
+    Parameters
+    ----------
+    system
+        Its factorized equations.
+    mass
+        Mass matrix of the domain, upper triangle, all dofs.
+    space
+        The ports.
+    count
+        How many modes.
+    actuator
+        Stiffness of the spring between the inputs [N/m], 0 for none.
+    """
+    free, copies = system.free, 2 ** len(space.planes)
+    extension, output = (_measure(space, system, motion)[free] for motion in (space.extension, space.output))
+    values, vectors = lowest(mass[free][:, free], _spring_inverse(system, extension, actuator / copies), count)
+    modes = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        shape = vector / np.sqrt(copies)
+        shape *= -1.0 if output @ shape < 0 else 1.0
+        moved = float(output @ shape)
+        nodal = np.zeros(mass.shape[0])
+        nodal[free] = shape
+        modes.append(
+            Mode(
+                frequency=float(np.sqrt(value) / (2 * np.pi)),
+                symmetry=system.cls.name,
+                output_mass=1 / moved**2 if moved > 1e-6 else np.inf,
+                extension=float(extension @ shape),
+                shape=nodal.reshape(-1, 3),
+            )
+        )
+    return sorted(modes, key=lambda mode: mode.frequency)
+
+
+def lowest(
+    mass: sp.csr_matrix, inverse: Callable[[FloatArray], FloatArray], count: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the squares of the lowest angular frequencies, and their vectors of unit modal mass.
+
+    Parameters
+    ----------
+    mass
+        Upper triangle, shape (n, n).
+    inverse
+        Returns K^-1 b of a vector b.
+    count
+        How many; k < n.
+
+    Returns
+    -------
+    squares
+        Shape (k,) [rad^2/s^2].
+    vectors
+        Shape (n, k).
+    """
+    size = mass.shape[0]
+    inner = (mass + sp.triu(mass, k=1).T).tocsr()
+    unused = LinearOperator((size, size), matvec=lambda v: v, dtype=float)  # shift-invert only asks for its inverse
+    values, vectors = eigsh(
+        unused, count, M=inner, sigma=0.0, OPinv=LinearOperator((size, size), matvec=inverse, dtype=float),
+        v0=np.random.default_rng(0).standard_normal(size), ncv=max(2 * count + 1, 10), tol=1e-7,
+    )  # fmt: skip
+    return values, vectors
+
+
+def _spring_inverse(system: ClassSystem, extension: FloatArray, spring: float) -> Callable[[FloatArray], FloatArray]:
+    """Return b -> (K + spring c c^T)^-1 b; `spring` is the domain's share, as it carries its share of the energy."""
+    if spring == 0 or not np.any(extension):
+        return lambda right: system.factor.solve(np.asarray(right).ravel())
+    answer = system.factor.solve(extension)
+    softness = 1 / spring + extension @ answer
+
+    def inverse(right: FloatArray) -> FloatArray:
+        solution = system.factor.solve(np.asarray(right).ravel())
+        return np.asarray(solution - answer * (extension @ solution / softness))
+
+    return inverse
+
+
+def _measure(space: PortSpace, system: ClassSystem, motion: FloatArray) -> FloatArray:
+    """Return the row c over the domain's dofs with c . u = the whole part's port motion `motion`, in this class."""
+    projection = space.projection(system.cls)
+    loads = np.hstack([space.loads[name] for name in space.kept])
+    images = np.repeat([2.0 ** (len(space.planes) - space.swaps(name)) for name in space.kept], 6)
+    return np.asarray(loads @ (images * (projection @ motion)))

@@ -1,0 +1,1 @@
+"""Bodies condensed to their ports, assembled to a stage."""

@@ -1,0 +1,1 @@
+"""What a bench gives: recordings, static tables, their import, their noise level."""

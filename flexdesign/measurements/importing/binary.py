@@ -1,0 +1,161 @@
+"""Readers of binary formats: MATLAB, HDF5, LabVIEW's TDMS, universal files, NumPy. Each returns variables by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexdesign.measurements.importing.apart import apart
+from flexdesign.measurements.importing.contents import Variable, is_numeric, library, stored
+
+#: Attributes under which programs keep a unit, in small letters.
+UNITS = ("unit", "units", "unit_string", "ni_unitdescription")
+#: Functions of a data set 58: a response in time, and a frequency response.
+TIME_RESPONSE, FREQUENCY_RESPONSE = 1, 4
+#: How MATLAB names both parts of a complex number in an HDF5 file.
+PARTS = ("real", "imag")
+
+
+def matlab(path: Path) -> dict[str, Variable]:
+    """Read a .mat file: versions 4 to 7 with SciPy, 7.3 as the HDF5 file that it is; structures as ``outer.inner``."""
+    from scipy.io import loadmat
+
+    try:
+        content = loadmat(path, struct_as_record=False, chars_as_strings=True)
+    except NotImplementedError:  # version 7.3
+        return hdf5(path, of_matlab=True)
+    found: dict[str, Variable] = {}
+    for name, value in content.items():
+        if not name.startswith("__"):
+            found |= dict(_fields(name, value))
+    return found
+
+
+def _fields(name: str, value: Any) -> Iterator[tuple[str, Variable]]:
+    if isinstance(value, np.ndarray) and value.dtype == object and value.size == 1:
+        value = value.item()
+    if hasattr(value, "_fieldnames"):
+        for field in value._fieldnames:
+            yield from _fields(f"{name}.{field}", getattr(value, field))
+    elif isinstance(value, np.ndarray) and is_numeric(value.dtype) and value.size:
+        yield name, stored(value)
+
+
+def hdf5(path: Path, of_matlab: bool = False) -> dict[str, Variable]:
+    """Read an HDF5 file: data sets as ``group/name``, columns of tables as ``table/column``; numbers may be complex.
+
+    MATLAB stores arrays by columns, HDF5 by rows: of a .mat file axes come back in MATLAB's order, names with points.
+    """
+    h5py = library("h5py", path)
+    found: dict[str, Variable] = {}
+
+    def read(name: str, column: str | None) -> Any:
+        return partial(apart, path, _numbers, path, name, column, of_matlab)
+
+    def visit(name: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset) or name.startswith("#") or not item.size or item.dtype is None:
+            return
+        unit = _unit({key: item.attrs[key] for key in item.attrs})
+        shown = name.replace("/", ".") if of_matlab else name
+        shape = item.shape[::-1] if of_matlab else item.shape
+        in_parts = item.dtype.names == PARTS and all(is_numeric(item.dtype[part]) for part in PARTS)
+        for column in () if in_parts else item.dtype.names or ():
+            if is_numeric(item.dtype[column]):
+                is_complex = item.dtype[column].kind == "c"
+                found[f"{shown}/{column}"] = Variable(shape, read(name, column), unit, is_complex=is_complex)
+        is_text = item.attrs.get("MATLAB_class") == b"char" or "MATLAB_empty" in item.attrs
+        if in_parts or (not item.dtype.names and is_numeric(item.dtype) and not is_text):
+            is_complex = in_parts or item.dtype.kind == "c"
+            found[shown] = Variable(shape, read(name, None), unit, is_complex=is_complex)
+
+    with h5py.File(path, "r") as file:
+        file.visititems(visit)
+    return found
+
+
+def _numbers(path: Path, name: str, column: str | None, of_matlab: bool) -> Any:
+    """Return the numbers of a data set or of a column of it."""
+    with library("h5py", path).File(path, "r") as file:
+        values = file[name][()] if column is None else file[name][column]
+    if column is None and values.dtype.names == PARTS:
+        values = values["real"] + 1j * values["imag"]
+    return values.T if of_matlab else values
+
+
+def tdms(path: Path) -> dict[str, Variable]:
+    """Read a .tdms file: channels as ``group/channel``; time stamps become seconds since the first."""
+    content = library("nptdms", path).TdmsFile.read(path)
+    found = {}
+    for group in content.groups():
+        for channel in group.channels():
+            values, step = channel[:], channel.properties.get("wf_increment")
+            name, unit = f"{group.name}/{channel.name}", _unit(channel.properties)
+            if values.dtype.kind == "M":
+                values, unit = (values - values[:1]) / np.timedelta64(1, "s"), "s"
+            if is_numeric(values.dtype) and values.size:
+                found[name] = stored(values, unit, float(step) if step else None)
+    return found
+
+
+def universal(path: Path) -> dict[str, Variable]:
+    """Read a universal file: data sets 58 as ``set1``, ``set2``, ...
+
+    Responses in time and frequency responses are read, others are passed over. The abscissa of a set is
+    ``set1.frequency`` or, where times are not even, ``set1.time``.
+    """
+    file = library("pyuff", path).UFF(str(path))
+    found = {}
+    for number, kind in enumerate(file.get_set_types()):
+        if kind != 58:
+            continue
+        data = file.read_sets(number)
+        values = np.asarray(data["data"])
+        function = data["func_type"]
+        known = function in (TIME_RESPONSE, FREQUENCY_RESPONSE)
+        if not known or not is_numeric(values.dtype) or not values.size:
+            continue
+        place = f"node {data['rsp_node']}, direction {data['rsp_dir']}"
+        note = "; ".join(text for text in (str(data.get("id1", "")).strip(), place) if text and text != "NONE")
+        unit, name = _label(data, "ordinate_axis_units_lab"), f"set{number + 1}"
+        if function == FREQUENCY_RESPONSE:
+            per = _label(data, "orddenom_axis_units_lab")
+            found[name] = stored(values, f"{unit}/({per})" if unit and per else "", note=note)
+            found[f"{name}.frequency"] = stored(np.asarray(data["x"]), "Hz", note="abscissa of the set")
+            continue
+        is_even = data.get("abscissa_spacing") == 1
+        step = float(data["abscissa_inc"]) if is_even else None
+        found[name] = stored(values, unit, step, note)
+        if not is_even:
+            found[f"{name}.time"] = stored(np.asarray(data["x"]), "s", note="abscissa of the set")
+    return found
+
+
+def _label(data: Mapping[str, Any], key: str) -> str:
+    text = str(data.get(key, "")).strip()
+    return "" if text == "NONE" else text
+
+
+def numpy_array(path: Path) -> dict[str, Variable]:
+    """Read a .npy file: one variable, named as the file."""
+    values = np.load(path, mmap_mode="r")
+    return {path.stem: stored(values)} if is_numeric(values.dtype) and values.size else {}
+
+
+def numpy_archive(path: Path) -> dict[str, Variable]:
+    """Read a .npz file: its arrays by their names."""
+    with path.open("rb") as file, np.load(file) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    return {name: stored(values) for name, values in arrays.items() if is_numeric(values.dtype) and values.size}
+
+
+def _unit(attributes: Mapping[str, Any]) -> str:
+    """Return the unit among the attributes of a variable."""
+    for key, value in attributes.items():
+        if key.lower() in UNITS:
+            text = value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+            return text.strip()
+    return ""

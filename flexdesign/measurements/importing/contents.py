@@ -1,0 +1,112 @@
+"""What a file of another program holds: numeric arrays with names, and what it says of their units and rates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.core.errors import InputError, suggest
+
+Array = NDArray[np.float64]
+#: Complex numbers, or real ones where nothing is imaginary.
+Numbers = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """One array.
+
+    Parameters
+    ----------
+    shape
+        Its size along each axis.
+    read
+        Returns the numbers, as they are stored.
+    unit
+        What the file says; empty if nothing.
+    step
+        Time between samples [s], where the file says it.
+    note
+        What else helps to recognise it.
+    is_complex
+        Whether its numbers are complex.
+    """
+
+    shape: tuple[int, ...]
+    read: Callable[[], Any]
+    unit: str = ""
+    step: float | None = None
+    note: str = ""
+    is_complex: bool = False
+
+    @property
+    def size(self) -> int:
+        """How many numbers it holds."""
+        return int(np.prod(self.shape))
+
+    def values(self) -> Numbers:
+        """Return the numbers."""
+        return np.asarray(self.read(), dtype=np.complex128 if self.is_complex else np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """What was found.
+
+    Parameters
+    ----------
+    paths
+        The files.
+    variables
+        By name; where two files have one name, with the stem of the file before it: ``second:x``.
+    notes
+        What the files say beside that, such as lines above the header of a table.
+    """
+
+    paths: tuple[Path, ...]
+    variables: Mapping[str, Variable]
+    notes: tuple[str, ...] = ()
+
+    def find(self, name: str, file: Path, field: str) -> Variable:
+        """Return a variable that `field` of a map `file` asks for.
+
+        Raises
+        ------
+        InputError
+            If there is none of that name.
+        """
+        if name not in self.variables:
+            remedy = f"is no variable of {', '.join(path.name for path in self.paths)}"
+            raise InputError(file, field, name, remedy + suggest(name, list(self.variables)))
+        return self.variables[name]
+
+
+def stored(values: Any, unit: str = "", step: float | None = None, note: str = "") -> Variable:
+    """Return a variable whose numbers are in memory."""
+    return Variable(np.shape(values), partial(np.asarray, values), unit, step, note, bool(np.iscomplexobj(values)))
+
+
+def is_numeric(dtype: Any) -> bool:
+    """Tell whether a dtype is of real or complex numbers, or true and false."""
+    return np.dtype(dtype).kind in "biufc"
+
+
+def library(name: str, path: Path) -> Any:
+    """Return a library that only some formats need.
+
+    Raises
+    ------
+    InputError
+        If it is not installed; the message says how to.
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise InputError(path, "", None, f"needs {name}: pip install 'flexdesign[import]'") from error

@@ -1,0 +1,323 @@
+"""``map.toml``: which variable of a file is which column of a run.
+
+::
+
+    title = "Bench 3"
+    rate = "10 kHz"                                    # unless a column t, or the file itself, has the time
+    axes = ["sample", "channel", "realisation", "period"]      # of arrays that have so many axes
+    [[run]]
+    name = "multisine"
+    kind = "multisine"
+    [run.columns.u]
+    variable = "data.input"
+    unit = "V"
+    scale = 10                                         # stored numbers times scale, plus offset, are in that unit
+    [run.columns.x]
+    variable = "data.output"
+    unit = "um"
+    channel = 2                                        # counted from 1
+
+A frequency response is a run with a column ``f`` and a complex one, ``response``; or with ``magnitude`` and ``phase``,
+or ``re`` and ``im``, and ``coherence`` if it was recorded ::
+
+    axes = ["channel", "input", "frequency"]           # of arrays that have so many
+    [[run]]
+    [run.columns.f]
+    variable = "freq"
+    unit = "Hz"
+    [run.columns.response]
+    variable = "H"
+    unit = "um/V"
+    channel = 1
+    input = 1
+
+A column may be computed, with units checked; what a formula may have says `importing.formulas` ::
+
+    [constants]
+    kv = "243.45 V s/m"
+    kp = "160.18 1/s"
+    per_length = "1 V/mm"
+    [variables.pulse]                                  # of a variable whose name or unit the file does not say well
+    variable = "bench/force pulse"
+    unit = "V"
+    [run.columns.u]
+    formula = "per_length * (qg + pulse / (kv * kp))"
+    unit = "V"
+
+One map serves many files that hold the same variables: with ``per_file = true`` it is applied to each file by itself,
+and each makes runs of its own, named after the file.
+
+What ``measurements.toml`` may say (``command_is``, ``limits``, ``sensors``, ``role`` ...) may stand here as well, and
+is passed on. Channels are chosen; each realisation is a run of its own; periods follow one another in time. A table in
+text that is not understood is described in ``[text]``: separator, decimal, skip, encoding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
+
+from flexdesign.core import toml_files, unit_tables, units
+from flexdesign.core.errors import InputError
+from flexdesign.core.toml_files import in_si, whole
+from flexdesign.measurements.importing import formulas
+from flexdesign.measurements.importing.delimited import Dialect
+from flexdesign.measurements.importing.formulas import Formula
+from flexdesign.measurements.recordings import ALLOWED, frequency_response
+from flexdesign.measurements.recordings.description import RunSettings, Setup
+
+#: A run's name has no more letters.
+LONGEST = 100
+#: What the axes of an array can be; along the first or the second one of them there are the numbers of a column.
+AXES = ("sample", "frequency", "channel", "input", "realisation", "period")
+#: Keys of a map that are not passed on to ``measurements.toml``.
+OWN = ("rate", "axes", "per_file", "text", "constants", "variables", "run", "name", "columns")
+#: The column of a frequency response in complex numbers.
+RESPONSE = "response"
+#: Which SI units the columns of a frequency response may have.
+OF_RESPONSES = {**frequency_response.ALLOWED, RESPONSE: tuple(frequency_response.PER_VOLT)}
+
+
+def _axes(given: Any) -> tuple[str, ...]:
+    known = ", ".join(AXES)
+    if not isinstance(given, list) or not all(each in AXES for each in given):
+        raise ValueError(f'expected a list of {known}: axes = ["sample", "channel"]')
+    if len(set(given)) < len(given) or len({"sample", "frequency"} & set(given)) != 1:
+        raise ValueError("names each axis once, and sample among them, or frequency")
+    if "frequency" in given and "period" in given:
+        raise ValueError("has both frequency and period; a frequency response has no periods")
+    return tuple(given)
+
+
+def _separator(given: Any) -> str:
+    if not isinstance(given, str) or len(given) != 1:
+        raise ValueError('expected one character, for example ";" or "\\t"; " " for any white space')
+    return given
+
+
+def _decimal(given: Any) -> str:
+    if given not in (".", ","):
+        raise ValueError('expected "." or ","')
+    return str(given)
+
+
+class TextTable(toml_files.Table):
+    """``[text]``: how a table in text is written."""
+
+    separator: Annotated[str | None, BeforeValidator(_separator)] = None
+    decimal: Annotated[str | None, BeforeValidator(_decimal)] = None
+    skip: whole(0, 10_000_000) | None = None  # type: ignore[valid-type]
+    encoding: str | None = None
+
+
+class VariableTable(toml_files.Table):
+    """``[variables.NAME]``: a variable of a file as formulas call it."""
+
+    variable: str = ""
+    unit: str = ""
+    scale: in_si("1", -1e15, 1e15) = 1.0  # type: ignore[valid-type]
+    offset: in_si("1", -1e15, 1e15) = 0.0  # type: ignore[valid-type]
+    channel: whole(1, 100_000) | None = None  # type: ignore[valid-type]
+    input: whole(1, 100_000) | None = None  # type: ignore[valid-type]
+
+
+class ColumnTable(VariableTable):
+    """``[run.columns.NAME]``: one column of a run, a variable or a formula."""
+
+    formula: str = ""
+
+
+class RunMap(RunSettings):
+    """``[[run]]`` of a map; its rate and axes go before those of all."""
+
+    name: str = ""
+    rate: in_si("Hz", 1e-6, 1e12) | None = None  # type: ignore[valid-type]
+    axes: Annotated[tuple[str, ...] | None, BeforeValidator(_axes)] = None
+    columns: Any = None
+
+
+class MapTable(Setup):
+    """A map."""
+
+    rate: in_si("Hz", 1e-6, 1e12) | None = None  # type: ignore[valid-type]
+    axes: Annotated[tuple[str, ...] | None, BeforeValidator(_axes)] = None
+    text: TextTable = TextTable()
+    per_file: bool = False
+    constants: Any = None
+    variables: Any = None
+
+
+@dataclass(frozen=True)
+class RunColumns:
+    """The columns of one run.
+
+    Parameters
+    ----------
+    tables
+        By name.
+    formulas
+        Of those that are computed, by name.
+    is_response
+        Whether they are a frequency response.
+    """
+
+    tables: Mapping[str, ColumnTable]
+    formulas: Mapping[str, Formula]
+    is_response: bool
+
+    def si_of(self, name: str, unit: str, file: Path, field: str) -> str:
+        """Return the SI unit of a column that is written in `unit`.
+
+        Raises
+        ------
+        InputError
+            If the column cannot have that unit.
+        """
+        try:
+            return unit_tables.si_of(unit, (OF_RESPONSES if self.is_response else ALLOWED).get(name, unit_tables.ANY))
+        except ValueError as error:
+            raise InputError(file, field, unit, str(error)) from error
+
+
+@dataclass(frozen=True)
+class Map:
+    """A map that has been read.
+
+    Parameters
+    ----------
+    path
+        The file.
+    dialect
+        How tables in text are written.
+    runs
+        Of each run: its settings, and its columns by name.
+    constants
+        Quantities of pint, by the names that formulas use.
+    variables
+        Variables of the files, by the names that formulas use.
+    said
+        What is passed on to ``measurements.toml``, as it is written: of all runs, and of each.
+    per_file
+        Whether the map is applied to each file by itself.
+    """
+
+    path: Path
+    dialect: Dialect
+    runs: tuple[tuple[RunMap, RunColumns], ...]
+    constants: Mapping[str, Any]
+    variables: Mapping[str, VariableTable]
+    said: Mapping[str, Any]
+    said_of_runs: tuple[Mapping[str, Any], ...]
+    per_file: bool = False
+
+
+def read_map(path: Path) -> Map:
+    """Read a map.
+
+    Raises
+    ------
+    InputError
+        If a key is unknown, a value cannot be used, there is no run or one without columns, two have one name, a unit
+        does not suit its column, or a formula cannot be understood.
+    """
+    content = toml_files.read_toml(path)
+    tables: Any = content.get("run")
+    if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
+        raise InputError(path, "run", None, "is missing; write a table for each run: [[run]]")
+    table = toml_files.check(MapTable, content, path)
+    runs = []
+    for number, each in enumerate(tables, start=1):
+        run = toml_files.check(RunMap, each, path, f"run {number}")
+        run = run.model_copy(update={"rate": run.rate or table.rate, "axes": run.axes or table.axes})
+        runs.append((run, _columns(each.get("columns"), path, f"run {number}.columns")))
+    names = [run.name for run, _ in runs]
+    for number, name in enumerate(names, start=1):
+        if name in names[: number - 1]:
+            raise InputError(path, f"run {number}.name", name or '""', "is the name of two runs; give each its own")
+        if len(name) > LONGEST:
+            raise InputError(path, f"run {number}.name", name, f"has more than {LONGEST} letters; a file is named so")
+        if not name.isprintable() or any(sign in name for sign in '/\\:*?"<>|'):
+            raise InputError(path, f"run {number}.name", name, "is no name for a file; use letters, digits and - _")
+    dialect = Dialect(**table.text.model_dump())
+    constants, variables = _constants(table.constants, path), _variables(table.variables, path)
+    if both := sorted(constants.keys() & variables.keys()):
+        raise InputError(path, f"variables.{both[0]}", None, "is the name of a constant as well; rename one of them")
+    said = _passed_on(content), tuple(_passed_on(each) for each in tables)
+    return Map(path, dialect, tuple(runs), constants, variables, *said, per_file=table.per_file)
+
+
+def _passed_on(table: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in table.items() if key not in OWN}
+
+
+def _constants(given: Any, path: Path) -> dict[str, Any]:
+    if not isinstance(given, dict | None):
+        raise InputError(path, "constants", toml_files.as_written(given), "expected a table: [constants]")
+    found = {}
+    for name, value in (given or {}).items():
+        _called(name, path, f"constants.{name}")
+        try:
+            found[name] = units.quantity_from_text(value)
+        except ValueError as error:
+            raise InputError(path, f"constants.{name}", toml_files.as_written(value), str(error)) from None
+    return found
+
+
+def _variables(given: Any, path: Path) -> dict[str, VariableTable]:
+    if not isinstance(given, dict | None) or not all(isinstance(table, dict) for table in (given or {}).values()):
+        raise InputError(path, "variables", toml_files.as_written(given), "expected a table for each: [variables.NAME]")
+    found = {}
+    for name, table in (given or {}).items():
+        _called(name, path, f"variables.{name}")
+        found[name] = toml_files.check(VariableTable, table, path, f"variables.{name}")
+        if not found[name].variable:
+            found[name] = found[name].model_copy(update={"variable": name})
+    return found
+
+
+def _called(name: str, path: Path, field: str) -> None:
+    if not name.isidentifier() or name == "pi" or name in formulas.FUNCTIONS:
+        remedy = "is no name for a formula; use letters, digits and _, not the name of a function or pi"
+        raise InputError(path, field, None, remedy)
+
+
+def _columns(given: Any, path: Path, place: str) -> RunColumns:
+    if not isinstance(given, dict) or not all(isinstance(table, dict) for table in given.values()) or not given:
+        raise InputError(path, place, None, "is missing; write a table for each column: [run.columns.u]")
+    tables, computed = {}, {}
+    for name, table in given.items():
+        field = f"{place}.{name}"
+        if not name.replace("_", "").isalnum():
+            raise InputError(path, field, None, "is no name for a column; use letters and digits")
+        tables[name] = toml_files.check(ColumnTable, table, path, field)
+        if tables[name].formula:
+            computed[name] = _formula(tables[name], table, path, field)
+        elif not tables[name].variable:
+            raise InputError(path, f"{field}.variable", None, 'is missing; write for example variable = "..."')
+    about_lines = {RESPONSE, *frequency_response.POLAR, *frequency_response.PARTS} & tables.keys()
+    found = RunColumns(tables, computed, "t" not in tables and bool(about_lines))
+    for name, column in tables.items():
+        if column.unit:
+            found.si_of(name, column.unit, path, f"{place}.{name}.unit")
+    if found.is_response and frequency_response.FREQUENCY not in tables:
+        remedy = f"is missing; a frequency response ({', '.join(sorted(about_lines))}) has a column f [Hz]"
+        raise InputError(path, f"{place}.f", None, remedy)
+    return found
+
+
+def _formula(column: ColumnTable, given: Mapping[str, Any], path: Path, field: str) -> Formula:
+    beside = next((key for key in given if key not in ("formula", "unit")), None)
+    if beside:
+        remedy = "stands beside a formula; say it of the variables in it: [variables.NAME]"
+        raise InputError(path, f"{field}.{beside}", toml_files.as_written(given[beside]), remedy)
+    if not column.unit:
+        remedy = "is missing; say in which unit the column is to be written"
+        raise InputError(path, f"{field}.unit", None, remedy)
+    try:
+        return formulas.parse(column.formula)
+    except ValueError as error:
+        raise InputError(path, f"{field}.formula", column.formula, str(error)) from None

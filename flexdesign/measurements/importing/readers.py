@@ -1,0 +1,75 @@
+"""Which reader opens which file."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from flexdesign.core.errors import InputError
+from flexdesign.measurements.importing import binary, delimited
+from flexdesign.measurements.importing.apart import apart, intact
+from flexdesign.measurements.importing.contents import Contents, Variable, library
+from flexdesign.measurements.importing.delimited import Dialect
+
+#: By the ending of the file; what has another one is read as a table in text.
+READERS: dict[str, Callable[[Path], dict[str, Variable]]] = {
+    ".mat": binary.matlab,
+    ".h5": binary.hdf5,
+    ".hdf5": binary.hdf5,
+    ".hdf": binary.hdf5,
+    ".tdms": binary.tdms,
+    ".uff": binary.universal,
+    ".unv": binary.universal,
+    ".npy": binary.numpy_array,
+    ".npz": binary.numpy_archive,
+}
+#: Those whose libraries can take the whole process with them, and the package that is needed; SciPy is always there.
+APART = {
+    ".mat": "scipy", ".h5": "h5py", ".hdf5": "h5py", ".hdf": "h5py",
+    ".tdms": "nptdms", ".uff": "pyuff", ".unv": "pyuff",
+}  # fmt: skip
+
+
+def look(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Contents:  # noqa: B008
+    """Return what files hold together.
+
+    Parameters
+    ----------
+    paths
+        One or more files.
+    dialect
+        How tables in text are written, as far as it is known.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read as what its ending says, its reader is not installed, or it holds no numbers.
+    """
+    found = []
+    notes: list[str] = []
+    for path in paths:
+        variables, said = _opened(path, dialect)
+        if not variables:
+            raise InputError(path, "", None, "holds no array of numbers")
+        notes += said
+        found += [(path, name, variable) for name, variable in variables.items()]
+    times = Counter(name for _, name, _ in found)
+    named = {name if times[name] == 1 else f"{path.stem}:{name}": variable for path, name, variable in found}
+    return Contents(tuple(paths), named, tuple(notes))
+
+
+def _opened(path: Path, dialect: Dialect) -> tuple[dict[str, Variable], tuple[str, ...]]:
+    ending = path.suffix.lower()
+    try:
+        with path.open("rb"):  # what the system says is clearer than what libraries make of it
+            pass
+    except OSError as error:
+        raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
+    if ending not in READERS:
+        return delimited.read(path, dialect)
+    read = READERS[ending]
+    if ending not in APART:
+        return intact(path, lambda: read(path)), ()
+    library(APART[ending], path)
+    return apart(path, read, path.absolute()), ()

@@ -1,0 +1,49 @@
+"""Runs: recorded experiments in CSV or Parquet files, and what ``measurements.toml`` beside them says about each.
+
+A recording comes as it is: with gaps, times that jitter, a sensor that saturates. Reading it goes down these modules:
+`clock` puts its rows in order, `faults` finds the readings that cannot be believed, `clock` then gives them a uniform
+time, and `bridging` closes short gaps of the command. `description` reads ``measurements.toml``, `splitting` chooses
+what is kept for validation, `suspicion` compares with a model. `frequency_response` reads the other kind of recording.
+"""
+
+from flexdesign.measurements.recordings.description import NAME as DESCRIPTION
+from flexdesign.measurements.recordings.description import Measurements, read_measurements
+from flexdesign.measurements.recordings.frequency_response import FrequencyResponse, split_lines
+from flexdesign.measurements.recordings.reading import (
+    ALLOWED,
+    FEWEST,
+    read_frequency_response,
+    read_recordings,
+    read_run,
+    read_runs,
+    write_run,
+)
+from flexdesign.measurements.recordings.run import AXES, COMMANDS, Array, Between, CommandIs, Role, Run, Sensor
+from flexdesign.measurements.recordings.splitting import split
+from flexdesign.measurements.recordings.suspicion import refuse_wrong_units, suspicions
+
+__all__ = [
+    "ALLOWED",
+    "AXES",
+    "COMMANDS",
+    "DESCRIPTION",
+    "FEWEST",
+    "Array",
+    "Between",
+    "CommandIs",
+    "FrequencyResponse",
+    "Measurements",
+    "Role",
+    "Run",
+    "Sensor",
+    "read_frequency_response",
+    "read_measurements",
+    "read_recordings",
+    "read_run",
+    "read_runs",
+    "refuse_wrong_units",
+    "split",
+    "split_lines",
+    "suspicions",
+    "write_run",
+]

@@ -1,0 +1,270 @@
+"""Pages of the catalogue: all effects in a table, or one in full with the picture of its signature."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from flexdesign import effects
+from flexdesign.core import units, versions
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Effect, Parameter
+from flexdesign.core.toml_files import FORMAT
+from flexdesign.diagnosis.experiment_design.signature import Seen, Signature
+from flexdesign.dynamics.stage_model import to_toml
+from flexdesign.effects import statics
+from flexdesign.report.catalogue import effect_charts
+from flexdesign.report.document import Document, Figure, Section, Table
+
+#: So many experiments are drawn, one of each kind.
+DRAWN = 3
+
+
+def find(name: str) -> Effect:
+    """Return an effect by its name or path.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    try:
+        return effects.find(name)
+    except ValueError as error:
+        raise InputError("command line", "effects", name, str(error)) from None
+
+
+def find_static(name: str) -> Effect:
+    """Return a static effect by its name or path; raise as `find` does."""
+    try:
+        return statics.find(name)
+    except ValueError as error:
+        raise InputError("command line", "effects", name, str(error)) from None
+
+
+def catalogue() -> Table:
+    """Return all effects, the static ones last: their names, where they act, what reveals them."""
+    found = [(name, effects.find(name)) for name in effects.names()]
+    found += [(name, statics.find(name)) for name in statics.names()]
+    rows = [[name, effect.where, effect.reveal] for name, effect in found]
+    return Table(["effect", "where it acts", "what reveals it"], rows, "flexdesign effects NAME shows one in full")
+
+
+def catalogue_result() -> dict[str, Any]:
+    """Return the catalogue as result.json has it."""
+    found = {name: described(effects.find(name)) for name in effects.names()}
+    static = {name: described(statics.find(name)) for name in statics.names()}
+    return {"format": FORMAT, "kind": "effects", "effects": found, "static_effects": static}
+
+
+def result(name: str, signature: Signature | None) -> dict[str, Any]:
+    """Return one effect as result.json has it: what it states, and what it changes in each experiment."""
+    effect = find(name)
+    answer: dict[str, Any] = {"format": FORMAT, "kind": "effect", **described(effect)}
+    if signature is None:
+        return answer
+    axis = signature.effect.without
+    unit, factor = effect_charts.SHOWN[axis.axis.response]
+    shown = signature.effect.values(signature.strength)
+    stated = {p.name: p for p in effect.parameters}
+    answer["signature"] = {
+        "axis": axis.name,
+        "stroke": {"value": factor * signature.stroke, "unit": unit},
+        "values": {key: _number(value, stated[key]) for key, value in shown.items() if key in stated},
+        "experiments": [
+            {
+                "name": seen.command.name,
+                "kind": seen.command.kind,
+                "change_rms": {"value": factor * seen.change, "unit": unit},
+                "beyond_gain_rms": {"value": factor * seen.left, "unit": unit},
+            }
+            for seen in signature.seen
+        ],
+    }
+    return answer
+
+
+def described(effect: Effect) -> dict[str, Any]:
+    """Return what an effect states, as result.json has it."""
+    return {
+        "name": effect.name,
+        "physics": effect.physics,
+        "where": effect.where,
+        "reveal": effect.reveal,
+        "confused_with": list(effect.confused_with),
+        "remedy": effect.remedy,
+        "remedies": dict(effect.remedies),
+        "reference": effect.reference,
+        "parameters": [
+            {
+                "name": p.name,
+                "meaning": p.meaning,
+                "unit": p.unit,
+                **{key: _number(getattr(p, key), p)["value"] for key in ("null", "start")},
+                "plausible": [_number(end, p)["value"] for end in p.plausible],
+                "of_each_run": p.per_run,
+            }
+            for p in effect.parameters
+        ],
+    }
+
+
+def _number(value: float | None, parameter: Parameter) -> dict[str, Any]:
+    """Return a value in the parameter's own unit; infinite ones as text, as JSON has no number for them."""
+    if value is None:
+        return {"value": None, "unit": parameter.unit}
+    if not math.isfinite(value):
+        return {"value": str(value), "unit": parameter.unit}
+    number = value / units.factor(parameter.unit or "1", parameter.si)
+    return {"value": float(f"{number:.12g}"), "unit": parameter.unit}
+
+
+def document(name: str, signature: Signature | None, model: Mapping[str, str] | None = None) -> Document:
+    """Write the page of one effect.
+
+    Parameters
+    ----------
+    name
+        By which it is found.
+    signature
+        What it changes; None if nothing shows it in time.
+    model
+        ``title`` of the stage model on which it is shown, and ``changes`` in words.
+    """
+    effect = find(name)
+    sections = []
+    if signature is not None:
+        sections = [_signature(effect, signature, model or {}), _where_it_shows(signature)]
+    sections += stated(effect)
+    return Document(effect.name, [effect.physics, f"Where it acts: {effect.where}."], sections)
+
+
+def stated(effect: Effect) -> list[Section]:
+    """Return the sections on what an effect states of itself."""
+    return [_parameters(effect), _advice(effect)]
+
+
+def _signature(effect: Effect, signature: Signature, model: Mapping[str, str]) -> Section:
+    axis = signature.effect.without
+    unit, factor = effect_charts.SHOWN[axis.axis.response]
+    stated = {p.name: p for p in effect.parameters}
+    given = signature.effect.values(signature.strength)
+    said = ", ".join(f"{key} = {_text(value, stated[key])}" for key, value in given.items() if key in stated)
+    stroke = f"{units.significant(factor * signature.stroke, 3)} {unit}"
+    on = f"axis {axis.name} of the {model['title']}" if model.get("title") else f"axis {axis.name}"
+    where = f"Shown on {on}{model.get('changes', '')}, stroke {stroke}, without noise, at {said}."
+    if not signature.visible:
+        return Section("Signature", [where, "Even so none of the experiments changes by a hundred-thousandth of it."])
+    best = max(signature.seen, key=lambda seen: seen.change)
+    share = 100 * best.change / signature.stroke
+    strongest = f"It changes the reading of {_plain(best)} most: by {units.significant(share, 2)} % of the stroke, rms."
+    return Section("Signature", [where, strongest], figures=_figures(signature, axis.axis.response))
+
+
+def _figures(signature: Signature, response: str) -> list[Figure]:
+    found: list[Figure] = []
+    kinds: list[str] = []
+    for seen in signature.visible:
+        if seen.command.kind in kinds or len(found) == DRAWN:
+            continue
+        kinds.append(seen.command.kind)
+        drawn, words = effect_charts.draw(seen, response)
+        caption = f"{words} ({seen.command.name}); below, what the effect changes"
+        found.append(Figure(f"{seen.command.name}.svg", drawn, caption))
+    return found
+
+
+def _where_it_shows(signature: Signature) -> Section:
+    stroke = signature.stroke
+    rows = [
+        [seen.command.name, seen.command.purpose, _percent(seen.change / stroke), _percent(seen.left / stroke)]
+        for seen in signature.seen
+    ]
+    caption = (
+        "Change of the reading, rms, in percent of the stroke; and what of it a new gain and offset cannot take up"
+    )
+    return Section(
+        "Where it shows",
+        ["An effect that a new gain takes up is not seen by one sensor alone: it passes for a calibration error."],
+        [Table(["experiment", "made for", "change %", "beyond gain %"], rows, caption)],
+    )
+
+
+def _parameters(effect: Effect) -> Section:
+    rows = [
+        [
+            p.name, p.meaning + (", of each run its own" if p.per_run else ""), p.unit or "–",
+            "–" if p.null is None else _text(p.null, p), "–" if p.start is None else _text(p.start, p),
+            _range(p),
+        ]
+        for p in effect.parameters
+    ]  # fmt: skip
+    scaled = "For a stroke of 100 µm and 100 V; on another stage lengths and voltages scale with its own"
+    caption = scaled if effect.acts_in_time else ""
+    heads = ["parameter", "meaning", "unit", "null", "start", "plausible"]
+    return Section("Parameters", ["At the null of a parameter the effect is not there."], [Table(heads, rows, caption)])
+
+
+def _range(parameter: Parameter) -> str:
+    low, high = parameter.plausible
+    if math.isinf(low) and math.isinf(high):
+        return "any"
+    return f"{_text(low, parameter)} … {_text(high, parameter)}"
+
+
+def _advice(effect: Effect) -> Section:
+    confused = ", ".join(effect.confused_with) or "nothing in the catalogue"
+    rows = [
+        ["what reveals it", effect.reveal],
+        ["easily confused with", confused],
+        ["what to do about it", effect.remedy],
+        *([f"with a {actuator}", remedy] for actuator, remedy in effect.remedies.items()),
+        ["reference", effect.reference],
+    ]
+    return Section("On the bench", [], [Table(["", ""], rows)])
+
+
+def brief(effect: Effect) -> Table:
+    """Return what a terminal shows of an effect."""
+    table = _parameters(effect).tables[0]
+    return Table(["parameter", "meaning", "null", "start", "plausible"], [_without_unit(row) for row in table.rows])
+
+
+def _without_unit(row: Sequence[str]) -> list[str]:
+    return [*row[:2], *row[3:]]
+
+
+def words(effect: Effect) -> list[str]:
+    """Return what a terminal says of an effect, beside its parameters."""
+    return [f"{head}: {text}" for head, text in _advice(effect).tables[0].rows]
+
+
+def model_file(signature: Signature) -> str:
+    """Return a stage model of one axis with the effect as it is shown, ready for `flexdesign simulate`."""
+    from flexdesign.dynamics.stage_model import ControllerTiming, StageModel
+
+    shown = signature.effect.at(signature.strength)
+    timing = ControllerTiming(delay=shown.delay)
+    title = f"axis {shown.name} with {Path(signature.effect.name).stem}"
+    return to_toml(StageModel({shown.name: shown.axis}, timing, title=title))
+
+
+def made_by() -> dict[str, Any]:
+    """Return what made a result."""
+    return {"versions": versions.installed()}
+
+
+def _plain(seen: Seen) -> str:
+    return seen.command.name.replace("_", " ")
+
+
+def _text(value: float, parameter: Parameter) -> str:
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    return units.to_text(value, parameter.unit, 3, parameter.si)
+
+
+def _percent(share: float) -> str:
+    return "0" if share < 5e-6 else units.significant(100 * share, 2)

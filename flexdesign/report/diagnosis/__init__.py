@@ -1,0 +1,1 @@
+"""Reports on measurements: comparison, identification, diagnosis, plan, static tables."""

@@ -1,0 +1,221 @@
+"""The report of an effect that was added to a stage model: what it explains, its numbers, what it does to the loop."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from flexdesign import effects
+from flexdesign.core import units
+from flexdesign.core.toml_files import FORMAT
+from flexdesign.diagnosis.add_effect import Added, InTheLoop, variant
+from flexdesign.diagnosis.comparison import Comparison
+from flexdesign.diagnosis.residual_comparison import compared
+from flexdesign.dynamics.axis.axis_run import doubts
+from flexdesign.dynamics.experiments import AS_MODELLED
+from flexdesign.dynamics.experiments.simulation import Case, Simulation
+from flexdesign.dynamics.trajectories import Step
+from flexdesign.report import comparison_words as words
+from flexdesign.report import published_rows
+from flexdesign.report.comparison_words import shown_in
+from flexdesign.report.diagnosis import diagnosis_figures as figures
+from flexdesign.report.diagnosis import diagnosis_report as reports
+from flexdesign.report.diagnosis import diagnosis_result as results
+from flexdesign.report.diagnosis import diagnosis_words as said
+from flexdesign.report.diagnosis import response_pages
+from flexdesign.report.document import Document, Figure, Section, Table
+from flexdesign.report.simulation import simulation_report
+from flexdesign.report.simulation.simulation_charts import Curve, panels
+
+#: Less than this is rounding, not a length [m].
+ROUNDING = 1e-12
+
+
+def ladder_of(found: Added) -> Table:
+    """Return the error ladder."""
+    size = response_pages.line_size(found)
+    return reports.ladder(found.ladder, found.noise, found.noise_floor, said.response(found), size)
+
+
+def summary(found: Added) -> list[str]:
+    """Return the answer in a few sentences."""
+    name = said.called(found.name)
+    text = [f"{name[:1].upper()}{name[1:]}: {'; '.join(said.quantity(value, short=True) for value in found.values)}."]
+    if found.reason:
+        text.append(f"It is not needed: it {_reason(found.reason)}. The model that is written has it all the same.")
+    else:
+        text.append(f"It explains {words.percent(found.share)} of what recalibration leaves unexplained.")
+    text.append(f"What to do about it: {said.remedy(found, found.name)}.")
+    return [*doubts(found.runs), *text]
+
+
+def document(found: Added, loop: InTheLoop) -> Document:
+    """Write the report of an addition.
+
+    Parameters
+    ----------
+    found
+        The stage with the effect.
+    loop
+        What it does to a closed loop.
+    """
+    title = f"{found.before.title or found.before.name}: {said.called(found.name)} added to axis {found.axis}"
+    return Document(title, summary(found), partial(_sections, found, loop))
+
+
+def _sections(found: Added, loop: InTheLoop) -> list[Section]:
+    name = said.called(found.name)
+    stands = [("recalibrated", compared(found, "calibrated")), (f"with {name}", compared(found, "found"))]
+    kinds, axis = figures.pictures([found.name]), found.before.axes[found.axis]
+    return [
+        Section(
+            "The error ladder", [], [ladder_of(found)], [figures.ladder_figure(found, found.ladder, found.noise_floor)]
+        ),
+        Section(
+            "Its numbers", _caveats(found), [reports.values_table(found.values), *reports.by_run_table(found.by_run)]
+        ),
+        Section("In the loop", *_loop(found, loop)),
+        *_in_time(stands, kinds),
+        *response_pages.section([(n, s.responses) for n, s in stands], axis.shown, axis.natural_frequency),
+        Section("The model's own numbers", [], [reports.numbers_table(axis, found.calibration)]),
+        Section("Noise", reports.noise_text(found.noise, found.noise_floor, said.response(found))),
+    ]
+
+
+def _in_time(stands: list[tuple[str, Comparison]], kinds: list[str]) -> list[Section]:
+    if not stands[0][1].runs:
+        return []
+    drawn = figures.where_figures(stands, kinds[:2])
+    return [
+        Section("Where the model fails without it", figures.where_text(stands), [], drawn),
+        Section("Measured and predicted", [], [], figures.run_figures(stands)),
+    ]
+
+
+def result(found: Added, loop: InTheLoop) -> dict[str, Any]:
+    """Return result.json's content: every number with its unit, and what made it."""
+    si = said.response(found)
+    return {
+        "format": FORMAT,
+        "kind": "addition",
+        "axis": found.axis,
+        "effect": {
+            "name": effects.find(found.name).name,
+            "parameters": [results.value_json(value) for value in found.values],
+            "by_run": results.by_run_json(found.by_run),
+            "share": found.share,
+            "needed": not found.reason,
+            "reason": found.reason or None,
+        },
+        "ladder": results.ladder_json(found.ladder, si),
+        "noise_floor": results.noise_json(found.noise, found.noise_floor, si),
+        "where": results.where_json(found, si),
+        **response_pages.before_and_after(found),
+        "calibration": [results.value_json(value) for value in found.calibration],
+        "loop": _loop_json(loop),
+        "made_by": results.made_by(found),
+    }
+
+
+def loop_table(simulation: Simulation, axis: str) -> Table:
+    """Return what the effect does to a closed loop: every measure without and with it."""
+    rows = []
+    for without, with_it in _pairs(simulation):
+        for name in simulation_report.BRIEF:
+            texts = [_text(case, axis, name) for case in (without, with_it)]
+            if all(texts):
+                asked = without.experiment.name.partition(" ")[0]
+                rows.append([f"{asked}, {without.controller}", published_rows.WORDS[name], *texts])
+    caption = "The same controllers, tuned on the stage without the effect"
+    return Table(["experiment", "measure", "without", "with"], rows, caption)
+
+
+def _pairs(simulation: Simulation) -> list[tuple[Case, Case]]:
+    """Return the cases without the effect, each with its twin."""
+    twins = {(c.experiment.name, c.controller): c for c in simulation.cases if c.variant != AS_MODELLED}
+    return [
+        (case, twins[case.experiment.name, case.controller])
+        for case in simulation.cases
+        if case.variant == AS_MODELLED and (case.experiment.name, case.controller) in twins
+    ]
+
+
+def _text(case: Case, axis: str, name: str) -> str:
+    """Return a measure of a case; empty if it has none."""
+    quantity = case.measure(axis, name)
+    if quantity is None:
+        return "unstable" if case.response.diverged is not None else ""
+    if not math.isfinite(quantity.value):
+        return "never"
+    return "0" if abs(quantity.value) < (ROUNDING if quantity.si == "m" else 1e-9) else quantity.shown(3)
+
+
+def _loop(found: Added, loop: InTheLoop) -> tuple[list[str], list[Table], list[Figure]]:
+    if loop.simulation is None:
+        return [f"Not simulated: {loop.reason}."], [], []
+    simulation = loop.simulation
+    cautions = [f"{c.controller}, {c.variant}: {text}" for c in simulation.cases for text in c.cautions]
+    skipped = [f"Not run: {s.controller} on {s.variant}: {s.reason}." for s in simulation.skipped]
+    figures = [_side_by_side(found, pair) for pair in _telling(simulation, found.axis)]
+    text = ["A step of a tenth of the stroke, and a sine of 1 Hz over most of it."]
+    return [*text, *dict.fromkeys([*skipped, *cautions])], [loop_table(simulation, found.axis)], figures
+
+
+def _telling(simulation: Simulation, axis: str) -> list[tuple[Case, Case]]:
+    """Return of each experiment the controller under which the effect moves the stage most."""
+    chosen: dict[str, tuple[float, tuple[Case, Case]]] = {}
+    for pair in _pairs(simulation):
+        motions = [case.response.motion[case.row(axis)] for case in pair]
+        count = min(map(len, motions))
+        moved = float(np.max(np.abs(motions[1][:count] - motions[0][:count])))
+        name = pair[0].experiment.name
+        if name not in chosen or moved > chosen[name][0]:
+            chosen[name] = moved, pair
+    return [pair for _, pair in chosen.values()]
+
+
+def _side_by_side(found: Added, pair: tuple[Case, Case]) -> Figure:
+    """Draw the motion without and with the effect, and how far each is from what was asked for."""
+    si = found.before.axes[found.axis].shown
+    large = shown_in(si)[0]
+    scale, unit, first = units.factor(large, si), words.sign(large), pair[0]
+    names = ("without", variant(found.name))
+    motions, errors = [], []
+    for name, case in zip(names, pair, strict=True):
+        row, time = case.row(found.axis), case.response.time
+        motion, asked = case.response.motion[row], case.reference[row][: len(time)]
+        motions.append(Curve(name, time, motion / scale))
+        errors.append(Curve(name, time, (motion - asked) / scale))
+    time = first.response.time
+    motions.append(Curve("reference", time, first.reference[first.row(found.axis)][: len(time)] / scale, dashed=True))
+    labels = [f"{found.axis} [{unit}]", f"motion − reference [{unit}]"]
+    asked_for = first.experiment.name.partition(" ")[0]
+    drawn = panels([motions, errors], "time [s]", labels, limits=_closely(first))
+    caption = f"{asked_for.capitalize()} under {first.controller}, on the stage without the effect and with it"
+    return Figure(f"loop_{asked_for}.svg", drawn, caption)
+
+
+def _closely(case: Case) -> tuple[float, float] | None:
+    """Return what part of a step is worth looking at; the whole of anything else."""
+    shape = case.experiment.trajectory
+    return (max(0.0, shape.wait - 0.01), shape.wait + min(shape.hold, 0.15)) if isinstance(shape, Step) else None
+
+
+def _loop_json(loop: InTheLoop) -> dict[str, Any] | None:
+    if loop.simulation is None:
+        return {"simulated": False, "reason": loop.reason}
+    return {"simulated": True, "cases": simulation_report.result(loop.simulation)["cases"]}
+
+
+def _caveats(found: Added) -> list[str]:
+    effect = effects.find(found.name)
+    doubts = effect.cautions({v.parameter.name.rpartition(".")[2]: v.value for v in found.values})
+    return [effect.physics, *(f"Take care: {doubt}." for doubt in doubts)]
+
+
+def _reason(reason: str) -> str:
+    """Return why an effect is not needed, as the end of a sentence."""
+    return f"explains {reason}" if reason.startswith("no more") else reason.replace("_", " ")

@@ -1,0 +1,225 @@
+"""The pictures of a diagnosis: the error ladder, where a model fails before and after, and its predictions of runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign import effects
+from flexdesign.core import units
+from flexdesign.core.model import Block, Socket
+from flexdesign.diagnosis import Rung
+from flexdesign.diagnosis.comparison import Comparison, RunComparison
+from flexdesign.diagnosis.experiment_design.signature import named as speaks_of
+from flexdesign.diagnosis.residual_comparison import Judged
+from flexdesign.report import comparison_words as words
+from flexdesign.report.comparison_words import shown_in
+from flexdesign.report.diagnosis import comparison_report, response_pages
+from flexdesign.report.diagnosis import diagnosis_charts as drawings
+from flexdesign.report.diagnosis import diagnosis_words as said
+from flexdesign.report.diagnosis import residual_charts as charts
+from flexdesign.report.diagnosis.residual_charts import Bars, Trace
+from flexdesign.report.document import Figure, Section
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+#: Pictures of what is left, by the experiments that an effect says reveal it; the first is for those that say nothing.
+PICTURES = {
+    "position": ("triangle", "staircase", "push"),
+    "steps": ("hold", "steps", "temperature"),
+    "spectrum": ("multisine", "quiet"),
+}
+#: What each shows.
+SHOWS = {
+    "position": "Residual over position, mean and middle 80 %: two branches mean memory or lag, one a nonlinearity",
+    "steps": "Residual after steps, over the logarithm of time: creep is a straight line, a lag dies away",
+    "spectrum": "Spectra, means over the runs: where the residual is above the noise floor, something is missing",
+    "shares": "Shares of the unexplained error, and of the time: where a bar is longer than its tick, the model is "
+    "worse than elsewhere",
+}
+#: Of a run that is drawn over its command the last so many spans: two loops.
+TURNS = 4
+#: Runs that are drawn one by one.
+DRAWN = 4
+
+
+def pictures(names: Sequence[str]) -> list[str]:
+    """Return which pictures of the residual show some effects, the telling one first.
+
+    An effect says which experiment reveals it; a step is drawn over the logarithm of time, a triangle over position, a
+    multisine as a spectrum.
+
+    >>> pictures(["creep"])[0], pictures(["coulomb_friction"])[0], pictures(["mains_hum"])[0]
+    ('steps', 'position', 'spectrum')
+    """
+    found = [effects.find(name) for name in names]
+    reveal = [effect.reveal.partition(":")[0] for effect in found]
+    first = [kind for text in reveal for kind, tests in PICTURES.items() if any(speaks_of(text, t) for t in tests)]
+    blocks = [face.socket for effect in found for face in effect.faces if isinstance(face, Block)]
+    bends = [socket for socket in blocks if socket in (Socket.HYSTERESIS, Socket.ACTUATOR, Socket.FORCE)]
+    return list(dict.fromkeys([*first, *(["position"] if bends else []), *PICTURES]))
+
+
+def ladder_figure(found: Judged, rungs: Sequence[Rung], floor: float) -> Figure:
+    """Draw the error ladder; the noise floor where the noise is known."""
+    floor = floor if found.noise.known else 0.0
+    caption = f"Error of {said.judged_on(said.recorded(found))}, step by step"
+    if math.isfinite(line := response_pages.line_size(found)):
+        steps = [drawings.Step(said.label(r), 100 * r.error / line, words.percent(r.error / line)) for r in rungs]
+        drawn = drawings.ladder(steps, 100 * floor / line, words.percent(floor / line), "% of the line")
+        return Figure("ladder.svg", drawn, caption)
+    si = said.response(found)
+    small = shown_in(si)[1]
+    factor = units.factor(small, si)
+    steps = [drawings.Step(said.label(r), r.error / factor, words.error(si, r.error)) for r in rungs]
+    drawn = drawings.ladder(steps, floor / factor, words.error(si, floor, 2), words.sign(small))
+    return Figure("ladder.svg", drawn, caption)
+
+
+def where_text(stands: Sequence[tuple[str, Comparison]]) -> list[str]:
+    """Return where each model fails, in a few sentences."""
+    text = list[str]()
+    for name, stand in stands if stands[0][1].runs else []:
+        if stand.rms < comparison_report.NOISE * stand.floor:
+            text.append(f"{capital(name)}: nothing above the noise.")
+        else:
+            text.append(f"{capital(name)}: {' '.join(words.sentences(stand))}")
+    return text
+
+
+def where_figures(
+    stands: Sequence[tuple[str, Comparison]], kinds: Sequence[str], *, shares: bool = True
+) -> list[Figure]:
+    """Draw what models leave in some kinds of pictures, and where the error of the first one lies."""
+    made = list[Figure]()
+    if not stands[0][1].runs:
+        return made
+    for kind in kinds:
+        for k, (name, stand) in enumerate(stands):
+            figure = _picture(kind, stand, name, "after" if k else "before")
+            made += [figure] if figure else []
+        made += _loops(stands) if kind == "position" else []
+    if shares:
+        name, stand = stands[0]
+        made.append(Figure("shares.svg", charts.shares(_bars(stand)), f"{capital(name)}. {SHOWS['shares']}"))
+    return made
+
+
+def run_figures(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
+    """Draw runs that no fit has seen, or the others if there are none, beside what each model predicts."""
+    first = stands[0][1]
+    kept = [run.name for run in first.runs if run.role == "validate"] or [run.name for run in first.runs]
+    large, small = shown_in(first.response)
+    scale, factor = units.factor(large, first.response), finer(first.response)
+    labels = (f"{first.axis} [{words.sign(large)}]", f"residual [{words.sign(small)}]")
+    made = []
+    for name in kept[:DRAWN]:
+        runs = [next(run for run in stand.runs if run.name == name) for _, stand in stands]
+        run = runs[0]
+        there = np.logical_and.reduce([np.isfinite(each.measured) for each in runs])
+        measured = run.measured[there] / scale
+        predicted = [(s, each.predicted[there] / scale) for (s, _), each in zip(stands, runs, strict=True)]
+        drawn = drawings.beside(run.time[there], measured, predicted, labels, factor)
+        made.append(Figure(f"run_{name}.svg", drawn, _run_caption(stands, runs)))
+    return made
+
+
+def in_time(stands: Sequence[tuple[str, Comparison]], text: Sequence[str], kinds: Sequence[str]) -> list[Section]:
+    """Return where models fail in runs in time, and their predictions; nothing without runs."""
+    if not stands[0][1].runs:
+        return []
+    return [
+        Section("Where it fails", where_text(stands), [], where_figures(stands, kinds[:2])),
+        Section("Measured and predicted", list(text), [], run_figures(stands)),
+    ]
+
+
+def more_pictures(stands: Sequence[tuple[str, Comparison]], kinds: Sequence[str]) -> list[Section]:
+    """Return the pictures that were not shown first; none without runs."""
+    if not stands[0][1].runs:
+        return []
+    drawn = where_figures(stands, kinds[2:], shares=False)
+    return [Section("More pictures of the residual", [], [], drawn, folded=True)]
+
+
+def _run_caption(stands: Sequence[tuple[str, Comparison]], runs: Sequence[RunComparison]) -> str:
+    response = stands[0][1].response
+    errors = [f"{name} {words.error(response, run.rms)}" for (name, _), run in zip(stands, runs, strict=True)]
+    floor = words.error(response, runs[0].floor, 2)
+    return f"{runs[0].name}: residual, rms: {', '.join(errors)}; noise {floor}"
+
+
+def _picture(kind: str, stand: Comparison, name: str, suffix: str) -> Figure | None:
+    """Draw one kind of picture of what a model leaves; None where the runs have nothing for it."""
+    large, small = (words.sign(unit) for unit in shown_in(stand.response))
+    traces, factor = [_trace(stand, run) for run in stand.runs], finer(stand.response)
+    drawn: bytes | None
+    if kind == "steps":
+        drawn = charts.since_step(traces, small, factor)
+    elif kind == "position":
+        drawn = charts.over_position(traces, large, small, factor)
+    else:
+        scale = units.factor(shown_in(stand.response)[0], stand.response)
+        frequencies = charts.octaves(traces)
+        noise = [
+            np.where(frequencies <= 0.5 / run.period, stand.noise.density(run, frequencies) / scale**2, np.nan)
+            for run in stand.observed
+        ]
+        mode = stand.model.axes[stand.axis].natural_frequency
+        drawn = charts.spectrum(traces, noise, frequencies, large, mode)
+    return Figure(f"{kind}_{suffix}.svg", drawn, f"{capital(name)}. {SHOWS[kind]}") if drawn else None
+
+
+def _loops(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
+    """Draw what models leave of the first slow run over its command; none if no run is slow."""
+    first = stands[0][1]
+    frequency = first.model.axes[first.axis].natural_frequency
+    slow = next((run.name for run in first.runs if comparison_report.shows_a_loop(run, frequency)), None)
+    if slow is None:
+        return []
+    runs = [next(run for run in stand.runs if run.name == slow) for _, stand in stands]
+    there = np.logical_and.reduce([np.isfinite(run.measured) for run in runs]) & _last_turns(runs[0].command)
+    small = shown_in(first.response)[1]
+    scale = units.factor(small, first.response)
+    left = [(name, run.residual[there] / scale) for (name, _), run in zip(stands, runs, strict=True)]
+    drawn = drawings.loop(runs[0].command[there], left, f"residual [{words.sign(small)}]")
+    return [Figure("loop.svg", drawn, f"{slow}, its end: the residual over the command; a loop means memory")]
+
+
+def _last_turns(command: Array) -> Flags:
+    """Return which samples are the end of a command, over which it moves by a few times its span."""
+    left = np.cumsum(np.abs(np.diff(command, append=command[-1]))[::-1])[::-1]
+    return np.asarray(left <= TURNS * np.ptp(command))
+
+
+def _bars(stand: Comparison) -> list[Bars]:
+    return [
+        Bars(
+            b.by,
+            [words.label(b, p) for p in b.parts],
+            [p.share for p in b.parts],
+            [p.weight if b.by != "frequency" else math.nan for p in b.parts],
+        )
+        for b in stand.where
+        if b.by != "run" or len(b.parts) > 1
+    ]
+
+
+def _trace(stand: Comparison, run: RunComparison) -> Trace:
+    scale = units.factor(shown_in(stand.response)[0], stand.response)
+    period = float(run.time[-1] - run.time[0]) / (len(run.time) - 1)
+    return Trace(run.name, period, run.command, run.measured / scale, run.predicted / scale, run.floor / scale)
+
+
+def finer(si: str) -> float:
+    """Return how many of the units for small things one for large things is."""
+    large, small = shown_in(si)
+    return units.factor(large, si) / units.factor(small, si)
+
+
+def capital(text: str) -> str:
+    """Return words with a capital in front."""
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,288 @@
+"""The report of a diagnosis: the verdict and the error ladder, where the model fails, what it lacks, what was tried."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign import effects
+from flexdesign.core import units, versions
+from flexdesign.diagnosis import Diagnosis, Named, Rung, Value
+from flexdesign.diagnosis.discriminating_experiments import Telling
+from flexdesign.diagnosis.experiment_design import Resolved
+from flexdesign.diagnosis.residual_comparison import Judged, compared
+from flexdesign.dynamics.stage_model import AxisModel
+from flexdesign.measurements.noise_level import NoiseFloor
+from flexdesign.measurements.recordings import FrequencyResponse, Run
+from flexdesign.report import comparison_words as words
+from flexdesign.report.diagnosis import diagnosis_words as said
+from flexdesign.report.diagnosis import plan_pages, response_pages
+from flexdesign.report.diagnosis.diagnosis_figures import capital, in_time, ladder_figure, more_pictures, pictures
+from flexdesign.report.document import Document, Section, Table
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+#: Experiments that are listed as telling two effects apart.
+PROPOSED = 8
+#: How the names of smooth functions over frequency begin.
+OVER_FREQUENCY = ("magnitude near", "phase near")
+
+
+def ladder_of(found: Diagnosis) -> Table:
+    """Return the error ladder of a diagnosis."""
+    line = response_pages.line_size(found)
+    return ladder(found.ladder, found.noise, found.noise_floor, said.response(found), line, found.stroke)
+
+
+def ladder(
+    rungs: Sequence[Rung], noise: NoiseFloor, floor: float, si: str, line: float = math.nan, stroke: float = 0.0
+) -> Table:
+    """Return the error ladder, the noise floor as its last line where the noise is known.
+
+    Parameters
+    ----------
+    rungs, noise, floor, si
+        Its steps, the noise, its rms, and the unit of both [SI].
+    line
+        Size of a line of frequency responses; errors are stated as shares of it, where it is finite.
+    stroke
+        The stroke, likewise, where it is not zero and there are no lines.
+    """
+    steps = [(said.label(rung), rung.error) for rung in rungs]
+    steps += [(f"noise floor: {noise.source}", floor)] if noise.known else []
+    heads = ["model", "rms error"]
+    rows = [[name, words.error(si, error, 2 if error is floor else 3)] for name, error in steps]
+    whole, of = (line, "of the line") if math.isfinite(line) else (stroke, "of the stroke")
+    if whole:
+        heads.append(of)
+        rows = [[*row, words.percent(error / whole)] for row, (_, error) in zip(rows, steps, strict=True)]
+    if noise.known:
+        heads.append("over the noise")
+        rows = [[*row, units.significant(error / floor, 3)] for row, (_, error) in zip(rows, steps, strict=True)]
+    caption = "Over the lines that judge, each weighted by its noise" if math.isfinite(line) else ""
+    return Table(heads, rows, caption)
+
+
+def candidates(found: Diagnosis) -> Table:
+    """Return every effect that was tried, with what it leaves and why it was taken or not."""
+    si, line = said.response(found), response_pages.line_size(found)
+    rows = [
+        [
+            " + ".join(said.called(name) for name in tried.names),
+            " + ".join(said.called(name) for name in tried.beside) or "–",
+            words.percent(tried.error / line) if math.isfinite(line) else words.error(si, tried.error),
+            units.significant(tried.evidence, 3) if tried.evidence > 0 else "none",
+            tried.outcome.replace("_", " "),
+        ]
+        for tried in found.candidates
+    ]
+    caption = "Error of the validation runs; evidence in multiples of what chance gives the best of the catalogue"
+    error = "error, of the line" if math.isfinite(line) else "rms error"
+    return Table(["effect", "beside", error, "evidence", "outcome"], rows, caption)
+
+
+def document(found: Diagnosis, tellings: Sequence[Telling]) -> Document:
+    """Write the report of a diagnosis.
+
+    Parameters
+    ----------
+    found
+        The diagnosis.
+    tellings
+        For its groups the experiments that would tell them apart.
+    """
+    title = f"{found.before.title or found.before.name}: diagnosis of axis {found.axis}"
+    return Document(title, said.summary(found, tellings), partial(_sections, found, tellings))
+
+
+def _sections(found: Diagnosis, tellings: Sequence[Telling]) -> list[Section]:
+    axis = found.before.axes[found.axis]
+    before, after = compared(found, "calibrated"), compared(found, "found")
+    changed = any(rung.label.startswith("+ ") for rung in found.ladder)
+    stands = [("recalibrated", before), (_stand_name(found), after)] if changed else [("recalibrated", before)]
+    names = [named.name for named in found.effects] or list(found.near)
+    kinds, bars = pictures(names), ladder_figure(found, found.ladder, found.noise_floor)
+    return [
+        Section("The error ladder", _ladder_text(found), [ladder_of(found)], [bars]),
+        *in_time(stands, _runs_text(found), kinds),
+        *response_pages.section([(n, s.responses) for n, s in stands], axis.shown, axis.natural_frequency),
+        *(_effect(found, named) for named in found.effects),
+        Section("What was tried", _tried_text(found), [candidates(found)] if found.candidates else []),
+        *_apart(found, tellings),
+        *_left(found),
+        Section("The model's own numbers", _numbers_text(found), [numbers_table(axis, found.calibration)]),
+        Section("Noise", noise_text(found.noise, found.noise_floor, said.response(found))),
+        *more_pictures(stands, kinds),
+        Section("How it was done", _how(found)),
+    ]
+
+
+# --- pieces that other reports use --------------------------------------------------------------------------------
+
+
+def noise_text(noise: NoiseFloor, floor: float, si: str) -> list[str]:
+    """Return where the noise floor comes from, and how well it is known."""
+    value = words.error(si, floor, 2)
+    if not noise.known:
+        first = f"Nothing in these runs shows the noise: {value} was guessed from the quietest band. "
+        first += "Record some seconds in which nothing moves."
+        if si.endswith("/V"):
+            first = f"No coherence says what the noise of these lines is: {value} was guessed from their neighbours."
+    else:
+        error = words.percent(noise.relative_error)
+        known = f", known to {error} (one standard error)" if math.isfinite(noise.relative_error) else ""
+        first = f"{value} rms, from {noise.source}{known}."
+    remarks = [f"{remark[:1].upper()}{remark[1:]}." for remark in noise.remarks]
+    if noise.lines:
+        lines = [f"{line.frequency:.4g} Hz ({words.error(si, line.amplitude, 2)})" for line in noise.lines]
+        remarks.insert(0, f"Where it should be quiet, the response swings at {words.listed(lines)}; this is no noise.")
+    return [first, *remarks]
+
+
+def values_table(values: Sequence[Value]) -> Table:
+    """Return fitted numbers with their intervals and what they mean."""
+    rows = []
+    for value in values:
+        estimate = said.estimated(value)
+        name = value.parameter.name.rpartition(".")[2]
+        rows.append([name, value.parameter.meaning, estimate.value_text, estimate.interval_text])
+    return Table(["number", "what it is", "value", "95 % interval"], rows)
+
+
+def by_run_table(by_run: Mapping[str, Value]) -> list[Table]:
+    """Return the values of a number that differs from run to run; no table where none does."""
+    estimates = {run: said.estimated(value) for run, value in by_run.items()}
+    rows = [[run, each.value_text, each.interval_text] for run, each in estimates.items()]
+    names = dict.fromkeys(value.parameter.name.rpartition(".")[2] for value in by_run.values())
+    return [Table(["run", name, "95 % interval"], rows, f"The {name} differs from run to run") for name in names]
+
+
+# --- sections -----------------------------------------------------------------------------------------------------
+
+
+def _stand_name(found: Diagnosis) -> str:
+    names = [said.called(named.name) for named in found.effects] or [said.called(name) for name in found.near]
+    return f"with {words.listed(names)}"
+
+
+def _ladder_text(found: Diagnosis) -> list[str]:
+    runs = said.judged_on(said.recorded(found))
+    return [
+        f"Each bar is the error of {runs}. As designed: only the initial conditions of each record are fitted. "
+        "Recalibrated: the model's own numbers are fitted, with their priors. Then effects are added while they "
+        "earn their place." + ("" if found.runs else " Every line of a frequency response counts by its noise.")
+    ]
+
+
+def _runs_text(found: Diagnosis) -> list[str]:
+    every = [f"{run.name.partition(':')[0]}: {remark}." for run in found.runs for remark in run.remarks]
+    remarks = list(dict.fromkeys(every))  # the halves of one record say the same
+    kept = [run for run in found.runs if run.role == "validate"]
+    if not kept:
+        return ["There are no validation runs: the errors are those of the fitted runs.", *remarks]
+    return ["Validation runs; only the initial conditions of each were fitted.", *remarks]
+
+
+def _effect(found: Diagnosis, named: Named) -> Section:
+    effect = effects.find(named.name)
+    text = [
+        effect.physics,
+        f"Where: {effect.where}.",
+        f"What to do about it: {said.remedy(found, named.name)}.",
+        f"What reveals it: {effect.reveal}.",
+        f"Reference: {effect.reference}.",
+    ]
+    if named.values:
+        doubts = effect.cautions({v.parameter.name.rpartition(".")[2]: v.value for v in named.values})
+        text += [f"Take care: {doubt}." for doubt in doubts]
+    title = f"What it is: {said.called(named.name)}"
+    return Section(title, text, [values_table(named.values), *by_run_table(named.by_run)] if named.values else [])
+
+
+def _tried_text(found: Diagnosis) -> list[str]:
+    if not found.candidates:
+        return ["No effect of the catalogue promised more than chance gives, so that none was fitted."]
+    return [
+        "Every effect of the catalogue was screened at each step by what it can explain beside the model's own "
+        "numbers; these promised most and were fitted together with all else."
+    ]
+
+
+def _apart(found: Diagnosis, tellings: Sequence[Telling]) -> list[Section]:
+    if not found.confusable:
+        return []
+    text = [said.apart(group, tellings) for group in found.confusable]
+    pairs = [resolved for telling in tellings for resolved in telling.resolved]
+    text += [
+        f"Commands for the bench: flexdesign plan MODEL --resolve {' '.join(effect.name for effect in pair.effects)}"
+        for pair in pairs
+    ]
+    tables = [_separations(pair) for pair in pairs]
+    return [Section("What these runs cannot tell apart", text, tables)]
+
+
+def _separations(pair: Resolved) -> Table:
+    """Return the experiments that tell two effects apart best."""
+    whole = plan_pages.separations(pair)
+    caption = f"What tells {said.either([said.called(effect.name) for effect in pair.effects])}"
+    return Table(whole.columns, whole.rows[:PROPOSED], caption)
+
+
+def _left(found: Diagnosis) -> list[Section]:
+    if not found.remainder and not found.rival.terms:
+        return []
+    si = said.response(found)
+    text = [f"{capital(found.remainder)}."] if found.remainder else ["Only noise remains."]
+    rows = [
+        [name, words.percent(found.rival.shares[name]), _amount(name, amount, si)]
+        for name, amount in found.rival.terms.items()
+    ]
+    caption = "Smooth functions that explain most of the residual, with no physics in them"
+    table = Table(["function", "of what they explain", "amount"], rows, caption)
+    return [Section("What remains", text, [table] if rows else [])]
+
+
+def _every(found: Judged) -> list[Run | FrequencyResponse]:
+    return [*found.runs, *found.responses]
+
+
+def _amount(name: str, amount: float, si: str) -> str:
+    """Write the amount of a smooth function; one over frequency multiplies the response."""
+    return words.percent(amount) if name.startswith(OVER_FREQUENCY) else words.error(si, amount)
+
+
+def numbers_table(axis: AxisModel, calibration: Sequence[Value]) -> Table:
+    """Return the model's own numbers, before and after."""
+    before = axis.numbers
+    rows = []
+    for value in calibration:
+        p, estimate = value.parameter, said.estimated(value)
+        old = before.get(p.name)
+        was = "–" if old is None else units.to_text(old, p.unit, si=p.si)
+        change = f"{100 * (value.value / old - 1):+.2g} %" if old else "–"
+        rows.append([p.name, was, estimate.value_text, estimate.interval_text, change])
+    return Table(["number", "before", "fitted", "95 % interval", "change"], rows)
+
+
+def _numbers_text(found: Diagnosis) -> list[str]:
+    text = ["The model's own numbers as they are with all that was found."]
+    text += [f"Beyond what was known: {conflict}." for conflict in found.conflicts]
+    return text
+
+
+def _how(found: Diagnosis) -> list[str]:
+    seen = [each.name for each in _every(found) if each.role == "identify"]
+    kept = [each.name for each in _every(found) if each.role == "validate"]
+    text = f"Fitted: {words.listed(seen)}."
+    text += f" Kept apart: {words.listed(kept)}." if kept else " None was kept apart."
+    made = ", ".join(f"{name} {number}" for name, number in versions.installed().items())
+    return [
+        text,
+        "Residuals are whitened with the noise before anything is judged. Where each record began (offset, a mode that "
+        "rings, slow states, where the voltage had turned, a late trigger) is free and never named.",
+        f"{found.evaluations} simulations in {found.seconds:.0f} s; {made}.",
+    ]

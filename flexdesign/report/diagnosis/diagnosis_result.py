@@ -1,0 +1,179 @@
+"""result.json of a diagnosis: the verdict and everything behind it, every number with its unit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign import effects
+from flexdesign.core import versions
+from flexdesign.core.toml_files import FORMAT
+from flexdesign.diagnosis import Diagnosis, Named, Rung, Tried, Value
+from flexdesign.diagnosis.discriminating_experiments import Telling
+from flexdesign.diagnosis.residual_comparison import Judged, Which, compared
+from flexdesign.measurements.noise_level import NoiseFloor
+from flexdesign.measurements.recordings import FrequencyResponse, Run
+from flexdesign.report.diagnosis import comparison_report, response_pages
+from flexdesign.report.diagnosis import diagnosis_words as said
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+def result(found: Diagnosis, tellings: Sequence[Telling]) -> dict[str, Any]:
+    """Return result.json's content: the verdict and everything behind it, every number with its unit."""
+    si = said.response(found)
+    return {
+        "format": FORMAT,
+        "kind": "diagnosis",
+        "axis": found.axis,
+        "verdict": found.verdict,
+        "effects": [_named(found, named) for named in found.effects],
+        "candidates": [_tried(tried, si) for tried in found.candidates],
+        "confusable": [list(group) for group in found.confusable],
+        "tell_apart": [_telling(telling) for telling in tellings],
+        "near": list(found.near),
+        "ladder": ladder_json(found.ladder, si),
+        "noise_floor": noise_json(found.noise, found.noise_floor, si),
+        "validation_error": _number(found.validation_error, si),
+        **({"line_size": _number(response_pages.line_size(found), si)} if not found.runs else {}),
+        "remainder": {
+            "rms": _number(found.remainder_rms, si),
+            "of_stroke": found.remainder_rms / found.stroke if found.stroke else None,
+            "over_noise": found.remainder_rms / found.noise_floor if found.noise.known else None,
+            "looks_like": found.remainder,
+        },
+        "tolerance": _number(found.tolerance, si),
+        "undetermined": list(found.undetermined),
+        "rival": {
+            "gain": found.rival.gain,
+            "held_gain": found.rival.held_gain,
+            "moved": _number(found.rival.moved, si),
+            "terms": [
+                {"name": name, "amount": _number(amount, si), "share": found.rival.shares[name]}
+                for name, amount in found.rival.terms.items()
+            ],
+        },
+        "where": where_json(found, si),
+        **response_pages.before_and_after(found),
+        "calibration": [value_json(value) for value in found.calibration],
+        "conflicts": list(found.conflicts),
+        "confidence": found.confidence,
+        "remarks": {each.name: list(each.remarks) for each in _every(found) if each.remarks},
+        "made_by": made_by(found),
+        "simulations": found.evaluations,
+    }
+
+
+def where_json(found: Judged, si: str) -> dict[str, Any]:
+    """Return the shares of the unexplained error of the calibrated and of the final model."""
+    both: tuple[Which, Which] = ("calibrated", "found")
+    return {
+        ("calibrated" if which == "calibrated" else "final"): [
+            comparison_report.breakdown_json(b, si) for b in compared(found, which).where
+        ]
+        for which in both
+    }
+
+
+def ladder_json(rungs: Sequence[Rung], si: str) -> list[dict[str, Any]]:
+    """Return the ladder: label and error of every step."""
+    return [{"label": rung.label, "error": _number(rung.error, si)} for rung in rungs]
+
+
+def noise_json(noise: NoiseFloor, floor: float, si: str) -> dict[str, Any]:
+    """Return the noise floor, and where it comes from."""
+    error = noise.relative_error
+    return {
+        **_number(floor, si),
+        "known": noise.known,
+        "source": noise.source,
+        "relative_error": error if math.isfinite(error) else None,
+        "runs": {name: _number(rms, si) for name, rms in noise.rms.items()},
+        "lines": [
+            {"frequency": _number(line.frequency, "Hz"), "amplitude": _number(line.amplitude, si)}
+            for line in noise.lines
+        ],
+        "remarks": list(noise.remarks),
+    }
+
+
+def value_json(value: Value) -> dict[str, Any]:
+    """Return a fitted number with its unit and its 95 % interval."""
+    low, high = (end if math.isfinite(end) else None for end in value.interval)
+    name = value.parameter.name.rpartition(".")[2]
+    return {
+        "name": name,
+        "number": value.parameter.name,
+        "value": value.value if math.isfinite(value.value) else None,
+        "unit": value.parameter.si,
+        "interval": [low, high],
+        "text": said.quantity(value, short=True),
+    }
+
+
+def made_by(found: Judged) -> dict[str, Any]:
+    """Return what made a result: the model, the runs with their roles, versions."""
+    return {
+        "model": found.before.name,
+        "runs": [
+            *({"name": run.name, "role": run.role, "samples": len(run.time)} for run in found.runs),
+            *({"name": r.name, "role": r.role, "lines": int(r.present.sum())} for r in found.responses),
+        ],
+        "versions": versions.installed(),
+    }
+
+
+def _every(found: Judged) -> list[Run | FrequencyResponse]:
+    return [*found.runs, *found.responses]
+
+
+def _number(value: float, si: str) -> dict[str, Any]:
+    return {"value": value if math.isfinite(value) else None, "unit": si}
+
+
+def by_run_json(by_run: Mapping[str, Value]) -> dict[str, Any]:
+    """Return the values of a number that differs from run to run, by run."""
+    return {run: value_json(value) for run, value in by_run.items()}
+
+
+def _named(found: Diagnosis, named: Named) -> dict[str, Any]:
+    effect = effects.find(named.name)
+    return {
+        "name": effect.name if named.name.endswith(".py") else named.name,
+        "parameters": [value_json(value) for value in named.values],
+        "by_run": by_run_json(named.by_run),
+        "share": named.share,
+        "remedy": said.remedy(found, named.name),
+    }
+
+
+def _tried(tried: Tried, si: str) -> dict[str, Any]:
+    return {
+        "effects": list(tried.names),
+        "beside": list(tried.beside),
+        "error": _number(tried.error, si),
+        "evidence": tried.evidence if math.isfinite(tried.evidence) else None,
+        "outcome": tried.outcome,
+    }
+
+
+def _telling(telling: Telling) -> dict[str, Any]:
+    return {
+        "group": list(telling.group),
+        "pairs": [
+            {
+                "effects": [effect.name for effect in resolved.effects],
+                "experiments": [
+                    {"name": each.command.name, "by_hand": each.command.note or None, "over_noise": each.over_noise}
+                    for each in resolved.proposed
+                ],
+            }
+            for resolved in telling.resolved
+        ],
+        "reason": telling.reason or None,
+    }

@@ -1,0 +1,250 @@
+"""How a diagnosis is put into words: the verdict, what is missing and by how much, and what to do about it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from flexdesign import effects
+from flexdesign.core import units
+from flexdesign.diagnosis import Diagnosis, Named, Rung, Value
+from flexdesign.diagnosis.discriminating_experiments import Telling
+from flexdesign.diagnosis.effect_selection.estimation_setup import FITS_BETTER
+from flexdesign.diagnosis.experiment_design import Resolved
+from flexdesign.diagnosis.residual_comparison import Judged, compared
+from flexdesign.dynamics.axis.axis_run import doubts
+from flexdesign.estimation import Estimate
+from flexdesign.measurements.recordings import FrequencyResponse, Run
+from flexdesign.report import comparison_words as words
+from flexdesign.report.diagnosis import response_pages
+
+#: Half-width of a 95 % interval, in standard deviations.
+HALF_WIDTH = 1.96
+#: Effects that are called after people.
+PROPER = {
+    "abbe_error": "Abbe error",
+    "bouc_wen": "Bouc-Wen hysteresis",
+    "coulomb_friction": "Coulomb friction",
+    "prandtl_ishlinskii": "Prandtl-Ishlinskii hysteresis",
+}
+
+
+def called(name: str) -> str:
+    """Return what an effect is called in a sentence.
+
+    >>> called("stress_stiffening"), called("bouc_wen"), called("second_mode.2")
+    ('stress stiffening', 'Bouc-Wen hysteresis', 'another second mode (second_mode.2)')
+    """
+    if effects.original(name) != name:
+        return f"another {called(effects.original(name))} ({name})"
+    own = effects.find(name).name
+    return PROPER.get(own, own.replace("_", " "))
+
+
+def verdict(found: Diagnosis) -> str:
+    """Return the verdict in a few sentences: what is missing, the error with it, and what remains."""
+    error = of_line(found, found.validation_error) + words.error(response(found), found.validation_error)
+    error += _of_stroke(found, found.validation_error)
+    runs = judged_on(recorded(found))
+    if found.verdict == "nothing-missing":
+        return f"Nothing is missing. The recalibrated model predicts {runs} within {error} rms; {_noise(found)}."
+    if found.verdict == "unknown":
+        said = "Something is missing, and no effect known here explains a large and certain share of it"
+        return f"{said}. The recalibrated model misses {runs} by {error} rms; {_noise(found)}."
+    names = [_alternatives(found, named.name) for named in found.effects]
+    missing, it = ("; " if found.confusable else ", ").join(names), "them" if len(names) > 1 else "it"
+    return f"Missing: {missing}. With {it} the model misses {runs} by {error} rms; {_noise(found)}.{_remains(found)}"
+
+
+def _remains(found: Diagnosis) -> str:
+    """Return how much remains beside the effects that are named, as a further sentence; empty if only noise does."""
+    if not found.remainder_rms:
+        return ""
+    size = words.error(response(found), found.remainder_rms)
+    ratio = found.remainder_rms / found.noise_floor
+    times = f"{units.significant(ratio, 2)} times the noise, " if found.noise.known else ""
+    line = of_line(found, found.remainder_rms).removesuffix(", ")
+    share = line or (f"{words.percent(found.remainder_rms / found.stroke)} of the stroke" if found.stroke else "")
+    return f" What remains, {size} ({times}{share}), is no effect that is known here."
+
+
+def possible(found: Diagnosis) -> str:
+    """Return the effects that may be there without being certain, and how each is fitted."""
+    names = words.listed([called(name) for name in found.near])
+    lines = "; ".join(f"flexdesign add MODEL {name} RUNS" for name in found.near)
+    each = "each of them" if len(found.near) > 1 else "it"
+    return (
+        f"Possible, but not certain: {names}. Beside what remains {each} explains too little to be named. "
+        f"To fit {each} all the same: {lines}."
+    )
+
+
+def undetermined(found: Diagnosis) -> str:
+    """Return which numbers these runs cannot show, and so keep the values of the design or of the catalogue."""
+    names = words.listed([name.replace("_", " ").replace(".", ": ") for name in found.undetermined])
+    return f"These runs do not determine {names}; held at the value of the design or of the catalogue."
+
+
+def effect(found: Diagnosis, named: Named) -> str:
+    """Return an effect with its numbers, what it explains and what to do about it, in some sentences."""
+    values = "; ".join(quantity(value, short=True) for value in named.values)
+    name = _sentence(called(named.name))
+    said = f"{name}: {values}" if values else f"{name}: seen in the model's own numbers ({'; '.join(found.conflicts)})"
+    if named.by_run:
+        said += f", the mean over runs; it differs from run to run, {_between(named)}"
+    if named.values:
+        others = _beside(found, named.name)
+        it = f"Together with {words.listed([called(other) for other in others])} it" if others else "It"
+        if named.share > 0:  # else recalibration left no more than the noise
+            said += f". {it} explains {words.percent(named.share)} of what recalibration leaves unexplained"
+    return f"{said}. What to do about it: {remedy(found, named.name)}."
+
+
+def _between(named: Named) -> str:
+    """Return between which values the number of an effect lies that differs from run to run."""
+    ends = sorted(named.by_run.values(), key=lambda value: value.value)
+    return f"from {estimated(ends[0]).value_text} to {estimated(ends[-1]).value_text}"
+
+
+def remedy(found: Judged, name: str) -> str:
+    """Return what one can do about an effect, with the actuator that the model states."""
+    return effects.find(name).remedy_for(found.before.axes[found.axis].driven_by)
+
+
+def quantity(value: Value, *, short: bool = False) -> str:
+    """Return a number with its 95 % interval."""
+    estimate = estimated(value)
+    name = value.parameter.name.rpartition(".")[2] if short else value.parameter.name
+    return f"{name} {estimate.value_text} (95 %: {estimate.interval_text})"
+
+
+def estimated(value: Value) -> Estimate:
+    """Return a number as an estimate, which knows how many of its digits mean something."""
+    low, high = value.interval
+    width = high - low
+    sigma = width / (2 * HALF_WIDTH) if math.isfinite(width) and width > 0 else None
+    return Estimate(value.parameter, value.value, sigma, value.interval, True)
+
+
+def label(rung: Rung) -> str:
+    """Return what a step of the ladder is called.
+
+    >>> label(Rung("+ creep + mains_hum - bouc_wen", 1e-6))
+    '+ creep + mains hum - Bouc-Wen hysteresis'
+    """
+    if not rung.label.startswith("+ "):
+        return rung.label
+    return " ".join(word if word in ("+", "-") else called(word) for word in rung.label.split(" "))
+
+
+def apart(group: Sequence[str], tellings: Sequence[Telling]) -> str:
+    """Return that a group cannot be told apart, and what would."""
+    said = f"These runs cannot tell {either([called(name) for name in group])}."
+    for telling in tellings:
+        if telling.group == tuple(group):
+            said += "".join(f" {_would(resolved)}" for resolved in telling.resolved)
+            said += f" No experiment could be simulated: {telling.reason}." if telling.reason else ""
+    return said
+
+
+def summary(found: Diagnosis, tellings: Sequence[Telling]) -> list[str]:
+    """Return the answer in a few paragraphs."""
+    said = [*doubts(found.runs), verdict(found), *(effect(found, named) for named in found.effects)]
+    said += [apart(group, tellings) for group in found.confusable]
+    if found.near:
+        said.append(possible(found))
+    if found.verdict == "unknown" or found.remainder_rms:
+        left, mode = compared(found, "found"), found.before.axes[found.axis].natural_frequency
+        looks = words.sentences(left) if found.runs else []
+        looks += response_pages.sentences(left.responses, mode) if found.responses else []
+        shape = f" {_sentence(found.remainder)}." if found.remainder else ""
+        said.append(f"What remains looks like this. {' '.join(looks)}{shape}")
+    if found.undetermined:
+        said.append(undetermined(found))
+    if found.conflicts and all(named.values for named in found.effects):
+        said.append(f"Beyond what was known of the model: {'; '.join(found.conflicts)}.")
+    if found.confidence:
+        said.append(f"Take care: {found.confidence}.")
+    remarks = {remark for run in found.runs for remark in run.remarks}
+    said += [f"Take care: {assumed}." for assumed in FITS_BETTER.values() if assumed in remarks]
+    return said
+
+
+def judged_on(runs: Sequence[Run | FrequencyResponse]) -> str:
+    """Return which runs errors are stated of, in words."""
+    for role, kind in (("test", "test"), ("validate", "validation")):
+        kept = [run.name.removesuffix(f":{role}") for run in runs if run.role == role]
+        if kept and any(isinstance(run, FrequencyResponse) for run in runs):
+            return f"the {kind} lines of {words.listed(kept)}"
+        if kept:
+            return f"the {len(kept)} {kind} runs" if len(kept) > 1 else f"the {kind} run {kept[0]}"
+    return "the fitted runs (there are no validation runs)"
+
+
+def response(found: Judged) -> str:
+    """Return the SI unit of errors: that of the response, per volt where there are frequency responses alone."""
+    shown = found.before.axes[found.axis].shown
+    return shown if found.runs else shown.per_volt
+
+
+def of_line(found: Judged, error: float) -> str:
+    """Return an error of frequency responses as a share of the line, as its size follows; nothing where runs judge."""
+    size = response_pages.line_size(found)
+    return f"{words.percent(error / size)} of the line, " if math.isfinite(size) else ""
+
+
+def recorded(found: Judged) -> Sequence[Run | FrequencyResponse]:
+    """Return what the errors of the ladder are of: the runs, or frequency responses where there are no runs."""
+    return found.runs or found.responses
+
+
+def either(names: Sequence[str]) -> str:
+    """Return names as what cannot be told apart.
+
+    >>> either(["creep", "drift", "warmth"])
+    'creep from drift or warmth'
+    """
+    return f"{names[0]} from {' or '.join(names[1:])}"
+
+
+def _would(resolved: Resolved) -> str:
+    """Return which experiments would tell two effects apart, by how many times the noise."""
+    other = called(resolved.effects[1].name)
+    if not resolved.proposed:
+        most = max((each.over_noise for each in resolved.separations), default=0.0)
+        return (
+            f"No experiment of the menu shows {other} apart by more than {units.significant(most, 2)} times the noise: "
+            "record longer, average, or use a better sensor."
+        )
+    told = [
+        f"{each.command.name.replace('_', ' ')} {units.significant(each.over_noise, 2)}"
+        + (f" ({each.command.note})" if each.command.note else "")
+        for each in resolved.proposed
+    ]
+    pair = either([called(effect.name) for effect in resolved.effects])
+    return f"What would tell {pair}, and by how many times the noise the readings differ: {', '.join(told)}."
+
+
+def _beside(found: Diagnosis, name: str) -> list[str]:
+    """Return the effects that were added in one step with another."""
+    steps = [tried.names for tried in found.candidates if tried.outcome == "added" and name in tried.names]
+    return [other for names in steps for other in names if other != name]
+
+
+def _alternatives(found: Diagnosis, name: str) -> str:
+    group = next((group for group in found.confusable if group[0] == name), (name,))
+    return " or ".join(called(each) for each in group)
+
+
+def _noise(found: Diagnosis) -> str:
+    if not found.noise.known:
+        return "the noise is unknown"
+    return f"the noise is {words.error(response(found), found.noise_floor, 2)}"
+
+
+def _of_stroke(found: Diagnosis, error: float) -> str:
+    return f" ({words.percent(error / found.stroke)} of the stroke)" if found.runs and found.stroke else ""
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,293 @@
+"""The report of an identification: the estimates and what they rest on, then every run, measured and predicted."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexdesign.core import units, versions
+from flexdesign.core.errors import InputError
+from flexdesign.core.toml_files import FORMAT
+from flexdesign.diagnosis.identify import Identification, RunMatch
+from flexdesign.dynamics.stage_model import StageModel, to_toml
+from flexdesign.estimation import Estimate
+from flexdesign.report.comparison_words import shown_in
+from flexdesign.report.document import Document, Figure, Section, Table
+from flexdesign.report.simulation.simulation_charts import Curve, panels
+
+#: A command that moves less than this share of its span in a period of the mode is slow: then a loop is drawn.
+SLOW = 0.1
+
+
+def estimates(found: Identification) -> Table:
+    """Return the estimates with their intervals; of what is held its value and why."""
+    rows = []
+    for estimate in found.estimates:
+        value, remark = estimate.value_text, estimate.reason
+        if estimate.name in found.held:
+            held = found.held[estimate.name]
+            value = f"({_value(estimate, held.value)})"
+            kept = (
+                "keeps its old value" if held.is_old else "held at the best fit, as its old value contradicts the runs"
+            )
+            remark = f"not determined, {kept}: {estimate.reason}"
+        interval = "not stated" if found.is_incomplete and estimate.determined else estimate.interval_text
+        rows.append([estimate.name, value, interval, _known(found, estimate), remark])
+    return Table(["number", "value", "95 % interval", "known before", "remark"], rows)
+
+
+def matches(found: Identification) -> Table:
+    """Return the residual of every run, before and after."""
+    unit = shown_in(found.response)[1]
+    rows = [
+        [
+            run.name,
+            run.role,
+            units.to_text(run.span, shown_in(found.response)[0], si=found.response),
+            units.to_text(found.before_errors[run.name], unit, 3, si=found.response),
+            units.to_text(run.rms, unit, 3, si=found.response),
+            f"{100 * run.error:.3g} %" if math.isfinite(run.error) else "–",
+        ]
+        for run in found.runs
+    ]
+    columns = ["run", "role", "span", "rms error before", "rms error", "of span"]
+    return Table(columns, rows, "Measured less predicted, the offset of each run taken out")
+
+
+def result(found: Identification) -> dict[str, Any]:
+    """Return result.json's content: every number with its unit, and what made it."""
+    return {
+        "format": FORMAT,
+        "kind": "identification",
+        "axis": found.axis,
+        "estimates": [_json(found, estimate) for estimate in found.estimates],
+        "correlation": {"names": _fitted(found), "values": found.fit.correlation.tolist() if found.fit else []},
+        "starts": vars(found.starts) | {"is_stuck": found.starts.is_stuck},
+        "runs": [
+            {
+                "name": run.name,
+                "role": run.role,
+                "rms_error": {"value": run.rms, "unit": found.response},
+                "rms_error_before": {"value": found.before_errors[run.name], "unit": found.response},
+                "span": {"value": run.span, "unit": found.response},
+                "error_of_span": run.error if math.isfinite(run.error) else None,
+                "remarks": list(run.remarks),
+            }
+            for run in found.runs
+        ],
+        "noise": {
+            "rms": {name: {"value": rms, "unit": found.response} for name, rms in found.noise.rms.items()},
+            "source": found.noise.source,
+            "known": found.noise.known,
+        },
+        "misfit": found.misfit,
+        "is_incomplete": found.is_incomplete,
+        "simulations": found.evaluations,
+        "made_by": {"model": found.before.name, "versions": versions.installed()},
+    }
+
+
+def document(found: Identification) -> Document:
+    """Write the report of an identification."""
+    name = found.before.title or found.before.name
+    return Document(f"{name}: identification of axis {found.axis}", summary(found), partial(_sections, found))
+
+
+def _sections(found: Identification) -> list[Section]:
+    return [
+        Section("Estimates", _estimates_text(found), [estimates(found)]),
+        Section("Runs", _remarks(found), [matches(found)], [f for run in found.runs for f in _figures(found, run)]),
+        Section("What the fit rests on", _rests_on(found), [_correlation(found)] if _fitted(found) else []),
+    ]
+
+
+def summary(found: Identification) -> list[str]:
+    """Return the answer in a few sentences."""
+    seen = [run for run in found.runs if run.role == "identify"]
+    kept = [run for run in found.runs if run.role != "identify"]
+    text = f"{_listed([e.name for e in found.estimates])} fitted to {_listed([run.name for run in seen])}: "
+    text += f"the residual is {_range(found, seen)}"
+    text += f"; of validation and test runs, {_range(found, kept)}." if kept else "."
+    said = [*found.doubts, text, _beside_noise(found)]
+    if "bouc_wen" not in found.before.axes[found.axis].effects:
+        said.append("The model has no hysteresis, and none was fitted.")
+    if found.held:
+        names, verb = _listed(list(found.held)), "is" if len(found.held) == 1 else "are"
+        said.append(f"{names} {verb} not determined by these runs but held; the intervals hold for the values held.")
+    if found.starts.is_stuck:
+        said.append(f"Take care: {found.starts}.")
+    return said
+
+
+def _beside_noise(found: Identification) -> str:
+    """Set the residual beside the noise, and say what follows."""
+    fitted = [found.noise.rms[run.name] for run in found.runs if run.role == "identify"]
+    unit = shown_in(found.response)[1]
+    level = units.to_text(float(np.sqrt(np.mean(np.square(fitted)))), unit, 3, si=found.response)
+    if not found.noise.known:
+        return (
+            "The noise of these runs is unknown, so that the residual does not tell whether the model lacks physics: "
+            "state it in measurements.toml, or record a stretch in which no command moves."
+        )
+    beside = f"The residual of the fitted runs is {found.misfit:.3g} times the noise of {level} ({found.noise.source})"
+    if not found.is_incomplete:
+        return f"{beside}: nothing in it says that the model lacks something."
+    return (
+        f"{beside}: the model lacks physics. Values are those that fit best, and no interval is stated, as it would "
+        "count noise alone. `flexdesign diagnose`, with the same model and runs, finds what is missing."
+    )
+
+
+def write_model(path: Path, model: StageModel | None) -> None:
+    """Write a fitted stage model, whole or not at all; without one, check that it can be written.
+
+    Raises
+    ------
+    InputError
+        If it cannot.
+    """
+    try:
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as scratch:
+            if path.is_dir():
+                raise IsADirectoryError(0, "it is a folder")
+            if model:
+                made = Path(scratch) / path.name
+                made.write_text(to_toml(model, path.parent), encoding="utf-8")
+                made.replace(path)
+    except OSError as error:
+        remedy = f"cannot be written ({error.strerror or error}); choose another file"
+        raise InputError("command line", "-o", str(path), remedy) from error
+
+
+def _estimates_text(found: Identification) -> list[str]:
+    text = "A value in brackets is held, not measured. " if found.held else ""
+    text += (
+        "Intervals are those of the least-squares fit, widened where the residual is coloured, and taken from the "
+        "profile of the likelihood where that is not a parabola. They count noise, not physics that the model lacks: "
+        "where the residual exceeds the noise none is stated."
+    )
+    return [text]
+
+
+def _rests_on(found: Identification) -> list[str]:
+    said = [f"{found.starts}; {found.evaluations} simulations in {found.seconds:.1f} s."]
+    if found.fit:
+        factor = max(match.inflation for match in found.fit.matches)
+        if factor > 1.5:
+            said.append(
+                f"Neighbouring samples of the residual are alike: up to {factor:.0f} count as one in the intervals. A "
+                "residual that is not white means noise with a colour of its own, or physics that the model lacks."
+            )
+        else:
+            said.append("The residual is white.")
+    if not found.known:
+        said.append("No uncertainty was stated for what is free, so that nothing known before took part.")
+    return said
+
+
+def _correlation(found: Identification) -> Table:
+    names = _fitted(found)
+    assert found.fit is not None
+    rows = [[n, *(f"{c:+.2f}" for c in row)] for n, row in zip(names, found.fit.correlation, strict=True)]
+    return Table(["correlation", *names], rows)
+
+
+def _remarks(found: Identification) -> list[str]:
+    return [f"{run.name}: {remark}." for run in found.runs for remark in run.remarks]
+
+
+# --- figures ----------------------------------------------------------------------------------------------------------
+
+
+def _figures(found: Identification, run: RunMatch) -> list[Figure]:
+    large, small = shown_in(found.response)
+    scale, fine = units.factor(large, found.response), units.factor(small, found.response)
+    compared = np.isfinite(run.measured)
+    t, measured = run.time[compared], run.measured[compared] / scale
+    left = (run.measured - run.predicted)[compared] / fine
+    signal = [Curve("measured", t, measured), Curve("predicted", t, run.predicted[compared] / scale, dashed=True)]
+    over_time = panels(
+        [signal, [Curve("residual, measured less predicted", t, left)]],
+        "time [s]",
+        [f"{found.axis} [{_sign(large)}]", f"residual [{_sign(small)}]"],
+    )
+    file = f"{run.name}.svg"
+    made = [Figure(file, over_time, f"{run.name} ({run.role}): measured, predicted, and the residual")]
+    if is_slow(run, found.model.axes[found.axis].natural_frequency):
+        command = run.command[compared]
+        loop = [
+            Curve("measured", command, measured),
+            Curve("predicted", command, run.predicted[compared] / scale, dashed=True),
+        ]
+        drawing = panels([loop], "command [V]", [f"{found.axis} [{_sign(large)}]"], height=3.4)
+        made.append(Figure(f"loop_{file}", drawing, f"{run.name}: response over command"))
+    return made
+
+
+def is_slow(run: RunMatch, frequency: float) -> bool:
+    """Tell whether a run's command is slow against a mode [Hz], and turns: then its loop shows hysteresis."""
+    period = max(1, round(1 / (frequency * (run.time[1] - run.time[0]))))
+    span = float(np.ptp(run.command))
+    if not span or len(run.command) <= period:
+        return False
+    fastest = float(np.abs(run.command[period:] - run.command[:-period]).max())
+    travelled = float(np.abs(np.diff(run.command)).sum())
+    return fastest < SLOW * span and travelled > 1.5 * span
+
+
+# --- words ------------------------------------------------------------------------------------------------------------
+
+
+def _fitted(found: Identification) -> list[str]:
+    return [estimate.name for estimate in found.fit.estimates] if found.fit else []
+
+
+def _value(estimate: Estimate, number: float) -> str:
+    return units.to_text(number, estimate.parameter.unit, si=estimate.parameter.si)
+
+
+def _known(found: Identification, estimate: Estimate) -> str:
+    if estimate.name not in found.known:
+        return "–"
+    value, sigma = found.known[estimate.name]
+    percent = 100 * sigma / abs(value)
+    return f"{_value(estimate, value)} ± {percent:{'.0f' if percent >= 10 else '.2g'}} %"
+
+
+def _json(found: Identification, estimate: Estimate) -> dict[str, Any]:
+    parameter, held, known = estimate.parameter, found.held.get(estimate.name), found.known.get(estimate.name)
+    return {
+        "name": estimate.name,
+        "unit": parameter.si,
+        "determined": estimate.determined,
+        "value": estimate.value,
+        "sigma": estimate.sigma,
+        "interval": list(estimate.interval) if estimate.interval else None,
+        "reason": estimate.reason,
+        "held": {"value": held.value, "is_old": held.is_old} if held else None,
+        "known": {"value": known[0], "sigma": known[1]} if known else None,
+    }
+
+
+def _range(found: Identification, runs: list[RunMatch]) -> str:
+    errors, unit = sorted(run.rms for run in runs), shown_in(found.response)[1]
+    low, high = (units.to_text(error, unit, 3, si=found.response) for error in (errors[0], errors[-1]))
+    shares = sorted(100 * run.error for run in runs if math.isfinite(run.error))
+    if not shares:
+        return f"{low} rms"
+    if len(runs) == 1:
+        return f"{low} rms, {shares[0]:.2g} % of the span"
+    return f"{low} to {high} rms, {shares[0]:.2g} to {shares[-1]:.2g} % of the span"
+
+
+def _listed(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _sign(unit: str) -> str:
+    return unit.replace("u", "µ", 1) if unit.startswith("u") else unit

@@ -1,0 +1,211 @@
+"""The page of a plan for the bench: every command with its picture and its limits, and what tells two effects apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from flexdesign import effects
+from flexdesign.core import units, versions
+from flexdesign.core.toml_files import FORMAT
+from flexdesign.diagnosis.experiment_design import Acting, Command, Limits, Resolved
+from flexdesign.diagnosis.experiment_design.discrimination import PLAIN
+from flexdesign.diagnosis.experiment_design.signature import Seen
+from flexdesign.report.catalogue import effect_charts
+from flexdesign.report.document import Document, Figure, Section, Table
+
+
+def table(files: Mapping[str, Command], limits: Limits) -> Table:
+    """Return every command file with what it is for and what it asks of driver and stack."""
+    rows = []
+    for file, command in files.items():
+        current = limits.current(command.slew)
+        rows.append([
+            file, command.purpose + (f" [{command.scaled}]" if command.scaled else ""),
+            f"{command.duration:.1f}", units.significant(command.peak, 4), units.significant(command.slew, 3),
+            "–" if current is None else units.significant(1e3 * current, 3),
+        ])  # fmt: skip
+    return Table(["file", "what it is for", "s", "peak V", "peak V/s", "mA"], rows)
+
+
+def document(
+    title: str, files: Mapping[str, Command], limits: Limits, seed: int, resolved: Resolved | None
+) -> Document:
+    """Write the page of a plan.
+
+    Parameters
+    ----------
+    title
+        What is measured.
+    files
+        The commands by the names of their files.
+    limits
+        What they keep to.
+    seed
+        Of their random phases and levels.
+    resolved
+        The two effects to be told apart; None for the whole plan.
+    """
+    total = sum(command.duration for command in files.values())
+    summary = [
+        f"{len(files)} command files, {total:.0f} s in all. Record the response to each, add it to its file as a third "
+        "column, correct measurements.toml where the bench differs, and the folder can be read as runs."
+    ]
+    sections = [_commands(files, limits, seed), _limits(limits), _by_hand(files)]
+    if resolved is not None:
+        summary.insert(0, verdict(resolved))
+        sections.insert(0, _separation(resolved))
+    return Document(title, summary, [section for section in sections if section.tables or section.figures])
+
+
+def verdict(resolved: Resolved) -> str:
+    """Return in a few sentences what tells two effects apart."""
+    first, second = (_called(effect) for effect in resolved.effects)
+    if not resolved.proposed:
+        return (
+            f"None of these experiments tells {first} from {second}: none differs by more than {PLAIN:g} times the "
+            "sensor's noise. Record longer, average, or use a better sensor."
+        )
+    best = resolved.proposed[0]
+    others = [_plain(each.command) for each in resolved.proposed[1:]]
+    more = f" Next: {', '.join(others)}." if others else ""
+    return (
+        f"{_plain(best.command).capitalize()} tells {first} from {second} best: the readings differ by "
+        f"{units.significant(best.over_noise, 2)} times the sensor's noise, rms.{more}"
+    )
+
+
+def separations(resolved: Resolved) -> Table:
+    """Return how far each experiment tells two effects apart, the best first."""
+    response = resolved.effects[0].without.axis.response
+    unit, factor = effect_charts.SHOWN[response]
+    rows = [
+        [
+            _plain(each.command), each.command.note or "command alone",
+            units.significant(factor * each.difference, 2), units.significant(each.over_noise, 2),
+        ]
+        for each in sorted(resolved.separations, key=lambda each: each.over_noise, reverse=True)
+        if math.isfinite(each.difference)
+    ]  # fmt: skip
+    return Table(["experiment", "by hand", f"difference {unit}", "over noise"], rows)
+
+
+def _separation(resolved: Resolved) -> Section:
+    first, second = resolved.effects
+    response = first.without.axis.response
+    unit, factor = effect_charts.SHOWN[response]
+    said = " and ".join(_strength(e, s) for e, s in zip(resolved.effects, resolved.strengths, strict=True))
+    noise = f"{units.significant(factor * resolved.noise, 2)} {unit}"
+    text = [
+        f"Simulated with {said}, at which they are as alike on the medium multisine as they can be: "
+        f"{units.significant(factor * resolved.alike, 2)} {unit} between them. In each experiment the second has been "
+        f"given the gain, the offset and the damping that fit the first best. Noise of the sensor: {noise}, rms.",
+    ]
+    figures = []
+    for each in resolved.proposed:
+        seen = Seen(each.command, each.second, each.first)
+        drawn, words = effect_charts.draw(seen, response, (_called(first), f"{_called(second)}, refitted"))
+        caption = f"{words} ({_plain(each.command)}); below, the difference of the two"
+        figures.append(Figure(f"separates_{each.command.name}.svg", drawn, caption))
+    title = f"What tells {_called(first)} from {_called(second)}"
+    return Section(title, text, [separations(resolved)], figures)
+
+
+def _strength(effect: Acting, strength: float) -> str:
+    stated = effect.strength
+    name = stated.name.rpartition(".")[2]
+    return f"{_called(effect)} ({name} = {units.to_text(strength, stated.unit, 3, stated.si)})"
+
+
+def _called(effect: Acting) -> str:
+    return effects.find(effect.name).name
+
+
+def _commands(files: Mapping[str, Command], limits: Limits, seed: int) -> Section:
+    notes = [f"Phases and levels are drawn with seed {seed}: the same seed gives the same commands."]
+    if limits.capacitance is None:
+        notes.append("The current is not known: the model states no capacitance of the stacks.")
+    figure = Figure(
+        "commands.svg", effect_charts.commands(list(files.values())), "The commands; for validation in green"
+    )
+    return Section("Commands", notes, [table(files, limits)], [figure])
+
+
+def _limits(limits: Limits) -> Section:
+    slew = "none" if math.isinf(limits.slew) else f"{units.significant(limits.slew, 4)} V/s"
+    rows = [
+        ["voltage", f"{limits.low:g} V to {limits.high:g} V", limits.origin.get("volts", "")],
+        ["slew", slew, limits.origin.get("slew", "")],
+        ["bandwidth", f"{limits.bandwidth:g} Hz", limits.origin.get("bandwidth", "")],
+        ["sampling", f"{limits.rate:g} Hz", limits.origin.get("rate", "")],
+    ]
+    return Section("Limits", [], [Table(["", "kept to", "from"], rows)])
+
+
+def _by_hand(files: Mapping[str, Command]) -> Section:
+    rows = [[file, command.note] for file, command in files.items() if command.note]
+    return Section("By hand", [], [Table(["file", "before it runs"], rows)] if rows else [])
+
+
+def result(files: Mapping[str, Command], limits: Limits, seed: int, resolved: Resolved | None) -> dict[str, Any]:
+    """Return result.json's content: every command with its numbers, and what tells two effects apart."""
+    answer: dict[str, Any] = {
+        "format": FORMAT,
+        "kind": "plan",
+        "seed": seed,
+        "limits": {
+            "voltage": {"value": [limits.low, limits.high], "unit": "V"},
+            "slew": {"value": limits.slew if math.isfinite(limits.slew) else None, "unit": "V/s"},
+            "bandwidth": {"value": limits.bandwidth, "unit": "Hz"},
+            "rate": {"value": limits.rate, "unit": "Hz"},
+            "from": dict(limits.origin),
+        },
+        "commands": [
+            {
+                "file": file,
+                "kind": command.kind,
+                "role": command.role,
+                "purpose": command.purpose,
+                "duration": {"value": command.duration, "unit": "s"},
+                "peak": {"value": command.peak, "unit": "V"},
+                "slew": {"value": command.slew, "unit": "V/s"},
+                "current": {"value": limits.current(command.slew), "unit": "A"},
+                "reduced": command.scaled or None,
+                "by_hand": command.note or None,
+            }
+            for file, command in files.items()
+        ],
+    }
+    if resolved is not None:
+        unit, factor = effect_charts.SHOWN[resolved.effects[0].without.axis.response]
+        answer["resolve"] = {
+            "effects": [_called(effect) for effect in resolved.effects],
+            "strengths": [
+                {"parameter": e.key, "value": s, "unit": e.strength.si}
+                for e, s in zip(resolved.effects, resolved.strengths, strict=True)
+            ],
+            "noise": {"value": factor * resolved.noise, "unit": unit},
+            "alike": {"value": factor * resolved.alike, "unit": unit},
+            "proposed": [each.command.name for each in resolved.proposed],
+            "experiments": [
+                {
+                    "name": each.command.name,
+                    "difference_rms": {"value": factor * each.difference, "unit": unit},
+                    "over_noise": each.over_noise,
+                }
+                for each in resolved.separations
+                if math.isfinite(each.difference)
+            ],
+        }
+    return answer | {"made_by": {"versions": versions.installed()}}
+
+
+def listed(written: Sequence[Path]) -> list[Path]:
+    """Return what a terminal lists of the files written: the report, and the description of the commands."""
+    return [path for path in written if path.suffix != ".svg" and path.suffix != ".csv"]
+
+
+def _plain(command: Command) -> str:
+    return command.name.replace("_", " ")

@@ -1,0 +1,237 @@
+"""Reports of static tables: a comparison, a diagnosis, and an effect that was added."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from flexdesign.analytic.static_model import StaticModel
+from flexdesign.analytic.static_model.uncertainty import LEVEL
+from flexdesign.core import units, versions
+from flexdesign.core.toml_files import FORMAT
+from flexdesign.diagnosis.comparison.static_table import TableComparison, compare
+from flexdesign.diagnosis.static_tables.diagnose import TableDiagnosis
+from flexdesign.diagnosis.static_tables.fit import Trial, constant
+from flexdesign.effects import statics
+from flexdesign.report.diagnosis import table_words as words
+from flexdesign.report.document import Document, Figure, Section, Table
+
+LIBRARIES = ("numpy", "scipy")
+
+
+def rows(comparison: TableComparison) -> Table:
+    """Return the rows of a table beside what the model says."""
+    noise, found = comparison.uncertainty, []
+    for i, row in enumerate(comparison.table.rows):
+        share = [100 * part[i] / abs(row.value) for part in (noise.data, noise.inputs, noise.model, noise.validation)]
+        found.append(
+            [
+                words.measurement(row),
+                words.number(row, row.value),
+                words.number(row, comparison.predicted[i]),
+                words.percent(comparison.errors[i]),
+                *(f"{value:.2g} %" for value in share),
+                "differs" if comparison.significance[i] > 1 else "agrees",
+            ]
+        )
+    caption = (
+        f"U is {noise.coverage:.3g} times the root of the sum of squares of u: chance alone takes a row beyond it in "
+        f"one of {2 / LEVEL:g} tables"
+    )
+    head = ["measurement", "measured", "model", "error", "u measured", "u inputs", "u model", "U", "which"]
+    return Table(head, found, caption)
+
+
+def rows_in_brief(comparison: TableComparison) -> Table:
+    """Return what fits a terminal: measurement, error, and what would be none."""
+    whole = rows(comparison)
+    found = [[row[0], row[1], row[3], row[-2], row[-1]] for row in whole.rows]
+    return Table(["measurement", "measured", "error", "U", ""], found, "U: what a difference must exceed to count")
+
+
+def comparison_document(comparison: TableComparison) -> Document:
+    """Write the report of a comparison."""
+    wrong = int((comparison.significance > 1).sum())
+    count = len(comparison.table.rows)
+    squares = comparison.uncertainty.squares(comparison.predicted - comparison.table.measured())
+    if wrong:
+        said = [f"{wrong} of {count} measurements differ from the model by more than the validation uncertainty."]
+    elif comparison.agrees:
+        said = [f"All {count} measurements agree with the model within the validation uncertainty."]
+    else:
+        said = [
+            "No single measurement differs from the model by more than the validation uncertainty, but together they "
+            f"do: their sum of squares is {squares:.3g}, where about {count} is expected."
+        ]
+    said += [f"Take care: {'; '.join(comparison.remarks)}."] if comparison.remarks else []
+    picture = Figure("differences.svg", words.differences(comparison), "Each row, and what would be no difference")
+    return Document(
+        f"{comparison.model.design.title}: beside {comparison.table.name}",
+        said,
+        [
+            Section("Measured and predicted", _uncertainty(comparison), [rows(comparison)], [picture]),
+            _physics(comparison.model),
+        ],
+    )
+
+
+def diagnosis_document(found: TableDiagnosis) -> Document:
+    """Write the report of a diagnosis."""
+    title = f"{found.before.model.design.title}: diagnosis"
+    return Document(title, words.summary(found), partial(_diagnosis_sections, found))
+
+
+def _diagnosis_sections(found: TableDiagnosis) -> list[Section]:
+    before = compare(found.before.model, found.before.table)
+    after = compare(found.found.model, found.before.table)
+    pictures = [Figure("differences.svg", words.differences(before), "The design's model")]
+    tables = [rows(before)]
+    if found.found.names:
+        pictures.append(
+            Figure(
+                "differences_after.svg",
+                words.differences(after),
+                f"With {' and '.join(map(words.called, found.found.names))}",
+            )
+        )
+        tables.append(rows(after))
+    sections = [
+        Section("The error ladder", [], [ladder(found)]),
+        Section("Measured and predicted", _uncertainty(before), tables, pictures),
+        Section("What was tried", _tried_text(), [tried(found)]),
+    ]
+    if found.tellings:
+        head = Table(["measurement", "what each answer expects"], words.tellings(found))
+        sections.insert(2, Section("What would tell the answers apart", [], [head]))
+    return [*sections, _physics(found.before.model)]
+
+
+def ladder(found: TableDiagnosis) -> Table:
+    """Return the error ladder."""
+    rungs = [[rung.label.replace("_", " "), f"{100 * rung.error:.3g} %"] for rung in found.ladder]
+    return Table(["model", "relative error, rms"], rungs)
+
+
+def tried(found: TableDiagnosis) -> Table:
+    """Return everything that was fitted."""
+    shown = []
+    for trial in found.tried[:20]:
+        values = "; ".join(words.quantity(value) for value in trial.values) or "there, or not"
+        outcome = "" if trial.is_adequate else "leaves more than chance"
+        if trial is found.found:
+            outcome = "the answer" if found.verdict == "effects-found" else "nearest"
+        elif trial in found.alike:
+            outcome = "does as well"
+        elif trial.cost > found.before.cost - 4:
+            outcome = "explains nothing"
+        shown.append([words.names(trial, " + "), values, f"{trial.cost:.3g}", outcome])
+    caption = f"Without any: {found.before.cost:.3g}; {len(found.before.table.rows)} measurements"
+    return Table(["effect", "fitted", "sum of squares", "outcome"], shown, caption)
+
+
+def _tried_text() -> list[str]:
+    return [
+        "Each static effect that the model has not is fitted alone; where none suffices, in pairs. Sums of squares are "
+        "in units of what measurement, tolerances and model leave open: about one for each measurement."
+    ]
+
+
+def _uncertainty(comparison: TableComparison) -> list[str]:
+    tolerances = comparison.model.design.tolerances
+    return [
+        f"Inputs: dimensions within {1e6 * tolerances.dimensions:.3g} um and the modulus within "
+        f"{100 * tolerances.modulus:.3g} %, alike in all rows; both are ends of what is likely, not standard "
+        "deviations. The model's own part comes from amplifiers solved with hexahedra (python -m studies.error_bars). "
+        "Where a part does not state what its hinges or rods run into (Member.roots), it is as large as what typical "
+        "roots give way."
+    ]
+
+
+def _physics(model: StaticModel) -> Section:
+    there = [[words.called(name), statics.find(name).where] for name in model.effects]
+    return Section("What the model has", [], [Table(["effect", "where"], there)] if there else [], folded=True)
+
+
+def comparison_result(comparison: TableComparison) -> dict[str, Any]:
+    """Return a comparison as result.json has it."""
+    return {
+        "format": FORMAT,
+        "kind": "table comparison",
+        "agrees": comparison.agrees,
+        **_compared(comparison),
+        **_made_by(comparison.model),
+    }
+
+
+def diagnosis_result(found: TableDiagnosis) -> dict[str, Any]:
+    """Return a diagnosis as result.json has it."""
+    is_known = found.verdict == "effects-found"
+    return {
+        "format": FORMAT,
+        "kind": "table diagnosis",
+        "verdict": found.verdict,
+        "effects": _effects(found.found) if is_known else {},
+        "confusable": [_own_names(group) for group in found.groups] if is_known else [],
+        "near": _own_names(found.found.names) if found.verdict == "unknown" else [],
+        "ladder": [{"model": rung.label, "error": rung.error} for rung in found.ladder],
+        "sum_of_squares": {
+            "before": found.before.cost,
+            "after": found.found.cost,
+            "measurements": len(found.before.table.rows),
+        },
+        "remarks": list(found.remarks),
+        **_compared(compare(found.found.model, found.before.table)),
+        **_made_by(found.before.model),
+    }
+
+
+def _own_names(names: Sequence[str]) -> list[str]:
+    """Return what effects call themselves, those in files too."""
+    return [statics.find(name).name for name in names]
+
+
+def _effects(trial: Trial) -> dict[str, Any]:
+    effects: dict[str, dict[str, Any]] = {statics.find(name).name: {} for name in trial.names}
+    for value in trial.values:
+        name, _, parameter = value.parameter.name.rpartition(".")
+        scale = units.factor(value.parameter.unit or "1", value.parameter.si)
+        effects[statics.find(name).name][parameter] = {
+            "value": value.value / scale,
+            "interval_95": [end / scale for end in value.interval],
+            "unit": value.parameter.unit,
+        }
+    for name, choice in trial.cases.items():
+        if own := constant(name):
+            effects[statics.find(name).name][own.name] = {"value": choice[0], "alike": list(choice), "unit": own.unit}
+    return effects
+
+
+def _compared(comparison: TableComparison) -> dict[str, Any]:
+    measured = comparison.table.measured()
+    return {
+        "rows": [
+            {
+                "quantity": row.key,
+                "dimensions_mm": {n: 1e3 * value for n, value in row.dimensions.items() if n not in row.numbers},
+                "numbers": {name: value for name, value in row.dimensions.items() if name in row.numbers},
+                "measured_si": float(measured[i]),
+                "predicted_si": float(comparison.predicted[i]),
+                "validation_uncertainty_si": float(comparison.uncertainty.validation[i]),
+            }
+            for i, row in enumerate(comparison.table.rows)
+        ]
+    }
+
+
+def _made_by(model: StaticModel) -> dict[str, Any]:
+    design = model.design
+    return {
+        "made_by": {
+            "design": design.name,
+            "dimensions": {name: f"{value * 1e3:g} mm" for name, value in design.dimensions.items()},
+            "material": design.material.as_text(),
+            "effects": {statics.find(name).name: dict(values) for name, values in model.effects.items()},
+            "versions": versions.installed(LIBRARIES),
+        }
+    }

@@ -1,0 +1,184 @@
+"""How comparisons and diagnoses of static tables are put into words and drawings."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from flexdesign.analytic.static_model import Row
+from flexdesign.analytic.static_model.separability import Telling
+from flexdesign.core import units
+from flexdesign.core.model import PIEZO
+from flexdesign.diagnosis import Value
+from flexdesign.diagnosis.comparison.static_table import TableComparison
+from flexdesign.diagnosis.static_tables.diagnose import TableDiagnosis
+from flexdesign.diagnosis.static_tables.fit import Trial
+from flexdesign.effects import statics
+from flexdesign.measurements.static_table import QUANTITIES
+from flexdesign.report import charts
+from flexdesign.report.comparison_words import listed
+
+
+def called(name: str) -> str:
+    """Return what an effect is called in a sentence.
+
+    >>> called("over_cut")
+    'over cut'
+    """
+    return statics.find(name).name.replace("_", " ")
+
+
+def measurement(row: Row) -> str:
+    """Return what a row measures: ``K_out, input held, hinge_thickness 0.3 mm``."""
+    shown = ", ".join(
+        f"{name} {value:.4g}" if name in row.numbers else f"{name} {1e3 * value:.4g} mm"
+        for name, value in row.dimensions.items()
+    )
+    return f"{row.quantity}, {row.boundary}{', ' + shown if shown else ''}"
+
+
+def number(row: Row, value: float, digits: int = 4) -> str:
+    """Return a number of a row, SI, in the row's unit."""
+    si = QUANTITIES[row.quantity][0]
+    unit = row.unit or {"N/m": "N/mm", "1": ""}[si]
+    shown = units.significant(value / units.factor(unit or "1", si), digits)
+    return f"{shown} {'' if unit == '1' else unit}".rstrip()
+
+
+def percentage(share: float) -> str:
+    """Return a percentage without sign."""
+    return f"{100 * share:.2g} %"
+
+
+def percent(share: float) -> str:
+    """Return a signed percentage."""
+    return f"{100 * share:+.1f} %"
+
+
+def quantity(value: Value) -> str:
+    """Return a fitted number with its 95 % interval, in the parameter's unit."""
+    parameter = value.parameter
+    scale = units.factor(parameter.unit or "1", parameter.si)
+    name = parameter.name.rpartition(".")[2]
+    low, high = (end / scale for end in value.interval)
+    if _is_without_end(value):
+        return f"{name} too large to be told from a rigid one" if parameter.null == 0 else f"{name} next to nothing"
+    shown = units.significant(value.value / scale, 3)
+    return f"{name} {shown} {parameter.unit} (95 %: {low:.3g} to {high:.3g} {parameter.unit})"
+
+
+def _is_without_end(value: Value) -> bool:
+    """Tell whether a strength of many decades went to the end of its range."""
+    low, high = value.parameter.plausible
+    ends = [end for end in (low, high) if math.isfinite(end)]
+    return value.parameter.scale != "linear" and any(math.isclose(value.value, end, rel_tol=0.05) for end in ends)
+
+
+def verdict(found: TableDiagnosis) -> str:
+    """Return the verdict in a sentence or two."""
+    before, after = found.ladder[0].error, found.ladder[-1].error
+    if found.asked:
+        with_it = found.ladder[1].error
+        return (
+            f"With {names(found.found)} the model misses the table by {percentage(with_it)} rms, without by "
+            f"{percentage(before)}."
+        )
+    if found.verdict == "nothing-missing":
+        return (
+            f"Nothing is missing. The design's model misses the table by {percentage(before)} rms, no more than "
+            "measurement, tolerances and the model's own accuracy allow."
+        )
+    if found.verdict == "unknown":
+        near = f" Nearest, without explaining enough: {names(found.found)}." if found.found.names else ""
+        return f"Something is missing, and it is none of the effects that are known here.{near}"
+    them = "them" if len(found.found.names) > 1 else "it"
+    return (
+        f"Missing: {listed([_alternatives(found, name) for name in found.found.names])}. With {them} the model misses "
+        f"rows that the fit did not see by {percentage(after)} rms, without by {percentage(before)}."
+    )
+
+
+def _alternatives(found: TableDiagnosis, name: str) -> str:
+    group = next((group for group in found.groups if group[0] == name), (name,))
+    return listed([called(other) for other in group], "or")
+
+
+def names(trial: Trial, between: str = " and ") -> str:
+    """Return the effects of a trial, with the first of the members of which one is changed."""
+    first = {name: [member.name for member in trial.members(name)[:1]] for name in trial.names}
+    return between.join(called(name) + "".join(f" ({member})" for member in first[name]) for name in trial.names)
+
+
+def summary(found: TableDiagnosis) -> list[str]:
+    """Return the answer in a few paragraphs."""
+    said = [verdict(found)]
+    if found.verdict == "effects-found":
+        said += [effect(found.found, name) for name in found.found.names]
+    for group in found.groups if found.verdict == "effects-found" else ():
+        said.append(f"This table cannot tell {listed([called(name) for name in group], 'from')}. {_would_tell(found)}")
+    if found.verdict == "unknown":
+        said.append(f"What it looks like: {shape(found)}")
+    if found.remarks:
+        said.append(f"Take care: {'; '.join(found.remarks)}.")
+    return said
+
+
+def effect(trial: Trial, name: str) -> str:
+    """Return an effect with its numbers and what to do about it."""
+    values = [quantity(value) for value in trial.values if value.parameter.name.startswith(f"{name}.")]
+    known = statics.find(name)
+    members = [member.name for member in trial.members(name)]
+    values += [
+        f"it is {listed(members, 'or')}, which the table cannot tell apart" if members[1:] else f"it is {m}"
+        for m in members[:1]
+    ]
+    strength = f": {'; '.join(values)}" if values else ""
+    return f"{called(name).capitalize()}{strength}. {known.physics} What to do about it: {known.remedy_for(PIEZO)}."
+
+
+def _would_tell(found: TableDiagnosis) -> str:
+    if not found.tellings:
+        return "No single measurement of this part, or of one with a dimension changed by 40 %, would."
+    best = found.tellings[0]
+    return f"Measure {measurement(best.row)}: {_expectations(found, best)}."
+
+
+def _expectations(found: TableDiagnosis, telling: Telling) -> str:
+    answers = (found.found, *found.alike)[: len(telling.expected)]
+    expected = [number(telling.row, value, 3) for value in telling.expected]
+    return ", ".join(f"with {names(a)} it is {value}" for a, value in zip(answers, expected, strict=True))
+
+
+def tellings(found: TableDiagnosis) -> list[list[str]]:
+    """Return rows of measurements that would tell, and what each answer expects."""
+    return [[measurement(telling.row), _expectations(found, telling)] for telling in found.tellings]
+
+
+def shape(found: TableDiagnosis) -> str:
+    """Return where what no effect explains is largest."""
+    measured, rows = found.before.table.measured(), found.before.table.rows
+    left = found.before.model.predict(found.before.table) / measured - 1
+    worst = np.argsort(-np.abs(left))[:3]
+    return f"the model is off most in {listed([f'{measurement(rows[i])} ({percent(left[i])})' for i in worst])}."
+
+
+def differences(comparison: TableComparison) -> bytes:
+    """Draw the difference of each row in percent, with what is no difference."""
+    labels = [measurement(row) for row in comparison.table.rows]
+    measured = np.abs(comparison.table.measured())
+    figure, axes = charts.drawing(7.2, 0.32 * len(labels) + 1.2)
+    places = np.arange(len(labels))
+    allowed = 100 * comparison.uncertainty.validation / measured
+    axes.barh(places, 2 * allowed, left=-allowed, color=charts.NEUTRAL, alpha=0.3, height=0.8, label="no difference")
+    wrong = comparison.significance > 1
+    for said, chosen, colour in (("within it", ~wrong, charts.COLOURS[0]), ("beyond it", wrong, charts.COLOURS[1])):
+        if chosen.any():
+            error = 100 * (comparison.predicted - comparison.table.measured()) / measured
+            axes.plot(error[chosen], places[chosen], "o", color=colour, label=said)
+    axes.axvline(0, color=charts.NEUTRAL, linewidth=1)
+    axes.set_yticks(places, labels)
+    axes.invert_yaxis()
+    axes.set_xlabel("predicted less measured, % of measured")
+    charts.below(figure, axes, 3)
+    return charts.svg(figure)

@@ -1,0 +1,91 @@
+"""Which drawings an experiment needs: loops, motion over time, errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from flexdesign.core import units
+from flexdesign.dynamics.experiments import AS_MODELLED, Experiment
+from flexdesign.dynamics.experiments.reading import stem
+from flexdesign.dynamics.experiments.simulation import Case
+from flexdesign.dynamics.trajectories import Sine, Square, Step, Triangle
+from flexdesign.report import comparison_words as words
+from flexdesign.report.document import Figure
+from flexdesign.report.simulation.simulation_charts import Curve, panels
+
+
+def draw(experiment: Experiment, cases: Sequence[Case], unit: str) -> list[Figure]:
+    """Draw the loop where there is one, and the motion over time in a unit, each variant in a drawing of its own."""
+    drawn: list[Figure] = []
+    for variant in dict.fromkeys(case.variant for case in cases):
+        of_variant = [case for case in cases if case.variant == variant]
+        words = experiment.name if variant == AS_MODELLED else f"{experiment.name} {variant}"
+        name = stem(words)
+        said = "" if variant == AS_MODELLED else f", {variant}"
+        if isinstance(experiment.trajectory, (Sine, Triangle)):
+            drawn.append(_loop(experiment, of_variant, name, said, unit))
+        if experiment.reference is not None or not isinstance(experiment.trajectory, (Sine, Triangle)):
+            drawn.append(_over_time(experiment, of_variant, name, said, unit))
+    return drawn
+
+
+def _loop(experiment: Experiment, cases: Sequence[Case], name: str, said: str, unit: str) -> Figure:
+    """Draw the motion over a command, or over a reference what is missing to it."""
+    axis, scale = experiment.axes[0], units.factor(unit, "m")
+    volts = experiment.command is not None
+    curves = []
+    for case in cases:
+        asked, motion = case.reference[case.row(axis)], case.response.motion[case.row(axis)] / scale
+        asked = asked[: len(motion)]
+        shown = motion if volts else motion - asked / scale
+        curves.append(Curve(case.controller, asked if volts else asked / scale, shown))
+    written = f"[{words.sign(unit)}]"
+    below = "command [V]" if volts else f"{axis} asked for {written}"
+    beside = f"{axis} {written}" if volts else f"motion − reference {written}"
+    what = f"Motion of {axis} over its command" if volts else f"Error of {axis} over its reference"
+    return Figure(f"{name}_loop.svg", panels([curves], below, [beside], height=3.4), f"{what}{said}")
+
+
+def _over_time(experiment: Experiment, cases: Sequence[Case], name: str, said: str, unit: str) -> Figure:
+    """Draw motion, and error or the other axes, over time; steps close up."""
+    axis, limits = experiment.axes[0], _limits(experiment)
+    first, scale, away = cases[0], units.factor(unit, "m"), f"motion − reference [{words.sign(unit)}]"
+    motions = [Curve(c.controller, c.response.time, c.response.motion[c.row(axis)] / scale) for c in cases]
+    rows, labels = [motions], [f"{axis} [{words.sign(unit)}]"]
+    if experiment.reference is not None:
+        reference = first.reference[first.row(axis)][: len(first.response.time)] / scale
+        rows[0].append(Curve("reference", first.response.time, reference, dashed=True))
+    if len(experiment.axes) > 1:
+        motions[:] = [
+            Curve(name, first.response.time, first.response.motion[first.row(name)] / scale) for name in experiment.axes
+        ]
+        every = [(case, name) for case in cases for name in experiment.axes]
+        errors = [replace(_error(case, name, scale), label=f"{name}, {case.controller}") for case, name in every]
+        drawn = panels([motions, errors], "time [s]", [f"motion [{words.sign(unit)}]", away])
+        return Figure(f"{name}_time.svg", drawn, f"Motion ({first.controller}) and errors{said}")
+    others = [name for name in first.axes if name not in experiment.axes]
+    if len(cases) == 1 and len(experiment.axes) == 1 and others:
+        rows.append([Curve(n, first.response.time, first.response.motion[first.row(n)] / scale) for n in others])
+        labels.append(f"other axes [{words.sign(unit)}]")
+    elif experiment.reference is not None and limits is None:
+        rows.append([_error(case, axis, scale) for case in cases])
+        labels.append(away)
+    drawn = panels(rows, "time [s]", labels, limits=limits)
+    return Figure(f"{name}_time.svg", drawn, f"Motion of {axis}{said}")
+
+
+def _error(case: Case, axis: str, scale: float) -> Curve:
+    row, time = case.row(axis), case.response.time
+    return Curve(case.controller, time, (case.response.motion[row] - case.reference[row][: len(time)]) / scale)
+
+
+def _limits(experiment: Experiment) -> tuple[float, float] | None:
+    """Return what part of a step's record is worth looking at."""
+    shape = experiment.trajectory
+    if isinstance(shape, Step):
+        return max(0.0, shape.wait - 0.02), shape.wait + min(shape.hold, 0.3)
+    if isinstance(shape, Square):
+        at = shape.rest + 0.5 / shape.frequency
+        return at - 0.02, at + min(0.5 / shape.frequency, 0.3)
+    return None

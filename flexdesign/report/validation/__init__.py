@@ -1,0 +1,1 @@
+"""Reports of designs: parts, stages, the reproduced paper."""

@@ -1,0 +1,97 @@
+"""The section on the way from the pseudo-rigid model to finite elements, and on what tolerances do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from flexdesign.effects import statics
+from flexdesign.report import charts
+from flexdesign.report.diagnosis.table_words import called
+from flexdesign.report.document import Figure, Section, Table
+from flexdesign.report.wording import name_of, shown
+from flexdesign.workflows.validation import Validation
+from flexdesign.workflows.validation.model_hierarchy import Ladder
+from flexdesign.workflows.validation.validate_stage import StageValidation
+
+#: How the quantities are written, by key.
+SYMBOLS = {"K_in_output_free": "K_in", "lambda_output_free": "λ", "K_out_input_free": "K_out"}
+TEXT = (
+    "The compliance model begins as the pseudo-rigid one, hinges that only rotate, and takes up what the drawing tells "
+    "effect by effect, each time the one that brings it nearest to FEM (root mean square over what is compared). "
+    "Effects may work against each other: roots make hinges softer, width makes them stiffer."
+)
+TOLERANCES = (
+    "What a part is off by within its tolerances, and what FEM is off by its mesh: bench and model differ only where "
+    "they differ by more than both, and the bench's own uncertainty, together (ASME V&V 20)."
+)
+
+
+def section(validation: Validation | StageValidation, symbols: Mapping[str, str] = SYMBOLS) -> Section:
+    """Return the section; empty for a part or a stage that the compliance model cannot take.
+
+    Parameters
+    ----------
+    validation
+        Of a part or a stage.
+    symbols
+        How the quantities that are compared are written, by key.
+    """
+    ladder = validation.ladder
+    if ladder is None:
+        return Section("From the pseudo-rigid model to FEM")
+    figure = Figure("theory_ladder.svg", _drawn(ladder, symbols), "Distance from FEM, effect by effect")
+    given = validation.study.design.tolerances
+    text = (
+        f"{TOLERANCES} Dimensions within {1e6 * given.dimensions:g} um, the modulus within {100 * given.modulus:g} %."
+    )
+    return Section(
+        "From the pseudo-rigid model to FEM",
+        [TEXT, text],
+        [_rungs(ladder, symbols), _tolerances(validation, ladder)],
+        [figure],
+    )
+
+
+def result(ladder: Ladder | None) -> dict[str, Any] | None:
+    """Return the ladder as result.json has it."""
+    if ladder is None:
+        return None
+    rungs = [{"added": rung.effect or "pseudo-rigid", "errors": dict(rung.errors)} for rung in ladder.rungs]
+    return {"rungs": rungs, "tolerances_2_sigma": dict(ladder.tolerances)}
+
+
+def _rungs(ladder: Ladder, symbols: Mapping[str, str]) -> Table:
+    keys = list(ladder.rungs[0].errors)
+    rows = []
+    for rung in ladder.rungs:
+        label = f"+ {called(rung.effect)}" if rung.effect else "pseudo-rigid"
+        where = statics.find(rung.effect).where if rung.effect else ""
+        errors = [f"{100 * rung.errors[key]:+.2f} %" for key in keys]
+        rows.append([label, *errors, f"{100 * math.expm1(rung.size):.2f} %", where])
+    head = ["model", *(symbols[key] for key in keys), "all", "where it acts"]
+    return Table(head, rows, "Model over FEM, less one; K_in and λ with a free output, K_out with free inputs")
+
+
+def _tolerances(validation: Validation | StageValidation, ladder: Ladder) -> Table:
+    rows = []
+    for key, share in ladder.tolerances.items():
+        fem = validation.fem(key)
+        rows.append([name_of(fem), fem.boundary, shown(fem), f"± {100 * share:.2g} %"])
+    return Table(["quantity", "boundary", "FEM ± mesh", "tolerances"], rows, "Tolerances: two standard deviations")
+
+
+def _drawn(ladder: Ladder, symbols: Mapping[str, str]) -> bytes:
+    labels = [f"+ {called(rung.effect)}" if rung.effect else "pseudo-rigid" for rung in ladder.rungs]
+    figure, axes = charts.drawing(7.2, 0.34 * len(labels) + 1.4)
+    for index, key in enumerate(ladder.rungs[0].errors):
+        errors = [max(abs(100 * rung.errors[key]), 0.01) for rung in ladder.rungs]
+        axes.plot(errors, range(len(labels)), "o-", color=charts.COLOURS[index], label=symbols[key], linewidth=1.5)
+    axes.set_xscale("log")
+    axes.set_yticks(range(len(labels)), labels)
+    axes.invert_yaxis()
+    axes.set_xlabel("distance from FEM [%]")
+    axes.grid(color=charts.NEUTRAL, alpha=0.25)
+    charts.below(figure, axes, 3)
+    return charts.svg(figure)

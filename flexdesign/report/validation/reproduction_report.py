@@ -1,0 +1,100 @@
+"""The report of a reproduction: every printed number beside ours, with its verdict, and the figures as simulated."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flexdesign.core import toml_files, units
+from flexdesign.report.document import Document, Section, Table
+from flexdesign.report.simulation import simulation_figures
+from flexdesign.workflows.reproduction import VERDICTS, Item, Reproduction
+
+#: Sections by the paper's systems.
+SECTIONS = (
+    ("Statics and kinematics, eqs (1) to (22)", ("P1", "P2", "P3", "P4", "P5")),
+    ("Coupling, eqs (23) to (25), and Table 1", ("P6", "P7")),
+    ("Hysteresis, eqs (26) to (29), Figs 7 and 8", ("P8", "P9", "P10")),
+    ("Decoupling, Figs 9 to 11", ("P11",)),
+    ("Plant and controller, eqs (30) to (34)", ("P12", "P13", "P14", "P15")),
+    ("Step response, Fig 13", ("P16",)),
+    ("Tracking of one axis, Figs 14 to 17", ("P17", "P18")),
+    ("Tracking of lines, Figs 18 and 19", ("P19", "P20")),
+)
+#: Of experiments, those whose figures are drawn, by the system they belong to.
+UNIT = "um"
+
+
+def document(found: Reproduction) -> Document:
+    """Return the report."""
+    sections = [Section("The verdicts", [], [verdicts(found)])]
+    sections += [_section(found, title, systems) for title, systems in SECTIONS]
+    sections.append(_how(found))
+    return Document(found.paper.title, _summary(found), sections)
+
+
+def verdicts(found: Reproduction) -> Table:
+    """Return how many rows have each verdict, and what it means."""
+    rows = [[verdict, str(count), VERDICTS[verdict]] for verdict, count in found.counted().items()]  # type: ignore[index]
+    return Table(["verdict", "rows", "meaning"], rows)
+
+
+def _summary(found: Reproduction) -> list[str]:
+    told = ", ".join(f"{count} {verdict}" for verdict, count in found.counted().items() if count)
+    design = found.stage.study.design
+    return [
+        f"{len(found.paper.printed)} printed numbers, and what the paper says in words, in {len(found.items)} rows: "
+        f"{told}.",
+        f"The paper prints no dimensions. The stage is {design.provenance}.",
+        _rows_in_words(found, "cannot be both"),
+        _rows_in_words(found, "differs"),
+    ]
+
+
+def _rows_in_words(found: Reproduction, verdict: str) -> str:
+    named = [f"{item.system} {item.what}" for item in found.items if item.verdict == verdict]
+    head = {"cannot be both": "What contradicts itself or mechanics", "differs": "What differs and nothing explains"}
+    return f"{head[verdict]}: {'; '.join(named) or 'nothing'}."
+
+
+def _section(found: Reproduction, title: str, systems: tuple[str, ...]) -> Section:
+    rows = [_row(item) for item in found.items if item.system in systems]
+    table = Table(["", "what", "place", "paper", "ours", "verdict", "why"], rows)
+    plan = found.experiments.plan
+    drawn = [e for e in plan.experiments if e.name.partition(" ")[0] in systems]
+    figures = [f for e in drawn for f in simulation_figures.draw(e, found.experiments.of(e), UNIT)]
+    return Section(title, [], [table], figures, gallery=True)
+
+
+def _row(item: Item) -> list[str]:
+    return [item.system, item.what, item.place, item.theirs, item.ours, item.verdict, item.why or "–"]
+
+
+def _how(found: Reproduction) -> Section:
+    stage, plan = found.stage, found.experiments.plan
+    text = [
+        f"The stage: {stage.study.design.title}, by finite elements on {len(stage.levels)} meshes of up to "
+        f"{stage.finest.unknowns / 1e6:.2g} million unknowns; flexdesign validate {found.paper.stage} has its report. "
+        f"The experiments: {len(plan.experiments)}, in {len(found.experiments.cases)} runs; flexdesign simulate "
+        f"{found.paper.model} {found.paper.experiments} has theirs. All of it took "
+        f"{units.to_text(found.seconds, 's', 3)}.",
+        "A printed number is known to half a unit of its last digit; a measured motion to the sensor's resolution and "
+        "the slope of its nonlinearity besides; a result of finite elements to its estimated error. “Agrees” means "
+        "within the sum of these.",
+    ]
+    return Section("How", text)
+
+
+def result(found: Reproduction) -> dict[str, Any]:
+    """Return result.json's content."""
+    return {
+        "format": toml_files.FORMAT,
+        "kind": "reproduction",
+        "title": found.paper.title,
+        "verdicts": dict(found.counted()),
+        "rows": [
+            {**{key: getattr(item, key) for key in ("system", "what", "place", "theirs", "ours", "verdict", "why")},
+             "uses": [list(key) for key in item.uses]}
+            for item in found.items
+        ],
+        "seconds": found.seconds,
+    }  # fmt: skip

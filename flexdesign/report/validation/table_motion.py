@@ -1,0 +1,85 @@
+"""The section on how the table moves: six degrees of freedom at the table and the sensor, and parasitic motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from flexdesign.core.model import Quantity
+from flexdesign.fem import quantities
+from flexdesign.report.document import Section, Table
+from flexdesign.report.wording import name_of
+from flexdesign.workflows.validation import Validation
+
+#: How the six components are written.
+SIGNS = {f"{kind}_{axis}": f"{sign}_{axis}" for kind, sign in (("u", "u"), ("theta", "θ")) for axis in "xyz"}
+
+
+def section(validation: Validation) -> Section:
+    """Return the section."""
+    text = [_points(validation), _symmetry(validation)]
+    return Section("Motion of the table", text, [*_six_degrees(validation), _parasitic(validation)])
+
+
+def _six_degrees(validation: Validation) -> list[Table]:
+    """Return a table for each point: components by where the actuator pushes."""
+    tables = []
+    for point in quantities.POINTS:
+        found = [q for q in validation.further if q.name.startswith(f"{point}_")]
+        if found:
+            drive = found[0].boundary.partition(",")[0]
+            names = {f"{point}_{component}": sign for component, sign in SIGNS.items()}
+            tables.append(_by_place(found, names, f"{_point_in_words(validation, point)}, {drive}"))
+    return tables
+
+
+def _parasitic(validation: Validation) -> Table:
+    found = [q for q in validation.further if q.name.startswith("coupling") or q.name == "tilt"]
+    return _by_place(found, {q.name: name_of(q) for q in found}, "Parasitic motion per travel")
+
+
+def _by_place(found: Sequence[Quantity], names: Mapping[str, str], caption: str) -> Table:
+    """Return quantities, named in words, in rows, and where the actuator pushes in columns."""
+    places = dict.fromkeys(_place(quantity) for quantity in found)
+    cells = {(q.name, _place(q)): "0" if q.value == 0 else q.shown() for q in found}
+    rows = [[words, *(cells[name, place] for place in places)] for name, words in names.items()]
+    return Table(["", *places], rows, caption)
+
+
+def _place(quantity: Quantity) -> str:
+    """Return where the actuator pushes, which a boundary names last."""
+    return quantity.boundary.rpartition(", ")[2]
+
+
+def _point_in_words(validation: Validation, point: str) -> str:
+    if point == "table":
+        return "The table, at the middle of the output's face"
+    sensor = validation.study.output.sensor or (0.0, 0.0, 0.0)
+    return "The sensor's point, ({})".format(", ".join(f"{1e3 * x:g}" for x in sensor)) + " mm"
+
+
+def _points(validation: Validation) -> str:
+    looks = "The sensor's point is fixed to the table" if validation.study.output.sensor else ""
+    return (
+        "The six motions are those of the rigid body that follows the output's face; rotations are about the axes x, "
+        f"y, z, right-handed. {looks or 'A study that names output.sensor gets those of that point, too'}. "
+        "Displacements are small. What an actuator off its axis does is from the meshes that were solved for every "
+        "symmetry class: of three or more the coarser ones. A bare 0 is one by symmetry."
+    )
+
+
+def _symmetry(validation: Validation) -> str:
+    lost = [plane.axis for plane in validation.study.design.part().symmetry() if plane not in validation.domain.planes]
+    if not lost:
+        return (
+            "Linear coupling of a symmetric part is zero while the actuator pushes on its axis, and stays zero where "
+            "it is off the axis within a symmetry plane. The second-order coupling, which grows with the square of "
+            "travel, is not in a linear solve."
+        )
+    kept = ", ".join(f"{plane.axis} = 0" for plane in validation.domain.planes)
+    left = f"; {kept} remains" if kept else ", so that the part as a whole has none"
+    kind, planes = "plane" if len(lost) == 1 else "planes", " and ".join(f"{axis} = 0" for axis in lost)
+    return (
+        f"The crystal's axes lie askew to the part's symmetry {kind} {planes}{left}. The part moves sideways or tilts "
+        "even where the actuator pushes on its axis. What was solved is meshed as its own mirror image only roughly; "
+        "that adds a coupling of its own."
+    )

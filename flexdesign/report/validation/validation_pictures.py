@@ -1,0 +1,161 @@
+"""The pictures of a validation: mesh, deformation, stress, and the lowest modes, one of them moving."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.core import units
+from flexdesign.core.model import Member
+from flexdesign.fem import quantities
+from flexdesign.fem.analysis import ModeRecord, Solution
+from flexdesign.fem.meshing.mesh import mirrored
+from flexdesign.fem.solving import port_compliance
+from flexdesign.report import pictures
+from flexdesign.report.document import Figure
+from flexdesign.report.pictures import Picture, Reel, Shot
+from flexdesign.report.validation import vibrations
+from flexdesign.workflows.validation import Validation
+
+FloatArray = NDArray[np.float64]
+
+#: Exaggerated motions are drawn as large as this fraction of the part.
+DRAWN = 0.06
+#: So many of the lowest modes are drawn.
+DRAWN_MODES = 6
+
+
+def draw(validation: Validation) -> tuple[list[Figure], list[Figure]]:
+    """Draw everything, in one go; return the part at rest and deformed, and its modes.
+
+    Raises
+    ------
+    NoPictures
+        If nothing can be drawn on this machine.
+    """
+    jobs, drawn, main = _static(validation), drawn_modes(validation), carrying_output(validation)
+    swinging = reel(validation, drawn)
+    images = pictures.draw([picture for picture, _ in jobs], swinging)
+    still = [Figure(picture.file, images[picture.file], caption) for picture, caption in jobs]
+    vibrating = [
+        Figure(shot.file, images[shot.file], _mode_caption(validation, rank, mode, main=mode is main))
+        for rank, (shot, (mode, _)) in enumerate(zip(swinging.shots, drawn, strict=True), start=1)
+    ]
+    return still, vibrating
+
+
+def _static(validation: Validation) -> list[tuple[Picture, str]]:
+    level = validation.finest
+    force, boundary = quantities.stated_force(validation.study, level.solution)
+    fields = {"motion": force * level.solution.input_field, "stress": force * level.solution.von_mises / 1e6}
+    planes, solution = validation.domain.planes, level.solution
+    points, tets, whole = mirrored(solution.positions, solution.nodes, planes, fields)
+    vertices, linear, _ = mirrored(level.mesh.points, level.mesh.tets, planes, {})
+    motion, stress, label = whole["motion"], whole["stress"], "von Mises stress [MPa]"
+    travel = np.linalg.norm(motion, axis=1)
+    scale = _round_down(DRAWN * _size(points) / travel.max())
+    place, peak, hinge = hinge_maximum(solution)
+    mark = (place, f"{'largest on this mesh' if validation.sharp else 'maximum'}: {1e-6 * force * peak:.3g} MPa")
+    focus = (hinge.centre, 1.6 * max(hinge.length, 4 * hinge.thickness))
+    limits = (0.0, 1.2e-6 * force * max(s.nominal_stress for s in level.solution.input_sections))
+    return [
+        (
+            Picture("mesh.png", vertices, linear, edges=True, view="oblique"),
+            "The finest mesh of the whole part: the fundamental domain and its mirror images",
+        ),
+        (
+            Picture("mesh_hinge.png", vertices, linear, edges=True, focus=focus),
+            f"The mesh at {hinge.name}, refined at the roots",
+        ),
+        (
+            Picture(
+                "deformation.png", points, tets, scale * motion, travel * 1e6, "displacement [um]",
+                limits=(0.0, 1e6 * float(travel.max())), notes=[f"displacements drawn {scale:g} times as large"],
+            ),
+            f"Deformation at {boundary}, with the undeformed outline",
+        ),
+        (
+            Picture("stress.png", points, tets, scalars=stress, label=label, limits=limits, mark=mark),
+            f"Von Mises stress at {boundary}, the largest at a hinge marked; the colours end at 1.2 times the nominal "
+            "hinge stress",
+        ),
+        (
+            Picture(
+                "stress_hinge.png", points, tets, scalars=stress, label=label, limits=limits, focus=focus, mark=mark
+            ),
+            f"Von Mises stress at {hinge.name}, where it is largest",
+        ),
+    ]  # fmt: skip
+
+
+def hinge_maximum(solution: Solution) -> tuple[tuple[float, float, float], float, Member]:
+    """Return where the von Mises stress at the hinges is largest [m], how large it is [Pa/N], and at which hinge."""
+    node = quantities.hinge_peak_node(solution)
+    x, y, z = (float(coordinate) for coordinate in solution.positions[node])
+    hinges = [section.member for section in solution.input_sections if section.member.kind == "hinge"]
+    nearest = min(hinges, key=lambda hinge: math.dist(hinge.centre[:2], (x, y)))
+    return (x, y, z), float(solution.von_mises[node]), nearest
+
+
+def shown_modes(validation: Validation) -> list[ModeRecord]:
+    """Return the modes whose shapes are kept, by frequency: with the actuator, where there is one."""
+    installed = validation.study.design.actuator is not None
+    return [mode for mode in validation.modal.solution.modes if mode.installed == installed]
+
+
+def carrying_output(validation: Validation) -> ModeRecord:
+    """Return the mode that carries most of the output's compliance."""
+    actuator, compliance = validation.study.design.actuator, validation.modal.solution.compliance
+    spring = actuator.installed_stiffness if actuator else 0.0
+    return max(shown_modes(validation), key=lambda mode: quantities.output_share(mode, compliance, spring))
+
+
+def drawn_modes(validation: Validation) -> list[tuple[ModeRecord, FloatArray]]:
+    """Return the lowest modes and their shapes, and among them or behind them the one that carries the output."""
+    kept = zip(shown_modes(validation), validation.modal.solution.mode_shapes, strict=True)
+    main = carrying_output(validation)
+    return [(mode, shape) for rank, (mode, shape) in enumerate(kept) if rank < DRAWN_MODES or mode is main]
+
+
+def reel(validation: Validation, drawn: Sequence[tuple[ModeRecord, FloatArray]]) -> Reel:
+    """Return what is drawn of some modes of the whole part, the one that carries the output moving."""
+    solution, main = validation.modal.solution, carrying_output(validation)
+    shapes = {f"mode_{rank}.png": shape for rank, (_, shape) in enumerate(drawn, start=1)}
+    points, tets, whole = mirrored(solution.positions, solution.nodes, validation.domain.planes, shapes)
+    shots = []
+    for file, (mode, _) in zip(shapes, drawn, strict=True):
+        shape = whole[file] * _image_signs(validation, mode)[:, None]
+        largest = np.linalg.norm(shape, axis=1).max()
+        shots.append(Shot(file, DRAWN * _size(points) / largest * shape, moving=mode is main))
+    return Reel(points, tets, shots)
+
+
+def _image_signs(validation: Validation, mode: ModeRecord) -> FloatArray:
+    """Return for each node of the whole the sign by which an odd mode differs from the even one `mirrored` makes."""
+    cls = next(c for c in port_compliance.classes(validation.domain) if c.name == mode.symmetry)
+    signs = np.ones(1)
+    for sign in cls.signs:
+        signs = np.concatenate([signs, sign * signs])
+    return np.repeat(signs, len(validation.modal.solution.positions))
+
+
+def _mode_caption(validation: Validation, rank: int, mode: ModeRecord, *, main: bool) -> str:
+    shares = [100 * mass / validation.modal.solution.facts["mass"] for mass in mode.effective_mass]
+    role = ", the mode that carries the output, moving" if main else ""
+    masses = ", ".join(f"{share:.0f} % in {axis}" for axis, share in zip("xyz", shares, strict=True) if share > 0.5)
+    shaken = f"effective mass {masses}" if masses else "no effective mass"
+    return (
+        f"Mode {rank}{role}: {units.significant(mode.frequency, 4)} Hz, {vibrations.symmetry(mode.symmetry)}; {shaken}"
+    )
+
+
+def _size(points: np.ndarray) -> float:
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def _round_down(value: float) -> float:
+    step = float(10 ** math.floor(math.log10(value)))
+    return step * max(m for m in (1, 2, 5) if m * step <= value)

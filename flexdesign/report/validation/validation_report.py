@@ -1,0 +1,349 @@
+"""The report of a validation: Table 1, where the models differ and why, pictures, what stands behind the numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from flexdesign.core import units
+from flexdesign.core.model import Quantity
+from flexdesign.core.toml_files import FORMAT
+from flexdesign.dynamics.experiments.simulation import handed_over
+from flexdesign.fem import quantities
+from flexdesign.report import accuracy_words, charts, strength_words
+from flexdesign.report.document import Document, Figure, Section, Table
+from flexdesign.report.pictures import drawn_or_said
+from flexdesign.report.validation import (
+    card,
+    cross_check_words,
+    explanation,
+    independent_words,
+    ladder_section,
+    table_motion,
+    validation_pictures,
+    vibrations,
+)
+from flexdesign.report.wording import MODELS, flat, name_of, shown
+from flexdesign.workflows.validation import Validation, provenance
+
+Progress = Callable[[str], None]
+#: How meshes of a method are called.
+METHODS = {"extruded": "layers of prisms cut into tetrahedra, thin across the roots", "wild": "isotropic"}
+
+
+def brief_table_1(validation: Validation) -> Table:
+    """Return Table 1 for a terminal of 80 columns."""
+    return _compact(table_1(validation))
+
+
+def closing(validation: Validation) -> str:
+    """Say how long it took, and what the cache had."""
+    cached = sum(level.cached for level in validation.levels)
+    origin = f"{cached} of {len(validation.levels)} solutions came from the cache" if cached else "nothing was cached"
+    return f"Solved in {validation.seconds:.0f} s; {origin}."
+
+
+def table_1(validation: Validation) -> Table:
+    """Return FEM beside the analytic models, with relative errors."""
+    models = list(dict.fromkeys(model for c in validation.comparisons for model in c.analytic))
+    columns = ["quantity", "boundary", "FEM"]
+    for model in models:
+        columns += [model, "error"]
+    rows = []
+    for comparison in validation.comparisons:
+        row = [name_of(comparison.fem), comparison.fem.boundary, shown(comparison.fem)]
+        for model in models:
+            analytic, error = comparison.analytic.get(model), comparison.error(model)
+            row += [analytic.shown() if analytic else "–", f"{100 * error:+.1f} %" if error is not None else "–"]
+        rows.append(row)
+    known = "".join(f"; {model}: {MODELS[model]}" for model in models if model in MODELS)
+    return Table(columns, rows, f"FEM ± estimated discretisation error; errors relative to FEM{known}")
+
+
+def result(validation: Validation) -> dict[str, Any]:
+    """Return result.json's content: every number with its unit, and what made it."""
+    return {
+        "format": FORMAT,
+        "kind": "validation",
+        "headline": card.quantities(validation),
+        "warnings": card.warnings(validation),
+        "quantities": [
+            c.fem.to_json() | {"analytic": {m: q.to_json() | {"error": c.error(m)} for m, q in c.analytic.items()}}
+            for c in validation.comparisons
+        ]
+        + [quantity.to_json() for quantity in validation.further],
+        "compliance_shares": {
+            key: {"unit": "m/N", "FEM": dict(split), "PRB": dict(validation.formula_shares.get(key, {}))}
+            for key, split in validation.shares.items()
+        },
+        "strain_energy_shares": strength_words.shares(validation),
+        "theory_ladder": ladder_section.result(validation.ladder),
+        "mass": {"value": validation.modal.solution.facts["mass"], "unit": "kg"},
+        "modes": [vibrations.result(mode) for mode in validation.modal.solution.modes],
+        "meshes": [
+            {
+                **level.solution.facts,
+                "edge_at_roots": {"value": level.size, "unit": "m"},
+                "K_in": {"value": level.solution.compliance.input_stiffness, "unit": "N/m"},
+                "amplification": level.solution.compliance.amplification,
+                "K_out_input_free": {"value": level.solution.compliance.output_stiffness(0.0), "unit": "N/m"},
+                "checks": vars(level.solution.checks),
+                "cached": level.cached,
+            }
+            for level in validation.levels
+        ],
+        "hinges": [
+            {
+                "name": h.hinge.name,
+                "thickness": h.hinge.thickness,
+                "unit": "m",
+                "deviation": h.deviation,
+                "limit": h.limit,
+            }
+            for h in validation.finest.hinges
+        ],
+        "cross_check": cross_check_words.result(validation.cross_check),
+        "independent_mesh": independent_words.result(validation.independent),
+        "made_by": provenance(validation.study, validation.methods, validation.solvers),
+    }
+
+
+def document(validation: Validation, progress: Progress = lambda _: None) -> Document:
+    """Write the report of a validation, pictures included where they can be drawn."""
+    title = f"{validation.study.design.title}: validation"
+    sections = partial(_sections, validation, progress)
+    return Document(title, _summary(validation), sections, card.facts(validation), card.warnings(validation))
+
+
+def _sections(validation: Validation, progress: Progress) -> list[Section]:
+    progress("drawing")
+    still, vibrating, missing = drawn_or_said(lambda: validation_pictures.draw(validation), progress)
+    sections = [
+        Section("FEM beside formulas", _table_1_text(validation), [table_1(validation)]),
+        Section("Shape and deformation", missing, figures=still),
+        _stress(validation),
+        _actuator(validation),
+        _large(validation),
+        vibrations.section(validation, vibrating),
+        explanation.section(validation),
+        ladder_section.section(validation),
+        table_motion.section(validation),
+        _mesh(validation),
+        cross_check_words.section(validation.cross_check),
+        independent_words.section(validation.independent),
+        _formulas(validation),
+        _inputs(validation),
+    ]
+    return [s for s in sections if s.tables or s.figures or s.paragraphs]
+
+
+def _summary(validation: Validation) -> list[str]:
+    design = validation.study.design
+    k_in, ratio = validation.fem("K_in_output_free"), validation.fem("lambda_output_free")
+    text = f"FEM gives an input stiffness of {shown(k_in)} and an amplification of {shown(ratio)}, output free"
+    if design.actuator:
+        text += f"; with the actuator ({design.actuator.name}) in place the output travels "
+        text += card.stroke_in_words(validation)
+    missed = accuracy_words.not_reached(validation.study.mesh.accuracy, validation.found)
+    paragraphs = [f"{text}.", missed, explanation.why(validation, "K_in_output_free", first=True)]
+    if ratio.value < 0:
+        paragraphs.append("The amplification is negative: as the actuator extends, the output is drawn in.")
+    if validation.cross_check is not None:
+        paragraphs.append(cross_check_words.verdict(validation.cross_check))
+    if validation.independent is not None:
+        paragraphs.append(independent_words.verdict(validation.independent))
+    if design.provenance:
+        paragraphs.append(f"Note on this design: {design.provenance}.")
+    paragraphs += handed_over(validation.stage_model)
+    return [paragraph for paragraph in paragraphs if paragraph]
+
+
+def _table_1_text(validation: Validation) -> list[str]:
+    sources: dict[str, list[str]] = {}
+    for comparison in validation.comparisons:
+        for model, quantity in comparison.analytic.items():
+            sources.setdefault(model, []).append(quantity.source)
+    return [
+        "Stiffness depends on what holds the other port, so every row names its boundary. Forces act as uniform "
+        "tractions on the port faces, displacements are area averages; the ground face is held.",
+        *(f"{model}: {'; '.join(dict.fromkeys(found))}." for model, found in sources.items()),
+    ]
+
+
+def _actuator(validation: Validation) -> Section:
+    actuator = validation.study.design.actuator
+    if actuator is None:
+        return Section("With the actuator")
+    keys = ("stroke", "blocked_force", "actuator_force", "preload_shift", "output_force_that_unloads_the_stack")
+    found = [q for q in validation.further if q.name in keys and "large" not in q.boundary]
+    rows = [[f"{name_of(q)}, linear" if q.name == "stroke" else name_of(q), q.boundary, shown(q)] for q in found]
+    stroke, blocked = validation.fem("stroke_output_free"), validation.fem("blocked_force_output_held")
+    stiffness, holding = validation.fem("K_out_actuator_installed").value, -blocked.value
+    curves = [("full voltage", [0.0, holding], [stroke.value * 1e6, 0.0])]
+    if actuator.preload > 0:
+        lost = validation.fem("output_force_that_unloads_the_stack_no_voltage").value
+        ends = [lost, holding]
+        curves.append(("no voltage, from where the preload is used up", ends, [p / stiffness * 1e6 for p in ends]))
+    drawing = charts.lines(curves, "external force on the output along its normal [N]", "output motion [µm]")
+    text = (
+        f"{actuator.name}: free stroke {units.to_text(actuator.free_stroke, 'um', si='m')}, stack and seats in series "
+        f"{units.to_text(actuator.installed_stiffness, 'N/um', si='N/m')}, "
+        f"preload {units.to_text(actuator.preload, 'N')}. Along the load line the energised stage is a spring of "
+        "stiffness K_out with the actuator installed. An output force beyond the one that uses up the preload parts "
+        "the stack from its seats."
+    )
+    figure = Figure("load_line.svg", drawing, "Load lines; the one at full voltage ends at the blocked force")
+    return Section("With the actuator", [text], [Table(["quantity", "boundary", "FEM"], rows)], [figure])
+
+
+def _large(validation: Validation) -> Section:
+    large = validation.large
+    if large is None:
+        return Section("Over the stroke")
+    path, drive, shown_in = large.path, 100 * large.drive, units.to_text
+    rows = [
+        [
+            f"{drive[i]:.0f} %",
+            shown_in(path.force[i], "N", 4),
+            shown_in(path.extension[i], "um", 4, si="m"),
+            shown_in(path.output[i], "um", 4, si="m"),
+            shown_in(path.input_stiffness[i], "N/mm", 4, si="N/m"),
+            units.significant(path.amplification[i], 4),
+            shown_in(large.output_stiffness[i], "N/mm", 4, si="N/m"),
+        ]
+        for i in range(len(drive))
+    ]
+    names = ("K_in_change", "lambda_change", "K_out_change")
+    kept = [q for q in validation.further if q.name in names or "large" in q.boundary]
+    curves = [
+        ("K_in", drive.tolist(), (100 * (path.input_stiffness / path.input_stiffness[0] - 1)).tolist()),
+        ("λ", drive.tolist(), (100 * (path.amplification / path.amplification[0] - 1)).tolist()),
+        ("K_out", drive.tolist(), (100 * (large.output_stiffness / large.output_stiffness[0] - 1)).tolist()),
+    ]
+    text = (
+        "Large displacements, followed in steps of force on the coarsest mesh, from rest without preload: as the arms "
+        "turn, stiffnesses and amplification change. Each row has the tangents there. The stroke is the extrapolated "
+        f"linear one times {large.full_stroke / large.linear_stroke:.5g}, what large displacements make of it on that "
+        "mesh. The stage model carries what follows as quadratic and cubic stiffness and as a slope of the "
+        "amplification."
+    )
+    columns = ["drive", "force", "extension", "output", "K_in", "λ", "K_out, actuator installed"]
+    drawing = charts.lines(curves, "drive [% of full voltage]", "change against rest [%]")
+    figure = Figure("over_the_stroke.svg", drawing, "Tangents over the stroke against those at rest")
+    limits = Table(["quantity", "boundary", "FEM"], [[name_of(q), q.boundary, shown(q)] for q in kept])
+    return Section("Over the stroke", [text], [limits, Table(columns, rows)], [figure])
+
+
+def _stress(validation: Validation) -> Section:
+    names = ("hinge_stress", "peak_stress", "peak_tension", "safety_against_yield", "safety_against_fatigue")
+    rows = [[name_of(q), q.boundary, _judged(q)] for q in validation.further if q.name in names]
+    text = [
+        *strength_words.strengths(validation.study.design.material),
+        "The nominal hinge stress is N/A + M t/2I from the section forces that FEM's stresses add up to.",
+        strength_words.peak(validation),
+    ]
+    tables = [Table(["quantity", "at", "FEM"], rows), strength_words.energies(validation)]
+    return Section("Stress and strain energy", text, tables)
+
+
+def _judged(quantity: Quantity) -> str:
+    """Write a stress or a margin; a number that belongs to the mesh alone as such."""
+    verdict = ", singular: grows with refinement, use a fillet" if "singular" in quantity.source else ""
+    return f"{shown(quantity)}{verdict}"
+
+
+def _mesh(validation: Validation) -> Section:
+    rows, checks = [], []
+    for level in validation.levels:
+        facts, c, seen = level.solution.facts, level.solution.compliance, level.solution.checks
+        rows.append(
+            [
+                f"{facts['unknowns']}",
+                f"{facts['tetrahedra']}",
+                f"{level.size * 1e6:.0f} um",
+                f"{facts['worst quality']:.2g}",
+                units.to_text(c.input_stiffness, "N/mm", 5, si="N/m"),
+                units.significant(c.amplification, 5),
+                units.to_text(c.output_stiffness(0.0), "N/mm", 5, si="N/m"),
+                f"{level.seconds:.0f} s" + (", cached" if level.cached else ""),
+            ]
+        )
+        errors = (seen.reciprocity, seen.balance, seen.energy, seen.residual)
+        checks.append([f"{facts['unknowns']}", *(f"{error:.1e}" for error in errors)])
+    hinges = [
+        [
+            h.hinge.name,
+            units.to_text(h.hinge.thickness, "mm", si="m"),
+            f"{100 * h.deviation:.1g} %",
+            f"{100 * h.limit:g} %",
+        ]
+        for h in validation.finest.hinges
+    ]
+    planes = ", ".join(f"{plane.axis} = 0" for plane in validation.domain.planes) or "none"
+    text = (
+        f"Quadratic tetrahedra with straight edges on the fundamental domain (symmetry planes: {planes}), "
+        f"{METHODS[validation.method.name]}, solved by "
+        f"{validation.finest.solution.facts['solver']}{_memory(validation)}. Unknowns are those of "
+        f"the domain; the whole part has {validation.domain.copies} times as many. {validation.extrapolation} "
+        f"{_index(validation)}{accuracy_words.reached(validation.study.mesh.accuracy, validation.found)}"
+    )
+    head = ["unknowns", "tetrahedra", "edge at roots", "worst quality", "K_in", "λ", "K_out input free", "time"]
+    exact = ["unknowns", "reciprocity", "force balance", "energy", "residual"]
+    tables = [
+        Table(head, rows, "As solved, before extrapolation"),
+        Table(exact, checks, "Relative errors of what must hold exactly"),
+        Table(["hinge", "drawn", "deviation", "allowed"], hinges, "Mesh gate: thickness measured on the finest mesh"),
+    ]
+    return Section("Meshes and checks", [text], tables)
+
+
+def _memory(validation: Validation) -> str:
+    largest = max(level.solution.facts["factor bytes"] for level in validation.levels)
+    return f", whose largest factor takes {largest / 2**30:.2g} GiB" if largest else ""
+
+
+def _index(validation: Validation) -> str:
+    limit = validation.limit(lambda solution: solution.compliance.input_stiffness)
+    order = f"{limit.observed_order:.2g}" if math.isfinite(limit.observed_order) else "not monotonic"
+    return (
+        f"For K_in the finest mesh is {100 * (limit.finest / limit.value - 1):+.2f} % off the extrapolated value; its "
+        f"grid convergence index (Roache, lowest order, safety factor 1.25) is {100 * limit.gci:.2g} %, the order "
+        f"seen on the three finest meshes {order}."
+    )
+
+
+def _formulas(validation: Validation) -> Section:
+    design = validation.study.design
+    force, boundary = quantities.stated_force(validation.study, validation.finest.solution)
+    found = design.part().intermediates(design.material, force)
+    rows = [[name, q.shown(), q.boundary, q.source] for name, q in found.items()]
+    text = f"At an actuator force of {units.to_text(force, 'N')} ({boundary}), with the output free."
+    table = Table(["symbol", "value", "boundary", "equation"], rows)
+    return Section("The pseudo-rigid-body model, step by step", [text], [table], folded=True)
+
+
+def _inputs(validation: Validation) -> Section:
+    made = provenance(validation.study, validation.methods, validation.solvers)
+    described = {p.name: p for p in validation.study.design.part_class.dimensions}
+    dimensions = [
+        [name, value, described[name].symbol, described[name].meaning] for name, value in made["dimensions"].items()
+    ]
+    keys = ("part", "material", "actuator", "mesh", "modes", "output", "versions")
+    other = [[key, flat(made[key])] for key in keys if made[key] is not None]
+    tables = [Table(["dimension", "value", "symbol", "meaning"], dimensions), Table(["input", "value"], other)]
+    return Section("Inputs and versions", (), tables, folded=True)
+
+
+def _compact(table: Table) -> Table:
+    """Fit Table 1 into 80 columns: symbol and unit alone, and of several models the first and the last."""
+    rows = []
+    for name, boundary, fem, *rest in table.rows:
+        value, _, tail = fem.partition(" ± ")
+        error, _, unit = tail.partition(" ")
+        cells = [cell.split()[0] for cell in (rest if len(rest) <= 4 else [*rest[:2], *rest[-2:]])]
+        rows.append([f"{name.split()[-1]} {boundary}", f"{value} ± {error}", unit, *cells])
+    kept = table.columns[3:] if len(table.columns) <= 7 else [*table.columns[3:5], *table.columns[-2:]]
+    heads = ["err %" if head == "error" else head for head in kept]
+    return Table(["", "FEM", "", *heads], rows, table.caption)

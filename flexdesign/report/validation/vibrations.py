@@ -1,0 +1,90 @@
+"""The section on natural frequencies: what single modes carry, and their pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from flexdesign.core import units
+from flexdesign.fem import quantities
+from flexdesign.fem.analysis import ModeRecord
+from flexdesign.report.document import Figure, Section, Table
+from flexdesign.report.wording import name_of, shown
+from flexdesign.workflows.validation import Validation
+
+#: So many modes are listed, without the actuator and with it.
+LISTED = 6
+#: The quantities that are extrapolated.
+LIMITS = ("first_frequency", "output_frequency", "output_mass", "output_share")
+
+
+def section(validation: Validation, figures: Sequence[Figure]) -> Section:
+    """Return the section, with pictures of modes where there are any."""
+    facts = validation.modal.solution.facts
+    text = [
+        "Ground held. The actuator is a spring between the input blocks that holds nothing sideways, and has no mass "
+        "here: the frequencies are upper bounds for modes that move the input blocks. The second table lists single "
+        f"modes on one mesh ({facts['unknowns']} unknowns), before extrapolation.",
+        "A mode's share of the static stroke is its part of the output's motion under a constant voltage, by mode "
+        "superposition. It is negative where the mode moves the output the other way; all modes together make 100 %. "
+        "The mass in x, y or z is the effective modal mass for a base motion that way, relative to the part's "
+        f"{units.to_text(facts['mass'], 'g', si='kg')}; there, too, all modes together make 100 %. A dash stands for "
+        "zero.",
+    ]
+    if figures:
+        text.append(
+            "Colours run from rest (dark) to the largest motion (bright); how large a mode is drawn says nothing."
+        )
+    extrapolated = [*(comparison.fem for comparison in validation.comparisons), *validation.further]
+    limits = [[name_of(q), q.boundary, shown(q)] for q in extrapolated if q.name in LIMITS]
+    heads = ["frequency", "actuator", "symmetry", "share of 1/K_out", "share of static stroke"]
+    tables = [
+        Table(["quantity", "boundary", "FEM"], limits),
+        Table([*heads, *(f"mass in {axis}" for axis in "xyz")], _rows(validation)),
+    ]
+    return Section("Natural frequencies", text, tables, figures, gallery=True)
+
+
+def _rows(validation: Validation) -> list[list[str]]:
+    solution, actuator = validation.modal.solution, validation.study.design.actuator
+    spring = actuator.installed_stiffness if actuator else 0.0
+    rows = []
+    for installed, state in ((False, "no"), (True, "yes")):
+        for mode in [m for m in solution.modes if m.installed == installed][:LISTED]:
+            share = quantities.output_share(mode, solution.compliance, spring)
+            driven = quantities.drive_share(mode, solution.compliance, spring)
+            moved = f"{100 * share:.0f} %" if share > 0 else "–"
+            answer = f"{round(100 * driven)} %" if installed and share > 0 else "–"
+            masses = [100 * mass / solution.facts["mass"] for mass in mode.effective_mass]
+            shaken = [f"{mass:.1f} %" if mass >= 0.05 else "–" for mass in masses]
+            rows.append(
+                [f"{units.significant(mode.frequency, 4)} Hz", state, symmetry(mode.symmetry), moved, answer, *shaken]
+            )
+    return rows
+
+
+def symmetry(name: str) -> str:
+    """Return the symmetry of a mode in words.
+
+    >>> symmetry("odd in x, even in z"), symmetry("whole part")
+    ('antisymmetric about the plane x = 0, symmetric about z = 0', 'no symmetry')
+    """
+    words = []
+    for each in name.split(", "):
+        kind, is_in, axis = each.partition(" in ")
+        if not is_in:
+            return "no symmetry"
+        words.append(f"{'symmetric' if kind == 'even' else 'antisymmetric'} about {axis} = 0")
+    return ", ".join(words).replace("about ", "about the plane ", 1)
+
+
+def result(mode: ModeRecord) -> dict[str, Any]:
+    """Return a mode as result.json holds it."""
+    return {
+        "frequency": {"value": mode.frequency, "unit": "Hz"},
+        "output_mass": {"value": mode.output_mass if math.isfinite(mode.output_mass) else None, "unit": "kg"},
+        "effective_mass": {**dict(zip("xyz", mode.effective_mass, strict=True)), "unit": "kg"},
+        "symmetry": mode.symmetry,
+        "actuator_installed": mode.installed,
+    }

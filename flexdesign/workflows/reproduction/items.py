@@ -1,0 +1,134 @@
+"""One printed number, or one statement, beside ours, and how the verdict on the two is found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from flexdesign.core import units
+from flexdesign.core.model import Quantity
+from flexdesign.core.printed_numbers import Printed
+
+Verdict = Literal["agrees", "by construction", "cannot be both", "not printed", "differs"]
+#: What each verdict means.
+VERDICTS: Mapping[Verdict, str] = {
+    "agrees": "ours is a result, and lies within what is known of both",
+    "by construction": "ours was set, fitted or sized to the printed number, or is computed from what was",
+    "cannot be both": "two printed numbers, or a printed number and mechanics, contradict each other; the row says why",
+    "not printed": "the paper prints no number that ours could be compared with",
+    "differs": "ours is a result, lies outside of what is known of both, and no contradiction explains it",
+}
+
+
+@dataclass(frozen=True)
+class Item:
+    """One row of a reproduction.
+
+    Parameters
+    ----------
+    system
+        To which of the paper's systems it belongs, such as ``"P8"``.
+    what
+        The number or the statement.
+    place
+        Where it is printed.
+    theirs, ours
+        As text, with units; ``"–"`` where there is none.
+    verdict
+        One of `VERDICTS`.
+    why
+        What makes the verdict; never empty where two cannot be both.
+    uses
+        Places and names of the printed numbers that enter.
+    """
+
+    system: str
+    what: str
+    place: str
+    theirs: str
+    ours: str
+    verdict: Verdict
+    why: str = ""
+    uses: tuple[tuple[str, str], ...] = ()
+
+
+def judged(
+    system: str,
+    what: str,
+    theirs: Printed,
+    ours: Quantity | None,
+    *,
+    built: str = "",
+    known: float = 0.0,
+    why: str = "",
+    also: Sequence[Printed] = (),
+) -> Item:
+    """Return a printed number beside ours, with the verdict that both have.
+
+    Parameters
+    ----------
+    system, what
+        See `Item`.
+    theirs, ours
+        The printed number, and ours with its standard error; None where there is none of ours.
+    built
+        How ours was made to be the printed one; empty for a result.
+    known
+        How well the printed number is known beyond its digits: the error of what measured it [SI].
+    why
+        The contradiction that a difference shows, if it is one; it is used only where the two differ.
+    also
+        Further printed numbers that enter.
+    """
+    uses = tuple((each.place, each.name) for each in (theirs, *also))
+    shown = f"{theirs.text} ± {units.to_text(known, ours.unit, 2, si=ours.si)}" if known and ours else theirs.text
+    if ours is None:
+        return Item(system, what, theirs.place, shown, "–", "not printed", why, uses)
+    allowed = theirs.half_digit(ours.si) + known + (ours.sigma or 0.0)
+    gap = ours.value - theirs.value(ours.si)
+    relative = f"{100 * gap / theirs.value(ours.si):+.2f} %"
+    # Sizing and fitting meet a printed number to a percent or better, not to the last digit.
+    if built and abs(gap) <= max(allowed, 0.016 * theirs.value(ours.si)):
+        verdict: Verdict = "by construction"
+        why = built
+    elif math.isfinite(gap) and abs(gap) <= allowed:
+        verdict, why = "agrees", f"off by {relative}"
+    elif why:
+        verdict, why = "cannot be both", f"off by {relative}: {why}"
+    else:
+        verdict, why = "differs", f"off by {relative}"
+    return Item(system, what, theirs.place, shown, ours.shown(), verdict, why, uses)
+
+
+def contradiction(
+    system: str, what: str, numbers: Sequence[tuple[Printed, str]], one: float, other: float, unit: str, why: str
+) -> Item:
+    """Return two numbers that follow from printed ones and should be one number: agreeing, or not both true.
+
+    Parameters
+    ----------
+    system, what
+        See `Item`.
+    numbers
+        The printed numbers that enter, each with its SI unit.
+    one, other
+        What follows from them along two ways [unit].
+    unit
+        In which both are written.
+    why
+        What the contradiction is, where they differ.
+    """
+    relative = sum(number.half_digit(si) / abs(number.value(si)) for number, si in numbers)
+    agrees = abs(one / other - 1) <= relative
+    uses = tuple((number.place, number.name) for number, _ in numbers)
+    places = "; ".join(dict.fromkeys(number.place for number, _ in numbers))
+    first, second = (f"{units.significant(value, 5)} {unit}".rstrip() for value in (one, other))
+    verdict: Verdict = "agrees" if agrees else "cannot be both"
+    return Item(system, what, places, first, second, verdict, "to the digits printed" if agrees else why, uses)
+
+
+def unprinted(system: str, what: str, place: str, ours: str, why: str = "", uses: Sequence[Printed] = ()) -> Item:
+    """Return a row without a printed number that ours could be compared with."""
+    return Item(system, what, place, "–", ours, "not printed", why, tuple((n.place, n.name) for n in uses))

@@ -1,0 +1,116 @@
+"""From the pseudo-rigid model to finite elements, effect by effect, in the order that earns most.
+
+Each rung has one effect of the drawing more, the one that lowers the error most; the error is the root mean square of
+the logarithms of model over FEM, of K_in and lambda with a free output and K_out with free inputs; of a stage those of
+each axis that is not as another. Effects that work against each other (roots make hinges softer, width makes them
+stiffer) may raise it before they lower it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flexdesign.analytic.static_model import Row, StaticModel, StaticTable, drawn, of_design, uncertainty
+from flexdesign.core.errors import InputError
+from flexdesign.core.model import Quantity
+from flexdesign.design.design import Design
+
+#: What is compared: of a part, and of each axis of a stage.
+JUDGED = ("K_in_output_free", "lambda_output_free", "K_out_input_free")
+OF_AXIS = ("K_in_{}_table_free", "lambda_{}_table_free", "K_out_{}_inputs_free")
+#: Axes are as each other if their quantities differ by less than this, relative.
+ALIKE = 1e-6
+
+
+@dataclass(frozen=True)
+class Rung:
+    """The model with one effect more.
+
+    Parameters
+    ----------
+    effect
+        What was added; empty for the pseudo-rigid model.
+    errors
+        Model over FEM less one, by the quantity's key.
+    """
+
+    effect: str
+    errors: Mapping[str, float]
+
+    @property
+    def size(self) -> float:
+        """Root mean square of the logarithms of model over FEM."""
+        return float(np.sqrt(np.mean([math.log1p(error) ** 2 for error in self.errors.values()])))
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Every rung, and what tolerances do to the quantities.
+
+    Parameters
+    ----------
+    rungs
+        From the pseudo-rigid model to all that the drawing tells.
+    tolerances
+        Twice the standard deviation that tolerances of dimensions and modulus give a quantity, relative, by its key.
+    """
+
+    rungs: Sequence[Rung]
+    tolerances: Mapping[str, float]
+
+
+def climb(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
+    """Return the ladder of a design beside what FEM found; None where it is no frame, or no formula is beside it."""
+    try:
+        model = of_design(design, bare=True)
+    except InputError:
+        return None
+    judged = _judged(design, fem)
+    known = {key: fem[key].value for key in judged if key in fem and fem[key].value}
+    if not known:
+        return None
+    effects = drawn(design)
+    left = list(effects)
+    there: dict[str, Mapping[str, float]] = {}
+    rungs = [_rung("", model, known, there)]
+    while left:
+        trials = [_rung(name, model, known, {**there, name: effects[name]}) for name in left]
+        best = min(trials, key=lambda rung: rung.size)
+        there[best.effect] = effects[best.effect]
+        left.remove(best.effect)
+        rungs.append(best)
+    if design.is_stage:
+        axes = {fem[key].boundary.partition(", ")[0] for key in judged}
+        fem = {key: quantity for key, quantity in fem.items() if quantity.boundary.partition(", ")[0] in axes}
+    return Ladder(rungs, _tolerances(of_design(design), fem))
+
+
+def _judged(design: Design, fem: Mapping[str, Quantity]) -> list[str]:
+    """Return the keys of what is compared."""
+    if not design.is_stage:
+        return list(JUDGED)
+    told: list[list[str]] = []
+    for axis in design.stage().assembly().axes:
+        keys = [key.format(axis) for key in OF_AXIS if key.format(axis) in fem]
+        values = [fem[key].value for key in keys]
+        if not any(np.allclose([fem[key].value for key in other], values, rtol=ALIKE, atol=0) for other in told):
+            told.append(keys)
+    return [key for keys in told for key in keys]
+
+
+def _rung(
+    name: str, model: StaticModel, known: Mapping[str, float], effects: Mapping[str, Mapping[str, float]]
+) -> Rung:
+    found = replace(model, effects=effects).compliance({}).quantities()
+    return Rung(name, {key: found[key].value / value - 1 for key, value in known.items()})
+
+
+def _tolerances(model: StaticModel, fem: Mapping[str, Quantity]) -> dict[str, float]:
+    kept = {key: q for key, q in fem.items() if key in model.compliance({}).quantities() and q.value}
+    table = StaticTable("", tuple(Row(q.name, q.boundary, q.value, abs(q.value), q.unit) for q in kept.values()))
+    inputs = uncertainty(model, table).inputs
+    return {key: float(2 * u / abs(q.value)) for (key, q), u in zip(kept.items(), inputs, strict=True)}

@@ -1,0 +1,60 @@
+"""Calibration: a tone whose frequency has local minima."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.evidence.sums import HELD, NAMES, SIGMA, N, Sum, offset
+from tests.evidence.toys import Array, Run, parameter
+
+from flexdesign.estimation.least_squares.residual_function import Suite
+from flexdesign.estimation.model_selection.calibration import STARTS, calibrate
+from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.noise.whitening import White
+
+
+def tone(start: float) -> tuple[Sum, Case]:
+    """A tone of five periods: the cost has a false minimum for every period more or less."""
+
+    def shape(v: Mapping[str, float], run: Any) -> Array:
+        return np.asarray(v["size"] * np.sin(2 * math.pi * v["f"] * run.t) + 0 * v[f"{run.name}:own"])
+
+    own = [parameter(f"{name}:own", 0.0, -1.0, 1.0, run=name) for name in (*NAMES, *HELD)]
+    model = Sum().plus(shape, parameter("size", 1.0, 0.1, 3.0), parameter("f", start, 4.0, 8.0), *own)
+    truth, rng = model.replace({"size": 1.5, "f": 5.3}), np.random.default_rng(0)
+
+    def suite(names: Sequence[str]) -> Suite:
+        blank = [Run(name, np.arange(N) / N, None) for name in names]
+        made = [dataclasses.replace(r, data=truth.predict(r) + SIGMA * rng.standard_normal(N)) for r in blank]
+        return Suite(made, White(SIGMA), offset)
+
+    return model, Case(suite(NAMES), suite(HELD), ("size", "f"), lambda _: {}, lambda _: model, 1e-3)
+
+
+@pytest.mark.parametrize(("start", "starts"), [(5.2, 1), (7.3, 1 + STARTS)])
+def test_calibration_finds_the_best_minimum(start: float, starts: int) -> None:
+    """A first start that leaves noise alone is enough; else the best of all counts."""
+    model, about = tone(start)
+    said = list[str]()
+    stand = calibrate(dataclasses.replace(about, progress=said.append), model)
+    assert stand is not None and not stand.exceeds_noise
+    assert stand.solution.problem.where.values(stand.solution.x)["f"] == pytest.approx(5.3, abs=0.01)
+    assert 1 + len(said) == starts
+
+
+def test_calibration_of_a_model_that_always_fails_is_none() -> None:
+    model, about = tone(5.0)
+    fails = model.plus(lambda v, run: np.full(len(run.t), np.nan))
+    assert calibrate(about, fails) is None
+
+
+def test_without_numbers_of_its_own_there_is_one_start() -> None:
+    model, about = tone(7.3)
+    said = list[str]()
+    stand = calibrate(dataclasses.replace(about, free=(), progress=said.append), model)
+    assert stand is not None and stand.exceeds_noise and not said

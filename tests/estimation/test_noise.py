@@ -1,0 +1,57 @@
+"""The colour of residuals, against the autocorrelations that textbooks give in closed form."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import toeplitz
+from tests.evidence.toys import Run, ar1
+
+from flexdesign.estimation.noise.autoregressive import Colour, colour
+from flexdesign.estimation.noise.whitening import White
+
+
+@pytest.mark.parametrize("rho", [-0.5, 0.3, 0.9])
+def test_quadratic_form_is_that_of_the_correlation_matrix(rho: float) -> None:
+    """An AR(1) process has the autocorrelation rho^k. Lags beyond twice the length wrap around: 0.9^120 is 3e-6."""
+    n = 120
+    columns = np.random.default_rng(0).standard_normal((n, 3))
+    matrix = toeplitz(rho ** np.arange(n))
+    found = Colour(np.array([1.0, -rho]), n)
+    assert found.quadratic(columns) == pytest.approx(columns.T @ matrix @ columns, rel=1e-4, abs=1e-3)
+    assert found.inflation == pytest.approx((1 + rho**2) / (1 - rho**2), rel=1e-4)
+
+
+def test_white_residuals_are_found_white_and_counted_one_by_one() -> None:
+    """An order too many costs log(400) = 6: chi^2 of one degree exceeds it once in 70, and there are a few orders."""
+    residuals = np.random.default_rng(0).standard_normal((300, 400))
+    white = [colour(residual) for residual in residuals]
+    assert np.mean([c.is_white for c in white]) > 0.94
+    chosen = next(c for c in white if c.is_white)
+    assert chosen.inflation == 1.0
+    assert np.array_equal(chosen.quadratic(residuals[:2].T), residuals[:2] @ residuals[:2].T)
+
+
+def test_coefficients_of_a_long_record_are_recovered() -> None:
+    """AR(2) with poles at 0.95 exp(+-0.5 i); the standard error of the coefficients is sqrt((1 - a2^2) / n)."""
+    rng = np.random.default_rng(1)
+    a1, a2 = -2 * 0.95 * math.cos(0.5), 0.95**2
+    x = np.zeros(20_000)
+    drive = rng.standard_normal(len(x))
+    for k in range(2, len(x)):
+        x[k] = drive[k] - a1 * x[k - 1] - a2 * x[k - 2]
+    found = colour(x[1000:])
+    assert found.coefficients[:3] == pytest.approx([1.0, a1, a2], abs=4 * math.sqrt((1 - a2**2) / len(x)))
+
+
+def test_short_and_vanishing_residuals_are_taken_for_white() -> None:
+    assert colour(ar1(np.random.default_rng(0), 20, 1.0, 0.9)).is_white
+    assert colour(np.zeros(100)).is_white
+    assert colour(np.zeros(0)).is_white
+
+
+def test_white_noise_divides() -> None:
+    observation = Run("run", np.zeros(2), np.zeros(2))
+    assert White({"run": np.array([[0.5], [2.0]])}).whiten(observation, np.ones((2, 1))).ravel().tolist() == [2.0, 0.5]

@@ -1,0 +1,349 @@
+"""Screening beside fits that are written out: what is promised, what chance makes, phases, and what can be imitated."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import binom, chi2
+from tests.evidence.sums import (
+    NAMES,
+    N,
+    Shape,
+    Sum,
+    as_sum,
+    base,
+    candidate,
+    column,
+    columns,
+    least,
+    offset,
+    strength,
+)
+from tests.evidence.toys import Array, Run, parameter
+
+from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
+from flexdesign.estimation.least_squares.parameter_transforms import coordinates
+from flexdesign.estimation.least_squares.residual_function import Problem, Suite
+from flexdesign.estimation.model_selection.score_test import FARTHEST, LARGE, LEVEL, OWN, Candidate, Screening
+from flexdesign.estimation.noise.autoregressive import Process
+from flexdesign.estimation.noise.whitening import Coloured, White, Whitening
+
+SLOW = Process.from_coefficients(np.array([1.0, -0.9]), 0.3)
+
+
+def runs(data: Callable[[Run], Array], names: Sequence[str] = NAMES, n: int = N) -> list[Run]:
+    blank = [Run(name, np.arange(n) / n, np.zeros(n)) for name in names]
+    return [dataclasses.replace(run, data=data(run)) for run in blank]
+
+
+def data_of(observed: Sequence[Run], of: Whitening) -> Array:
+    return np.concatenate([of.whiten(run, run.data[:, None])[:, 0] for run in observed])
+
+
+def solution(model: Sum, observed: Sequence[Run], of: Whitening, **known: tuple[float, float]) -> Solution:
+    """A fit that begins where linear algebra ends, so that no tolerance of a search is left in it."""
+    names = [p.name for p in model.parameters()]
+    matrix, right = columns(model, observed, names, of), data_of(observed, of)
+    rows = [[0.0] * len(observed) + [float(n == name) / sigma for n in names] for name, (_, sigma) in known.items()]
+    matrix = np.vstack([matrix, *rows]) if rows else matrix
+    right = np.append(right, [middle / sigma for middle, sigma in known.values()])
+    best = np.asarray(np.linalg.lstsq(matrix, right)[0][len(observed) :], dtype=np.float64)
+    begun = model.replace(dict(zip(names, best, strict=True)))
+    found = solve(Problem(Suite(observed, of, offset), begun, coordinates(begun, names, known)), best)
+    assert found is not None
+    return found
+
+
+# --- what is tried --------------------------------------------------------------------------------------------------
+
+
+def bump(v: Mapping[str, float], run: Any) -> Array:
+    """A strength times a bell in time."""
+    return np.asarray(v["x"] * np.exp(-(((run.t - v["middle"]) / v["width"]) ** 2)))
+
+
+@pytest.mark.parametrize("hidden", [(i, j) for i in range(5) for j in range(4)])
+def test_the_best_point_of_a_grid_in_two_numbers_is_found(hidden: tuple[int, int]) -> None:
+    middles, widths = (0.1, 0.3, 0.5, 0.7, 0.9), (0.1, 0.15, 0.2, 0.3)
+    numbers = (strength("x"), parameter("middle", 0.5, 0.0, 1.0), parameter("width", 0.2, 0.01, 1.0))
+    trials = tuple({"x": 0.01, "middle": m, "width": w} for m in middles for w in widths)
+    wanted = Candidate("x", lambda model: as_sum(model).plus(bump, *numbers), "x", ("x", "middle", "width"), trials)
+    truth = {"x": 1.0, "middle": middles[hidden[0]], "width": widths[hidden[1]]}
+    observed = runs(lambda run: bump(truth, run))
+    screening = Screening(solution(base("p"), observed, White(0.1)), [wanted])
+    assert [d.values for d in screening.directions] == list(trials)
+    (best,) = screening.best()
+    assert {**best[0].values, "x": 1.0} == truth
+    assert [d.drop for d in best] == sorted((d.drop for d in best), reverse=True)
+    assert wanted.hidden == ("middle", "width")
+
+
+@pytest.mark.parametrize("power", [1, 2])
+def test_a_large_move_is_made_smaller(power: int) -> None:
+    """Base numbers imitate most of it, by a strength or by its square: to first order they must still do so."""
+
+    def large(v: Mapping[str, float], run: Any) -> Array:
+        return np.asarray(v["x"] ** power * (50 * column(run, "p") + 5 * column(run, "x")))
+
+    wanted = Candidate("x", lambda model: as_sum(model).plus(large, strength("x")), "x", ("x",), ({"x": 1.0},))
+    observed = runs(lambda run: column(run, "x"))
+    (found,) = Screening(solution(base("p"), observed, White(1.0)), [wanted]).directions
+    whole = np.concatenate([run - run.mean() for run in (large({"x": 1.0}, run) for run in observed)])
+    rows = len(whole) + len(NAMES)  # an offset of each run is a row of its own
+    scale = LARGE / math.sqrt(np.sum(whole**2) / rows)
+    assert found.values["x"] == found.scale == pytest.approx(scale, rel=1e-9)
+    assert np.sum(found.move**2) == pytest.approx(scale ** (2 * power) * np.sum(whole**2), rel=1e-9)
+    if power == 1:  # then the promise does not hang on the trial
+        small = dataclasses.replace(wanted, trials=({"x": 1e-3},))
+        (alone,) = Screening(solution(base("p"), observed, White(1.0)), [small]).directions
+        assert found.drop == pytest.approx(alone.drop, rel=1e-9)
+        assert found.start["x"] == pytest.approx(alone.start["x"], rel=1e-9)
+
+
+# --- promises -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("of", [White(0.3), Coloured(SLOW)], ids=["white", "slow"])
+def test_a_promise_is_the_fall_of_the_cost(of: Whitening) -> None:
+    """Where all is linear the score statistic is exact, whatever the trial's strength."""
+    rng = np.random.default_rng(0)
+    model = base("p", "q")
+    observed = runs(lambda run: 2 * column(run, "p") + 0.3 * column(run, "x") + 0.3 * rng.standard_normal(N))
+    found = [candidate("x", trial=0.02), candidate("y", {"x": 0.5, "p": 2.0, "y": 1.0}, trial=5.0, signed=True)]
+    screening = Screening(solution(model, observed, of), found)
+    before = columns(model, observed, ["p", "q"], of)
+    right = data_of(observed, of)
+    for effect in found:
+        (direction,) = [d for d in screening.directions if d.candidate is effect]
+        with_it = columns(as_sum(effect.add(model)), observed, ["p", "q", effect.name], of)
+        fall = least(before, right) - least(with_it, right)
+        amount = np.linalg.lstsq(with_it, right)[0][-1]
+        assert direction.drop == pytest.approx(fall, rel=1e-3)  # slopes by forward differences
+        assert direction.start[effect.name] == pytest.approx(amount, rel=1e-3)
+
+
+def test_what_was_known_of_a_number_limits_what_it_can_imitate() -> None:
+    """An effect that is the gain over again: the harder the gain is held, the more of it is the effect's own."""
+    rng = np.random.default_rng(1)
+    observed = runs(lambda run: 1.5 * column(run, "p") + 0.1 * rng.standard_normal(N))
+    twin, of = candidate("twin", {"p": 1.0}), White(0.1)
+    assert not Screening(solution(base("p"), observed, of), [twin]).directions
+    held = solution(base("p"), observed, of, p=(1.0, 0.01))
+    (direction,) = Screening(held, [twin]).directions
+    # With it the gain goes back to what was known of it, and what that cost is what is promised.
+    free = solution(base("p"), observed, of)
+    assert direction.drop == pytest.approx(held.cost - free.cost, rel=1e-3)
+
+
+def test_a_pair_promises_what_both_together_bring() -> None:
+    rng = np.random.default_rng(2)
+    model, of = base("p"), White(0.5)
+    observed = runs(lambda run: column(run, "x") - 0.5 * column(run, "y") + 0.5 * rng.standard_normal(N))
+    pair = [candidate("x", signed=True), candidate("y", {"x": 1.0, "y": 1.0}, signed=True)]
+    ((promise, a, b),) = Screening(solution(model, observed, of), pair).pairs()
+    assert {a.candidate.name, b.candidate.name} == {"x", "y"}
+    both = as_sum(pair[1].add(pair[0].add(model)))
+    right = data_of(observed, of)
+    fall = least(columns(model, observed, ["p"], of), right) - least(
+        columns(both, observed, ["p", "x", "y"], of), right
+    )
+    assert promise == pytest.approx(fall, rel=1e-3)
+
+
+def test_a_strength_of_the_wrong_sign_promises_nothing() -> None:
+    observed, of = runs(lambda run: -column(run, "x")), White(0.1)
+    one = Screening(solution(base("p"), observed, of), [candidate("x")])
+    assert one.directions[0].drop == 0
+    assert one.best() == []
+    either = Screening(solution(base("p"), observed, of), [candidate("x", signed=True)])
+    assert either.directions[0].start["x"] == pytest.approx(-1.0, rel=1e-3)
+    assert [[d.candidate.name for d in ds] for ds in either.best()] == [["x"]]
+
+
+def test_a_strength_too_far_from_the_trial_promises_nothing() -> None:
+    for amount, is_far in ((0.9 * FARTHEST, False), (1.1 * FARTHEST, True)):
+        observed = runs(lambda run: 0.01 * amount * column(run, "x"))  # noqa: B023
+        (direction,) = Screening(solution(base("p"), observed, White(0.1)), [candidate("x", trial=0.01)]).directions
+        assert direction.amount == pytest.approx(amount, rel=1e-3)
+        assert (direction.drop == 0) is is_far
+
+
+def test_an_effect_with_a_threshold_is_found_by_its_grid() -> None:
+    """A limit at infinity has no slope. Of the limits that are tried the one next to the truth promises most."""
+
+    def clipped(v: Mapping[str, float], run: Any) -> Array:
+        ramp = 3 * run.t
+        return np.minimum(ramp, v["cap"]) - ramp
+
+    number = parameter("cap", math.inf, 0.1, 10.0, null=math.inf, scale="inverse")
+    cap = Candidate(
+        "cap",
+        lambda model: as_sum(model).plus(clipped, number),
+        "cap",
+        ("cap",),
+        tuple({"cap": c} for c in (0.5, 1.0, 1.5, 2.0, 2.5)),
+        is_limit=True,
+    )
+    model = Sum().plus(lambda v, run: v["k"] * run.t, strength("k", 3.0))
+    observed = runs(lambda run: np.minimum(3 * run.t, 1.6))
+    screening = Screening(solution(model, observed, White(0.01)), [cap, candidate("x")])
+    best = screening.best()[0]
+    assert best[0].candidate is cap
+    assert best[0].start == {"cap": 1.5}
+    assert [d.drop for d in best] == sorted((d.drop for d in best), reverse=True)
+
+
+def test_what_base_numbers_imitate_gives_no_direction() -> None:
+    """Nor does what an offset imitates, what has no influence, and what fails."""
+    observed = runs(lambda run: column(run, "p"))
+
+    def bad(v: Mapping[str, float], run: Any) -> Array:
+        raise ZeroDivisionError
+
+    def constant(v: Mapping[str, float], run: Any) -> Array:
+        return np.full(len(run.t), v["constant"])
+
+    def wild(v: Mapping[str, float], run: Any) -> Array:
+        return np.where(run.t > 0.5, np.nan, v["wild"])
+
+    def of(name: str, shape: Shape) -> Candidate:
+        return Candidate(
+            name, lambda model: as_sum(model).plus(shape, strength(name)), name, (name,), ({name: 1.0},), signed=True
+        )
+
+    every = [
+        candidate("mixture", {"p": 1.0, "q": -2.0}),
+        candidate("nearly", {"p": 1.0, "x": 0.1 * math.sqrt(OWN)}),
+        candidate("idle", {"x": 0.0}),
+        of("constant", constant),
+        of("bad", bad),
+        of("wild", wild),
+        candidate("hardly", {"p": 1.0, "x": 10 * math.sqrt(OWN)}),
+    ]
+    screening = Screening(solution(base("p", "q"), observed, White(0.1)), every)
+    assert [d.candidate.name for d in screening.directions] == ["hardly"]
+
+
+# --- a sinusoid -----------------------------------------------------------------------------------------------------
+
+
+def hum(frequency: float = 5.0) -> Candidate:
+    def shape(v: Mapping[str, float], run: Any) -> Array:
+        phase = v[f"{run.name}:hum.phase"]
+        return v["hum.size"] * np.sin(2 * math.pi * v["hum.frequency"] * run.t + phase)
+
+    numbers = [strength("hum.size", 0.0, 0.0, 10.0), parameter("hum.frequency", frequency, 1.0, 20.0)]
+    phases = [parameter(f"{n}:hum.phase", 0.0, -math.pi, math.pi, si="rad", unit="rad", run=n) for n in NAMES]
+    trials = tuple({"hum.size": 0.1, "hum.frequency": f} for f in (frequency, 7.0))
+    return Candidate(
+        "hum",
+        lambda model: as_sum(model).plus(shape, *numbers, *phases),
+        "hum.size",
+        ("hum.size", "hum.frequency"),
+        trials,
+        "hum.phase",
+    )
+
+
+def test_a_sinusoid_has_a_phase_in_each_run() -> None:
+    """The fall is that of a sine and a cosine in each run; less what as many columns do by chance."""
+    rng, phases = np.random.default_rng(3), dict(zip(NAMES, (0.3, 2.5, -2.0), strict=True))
+    observed = runs(
+        lambda run: column(run, "p") + 0.5 * np.sin(10 * math.pi * run.t + phases[run.name]) + rng.normal(0, 0.1, N)
+    )
+    of = White(0.1)
+    screening = Screening(solution(base("p"), observed, of), [hum()])
+    best = screening.best()[0][0]
+    before = columns(base("p"), observed, ["p"], of)
+    waves = []
+    for i in range(len(observed)):
+        for wave in (np.sin, np.cos):
+            parts = [wave(10 * math.pi * run.t) / 0.1 * (k == i) for k, run in enumerate(observed)]
+            waves.append(np.concatenate(parts))
+    right = data_of(observed, of)
+    fall = least(before, right) - least(np.column_stack([before, *waves]), right)
+    assert best.columns == 6
+    assert best.drop == pytest.approx(fall - (chi2.isf(LEVEL, 6) - chi2.isf(LEVEL, 1)), rel=1e-3)
+    # A phase is known to sigma / size * root of 2 / N, which is 0.037; four times that.
+    assert {n: best.start[f"{n}:hum.phase"] for n in NAMES} == pytest.approx(phases, abs=0.15)
+    assert best.start["hum.frequency"] == 5.0
+    assert best.start["hum.size"] == pytest.approx(0.5, abs=4 * 0.1 * math.sqrt(2 / (3 * N)))
+
+
+# --- chance ---------------------------------------------------------------------------------------------------------
+
+
+def catalogue(seed: int, count: int, shared: float, signed: bool | None = None) -> list[Candidate]:
+    """Effects that have a column in common; unless it is said, every other one can have one sign only."""
+    return [
+        candidate(
+            f"{seed}.{i}", {f"{seed}": shared, f"{seed}.{i}": 1.0}, signed=i % 2 == 0 if signed is None else signed
+        )
+        for i in range(count)
+    ]
+
+
+@pytest.mark.parametrize("level", [LEVEL, LEVEL / 10])
+@pytest.mark.parametrize("signed", [True, False, None])
+def test_the_largest_score_exceeds_its_critical_value_as_often_as_asked(signed: bool | None, level: float) -> None:
+    """With 40 000 draws of noise, the scores by a projection of their own; the mean over 16 seeds of the threshold.
+
+    A threshold of 4000 draws has a level uncertain by the root of 0.01 * 0.99 / 4000; four times that over 16 of them,
+    with the draws of the test, is 0.0026. The cosines between effects are 0.96: as if they were strangers to each other
+    the level would be below 0.005. A rarer level is continued from that one, so that its error is as large relatively.
+    """
+    of, found = White(1.0), catalogue(0, 12, 5.0, signed)
+    observed = runs(lambda run: np.zeros(N))
+    screening = Screening(solution(base("p"), observed, of), found)
+    moves = np.array([d.move for d in screening.directions])
+    slopes = np.concatenate([part.matrix for part in screening.solution.slopes])
+    own = moves - (slopes @ np.linalg.lstsq(slopes, moves.T)[0]).T
+    own /= np.linalg.norm(own, axis=1, keepdims=True)
+    scores = np.random.default_rng(9).standard_normal((40_000, own.shape[1])) @ own.T
+    one_sided = np.array([not d.candidate.signed for d in screening.directions])
+    largest = (np.where(one_sided, np.maximum(scores, 0), scores) ** 2).max(axis=1)
+    share = np.mean([np.mean(largest > screening.critical_value(level, seed=seed)) for seed in range(16)])
+    of_threshold, of_draws = level / LEVEL * math.sqrt(LEVEL / 64_000), math.sqrt(level / 40_000)
+    assert share == pytest.approx(level, abs=4 * math.hypot(of_threshold, of_draws))
+
+
+def test_chance_holds_for_whole_screenings() -> None:
+    """Of 500 records of noise, each with a catalogue of its own, as many as a binomial with 0.01 allows.
+
+    Its ends at 1 in 1000 are none and 13, which rules out a threshold that is too low; one too high is for the test
+    before to find. The threshold of a single effect lets more through.
+    """
+    rng, of, larger, alone = np.random.default_rng(4), White(1.0), 0, 0
+    for seed in range(500):
+        observed = runs(lambda run: rng.standard_normal(N), NAMES[:1])
+        screening = Screening(solution(base("p"), observed, of), catalogue(seed, 6, 2.0))
+        most = max((d.drop for d in screening.directions), default=0.0)
+        larger += most > screening.critical_value(LEVEL)
+        alone += most > chi2.isf(LEVEL, 1)
+    assert binom.ppf(1e-3, 500, LEVEL) <= larger <= binom.ppf(1 - 1e-3, 500, LEVEL)
+    assert alone > binom.ppf(1 - 1e-3, 500, LEVEL)
+
+
+def test_without_effects_chance_is_that_of_one() -> None:
+    screening = Screening(solution(base("p"), runs(lambda run: column(run, "p")), White(1.0)), [])
+    assert screening.critical_value(LEVEL) == pytest.approx(chi2.isf(0.01, 1))
+    assert screening.best() == []
+    assert screening.pairs() == []
+
+
+def test_chance_of_drawn_errors_is_that_of_gaussian_ones_where_they_are_gaussian() -> None:
+    """2000 draws and errors twice as large: four times the promise, to four standard errors of the two quantiles.
+
+    Near a level of 0.01 the density of the largest square is about half the level, so that a quantile of 2000 draws is
+    uncertain by 2 sqrt(0.01 / 2000) / 0.01.
+    """
+    rng, of, found = np.random.default_rng(5), White(1.0), catalogue(0, 12, 5.0)
+    screening = Screening(solution(base("p"), runs(lambda run: np.zeros(N)), of), found)
+    drawn = [{name: 2.0 * rng.standard_normal(N) for name in NAMES} for _ in range(2000)]
+    uncertain = 4 * 2 * math.sqrt(LEVEL * (1 / 2000 + 1 / 4000)) / LEVEL
+    assert screening.critical_value(LEVEL, drawn) / 4 == pytest.approx(screening.critical_value(LEVEL), abs=uncertain)

@@ -1,0 +1,506 @@
+"""Selection on sums of random columns: right effects, right pairs, nothing in noise, and when it ends."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.evidence.sums import (
+    EFFECTS,
+    HELD,
+    NAMES,
+    SIGMA,
+    N,
+    Sum,
+    as_sum,
+    calibrated_stand,
+    candidate,
+    case,
+    column,
+    columns,
+    effects,
+    fit_with,
+    least,
+    offset,
+    recorded,
+    stage,
+    strength,
+)
+from tests.evidence.toys import Array, Run, parameter
+
+from flexdesign.estimation.least_squares.parallel_map import sharing
+from flexdesign.estimation.least_squares.residual_function import Suite
+from flexdesign.estimation.model_selection import stepwise_selection
+from flexdesign.estimation.model_selection.calibration import evaluate_design
+from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.fitted_model import Stand, difference, fit
+from flexdesign.estimation.model_selection.model_comparison import INDISTINGUISHABLE, LEVEL, SHARE, Step, compare
+from flexdesign.estimation.model_selection.score_test import Candidate, Screening
+from flexdesign.estimation.model_selection.stepwise_selection import (
+    FINALISTS,
+    GROSS,
+    LARGEST_GROUP,
+    ROUGHLY,
+    backward,
+    confusable,
+    forward,
+    select,
+    select_otherwise,
+)
+from flexdesign.estimation.noise.whitening import White
+
+# --- forward --------------------------------------------------------------------------------------------------------
+
+
+def test_the_right_one_of_six_is_added_and_nothing_after_it() -> None:
+    about = case({"d": 0.3})
+    before = calibrated_stand(about)
+    step = forward(about, before, effects())
+    assert step.chosen is not None and step.chosen.names == ("d",)
+    assert step.alike == ()
+    after = step.chosen.stand
+    # 180 values with noise 0.1 tell a strength to 0.1 / root of 180; four times that.
+    assert after.solution.problem.where.values(after.solution.x)["d"] == pytest.approx(
+        0.3, abs=4 * SIGMA / math.sqrt(180)
+    )
+    assert forward(about, after, effects()).chosen is None
+
+
+def test_gains_are_falls_of_the_cost() -> None:
+    """By linear algebra, of the runs that were fitted; what runs kept apart leave is close to noise afterwards."""
+    about = case({"d": 0.3})
+    before = calibrated_stand(about)
+    step = forward(about, before, effects())
+    assert step.chosen is not None
+    observed, noise = [record.observation for record in about.identify.records], White(SIGMA)
+    owns = [f"{name}:own" for name in NAMES]
+    right = np.concatenate([run.measured() / SIGMA for run in observed])
+    model = stage()
+    with_it = candidate("d").add(model)
+    assert isinstance(with_it, Sum)
+    costs = [
+        least(columns(model, observed, ["p", "q", *owns], noise), right),  # type: ignore[arg-type]
+        least(columns(with_it, observed, ["p", "q", *owns, "d"], noise), right),  # type: ignore[arg-type]
+    ]
+    assert step.chosen.gain == pytest.approx(costs[0] - costs[1], rel=1e-3)
+    kept = 2 * N
+    # Six numbers were fitted elsewhere, two offsets and two own ones here; chi-squared to four standard errors.
+    assert abs(step.chosen.stand.held_cost - kept) < 4 * math.sqrt(2 * kept) + 10
+    assert before.held_cost - step.chosen.stand.held_cost == pytest.approx(0.3**2 / SIGMA**2 * kept, rel=0.3)
+    assert difference(about.validate, before.model, step.chosen.stand.model) == pytest.approx(0.3, rel=0.2)
+    assert step.chosen.error == pytest.approx(SIGMA, rel=0.3)
+
+
+def test_trials_side_by_side_are_those_one_after_another() -> None:
+    about = case({"a": 0.5, "c": 0.2})
+    with sharing(2) as each:
+        together = forward(dataclasses.replace(about, each=each), calibrated_stand(about), effects())
+    alone = forward(about, calibrated_stand(about), effects())
+    assert len(alone.trials) > 2
+    assert [(t.names, t.stand.cost, t.reason) for t in together.trials] == [
+        (t.names, t.stand.cost, t.reason) for t in alone.trials
+    ]
+
+
+def test_two_effects_are_found_one_after_the_other() -> None:
+    about = case({"b": 0.3, "e": -0.2})
+    stand, found = calibrated_stand(about), list[str]()
+    while (step := forward(about, stand, effects())).chosen is not None:
+        stand, found = step.chosen.stand, [*found, *step.chosen.names]
+    assert sorted(found) == ["b", "e"]
+
+
+def test_a_pair_that_shows_only_together_is_found() -> None:
+    """Two effects that nearly cancel: what either explains alone is small, and of the wrong sign for one."""
+    one, two = candidate("a", {"g": 3.0, "h": 0.5}), candidate("b", {"g": -3.0, "h": 0.5})
+    about = case({"h": 0.15})
+    step = forward(about, calibrated_stand(about), effects(a=one, b=two))
+    assert step.chosen is not None and set(step.chosen.names) == {"a", "b"}
+    values = step.chosen.stand.solution.problem.where.values(step.chosen.stand.solution.x)
+    assert [values["a"], values["b"]] == pytest.approx([0.15, 0.15], abs=0.06)  # sigma of each is 0.015
+
+
+def test_nothing_is_found_in_noise() -> None:
+    """One screening in a thousand may name something by chance, so that of 25 cases none should."""
+    for seed in range(25):
+        about = case({}, seed)
+        assert forward(about, calibrated_stand(about), effects()).chosen is None
+
+
+def test_of_two_that_explain_alike_the_one_with_fewer_numbers_is_added() -> None:
+    """The price of a number is the logarithm of the number of values (Schwarz 1978); the other one is told."""
+    twin = candidate("e", {"d": 1.0}, signed=True)
+    loose = dataclasses.replace(
+        twin,
+        add=lambda model: twin.add(model).plus(lambda v, run: v["e.more"] * column(run, "more"), strength("e.more")),  # type: ignore[attr-defined]
+        free=("e", "e.more"),
+        trials=({"e": 0.1, "e.more": 0.0},),
+    )
+    about = case({"d": 0.3})
+    step = forward(about, calibrated_stand(about), effects(e=loose))
+    assert step.chosen is not None and step.chosen.names == ("d",)
+    assert [trial.names for trial in step.alike] == [("e",)]
+    rival = step.alike[0].stand
+    assert rival.cost <= step.chosen.stand.cost + INDISTINGUISHABLE * rival.discrepancy
+    price = (rival.bic(2.0) - rival.cost - rival.held_cost) - (
+        step.chosen.stand.bic(2.0) - step.chosen.stand.cost - step.chosen.stand.held_cost
+    )
+    assert price == pytest.approx(2.0 * math.log(3 * N))
+
+
+# --- successive halving ---------------------------------------------------------------------------------------------
+
+
+def bell(v: Mapping[str, float], run: Any) -> Array:
+    """A strength times a bell in time."""
+    return np.asarray(v["n"] * np.exp(-(((run.t - v["middle"]) / 0.05) ** 2)))
+
+
+#: What truly is there, and where the catalogue tries it.
+BELL, TRIED = {"n": 2.0, "middle": 0.5}, 0.44
+
+
+def of_bell(**more: Any) -> Candidate:
+    """The bell, which is tried beside its middle: its score is a small part of what it explains."""
+    middle = parameter("middle", TRIED, 0.0, 1.0)
+    trials = ({"n": 0.1, "middle": TRIED},)
+    add = lambda model: as_sum(model).plus(bell, strength("n"), middle)  # noqa: E731
+    return Candidate("n", add, "n", ("n", "middle"), trials, signed=True, **more)
+
+
+def of_shape(name: str, shape: Any) -> Candidate:
+    """A strength times something of a run."""
+    added = lambda v, run: v[name] * shape(run)  # noqa: E731
+    return Candidate(name, lambda m: as_sum(m).plus(added, strength(name)), name, (name,), ({name: 0.1},), signed=True)
+
+
+def decoys(count: int) -> list[Candidate]:
+    """The bell, each with something of its own that is not there."""
+    unit = {**BELL, "n": 1.0}
+    return [
+        of_shape(f"x{k}", lambda run, name=f"x{k}": bell(unit, run) + 0.3 * column(run, name)) for k in range(count)
+    ]
+
+
+def with_bell(**more: Any) -> Case:
+    about = case({})
+
+    def suite(names: Sequence[str]) -> Suite:
+        made = [dataclasses.replace(run, data=run.data + bell(BELL, run)) for run in recorded({}, 0, names)]
+        return Suite(made, White(SIGMA), offset)
+
+    return dataclasses.replace(about, identify=suite(NAMES), validate=suite(HELD), **more)
+
+
+def told(said: Sequence[str], words: str) -> list[str]:
+    return [each.removeprefix(words).strip() for each in said if each.startswith(words)]
+
+
+def test_a_candidate_whose_score_understates_it_is_found() -> None:
+    """It is last of thirteen by its score, and first after a few steps; few of them are fitted to the end."""
+    said, every = list[str](), [of_bell(), *decoys(12)]
+    about = with_bell(progress=said.append)
+    before = calibrated_stand(about)
+    ranked = [directions[0] for directions in Screening(before.solution, every).best()]
+    assert len(ranked) == 13 and ranked[-1].candidate.name == "n"
+    assert ranked[-1].drop < 0.4 * ranked[0].drop
+    step = forward(about, before, every)
+    assert step.chosen is not None and step.chosen.names == ("n",) and not step.chosen.stand.exceeds_noise
+    values = step.chosen.stand.solution.problem.where.values(step.chosen.stand.solution.x)
+    # Known to the noise over the root of the sum of squares of its derivative, which is 0.0007; four times that.
+    assert values["middle"] == pytest.approx(BELL["middle"], abs=0.003)
+    assert {*told(said, "trying")} >= {candidate.name for candidate in every}
+    assert len(told(said, "fitting roughly with")) == ROUGHLY
+    assert len(step.trials) == FINALISTS
+    # In the order of the catalogue, or another, the same is found.
+    for others in (every[::-1], [*every[6:], *every[:6]]):
+        again = forward(about, before, others)
+        assert [trial.names for trial in again.trials] == [trial.names for trial in step.trials]
+
+
+def test_what_the_best_is_known_to_be_taken_for_competes_to_the_end() -> None:
+    others = decoys(12)
+    about = with_bell()
+    before = calibrated_stand(about)
+    last = Screening(before.solution, others).best()[-1][0].candidate.name
+    for like in ((), (last,)):
+        step = forward(about, before, [of_bell(like=like), *others])
+        assert (last in {name for trial in step.trials for name in trial.names}) is bool(like)
+        assert step.chosen is not None and step.chosen.names == ("n",)
+
+
+def test_what_promises_too_little_is_not_fitted() -> None:
+    """Half of what would be accepted: of the effects in noise hardly any is tried, and what is absent never is."""
+    said = list[str]()
+    about = dataclasses.replace(case({"d": 0.3}), progress=said.append)
+    before = calibrated_stand(about)
+    screening = Screening(before.solution, effects())
+    enough = stepwise_selection.WORTH * max(screening.critical_value(LEVEL), SHARE * before.excess)
+    promising = [directions[0].candidate.name for directions in screening.best() if directions[0].drop > enough]
+    forward(about, before, effects())
+    assert [name for name in told(said, "trying") if " and " not in name] == promising
+    assert "d" in promising and len(promising) < len(EFFECTS)
+
+
+def test_a_pair_competes_only_where_a_single_effect_leaves_more_than_noise() -> None:
+    """Both halves of a bell promise more than any single effect; the bell itself leaves nothing for them."""
+    left, right = (
+        of_shape(name, lambda run, is_left=is_left: bell({**BELL, "n": 1.0}, run) * ((run.t < 0.5) == is_left))
+        for name, is_left in (("left", True), ("right", False))
+    )
+    about = with_bell()
+    before = calibrated_stand(about)
+    every = [left, right, of_bell()]
+    screening = Screening(before.solution, every)
+    ((promise, *pair),) = screening.pairs(1)
+    assert {direction.candidate.name for direction in pair} == {"left", "right"}
+    assert promise > screening.best()[0][0].drop + screening.critical_value(LEVEL)
+    alone = forward(about, before, every)
+    assert alone.chosen is not None and alone.chosen.names == ("n",)
+    assert all(len(trial.names) == 1 for trial in alone.trials)
+    both = forward(about, before, every[:2])
+    assert both.chosen is not None and {*both.chosen.names} == {"left", "right"}
+    assert any(trial.names in (("left",), ("right",)) and trial.stand.exceeds_noise for trial in both.trials)
+
+
+def led_astray() -> tuple[Sum, Candidate, Case]:
+    """A tone of 5.3 periods, and an effect that looks like that tone less another one of 7 periods.
+
+    A calibration that ended near 7 leaves a residual in which the effect seems to have the wrong sign.
+    """
+
+    def tone(f: float, run: Any) -> Array:
+        return np.asarray(np.sin(2 * math.pi * f * run.t))
+
+    def of_effect(v: Mapping[str, float], run: Any) -> Array:
+        return np.asarray(v["e"] * (column(run, "g") - tone(5.3, run) + tone(7.0, run)))
+
+    size, f = parameter("size", 1.0, 0.1, 3.0), parameter("f", 5.0, 4.0, 8.0)
+    model = Sum().plus(lambda v, run: v["size"] * tone(v["f"], run), size, f)
+    effect = Candidate(
+        "e", lambda m: as_sum(m).plus(of_effect, strength("e", 0.0, 0.0, 9.0)), "e", ("e",), ({"e": 0.1},)
+    )
+    truth = as_sum(effect.add(model)).replace({"size": 1.5, "f": 5.3, "e": 0.5})
+    rng = np.random.default_rng(0)
+
+    def suite(names: Sequence[str]) -> Suite:
+        blank = [Run(name, np.arange(N) / N, None) for name in names]
+        made = [dataclasses.replace(r, data=truth.predict(r) + SIGMA * rng.standard_normal(N)) for r in blank]
+        return Suite(made, White(SIGMA), offset)
+
+    return model, effect, Case(suite(NAMES), suite(HELD), ("size", "f"), lambda _: {}, lambda _: model, 1e-3)
+
+
+def test_a_fit_from_the_design_finds_what_calibration_hides() -> None:
+    model, effect, about = led_astray()
+    designed, astray = evaluate_design(about, model), fit(about, model.replace({"f": 7.0}))
+    assert designed is not None and astray is not None
+    assert min(designed.scale, astray.scale) > GROSS
+    assert forward(about, astray, [effect]).trials == ()
+    step = forward(about, astray, [effect], (designed,))
+    assert step.chosen is not None and step.chosen.names == ("e",)
+    found = step.chosen.stand
+    values = found.solution.problem.where.values(found.solution.x)
+    assert not found.exceeds_noise
+    assert [values["f"], values["e"]] == pytest.approx([5.3, 0.5], abs=0.03)
+    # Evidence is counted from the fit that is in place, and not from the design.
+    assert step.chosen.gain == pytest.approx(astray.seen_cost - found.seen_cost, rel=1e-9)
+    # A selection asks the design at its first step alone.
+    steps, stands = select(about, astray, [effect], 1, origins=(designed,))
+    assert [s.names for s in stands] == [("e",)] and len(steps) == 1
+
+
+# --- what cannot be told apart --------------------------------------------------------------------------------------
+
+
+def steps_of(about: Case, every: Sequence[Candidate]) -> list[Step]:
+    """All additions, as a search makes them."""
+    steps = [forward(about, calibrated_stand(about), every)]
+    while (chosen := steps[-1].chosen) is not None:
+        steps.append(forward(about, chosen.stand, every))
+    return steps
+
+
+def final(steps: Sequence[Step]) -> Stand:
+    return next(step.chosen.stand for step in reversed(steps) if step.chosen is not None)
+
+
+def test_effects_that_do_as_well_are_one_answer() -> None:
+    """Twins of d, each with a thousandth of something of its own; a group is no larger than it may be."""
+    twins = [candidate(name, {"d": 1.0, f"{name} alone": 1e-3}, signed=True) for name in ("w", "x", "y", "z")]
+    about = case({"d": 0.3})
+    for count in (1, 4):
+        steps = steps_of(about, [*effects(), *twins[:count]])
+        ((first, *others),) = confusable(about, final(steps), steps)
+        assert first == steps[0].chosen.names[0] and {first, *others} <= {"d", "w", "x", "y", "z"}  # type: ignore[union-attr]
+        assert len(others) == min(count, LARGEST_GROUP - 1)
+
+
+def test_what_did_as_well_beside_a_gross_misfit_may_not_do_so_in_the_end() -> None:
+    """While the large effect is missing one that is nearly d is as good as d; beside it, it is not."""
+    about = case({"d": 1.0, "b": 2.0})
+    nearly = candidate("e", {"d": 1.0, "e": 0.3}, signed=True)
+    twin = candidate("f", {"d": 1.0, "f": 1e-3}, signed=True)
+    every = [candidate(name, signed=True) for name in ("b", "d")]
+    # The search as it may go: d first, with all that does as well there.
+    before = calibrated_stand(about)
+    stands = {effect.name: fit(about, effect.add(before.model), (effect,)) for effect in (every[1], nearly, twin)}
+    trials = {n: compare(about, before, made, (n,), 20.0) for n, made in stands.items() if made is not None}
+    first = Step(trials["d"], tuple(trials.values()))
+    assert [trial.names for trial in first.alike] == [("e",), ("f",)]
+    second = forward(about, trials["d"].stand, every)
+    assert second.chosen is not None and second.chosen.names == ("b",)
+    assert confusable(about, trials["d"].stand, [first]) == (("d", "e", "f"),)
+    assert confusable(about, second.chosen.stand, [first, second]) == (("d", "f"),)
+
+
+# --- back, and anew -------------------------------------------------------------------------------------------------
+
+
+def test_an_effect_that_others_made_superfluous_is_dropped() -> None:
+    """`a` came first, as a mixture of both; with `b` and `c` in the model nothing is left for it to explain."""
+    mixture = candidate("a", {"b": 1.0, "c": 1.0, "a": 0.5}, signed=True)
+    about, every = case({"b": 0.3, "c": 0.2}), effects(a=mixture)
+    stand = fit_with(about, every[:3])
+    left = backward(about, stand, stand.names)
+    assert left.names == ("b", "c")
+    assert left.cost - stand.cost < 15  # chi-squared of one number
+    assert {p.name for p in left.model.parameters()}.isdisjoint({"a"})
+
+
+def test_effects_that_are_needed_stay() -> None:
+    about, every = case({"b": 0.3, "c": 0.2}), effects()
+    stand = fit_with(about, every[1:3])
+    assert backward(about, stand, stand.names) is stand
+
+
+def refits(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
+    """Note the effects of each fit that is made again without one."""
+    asked, refit = list[tuple[str, ...]](), stepwise_selection.refit
+
+    def noted(about: Case, stand: Stand, rest: tuple[Candidate, ...]) -> Stand | None:
+        asked.append(tuple(effect.name for effect in rest))
+        return refit(about, stand, rest)
+
+    monkeypatch.setattr(stepwise_selection, "refit", noted)
+    return asked
+
+
+def test_only_doubtful_effects_are_tested(monkeypatch: pytest.MonkeyPatch) -> None:
+    mixture = candidate("a", {"b": 1.0, "c": 1.0, "a": 0.5}, signed=True)
+    about = case({"b": 0.3, "c": 0.2})
+    stand, asked = fit_with(about, effects(a=mixture)[:3]), refits(monkeypatch)
+    assert backward(about, stand, ()) is stand and not asked
+    assert backward(about, stand, ("b", "c")).names != ("b", "c")
+    assert all("a" in names for names in asked)
+    asked.clear()
+    assert backward(about, stand, ("a",)).names == ("b", "c")
+    assert asked == [("b", "c")]
+
+
+def test_the_last_effect_is_never_tested(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether one is needed at all was decided when it was added."""
+    about = case({})
+    stand, asked = fit_with(about, effects()[:1]), refits(monkeypatch)
+    assert backward(about, stand, ("a",)) is stand and not asked
+
+
+def test_a_selection_doubts_what_was_there_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was added alone has just been found to be needed; of a pair each may make up for the other."""
+    about, every = case({"b": 0.3, "e": -0.2}), effects()
+    asked = refits(monkeypatch)
+    _, (alone,) = select(about, fit_with(about, every[1:2]), every, 2)
+    assert alone.names == ("b", "e") and asked == [("e",)]
+    asked.clear()
+    step = forward(about, calibrated_stand(about), every)
+    assert step.chosen is not None and {*step.chosen.names} == {"b", "e"}
+    select(about, calibrated_stand(about), every, 2)
+    assert sorted(asked) == [("b",), ("e",)]
+
+
+def test_a_selection_drops_what_later_effects_made_superfluous() -> None:
+    mixture = candidate("a", {"b": 0.6, "c": 0.4, "a": 0.1}, signed=True)
+    about = case({"b": 0.6, "c": 0.4})
+    steps, stands = select(about, calibrated_stand(about), effects(a=mixture)[:3], 3)
+    assert {*stands[-1].names} == {"b", "c"} and not stands[-1].exceeds_noise
+    assert steps[-1].chosen is None
+
+
+def test_a_selection_stops_at_its_largest_number_of_effects() -> None:
+    about, every = case({"b": 0.5, "c": 0.4, "e": 0.45}), effects()
+    begun = fit_with(about, every[1:2])
+    assert select(about, begun, every, 1) == ([], [])
+    assert {*select(about, begun, every, 3)[1][-1].names} == {"b", "c", "e"}
+
+
+def test_a_selection_stops_where_an_addition_made_itself_superfluous(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two effects without a truth, which a step adds all the same: without this it would do so for ever."""
+    about, every = case({"b": 0.3}), effects()
+    stand, before = fit_with(about, every[1:2]), calibrated_stand(about)
+    idle = fit_with(about, [every[1], every[3], every[4]])
+    trial = dataclasses.replace(compare(about, stand, idle, ("d", "e"), 20.0), reason="")
+    monkeypatch.setattr(stepwise_selection, "forward", lambda *_: Step(trial, (trial,)))
+    steps, stands = select(about, stand, every, 5)
+    assert len(steps) == 1 and stands == []
+    # One that is needed stays beside what is not.
+    needed = dataclasses.replace(compare(about, before, idle, ("b", "d", "e"), 20.0), reason="")
+    monkeypatch.setattr(stepwise_selection, "forward", lambda *_: Step(needed, (needed,)))
+    assert [made.names for made in select(about, before, every, 1)[1]] == [("b",)]
+
+
+def test_another_first_effect_may_lead_farther() -> None:
+    """A mixture of all three explains most at first, and beside it the others are told apart no more."""
+    about = case({"a": 0.5, "b": 0.4, "c": 0.45})
+    mixture = candidate("m", {"a": 0.5, "b": 0.4, "c": 0.45, "other": 0.35}, signed=True)
+    every = [mixture, *effects()[:3]]
+    path = select(about, calibrated_stand(about), every[:2], 3)
+    assert path[1][0].names[0] == "m" and path[1][-1].exceeds_noise
+    steps, stands = select_otherwise(about, path, every, 3)
+    assert steps[0].chosen is not None and steps[0].chosen.names == ("a",)
+    assert steps[0].trials is path[0][0].trials
+    assert stands[0].names == ("a",) and {*stands[-1].names} == {"a", "b", "c"}
+    assert stands[-1].bic(1.0) < path[1][-1].bic(1.0) and not stands[-1].exceeds_noise
+    # Where only noise is left, or nothing was found, a path stays as it is.
+    right = (steps, stands)
+    assert select_otherwise(about, right, every, 3) is right
+    nothing = ([Step(None, ())], list[Stand]())
+    assert select_otherwise(about, nothing, every, 3) is nothing
+
+
+def test_a_fit_in_a_local_minimum_begins_again_with_the_threshold_on_either_side() -> None:
+    """A ramp with a ripple: the ramp is found at any wave number, the ripple only within a tenth of its own."""
+
+    def rippled(v: Mapping[str, float], run: Any) -> Array:
+        return np.asarray(v["d"] * (20.0 * run.t + 0.3 * np.cos(50.0 * v["waves"] * run.t)))
+
+    waves = parameter("waves", 0.87, 0.1, 5.0, scale="log")
+    trials = tuple({"d": 0.1, "waves": value} for value in (0.6, 0.87))
+    effect = Candidate(
+        "d", lambda model: as_sum(model).plus(rippled, strength("d"), waves), "d", ("d", "waves"), trials, signed=True
+    )
+    truth = {"d": 1.0, "waves": 1.0}
+
+    def measured(runs: Sequence[Run]) -> list[Run]:
+        return [dataclasses.replace(run, data=run.data + rippled(truth, run)) for run in runs]
+
+    noise = White(SIGMA)
+    identify, kept = (Suite(measured(recorded({}, 0, names)), noise, offset) for names in (NAMES, HELD))
+    about = Case(identify, kept, ("p", "q"), lambda _: {}, lambda _: stage(), 1e-3)
+    before = calibrated_stand(about)
+    alone = fit(about, effect.add(before.model).replace({"d": 1.0, "waves": 0.87}), (effect,))
+    assert alone is not None and alone.scale > 1.5
+    # Another effect would make up for the ripple: where it is not needed it is not tried.
+    other = Candidate(
+        "r",
+        lambda model: as_sum(model).plus(lambda v, run: v["r"] * np.cos(50.0 * run.t), strength("r")),
+        "r", ("r",), ({"r": 0.1},), signed=True,
+    )  # fmt: skip
+    for offered in ([effect], [effect, other]):
+        _, (stand, *more) = select(about, before, offered, 3)
+        assert stand.names == ("d",) and not more
+        assert stand.scale < 1.2
+        assert stand.solution.problem.where.values(stand.solution.x)["waves"] == pytest.approx(1.0, abs=2e-3)
