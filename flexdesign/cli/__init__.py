@@ -1,4 +1,4 @@
-"""The command line: reads arguments, calls the library, prints; nothing else happens here."""
+"""The command line: reads arguments, calls the library, prints."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from flexdesign.cli import plan as plan
 from flexdesign.cli import import_ as import_
 # isort: on
 
-#: The exit code after Ctrl-C, by the shell's custom.
+#: The exit code after Ctrl-C, by convention of the shell.
 INTERRUPTED = 130
 
 
@@ -52,7 +52,7 @@ def _options(
 def main() -> None:
     """Run the command line; every InputError ends here as one message and exit code 2."""
     try:
-        code = app(standalone_mode=False)  # what a command returns, or the code it was ended with
+        code = app(standalone_mode=False)  # the return value of a command, or its exit code
         if code == INTERRUPTED:
             raise KeyboardInterrupt
         sys.exit(code)

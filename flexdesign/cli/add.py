@@ -1,4 +1,4 @@
-"""``flexdesign add``: an effect fitted to recorded runs and written into a stage model."""
+"""``flexdesign add``: fit one effect to recordings and write it into a stage model."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import typer
 
 from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, file_of, listed, place, progress, show, write_file
 
-HELP = """Fit one effect to recorded runs, and write it into a stage model.
+HELP = """Fit one effect to recordings, and write it into a stage model.
 
-MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. EFFECT is one
+MODEL is a stage model: a file written by `validate` or `identify`, or the bare name of one in studies/. EFFECT is one
 of `flexdesign effects`, or the path of a file with an effect of your own. RUNS are CSV files or folders of them: runs
 in time with the columns `t [s]`, `u [V]` and `x [um]`, or frequency responses with `f [Hz]`, `magnitude [um/V]`,
-`phase [deg]` and `coherence`, which are fitted together.
+`phase [deg]` and `coherence`. All are fitted together.
 
 **Examples**
 
@@ -22,16 +22,15 @@ in time with the columns `t [s]`, `u [V]` and `x [um]`, or frequency responses w
 
     flexdesign add my_stage.toml my_effect.py recordings/ --axis x --json
 
-**What it does:** fits the model's own numbers without and with the effect, and shows the fall of the error on runs that
-no fit has seen; says if the effect is not needed; and simulates a closed loop without and with it.
+**Method:** fits the parameters of the model without and with the effect, and compares the error on validation runs;
+states if the effect is not significant; and simulates a closed loop without and with it.
 
-**Of a part at rest:** where MODEL is a design, EFFECT is one of the static effects, or the path of a file with one of
-your own, and RUNS are static tables (see `flexdesign diagnose --help`); the design with the effect goes to -o.
+**Static tables:** if MODEL is a design, EFFECT is a static effect, or the path of a file with one of your own, and RUNS
+are static tables (see `flexdesign diagnose --help`); the design with the effect is written to -o.
 
-**What it writes:** the stage model with the effect, to -o; report.html, report.md, result.json and the figures, into
---out.
+**Output:** the stage model with the effect, in -o; report.html, report.md, result.json and the figures, in --out.
 
-**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 """
 
 
@@ -42,9 +41,9 @@ def add(
     recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],
     model_file: Annotated[
         Path | None,
-        typer.Option("-o", metavar="FILE", help="Where the model goes [default: stage_model.toml in --out]."),
+        typer.Option("-o", metavar="FILE", help="File of the written model [default: stage_model.toml in --out]."),
     ] = None,
-    axis: Annotated[str | None, typer.Option(help="Which axis, where several could be meant.")] = None,
+    axis: Annotated[str | None, typer.Option(help="Axis, if the stage has several.")] = None,
     noise: Noise = None,
     overrides: StageOverrides = None,
     out: Annotated[

@@ -1,4 +1,4 @@
-"""``flexdesign compare``: a stage model beside recorded runs."""
+"""``flexdesign compare``: the error of a stage model against recordings."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import typer
 
 from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, file_of, listed, place, progress, show
 
-HELP = """Compare a stage model with recorded runs: by how much it fails, and where.
+HELP = """Compare a stage model with recordings: the size and the location of its error.
 
-MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. RUNS are CSV
-files with the columns `t [s]`, `u [V]` and `x [um]`, frequency responses with the columns `f [Hz]`,
-`magnitude [um/V]`, `phase [deg]` and `coherence`, or folders of them. Nothing is fitted: each run is predicted with
-the model as it is, driven by the voltage at the stack where a column `v [V]` holds it.
+MODEL is a stage model: a file written by `validate` or `identify`, or the bare name of one in studies/. RUNS are CSV
+files with the columns `t [s]`, `u [V]` and `x [um]`, frequency responses with the columns `f [Hz]`, `magnitude [um/V]`,
+`phase [deg]` and `coherence`, or folders of them. Only the initial conditions of each run are fitted. A column `v [V]`,
+the voltage at the stack, replaces the command as input of the model.
 
 **Examples**
 
@@ -22,18 +22,18 @@ the model as it is, driven by the voltage at the stack where a column `v [V]` ho
 
     flexdesign compare my_stage.toml steps.csv sine.csv --axis x --json
 
-**What it says:** the error of each run, largest and rms, beside the stroke and the noise floor; then where the error
-above the noise lies: by run, frequency band, position, velocity, voltage and time since the last step. The noise is
-measured where every command stands still, else from periods or runs that repeat themselves.
+**Result:** the error of each run, largest and rms, relative to the stroke and to the noise floor; then the location of
+the error above the noise: by run, frequency band, position, velocity, voltage and time since the last step. The noise
+is estimated from stretches with a constant command, or from periods or repeated runs.
 
-**Of a part at rest:** where MODEL is a design (a file with `part = ...`, or the bare name of one in geometry/), RUNS
-are static tables, CSV with the columns `quantity,value,unit,sigma,boundary` and one for each dimension that differs,
-such as `hinge_thickness [mm]`: K_in, lambda and K_out with the other port free, held or (K_out) with the actuator in
-place. Differences count where they exceed the validation uncertainty, of measurement, tolerances and model.
+**Static tables:** if MODEL is a design (a file with `part = ...`, or the bare name of one in geometry/), RUNS are
+static tables, CSV with the columns `quantity,value,unit,sigma,boundary` and one for each dimension that differs, such
+as `hinge_thickness [mm]`: K_in, lambda and K_out with the other port free, held or (K_out) with the actuator installed.
+A difference counts if it exceeds the validation uncertainty, of measurement, tolerances and model.
 
-**What it writes:** report.html, report.md, result.json and the figures, into --out.
+**Output:** report.html, report.md, result.json and the figures, in --out.
 
-**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 """
 
 
@@ -41,7 +41,7 @@ place. Differences count where they exceed the validation uncertainty, of measur
 def compare(
     model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
     recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],
-    axis: Annotated[str | None, typer.Option(help="Which axis, where several could be meant.")] = None,
+    axis: Annotated[str | None, typer.Option(help="Axis, if the stage has several.")] = None,
     noise: Noise = None,
     overrides: StageOverrides = None,
     out: Annotated[

@@ -1,4 +1,4 @@
-"""``flexdesign diagnose``: which physical effect a stage model lacks, judged by recorded runs."""
+"""``flexdesign diagnose``: the physical effect that a stage model lacks, from recordings."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import typer
 
 from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, file_of, listed, place, progress, show, write_file
 
-HELP = """Find which physical effect a stage model lacks, from recorded runs.
+HELP = """Find the physical effect that a stage model lacks, from recordings.
 
-MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. RUNS are CSV
-files with the columns `t [s]`, `u [V]` and `x [um]`, frequency responses with the columns `f [Hz]`,
-`magnitude [um/V]`, `phase [deg]` and `coherence`, or folders of them; a `measurements.toml` beside them may say
-which runs are kept for validation (`role = "validate"`).
+MODEL is a stage model: a file written by `validate` or `identify`, or the bare name of one in studies/. RUNS are CSV
+files with the columns `t [s]`, `u [V]` and `x [um]`, frequency responses with the columns `f [Hz]`, `magnitude [um/V]`,
+`phase [deg]` and `coherence`, or folders of them. A `measurements.toml` in the same folder may state the validation
+runs (`role = "validate"`).
 
 **Examples**
 
@@ -24,23 +24,24 @@ which runs are kept for validation (`role = "validate"`).
 
     flexdesign diagnose my_stage.toml steps.csv sine.csv --axis x --effect my_effect.py
 
-**What it does:** reads the noise, fits the model's own numbers within what is known of them, screens every effect of
-the catalogue, and adds those that explain more than chance does, on validation runs, too.
+**Method:** estimates the noise, fits the parameters of the model within their priors, screens every effect of the
+catalogue, and adds significant effects that also reduce the error of the validation runs.
 
-**What it says:** nothing is missing; or which effects are, with value, unit and 95 % interval, how much each explains,
-what to do about it, which others these runs cannot tell from it, with the experiment that would, and how much remains
-beside them; or that no effect known here explains a large share of what is missing, and what it looks like.
+**Result:** one of three verdicts. Nothing is missing. Or: the missing effects, each with value, unit, 95 % interval,
+explained share and remedy, the effects that these runs cannot distinguish from it, the experiment that distinguishes
+them, and the remaining residual. Or: unknown, if no effect of the catalogue explains a large share of the residual,
+with its shape.
 
-**Of a part at rest:** where MODEL is a design (a file with `part = ...`, or the bare name of one in geometry/), RUNS
-are static tables, CSV with the columns `quantity,value,unit,sigma,boundary` and one for each dimension that differs,
-such as `hinge_thickness [mm]`, of a whole stage also `axis`: the static effects are fitted, those of your own
-(`--effect`) among them, and the answer goes into design.toml.
+**Static tables:** if MODEL is a design (a file with `part = ...`, or the bare name of one in geometry/), RUNS are
+static tables, CSV with the columns `quantity,value,unit,sigma,boundary` and one for each dimension that differs, such
+as `hinge_thickness [mm]`, for a stage also `axis`. The static effects are fitted, also your own (`--effect`), and the
+result is written to design.toml.
 
     flexdesign diagnose bridge_amplifier thickness_series.csv -o as_cut.toml
 
-**What it writes:** report.html, report.md, result.json, stage_model.toml and the figures, into --out.
+**Output:** report.html, report.md, result.json, stage_model.toml and the figures, in --out.
 
-**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 """
 
 
@@ -50,25 +51,23 @@ def diagnose(
     recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],
     model_file: Annotated[
         Path | None,
-        typer.Option("-o", metavar="FILE", help="Where the model goes [default: stage_model.toml in --out]."),
+        typer.Option("-o", metavar="FILE", help="File of the written model [default: stage_model.toml in --out]."),
     ] = None,
-    axis: Annotated[str | None, typer.Option(help="Which axis, where several could be meant.")] = None,
+    axis: Annotated[str | None, typer.Option(help="Axis, if the stage has several.")] = None,
     effect: Annotated[
-        list[str] | None, typer.Option(metavar="PATH", help="A file with an effect of your own, tried with the others.")
+        list[str] | None, typer.Option(metavar="PATH", help="File with an effect of your own, tried with the others.")
     ] = None,
     tolerance: Annotated[
         str | None,
         typer.Option(
-            help='What matters, rms, e.g. "0.2 um" or "0.1 %" of the stroke: a smaller residual counts as none, and no '
-            "effect is named that moves a prediction by less [default: 0.05 % of the stroke or 0.3 of the noise; 0.1 % "
-            "of the stroke where the noise is unknown].",
+            help='Relevant rms error, e.g. "0.2 um" or "0.1 %" of the stroke: a smaller residual counts as zero, and '
+            "no effect is named that changes a prediction by less [default: 0.05 % of the stroke or 0.3 of the noise; "
+            "0.1 % of the stroke if the noise is unknown].",
             show_default=False,
         ),
     ] = None,
     noise: Noise = None,
-    bare: Annotated[
-        bool, typer.Option("--bare", help="For a design: begin with hinges that only rotate, and ask what they lack.")
-    ] = False,
+    bare: Annotated[bool, typer.Option("--bare", help="For a design: start from hinges that only rotate.")] = False,
     overrides: StageOverrides = None,
     out: Annotated[
         Path | None,

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 HELP = """Show the catalogue of effects, or one effect with the picture of its signature.
 
-NAME is an effect of the catalogue, of an installed package, or the path of a file with an EFFECT. Without one, all
-effects are listed: where they act, and what reveals them.
+NAME is an effect of the catalogue, of an installed package, or the path of a file with an EFFECT. Without a name, all
+effects are listed with their place and the experiment that reveals them.
 
 **Examples**
 
@@ -27,17 +27,16 @@ effects are listed: where they act, and what reveals them.
 
     flexdesign effects my_static_effect.py --model my_design.toml
 
-**What is shown:** the physics, every parameter with its unit, null, start and plausible range, what reveals it, what it
-is confused with, what to do about it; and what it changes in the experiments that `flexdesign plan` writes, simulated
-with it and without it, at a strength at which the reading changes by 1 % of the stroke.
+**Result:** the physics; every parameter with unit, null, start and plausible range; the experiment that reveals the
+effect, confounded effects, the remedy; and the response in the experiments of `flexdesign plan`, simulated with and
+without the effect, at a strength that changes the reading by 1 % of the stroke.
 
-Static effects, which act on a part at rest, are shown on a design: what each changes of its stiffnesses and its
-amplification, at the strength from which a fit begins; `--model` names another design.
+Static effects, which act on a part at rest, are shown on a design: the change of its stiffnesses and its amplification,
+at the start value of a fit; `--model` names another design.
 
-**What it writes:** report.html, report.md, result.json, stage_model.toml (the stage with the effect) and the figures,
-into --out.
+**Output:** report.html, report.md, result.json, stage_model.toml (the stage with the effect) and the figures, in --out.
 
-**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 """
 #: The designs on which static effects are shown, those of whole stages on the second.
 DESIGN, WHOLE = "bridge_amplifier", "lin2019_xyz_stage"
@@ -52,9 +51,9 @@ RINGS = ", its damping ratio 0.0242 as its printed gains call for, its sensor wi
 def effects(
     name: Annotated[str | None, typer.Argument(help="Effect: a name, or the path of a file.")] = None,
     model: Annotated[
-        str, typer.Option(help="Stage model or, for a static effect, design on which it is shown.")
+        str, typer.Option(help="Stage model, or design for a static effect, on which the effect is shown.")
     ] = STAGE,
-    axis: Annotated[str | None, typer.Option(help="Which axis [default: the first].", show_default=False)] = None,
+    axis: Annotated[str | None, typer.Option(help="Axis [default: the first].", show_default=False)] = None,
     overrides: StageOverrides = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the report [default: reports/effects/NAME].", show_default=False)
@@ -98,7 +97,7 @@ def effects(
 
 
 def _is_static(name: str, model: str) -> bool:
-    """Tell whether an effect is shown on a part at rest: a static one, or one that is both where MODEL is a design."""
+    """Tell whether an effect is shown on a part at rest: static, or of both kinds if MODEL is a design."""
     from flexdesign import effects as in_time
     from flexdesign.api import static_tables
     from flexdesign.effects import statics
@@ -113,7 +112,7 @@ def _is_static(name: str, model: str) -> bool:
 
 
 def _static(name: str, design: str, overrides: list[str], out: Path | None, as_json: bool) -> None:
-    """Write the page of a static effect, which acts on a part and needs no time."""
+    """Write the page of a static effect, which acts on a part at rest."""
     from flexdesign.design import design as designs
     from flexdesign.report import render, terminal
     from flexdesign.report.catalogue import effect_pages, static_effect_pages
@@ -134,7 +133,7 @@ def _static(name: str, design: str, overrides: list[str], out: Path | None, as_j
 
 
 def _signature(name: str, model: str, axis: str | None, overrides: list[str]) -> tuple[Signature, dict[str, str]]:
-    """Return the signature of an effect on an axis of a stage model, and how that stage is called."""
+    """Return the signature of an effect on an axis of a stage model, and the title of the stage."""
     from flexdesign.diagnosis import experiment_design
     from flexdesign.dynamics import stage_model
 

@@ -1,4 +1,4 @@
-"""``flexdesign identify``: the free numbers of a stage model from recorded runs."""
+"""``flexdesign identify``: the free parameters of a stage model from recordings."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import typer
 
 from flexdesign.cli.shared import AsJson, StageOverrides, app, file_of, listed, place, progress, show, write_file
 
-HELP = """Fit the free numbers of a stage model to recorded runs, and say what the runs leave open.
+HELP = """Fit the free parameters of a stage model to recorded runs, and state which the runs do not determine.
 
-MODEL is a stage model: a file that `validate` wrote, or the bare name of one in studies/. RUNS are CSV files with the
-columns `t [s]`, `u [V]` and `x [um]`, or folders of them; a `measurements.toml` beside them may say which runs are for
-validation (`role = "validate"`) or for testing (`role = "test"`): those are predicted, never fitted.
+MODEL is a stage model: a file written by `validate`, or the bare name of one in studies/. RUNS are CSV files with the
+columns `t [s]`, `u [V]` and `x [um]`, or folders of them. A `measurements.toml` in the same folder may state runs for
+validation (`role = "validate"`) or for testing (`role = "test"`): these are predicted, not fitted.
 
 **Examples**
 
@@ -23,16 +23,16 @@ validation (`role = "validate"`) or for testing (`role = "test"`): those are pre
 
     flexdesign identify my_stage.toml sweep.csv --set axis.x.effects.creep.per_decade=0.01 --free gain,creep.per_decade
 
-**What is fitted:** gain, damping_ratio and natural_frequency, and bouc_wen.a, b, c and rest where the model has
-hysteresis; --free names others, such as controller.delay or the numbers of an effect. A stated uncertainty counts as
-prior knowledge, unless the number is assumed. What the runs do not determine is held and reported as such.
+**Parameters:** gain, damping_ratio and natural_frequency, and bouc_wen.a, b, c and rest if the model has hysteresis;
+--free names others, such as controller.delay or the parameters of an effect. A stated uncertainty is a prior, unless
+the parameter is assumed. Parameters that the runs do not determine are held and reported.
 
 **Frequency responses** are for `flexdesign diagnose`, which fits gain, damping_ratio and natural_frequency to them,
-alone or beside runs, and writes the model: intervals here rest on what each run in time leaves, sample by sample.
+alone or together with runs, and writes the model. The intervals of `identify` need residuals in time.
 
-**What it writes:** report.html, report.md, result.json, stage_model.toml and the figures, into --out.
+**Output:** report.html, report.md, result.json, stage_model.toml and the figures, in --out.
 
-**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 """
 
 
@@ -42,11 +42,11 @@ def identify(
     recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],
     model_file: Annotated[
         Path | None,
-        typer.Option("-o", metavar="FILE", help="Where the model goes [default: stage_model.toml in --out]."),
+        typer.Option("-o", metavar="FILE", help="File of the written model [default: stage_model.toml in --out]."),
     ] = None,
-    axis: Annotated[str | None, typer.Option(help="Which axis, where several could be meant.")] = None,
+    axis: Annotated[str | None, typer.Option(help="Axis, if the stage has several.")] = None,
     free: Annotated[
-        str | None, typer.Option(metavar="NAMES", help="What is fitted, e.g. gain,damping_ratio,bouc_wen.a.")
+        str | None, typer.Option(metavar="NAMES", help="Parameters to fit, e.g. gain,damping_ratio,bouc_wen.a.")
     ] = None,
     overrides: StageOverrides = None,
     out: Annotated[

@@ -1,4 +1,4 @@
-"""``flexdesign import``: recordings of other programs made into a folder of runs."""
+"""``flexdesign import``: convert recordings of other programs to a folder of runs."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import typer
 
 from flexdesign.cli.shared import app
 
-HELP = """Bring recordings of other programs into a folder of runs.
+HELP = """Convert recordings of other programs to a folder of runs.
 
-FILES are .mat (any version), HDF5, .tdms, universal files (.uff, .unv: data set 58), .npy, .npz, or tables in text with
-any separator, decimal commas and lines above the header; arrays may be complex. Without --map it prints what they hold
-as a map to complete; with one it writes a CSV file for each run or frequency response, and `measurements.toml`, reads
-them back, and says what is wrong with them.
+FILES are .mat (any version), HDF5, .tdms, universal files (.uff, .unv: data set 58), .npy, .npz, or text tables with
+any separator, decimal commas and lines above the header; arrays may be complex. Without --map, the command prints the
+content of the files as a map to complete. With a map it writes a CSV file for each run or frequency response, and
+`measurements.toml`, reads them back, and reports faults.
 
 **Examples**
 
@@ -26,21 +26,21 @@ them back, and says what is wrong with them.
 
     flexdesign import scope_*.csv --map map.toml -o recordings/scope
 
-**What a map says:** which variable is which column (`variable`, `unit`, `scale`, `offset`, `channel`, `input`), the
-sample `rate` where there is no column t, and the `axes` of arrays: sample or frequency, channel, input, realisation (a
-run each), period (in a row). What `measurements.toml` may say is passed on. With `per_file = true` one map serves
-many files of the same variables: each file makes runs of its own, named after it.
+**Map:** the variable of each column (`variable`, `unit`, `scale`, `offset`, `channel`, `input`), the sampling `rate` if
+there is no column t, and the `axes` of arrays: sample or frequency, channel, input, realisation (one run each), period
+(in sequence). Keys of `measurements.toml` are passed on. With `per_file = true` one map applies to many files of the
+same variables: each file gives its own runs, named after it.
 
 **Frequency responses** have a column `f` and a complex one, `response`; or `magnitude` and `phase`; or `re` and `im`;
-and `coherence` where it was recorded.
+and `coherence` if it was recorded.
 
-**Arithmetic:** a column may be computed, `formula = "qg + pulse / (kv * kp)"`, of variables of the files, of those in
-`[variables.NAME]`, and of `[constants]` such as `kv = "243 V s/m"`. It has + - * / **, parentheses, pi, abs, sqrt, exp,
-sin, cos, real, imag, conj, angle. Units are checked, and converted to the `unit` of the column.
+**Arithmetic:** a column may be computed, `formula = "qg + pulse / (kv * kp)"`, from variables of the files, those in
+`[variables.NAME]`, and `[constants]` such as `kv = "243 V s/m"`. Operators and functions are + - * / **, parentheses,
+pi, abs, sqrt, exp, sin, cos, real, imag, conj, angle. Units are checked, and converted to the `unit` of the column.
 
-**What it needs:** `pip install 'flexdesign[import]'` for HDF5, .mat of version 7.3, .tdms and universal files.
+**Requirement:** `pip install 'flexdesign[import]'` for HDF5, .mat of version 7.3, .tdms and universal files.
 
-**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 """
 
 
@@ -48,13 +48,13 @@ sin, cos, real, imag, conj, angle. Units are checked, and converted to the `unit
 def import_(
     recordings: Annotated[list[Path], typer.Argument(metavar="FILES...", help="Recordings, read together.")],
     map_file: Annotated[
-        Path | None, typer.Option("--map", metavar="FILE", help="Which variable is which column.", show_default=False)
+        Path | None, typer.Option("--map", metavar="FILE", help="Map of variables to columns.", show_default=False)
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="DIR", help="The folder [default: recordings/FILE].")
     ] = None,
 ) -> None:
-    """Show what files hold, or write their runs."""
+    """Print the map of the files, or write their runs."""
     from flexdesign.measurements import importing
 
     if map_file is None:

@@ -8,9 +8,9 @@ import typer
 
 from flexdesign.cli.shared import AsJson, app, print_json
 
-HELP = """Show the material library, or one material with the source of every number.
+HELP = """Show the material library, or one material with the source of every value.
 
-NAME is a material of the library or the path of a file with one (.toml). Without one, all materials are listed.
+NAME is a material of the library or the path of a file with one (.toml). Without a name, all materials are listed.
 
 **Examples**
 
@@ -21,12 +21,12 @@ NAME is a material of the library or the path of a file with one (.toml). Withou
     flexdesign materials my_alloy.toml --json
 
 **In a design:** material = "Al 7075-T6", a file, or a table: [material] with name, youngs_modulus, poissons_ratio,
-density, yield_strength and, if known, ultimate_strength, [material.fatigue] and [material.sources]. A table with
-like = "Si" takes from the library what it does not state, for instance with orientation = "<100>" alone.
+density, yield_strength and, if known, ultimate_strength, [material.fatigue] and [material.sources]. A table with like =
+"Si" takes all other values from the library, for example with orientation = "<100>" alone.
 
-**What it writes:** nothing.
+**Output:** no files.
 
-**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 """
 
 

@@ -1,4 +1,4 @@
-"""``flexdesign optimize``: the dimensions that serve an aim best within limits, checked by finite elements."""
+"""``flexdesign optimize``: the best dimensions within limits, checked by finite elements."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import typer
 
 from flexdesign.cli.shared import AsJson, app, place, progress, show
 
-HELP = """Find the dimensions that serve an aim best and keep their limits, checked by finite elements.
+HELP = """Find the best dimensions for one aim within limits, checked by finite elements.
 
 STUDY is a sweep file (see `flexdesign sweep --help`) with ranges, limits and one aim, or the bare name of one in
-studies/. The formulas are optimised, finite elements check the optimum and correct them, until both agree. What is a
-list, such as materials, is tried one by one.
+studies/. The formulas are optimised; finite elements check the optimum and correct the formulas, until both agree. The
+values of a list, such as materials, are tried one by one.
 
 **Examples**
 
@@ -23,10 +23,10 @@ list, such as materials, is tried one by one.
 
     flexdesign optimize stiffest_amplifier --no-check
 
-**What it writes:** optimum.toml (the design), report.html, report.md and result.json, into --out.
+**Output:** optimum.toml (the design), report.html, report.md and result.json, in --out.
 
-**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 nothing keeps all limits, or our fault;
-130 interrupted.
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 no design keeps all limits, or
+internal error; 130 interrupted.
 """
 
 

@@ -1,4 +1,4 @@
-"""``flexdesign plan``: command files for the bench, within its limits, so that a diagnosis will work."""
+"""``flexdesign plan``: command files for the bench, within its limits, as inputs of a diagnosis."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import typer
 
 from flexdesign.cli.shared import AsJson, StageOverrides, app, listed, place, progress, show
 
-HELP = """Write command files for the bench, within its limits, so that a diagnosis will work.
+HELP = """Write command files for the bench, within its limits, as inputs of a diagnosis.
 
-MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. Commands are
-shaped to its modes and damping; where slew or motion would be too large they are made smaller, and it is said. How
-fast the voltage may change must be known: from `driver.slew` of the model, --slew, or --current and the capacitance of
-the stacks. Without these no command is written; `--slew none` says that nothing limits it.
+MODEL is a stage model: a file written by `validate` or `identify`, or the bare name of one in studies/. Commands are
+designed for its modes and damping. If slew rate or motion would be too large they are reduced, with a remark. The slew
+rate of the voltage must be known: from `driver.slew` of the model, --slew, or --current and the capacitance of the
+stacks. Without it no command is written; `--slew none` states that there is no limit.
 
 **Examples**
 
@@ -24,15 +24,15 @@ the stacks. Without these no command is written; `--slew none` says that nothing
 
     flexdesign plan my_stage.toml --resolve payload_mass stiffness_loss --sensor-noise "20 nm"
 
-**What it plans:** a quiet record, small calibration steps, multisines of three sizes with two realisations of two
-periods each, steps of several sizes, triangles at two rates, a staircase, a hold of 100 s, a decaying sine and random
-levels for validation, and a multisine with a known added mass. With --resolve: the experiments that tell two effects
-apart, found by simulating the stage with either at strengths at which they look alike on a multisine.
+**Experiments:** a quiet record, small calibration steps, multisines of three amplitudes with two realisations of two
+periods each, steps of several heights, triangles at two rates, a staircase, a hold of 100 s, a decaying sine and random
+levels for validation, and a multisine with a known added mass. With --resolve: the experiments that distinguish two
+effects, found by simulation with either effect, at strengths with equal responses to a multisine.
 
-**What it writes:** commands/*.csv and commands/measurements.toml, to which recorded responses only need adding;
-report.html, report.md, result.json and the figures, into --out.
+**Output:** commands/*.csv and commands/measurements.toml, to which you add the recorded responses; report.html,
+report.md, result.json and the figures, in --out.
 
-**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 """
 
 
@@ -41,26 +41,26 @@ def plan(
     model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
     resolve: Annotated[
         tuple[str, str] | None,
-        typer.Option(metavar="A B", help="Two effects to be told apart, e.g. payload_mass stiffness_loss."),
+        typer.Option(metavar="A B", help="Two effects to distinguish, e.g. payload_mass stiffness_loss."),
     ] = None,
-    axis: Annotated[str | None, typer.Option(help="Which axis [default: the first].", show_default=False)] = None,
+    axis: Annotated[str | None, typer.Option(help="Axis [default: the first].", show_default=False)] = None,
     volts: Annotated[
         tuple[str, str] | None, typer.Option(metavar="LOW HIGH", help='Narrower range, e.g. "0 V" "100 V".')
     ] = None,
     slew: Annotated[
-        str | None, typer.Option(help='Fastest change of the command, e.g. "2000 V/s"; none if nothing limits it.')
+        str | None, typer.Option(help='Largest slew rate of the command, e.g. "2000 V/s"; none for no limit.')
     ] = None,
     current: Annotated[str | None, typer.Option(help='Largest current of the driver, e.g. "50 mA".')] = None,
     bandwidth: Annotated[
-        str | None, typer.Option(help="No tone above it [default: 0.4 of the rate].", show_default=False)
+        str | None, typer.Option(help="Highest frequency of the tones [default: 0.4 of the rate].", show_default=False)
     ] = None,
     rate: Annotated[
         str | None, typer.Option(help="Sampling rate [default: the model's controller.rate].", show_default=False)
     ] = None,
     sensor_noise: Annotated[
-        str | None, typer.Option(help='Standard deviation of a reading at rest, e.g. "20 nm".')
+        str | None, typer.Option(help='Standard deviation of the sensor reading at rest, e.g. "20 nm".')
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of random phases and levels.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of random phases and levels.")] = 1,
     overrides: StageOverrides = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for the plan [default: reports/MODEL_plan].", show_default=False)

@@ -1,4 +1,4 @@
-"""``flexdesign reproduce``: every number that a publication prints, beside ours."""
+"""``flexdesign reproduce``: every printed value of a publication, with a verdict."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import typer
 
 from flexdesign.cli.shared import AsJson, CacheFolder, app, place, progress, show
 
-HELP = """Set every number that a publication prints beside ours, each with a verdict.
+HELP = """Reproduce every printed value of a publication, each with a verdict.
 
-PUBLICATION is a file of printed numbers, or the bare name of one in studies/. Its stage is solved by finite elements,
-its experiments are simulated, and the report has a row for every table, figure and equation: theirs, ours, and whether
-the two agree, are equal by construction, cannot both be true and why, or whether nothing was printed.
+PUBLICATION is a file of printed values, or the bare name of one in studies/. Its stage is solved by finite elements and
+its experiments are simulated. The report has a row for every table, figure and equation: the printed value, ours, and
+the verdict: agrees, equal by construction, cannot be both true and the reason, or not printed.
 
 **Examples**
 
@@ -21,13 +21,13 @@ the two agree, are equal by construction, cannot both be true and why, or whethe
 
     flexdesign reproduce lin2019 --out reports/paper --json
 
-**What --set can change:** the study of the stage (`mesh.*`, `dimensions.*` and all else that `validate` takes).
+**Keys of --set:** those of the study of the stage (`mesh.*`, `dimensions.*` and all others of `validate`).
 
-**What it writes:** report.html, report.md, result.json and the figures, into --out.
+**Output:** report.html, report.md, result.json and the figures, in --out.
 
-**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 
-It takes some minutes; meshes and condensed parts are cached, so that a second run takes less.
+The command takes some minutes; meshes and condensed parts are cached, so that a second run takes less time.
 """
 
 

@@ -1,4 +1,4 @@
-"""What the verbs of the command line share: the application, options, progress, and how an answer is printed."""
+"""Shared by all commands: the application, options, progress, and the output of a result."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print result.json on stdout, and nothing else.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print only result.json, on stdout.")]
 CacheFolder = Annotated[
     Path | None,
     typer.Option(
@@ -53,7 +53,7 @@ StageOverrides = Annotated[
 
 @contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
-    """Show on stderr what is going on while a verb works; yields what takes the words."""
+    """Show the progress of a command on stderr; yields the function that takes the messages."""
     from flexdesign.report import terminal
 
     with terminal.progress() as say:
@@ -61,7 +61,7 @@ def progress() -> Iterator[Callable[[str], None]]:
 
 
 def print_json(result: Mapping[str, Any]) -> None:
-    """Print a result on stdout, as result.json has it."""
+    """Print a result on stdout, in the form of result.json."""
     json.dump(result, sys.stdout, indent=2, ensure_ascii=False)
     sys.stdout.write("\n")
 
@@ -77,16 +77,16 @@ def open_cache(folder: Path | None) -> Cache:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a verb's report goes.
+    """The destination of a report.
 
     Parameters
     ----------
     folder
         The folder.
     inputs
-        What the report is made of.
+        The inputs of the report.
     replaced
-        Which report of other inputs stands there and is replaced, in words; empty if none.
+        The report of other inputs that is replaced, in words; empty if none.
     """
 
     folder: Path
@@ -94,16 +94,16 @@ class Place:
     replaced: str
 
     def write(self, found: Result[Any], links: Sequence[str] = (), *, model_file: Path | None = None) -> list[Path]:
-        """Write the report of a result, and say on stderr which other report it replaces.
+        """Write the report of a result, and name on stderr the other report that it replaces.
 
         Parameters
         ----------
         found
-            The result; what it was made of is put into its result.json.
+            The result; its inputs are added to its result.json.
         links
-            Files beside the report that it links to, relative to its folder.
+            Files that the report links to, relative to its folder.
         model_file
-            Where the model goes that the result holds, if not into the folder.
+            File of the model in the result, if not in the folder.
         """
         from flexdesign.report import render
 
@@ -120,7 +120,7 @@ class Place:
 
 
 def show(found: Result[Any], written: Sequence[Path], as_json: bool) -> None:
-    """Print a result: as JSON alone, or its summary and table and which files were written, pictures left out."""
+    """Print a result: as JSON alone, or summary, table and the names of the written files, without pictures."""
     from flexdesign.report import terminal
 
     if as_json:
@@ -130,7 +130,7 @@ def show(found: Result[Any], written: Sequence[Path], as_json: bool) -> None:
 
 
 def write_file(path: Path | None, text: str | None = None) -> None:
-    """Write a file that -o names, whole or not at all; without a text, check that it can be written.
+    """Write the file of -o, completely or not at all; without a text, check that it can be written.
 
     Raises
     ------
@@ -173,10 +173,10 @@ def place(
     options: Sequence[str] = (),
     ending: str = "",
 ) -> Place:
-    """Return where a report goes, and check that it can be written there.
+    """Return the destination of a report, and check that it can be written.
 
-    Without `out` that is the folder `name`, overrides from the command line and `ending` in reports/. If a report of
-    another command, other files or other options stands there, a hash in the name tells the new folder from it.
+    Without `out` that is the folder `name`, overrides from the command line and `ending` in reports/. If that
+    folder holds a report of another command, other files or other options, the new folder has a hash in its name.
 
     Raises
     ------
@@ -194,7 +194,7 @@ def place(
 
 
 def listed(**given: object) -> list[str]:
-    """Return the options of a verb that were given, as settings: ``axis=x``.
+    """Return the given options of a command as settings: ``axis=x``.
 
     >>> listed(axis="x", noise=None, volts=("0 V", "100 V"))
     ['axis=x', 'volts=0 V 100 V']

@@ -1,4 +1,4 @@
-"""``flexdesign simulate``: experiments on a stage model, open and closed loop."""
+"""``flexdesign simulate``: experiments on a stage model, in open and closed loop."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from flexdesign.cli.shared import AsJson, StageOverrides, app, place, progress, 
 
 HELP = """Simulate a stage: hysteresis, feedforward, PID, steps, tracking, lines.
 
-MODEL is a stage model: a file that `validate` or `identify` wrote, or the bare name of one in studies/. STUDY says what
-is tried (without one: hysteresis, step, sine and staircase of each axis within its range); the report shows every
-controller on every variant of the stage, with published numbers beside ours where the study has some.
+MODEL is a stage model: a file written by `validate` or `identify`, or the bare name of one in studies/. STUDY lists the
+experiments (by default hysteresis, step, sine and staircase of each axis within its range). The report shows every
+controller on every variant of the stage, and the published values of the study in the same tables.
 
 **Examples**
 
@@ -23,13 +23,13 @@ controller on every variant of the stage, with published numbers beside ours whe
 
     flexdesign simulate my_stage.toml --set axis.x.damping_ratio=0.02 --runs
 
-**What --set can change:** the stage model (`axis.*`, `controller.*`, `coupling.*`) and the study (`robust_ms`,
-`cycled`); `--set axis.x.mass*=1.1` multiplies what is there.
+**Keys of --set:** those of the stage model (`axis.*`, `controller.*`, `coupling.*`) and of the study (`robust_ms`,
+`cycled`); `--set axis.x.mass*=1.1` multiplies the value of the file.
 
-**What it writes:** report.html, report.md, result.json, stage_model.toml and the figures, into --out; with --runs also
+**Output:** report.html, report.md, result.json, stage_model.toml and the figures, in --out; with --runs also
 runs/*.csv, recordings that `identify` reads.
 
-**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 """
 
 
@@ -37,7 +37,7 @@ runs/*.csv, recordings that `identify` reads.
 def simulate(
     model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")] = "lin2019_stage",
     study: Annotated[
-        str | None, typer.Argument(help="Study of experiments: a path, or a bare name; without it, a standard one.")
+        str | None, typer.Argument(help="Study of experiments: a path, or a bare name [default: standard experiments].")
     ] = None,
     overrides: StageOverrides = None,
     out: Annotated[

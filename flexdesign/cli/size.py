@@ -1,4 +1,4 @@
-"""``flexdesign size``: dimensions of amplifiers and guides from what a stage shall do."""
+"""``flexdesign size``: dimensions of amplifiers and guides from target values of a stage."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from flexdesign.report.document import Document, Table
     from flexdesign.workflows.stage_sizing import StageSizing
 
-HELP = """Find the dimensions of amplifiers and guides from what a stage shall do.
+HELP = """Find the dimensions of amplifiers and guides from target values of a stage.
 
 TARGETS is a file with stiffness, input stiffness, amplification or gain of the axes X/Y and Z and the coupling of a
 motion along X, or the bare name of one in studies/. The formulas of Lin et al. (2019) are solved for hinges, arms,
-input rods and the chains that guide the table; width, hinge thickness and rod thickness are chosen. A file that names a
-stage and its free dimensions asks for numbers of the formulas and of finite elements at once: least squares on the
-formulas and the compliance model, corrected by a few solutions of the whole stage by finite elements.
+input rods and the chains that guide the table; width, hinge thickness and rod thickness are given. A file that names a
+stage and its free dimensions may have targets for formulas and for finite elements: least squares on the formulas and
+the compliance model, corrected by a few FEM solutions of the whole stage.
 
 **Examples**
 
@@ -34,14 +34,14 @@ formulas and the compliance model, corrected by a few solutions of the whole sta
 
     flexdesign size lin2019_stage_targets --out reports/lin2019_stage_targets
 
-**What --set can change:** `targets.*` (of amplification and gain the one that is set takes the place of the other),
-`topology.*` (how many amplifiers and guide hinges take part), `choices.*`, `material`, `rounded`. With `rounded` the
-targets are printed numbers, and ± says how far half a unit of their last digits moves a dimension, at worst. Of a whole
-stage: `targets.formulas.*`, `targets.arms.*`, `targets.elements.*`, `start.*`, `free`, `prior`, `iterations`, `mesh.*`.
+**Keys of --set:** `targets.*` (amplification or gain: the given one replaces the other), `topology.*` (number of
+amplifiers and guide hinges), `choices.*`, `material`, `rounded`. With `rounded` the targets are rounded printed values,
+and ± is the largest change of a dimension within half a unit of their last digits. For a whole stage:
+`targets.formulas.*`, `targets.arms.*`, `targets.elements.*`, `start.*`, `free`, `prior`, `iterations`, `mesh.*`.
 
-**What it writes:** dimensions.toml, report.html, report.md and result.json, into --out; without it nothing.
+**Output:** dimensions.toml, report.html, report.md and result.json, in --out; without --out no files.
 
-**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 """
 
 
@@ -111,7 +111,7 @@ def _circular() -> str:
 
 
 def _summary(found: Sizing) -> list[str]:
-    """Say what the dimensions are, and what the targets leave doubtful; every number is of this run."""
+    """Return the summary: the dimensions, and contradictions between the targets; every value is of this run."""
     text = [f"The dimensions are reconstructed: they follow from the targets, and are one realisation. {_circular()}"]
     x, _ = found.found.driven()
     if x.load:
@@ -150,7 +150,7 @@ def _dimensions(found: Sizing) -> Table:
 
 
 def _place(quantity: Quantity) -> str:
-    """Return where a quantity comes from, the paper's name left to the report's title."""
+    """Return the source of a quantity without the name of the paper, which is in the title of the report."""
     from flexdesign.analytic.prb import SOURCE
 
     return quantity.source.removeprefix(f"{SOURCE}, ")

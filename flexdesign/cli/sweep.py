@@ -1,4 +1,4 @@
-"""``flexdesign sweep``: one design in many versions, and the best of them."""
+"""``flexdesign sweep``: many versions of one design, and the best of them."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import typer
 
 from flexdesign.cli.shared import AsJson, app, place, progress, show
 
-HELP = """Evaluate many versions of a design, keep every answer, and pick the best.
+HELP = """Evaluate many versions of a design, save every answer, and find the best.
 
-STUDY is a file that names a design, or a stage model, and what shall vary of it; or the bare name of one in studies/:
+STUDY is a file that names a design, or a stage model, and the parameters to vary; or the bare name of one in studies/:
 
     format = 1
     design = "lin2019_amplifier_xy.toml"
@@ -21,8 +21,8 @@ STUDY is a file that names a design, or a stage model, and what shall vary of it
     "dimensions.hinge_thickness" = { from = "0.3 mm", to = "0.8 mm", count = 21 }
     material = ["AZ31B", "Al 7075-T6"]
 
-    [sample]                                 # every combination, where this is missing
-    method = "sobol"                         # grid, latin-hypercube, sobol, or sensitivity for Sobol's indices
+    [sample]                                 # default: every combination
+    method = "sobol"                         # grid, latin-hypercube, sobol, or sensitivity for Sobol' indices
     count = 64
 
     [limits]
@@ -30,7 +30,7 @@ STUDY is a file that names a design, or a stage model, and what shall vary of it
     "|stroke_output_free|" = "> 150 um"
 
     [aim]
-    maximise = "K_out_actuator_installed"    # several aims make a front
+    maximise = "K_out_actuator_installed"    # several aims give a Pareto front
 
 **Examples**
 
@@ -46,12 +46,12 @@ STUDY is a file that names a design, or a stage model, and what shall vary of it
 
     flexdesign sweep hinge_thickness --scheduler tcp://192.168.1.10:8786
 
-**What it writes:** report.html, report.md, result.json, cases.csv (cases.parquet too, where pyarrow is installed) and
-the pictures, into --out; and every answer, as it comes, into the folder cases/ there, under the hash of design, part,
-engine and versions. Whatever ends it, the next run computes only what is missing; so does a finer grid, or a second
-sweep in the same folder. A case that fails is recorded with its reason and stops nothing.
+**Output:** report.html, report.md, result.json, cases.csv (cases.parquet too if pyarrow is installed) and the pictures,
+in --out; and the answers, in its folder cases/, under the hash of design, part, engine and versions. After an
+interruption, only missing cases are computed; the same holds for a finer grid, or a second sweep in the same folder. A
+failed case is recorded with its reason; the sweep continues.
 
-**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 """
 
 
@@ -71,11 +71,11 @@ def sweep(
         typer.Option(help="Folder for report and answers [default: reports/STUDY_CHANGES].", show_default=False),
     ] = None,
     jobs: Annotated[
-        int | None, typer.Option(min=1, help="Processes at a time [default: one per processor].", show_default=False)
+        int | None, typer.Option(min=1, help="Number of processes [default: one per processor].", show_default=False)
     ] = None,
     scheduler: Annotated[
         str,
-        typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers do the work, e.g. tcp://10.0.0.2:8786."),
+        typer.Option(metavar="ADDRESS", help="Dask scheduler of a cluster, e.g. tcp://10.0.0.2:8786."),
     ] = "",
     as_json: AsJson = False,
 ) -> None:

@@ -1,4 +1,4 @@
-"""``flexdesign validate``: a design by FEM, with the analytic model beside it."""
+"""``flexdesign validate``: a design by FEM, compared with the analytic models."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import typer
 
 from flexdesign.cli.shared import AsJson, CacheFolder, app, place, progress, show
 
-HELP = """Solve a design with FEM and set the analytic model beside it.
+HELP = """Solve a design with FEM and compare the analytic models with the solution.
 
 STUDY is a study or design file, or the bare name of one in studies/ or geometry/. Its part is built, meshed, checked
-(every hinge as thick on the mesh as drawn), solved on several meshes and extrapolated; the report shows stiffness,
-amplification, stroke, the six motions of table and sensor, modes and stress, each with the boundary it holds under,
-beside the formulas. Of a whole stage every part is condensed to its ports and the stage put together from them; its
-report has stiffness, amplification and coupling axis by axis, beside the formulas and published numbers.
+(thickness of every hinge on the mesh), solved on several meshes and extrapolated. The report shows stiffness,
+amplification, stroke, the six motions of table and sensor, modes and stress, each with its boundary condition and the
+values of the formulas. For a whole stage, every part is condensed to its ports and the stage is assembled from them;
+the report has stiffness, amplification and coupling of each axis, with formulas and published values.
 
 **Examples**
 
@@ -32,21 +32,21 @@ report has stiffness, amplification and coupling axis by axis, beside the formul
 
     flexdesign validate studies/table1.toml --export stage.step
 
-**What --set can change:** the design (`dimensions.*`, `material`, `actuator.*`, `part`) and the study (`mesh.method`,
-`mesh.levels`, `mesh.accuracy`, `mesh.at_root`, `mesh.growth`, `mesh.largest`, `mesh.refinement`, `mesh.envelope`,
-`mesh.cross_check`, `mesh.independent`, `modes.count`, `output.load`, `output.stroke`, `output.actuator_offset`,
-`output.sensor`, `output.large_steps`, and of a stage `stage.inputs.AXIS`). A part that is drawn out of a section is
-also solved on one mesh by pytetwild, as an independent check of the numbers; `mesh.independent=false` leaves that out.
-With `mesh.cross_check` the part is solved on every kind of mesh, as a symmetric piece and whole, and the report says
-whether the answers agree within their estimates; that takes minutes.
+**Keys of --set:** those of the design (`dimensions.*`, `material`, `actuator.*`, `part`) and of the study
+(`mesh.method`, `mesh.levels`, `mesh.accuracy`, `mesh.at_root`, `mesh.growth`, `mesh.largest`, `mesh.refinement`,
+`mesh.envelope`, `mesh.cross_check`, `mesh.independent`, `modes.count`, `output.load`, `output.stroke`,
+`output.actuator_offset`, `output.sensor`, `output.large_steps`, and for a stage `stage.inputs.AXIS`). A part extruded
+from a section is also solved on one mesh by pytetwild, as an independent check; `mesh.independent=false` omits it. With
+`mesh.cross_check` the part is solved on every kind of mesh, as a symmetric piece and whole, and the report states
+whether the results agree within their estimates; this takes minutes.
 
-**What it writes:** report.html, report.md, result.json, fem.csv, stage_model.toml and the pictures, into --out. A
-design changed with --set has a folder and a title of its own; its fem.csv tells `compare` what was changed.
+**Output:** report.html, report.md, result.json, fem.csv, stage_model.toml and the pictures, in --out. A design changed
+with --set has its own folder and title; its fem.csv states the changes for `compare`.
 
-**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 
-Meshes and solutions are cached by content, so that a second run takes seconds, most of them for drawing, and an
-interrupted one resumes.
+Meshes and solutions are cached by content: a second run takes seconds, most of them for drawing, and an interrupted run
+resumes.
 """
 
 #: The files that the terminal names.
