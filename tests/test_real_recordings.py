@@ -39,8 +39,8 @@ def model(folder: Path, axis: str) -> StageModel:
 
 
 def left(found: Diagnosis, which: str, run: str) -> float:
-    """Return the rms of what a stand leaves of a run."""
-    return float(np.sqrt(np.nanmean(np.square(np.asarray(found.remainders[which][run], dtype=np.float64)))))
+    """Return the rms of what a fitted model leaves of a run."""
+    return float(np.sqrt(np.nanmean(np.square(np.asarray(found.residuals_by_run[which][run], dtype=np.float64)))))
 
 
 @pytest.fixture(scope="module")

@@ -299,9 +299,9 @@ class _Inputs:
     def response(self, substeps: int, error: float) -> Response:
         """Run once with a number of steps in a sample."""
         from flexdesign.dynamics.signal_chain import engine  # compiles: only where something is run
-        from flexdesign.dynamics.signal_chain.chain import Keeper, program
+        from flexdesign.dynamics.signal_chain.chain import Arena, program
 
-        stage, axes, keep = self.stage, len(self.stage.axes), Keeper()
+        stage, axes, keep = self.stage, len(self.stage.axes), Arena()
         laid_out = program(
             keep,
             stage.axes,

@@ -13,9 +13,9 @@ import numpy as np
 from tests.evidence.toys import Array, Run, parameter
 
 from flexdesign.core.model import Effect, Observation, Parameter
-from flexdesign.estimation.least_squares.dataset import Suite
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import Stand, fit, with_effects
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, with_effects
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.whitening import White, Whitening
 
@@ -133,12 +133,12 @@ def case(truth: Mapping[str, float], seed: int = 0, tolerance: float = 1e-3, hel
     """Three runs for the fit and two kept apart, in which the truth may be another."""
     noise = White(SIGMA)
     kept = recorded(truth if held is None else held, seed, HELD)
-    identify, validate = Suite(recorded(truth, seed), noise, offset), Suite(kept, noise, offset)
+    identify, validate = Dataset(recorded(truth, seed), noise, offset), Dataset(kept, noise, offset)
     return Case(identify, validate, ("p", "q"), lambda _: known, lambda _: stage(), tolerance)
 
 
-def calibrated_stand(about: Case) -> Stand:
-    found = fit(about, stage())
+def calibrated_stand(about: Case) -> FittedModel:
+    found = fit_model(about, stage())
     assert found is not None
     return found
 
@@ -147,7 +147,7 @@ def effects(**more: Candidate) -> list[Candidate]:
     return [more.get(name, candidate(name, signed=True)) for name in EFFECTS]
 
 
-def fit_with(about: Case, added: Sequence[Candidate]) -> Stand:
-    found = fit(about, with_effects(stage(), added), tuple(added))
+def fit_with(about: Case, added: Sequence[Candidate]) -> FittedModel:
+    found = fit_model(about, with_effects(stage(), added), tuple(added))
     assert found is not None
     return found

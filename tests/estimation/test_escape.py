@@ -17,9 +17,9 @@ from scipy.optimize import differential_evolution
 from tests.evidence.sums import NAMES, Sum, as_sum, offset, strength
 from tests.evidence.toys import Array, Run, parameter
 
-from flexdesign.estimation.least_squares.residual_function import Suite
+from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import escape, fit
+from flexdesign.estimation.model_selection.fitted_model import escape, fit_model
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.whitening import White
 
@@ -107,13 +107,13 @@ def problem(seed: int, sigma: float) -> Problem:
     states = {f"{name}:state": rng.uniform(-0.8, 0.8) for name in voltages}
     truth = full.replace({"p": 2.0, "w": 0.5, "r": threshold, **states})
 
-    def suite(*names: str) -> Suite:
+    def dataset(*names: str) -> Dataset:
         blank = [Run(name, np.arange(VALUES) / VALUES, None) for name in names]
         noise = [rng.normal() + sigma * rng.standard_normal(VALUES) for _ in names]
         made = [dataclasses.replace(r, data=truth.predict(r) + e) for r, e in zip(blank, noise, strict=True)]
-        return Suite(made, White(sigma), offset)
+        return Dataset(made, White(sigma), offset)
 
-    case = Case(suite(*NAMES), suite(HELD), ("p",), lambda _: {}, lambda _: full, 1e-3)
+    case = Case(dataset(*NAMES), dataset(HELD), ("p",), lambda _: {}, lambda _: full, 1e-3)
     # Up to a factor of two off, as a screening with thresholds at every factor of four would leave it.
     begun = full.replace({"w": 0.3, "r": threshold * 2 ** rng.uniform(-1, 1)})
     return Problem(case, as_sum(begun), effect, voltages, sigma)
@@ -129,7 +129,7 @@ def ends(sigma: float) -> Array:
     for seed in range(SEEDS):
         about = problem(seed, sigma)
         least, threshold = about.least(seed)
-        once = fit(about.case, about.model, (about.effect,))
+        once = fit_model(about.case, about.model, (about.effect,))
         assert once is not None
         last = escape(about.case, once)
         reached = last.solution.problem.where.values(last.solution.x)["r"]

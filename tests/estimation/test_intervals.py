@@ -14,7 +14,7 @@ from tests.evidence.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, parame
 from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL, Solution, solve
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
-from flexdesign.estimation.least_squares.residual_function import Problem, Shapes, Suite
+from flexdesign.estimation.least_squares.residual_function import Dataset, Problem, Shapes
 from flexdesign.estimation.noise.whitening import White
 from flexdesign.estimation.uncertainty.covariance import uncertainty
 from flexdesign.estimation.uncertainty.intervals import intervals
@@ -35,7 +35,7 @@ def solved(
     model: Toy, runs: Sequence[Run], sigma: float, shapes: Shapes = nothing, small: float = SMALL, **known: Any
 ) -> Solution:
     where = coordinates(model, [p.name for p in model.every], known)
-    problem = Problem(Suite(runs, White(sigma), shapes), model, where)
+    problem = Problem(Dataset(runs, White(sigma), shapes), model, where)
     found = solve(problem, where.start, small=small)
     assert found is not None
     return found
@@ -55,7 +55,7 @@ def test_a_white_residual_of_the_noise_has_classical_intervals() -> None:
     assert estimate.determined and estimate.reason == "" and estimate.interval
     assert (estimate.interval[1] - estimate.interval[0]) / 2 == pytest.approx(half, rel=1e-6)
     assert estimate.sigma == pytest.approx(math.sqrt(covariance[0, 0]), rel=1e-6)
-    best = np.polyfit(T, found.problem.suite.records[0].measured, 1)[0]
+    best = np.polyfit(T, found.problem.dataset.records[0].measured, 1)[0]
     assert estimate.value == pytest.approx(best, abs=0.05 * half)
 
 

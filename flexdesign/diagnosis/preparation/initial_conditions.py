@@ -89,7 +89,7 @@ def relaxing(axis: AxisModel) -> list[tuple[float, float]]:
 def with_initial_conditions(task: Case, model: AxisDynamics, noise: Whitening | None = None) -> Case:
     """Return the task with the initial conditions that a model has, and perhaps with other noise."""
     shapes = InitialConditions(model.axis, model.stroke)
-    identify, validate = (suite.with_shapes(shapes, noise) for suite in (task.identify, task.validate))
+    identify, validate = (dataset.with_shapes(shapes, noise) for dataset in (task.identify, task.validate))
     test = task.test.with_shapes(shapes, noise) if task.test else None
     return replace(task, identify=identify, validate=validate, test=test)
 
@@ -105,7 +105,7 @@ def grid_delay(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
 
     From half a period of the mode on, a fit that begins without delay goes the wrong way.
     """
-    if not math.isinf(case.believed):
+    if not math.isinf(case.prior_bound):
         return dynamics
 
     def late_by(late: float) -> AxisDynamics:
@@ -120,10 +120,10 @@ def grid_frequency(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
     """Return the model with the natural frequency that fits best on a grid, if that is more than one step away."""
     if "natural_frequency" not in case.free:  # the runs do not show it
         return dynamics
-    designed = dynamics.first.natural_frequency
+    nominal = dynamics.first.natural_frequency
 
     def tuned(factor: float) -> AxisDynamics:
-        return dynamics.replace({"natural_frequency": factor * designed})
+        return dynamics.replace({"natural_frequency": factor * nominal})
 
     factors = (1 + np.arange(-OUT_OF_TUNE, OUT_OF_TUNE + IN_TUNE / 2, IN_TUNE)).tolist()
     best = min(factors, key=lambda factor: _cost(case, tuned(factor)))

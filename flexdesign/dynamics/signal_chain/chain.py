@@ -113,7 +113,7 @@ class Program:
 
 
 def program(
-    keep: Keeper,
+    keep: Arena,
     axes: Sequence[AxisChain],
     controllers: Mapping[str, Sequence[Controller]],
     period: float,
@@ -217,7 +217,7 @@ def _passage(mode: Oscillator, step: float) -> tuple[float, ...]:
     return tuple(map(float, (*(both * half.transition).flat, *held, *(both * whole.transition).flat, *weights.flat)))
 
 
-class Keeper:
+class Arena:
     """Keeps numbers and gives their addresses; most fit into two arrays, filled in one go when all are there."""
 
     def __init__(self) -> None:
@@ -266,7 +266,7 @@ class _Room:
 class _Moves:
     """Collects what happens to the signals in a step."""
 
-    def __init__(self, keep: Keeper, steps: Sequence[float]) -> None:
+    def __init__(self, keep: Arena, steps: Sequence[float]) -> None:
         self.keep, self.steps = keep, steps
         self.slots = 0
         #: hook, input, output, state, base, constants
@@ -336,11 +336,11 @@ class _Moves:
         )
 
 
-def _state(keep: Keeper, block: Block) -> int:
+def _state(keep: Arena, block: Block) -> int:
     return keep.reals([0.0] * (len(block.states) + block.memory))
 
 
-def _forces(keep: Keeper, axes: Sequence[AxisChain], step: float) -> Forces:
+def _forces(keep: Arena, axes: Sequence[AxisChain], step: float) -> Forces:
     first, hooks, by_path, place, constants = [0], list[int](), list[int](), [0], list[int]()
     for axis in axes:
         blocks = axis.blocks(Socket.FORCE)
@@ -373,7 +373,7 @@ def _control_ticks(controllers: Sequence[Controller], period: float) -> list[Tic
     return [(kernels.address(c.tick, "control"), len(c.states), c.constants(c.values, period)) for c in controllers]
 
 
-def _ticks(keep: Keeper, by_axis: Sequence[Sequence[Tick]]) -> Ticks:
+def _ticks(keep: Arena, by_axis: Sequence[Sequence[Tick]]) -> Ticks:
     flat = [tick for ticks in by_axis for tick in ticks]
     entries = [number for hook, states, c in flat for number in (hook, keep.reals([0.0] * states), keep.reals(c))]
     return Ticks(keep.ints(list(accumulate(map(len, by_axis), initial=0))), keep.ints(entries))

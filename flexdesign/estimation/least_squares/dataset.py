@@ -104,7 +104,7 @@ class Record:
         return table.reshape(self.given.shape)
 
 
-class Suite:
+class Dataset:
     """Records with their noise.
 
     Parameters
@@ -131,17 +131,17 @@ class Suite:
         #: Costs that differ by less differ by rounding.
         self.floor = (ROUNDING * self.size) ** 2
 
-    def with_shapes(self, shapes: Shapes, noise: Whitening | None = None) -> Suite:
-        """Return the suite with other columns that may add to its observations, and perhaps with other noise."""
-        return Suite([record.observation for record in self.records], noise or self.noise, shapes)
+    def with_shapes(self, shapes: Shapes, noise: Whitening | None = None) -> Dataset:
+        """Return the data set with other columns that may add to its observations, and perhaps with other noise."""
+        return Dataset([record.observation for record in self.records], noise or self.noise, shapes)
 
-    def scaled(self, factor: float) -> Suite:
-        """Return the suite with noise so many times as large."""
+    def scaled(self, factor: float) -> Dataset:
+        """Return the data set with noise so many times as large."""
         own = {record.observation.name: (record.columns, record.sizes) for record in self.records}
         return self.with_shapes(lambda observation: own[observation.name], Scaled(self.noise, factor))
 
-    def part(self, names: Sequence[str]) -> Suite:
-        """Return the suite of some of its observations."""
+    def part(self, names: Sequence[str]) -> Dataset:
+        """Return the data set of some of its observations."""
         part = copy(self)
         part.records = tuple(record for record in self.records if record.observation.name in names)
         return part

@@ -1,4 +1,4 @@
-"""Least squares for a suite: Marquardt's method on normal equations that are filled record by record.
+"""Least squares for a data set: Marquardt's method on normal equations that are filled record by record.
 
 Marquardt (1963), SIAM J. Appl. Math. 11, 431-441, with the damping of each coordinate in proportion to its own
 curvature; bounds are kept by holding what would leave them. Slopes are dear and residuals cheap, so that slopes are
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.estimation.least_squares.residual_function import Problem, Slopes
+from flexdesign.estimation.least_squares.residual_function import JacobianBlock, Problem
 
 Array = NDArray[np.float64]
 #: A step that promises to lower chi^2 by less than this is the last: it moves no number by a third of its deviation.
@@ -66,7 +66,7 @@ class Solution:
         The point; coordinates.
     cost
         Sum of squares there.
-    residuals, slopes
+    residuals, jacobian
         Of each record; slopes may have been found a short step before.
     normal
         J'J with what was known, coordinates by coordinates.
@@ -78,7 +78,7 @@ class Solution:
     x: Array
     cost: float
     residuals: tuple[Array, ...]
-    slopes: tuple[Slopes, ...]
+    jacobian: tuple[JacobianBlock, ...]
     normal: Array
     is_settled: bool
 
@@ -96,18 +96,18 @@ class Solution:
         """Return the slopes by the name of the number: a column for each record, or None where it does not act."""
         found: dict[str, list[Array | None]] = {}
         for j, name in enumerate(self.problem.where.names):
-            places = [np.flatnonzero(part.places == j) for part in self.slopes]
+            places = [np.flatnonzero(part.places == j) for part in self.jacobian]
             found[name] = [
                 part.matrix[:, place[0]] if len(place) else None
-                for part, place in zip(self.slopes, places, strict=True)
+                for part, place in zip(self.jacobian, places, strict=True)
             ]
         return found
 
     def project(self, parts: Sequence[Array]) -> Array:
         """Return J'v for a vector v in parts, one for each record."""
         total = np.zeros(len(self.x))
-        for slopes, part in zip(self.slopes, parts, strict=True):
-            total[slopes.places] += slopes.matrix.T @ part
+        for jacobian, part in zip(self.jacobian, parts, strict=True):
+            total[jacobian.places] += jacobian.matrix.T @ part
         return total
 
 
@@ -128,7 +128,7 @@ def solve(
     effort
         When the search ends.
     old
-        Columns of the Jacobian of a fit nearby, see `Problem.slopes`; the search begins with them.
+        Columns of the Jacobian of a fit nearby, see `Problem.jacobian`; the search begins with them.
     small
         A step that promises to lower the cost by less than this is the last, too.
     """
@@ -175,16 +175,16 @@ class _Search:
 
     def look(self, old: Columns | None = None) -> None:
         """Find the slopes here."""
-        self.slopes = self.problem.slopes(self.x, self.residuals, old)
-        self.problem.even(self.slopes)
-        self.normal = _normal(self.problem, self.x, self.slopes)
+        self.jacobian = self.problem.jacobian(self.x, self.residuals, old)
+        self.problem.even(self.jacobian)
+        self.normal = _normal(self.problem, self.x, self.jacobian)
         self.fresh, self.eased, self.looked = True, False, self.looked + 1
 
     def descend(self, share: float) -> bool:
         """Take steps while the slopes serve; tell whether less than this share of the cost is left to be gained."""
         for _ in range(LONGEST):
             enough = max(self.small, share * self.cost)
-            gradient = _gradient(self.problem, self.x, self.slopes, self.residuals)
+            gradient = _gradient(self.problem, self.x, self.jacobian, self.residuals)
             step = _step(self.normal, gradient, self.damping, self.x, self.problem)
             promised = -float(2 * gradient @ step + step @ self.normal @ step)
             if promised < 0 and self.damping < LARGEST_DAMPING:
@@ -215,33 +215,33 @@ class _Search:
         """Take a step, and carry the slopes along so that they explain what it did (Broyden 1965)."""
         weighted = np.diag(self.normal) * step
         weighted = weighted / max(float(weighted @ step), 1e-300)
-        for part, before, after in zip(self.slopes, self.residuals, tried, strict=True):
+        for part, before, after in zip(self.jacobian, self.residuals, tried, strict=True):
             missed = after - before - part.matrix @ step[part.places]
             part.matrix[:] += np.outer(weighted[part.places], missed).T  # its columns are what lies together
-        self.problem.even(self.slopes)
+        self.problem.even(self.jacobian)
         self.kept = (self.cost - reached) / promised
         self.x, self.residuals, self.cost = self.x + step, tried, reached
         self.damping = max(self.damping * (EASED if self.kept > 0.5 else 1.0), UNDAMPED)
-        self.normal = _normal(self.problem, self.x, self.slopes)
+        self.normal = _normal(self.problem, self.x, self.jacobian)
         self.fresh, self.eased, self.looked = False, False, 0
 
     def solution(self, is_settled: bool) -> Solution:
         """Return where the search stands."""
-        residuals, slopes = tuple(self.residuals), tuple(self.slopes)
-        return Solution(self.problem, self.x, self.cost, residuals, slopes, self.normal, is_settled)
+        residuals, jacobian = tuple(self.residuals), tuple(self.jacobian)
+        return Solution(self.problem, self.x, self.cost, residuals, jacobian, self.normal, is_settled)
 
 
-def _normal(problem: Problem, x: Array, slopes: Sequence[Slopes]) -> Array:
-    before = problem.before_slopes(x)
+def _normal(problem: Problem, x: Array, jacobian: Sequence[JacobianBlock]) -> Array:
+    before = problem.prior_jacobian(x)
     total = before.T @ before
-    for part in slopes:
+    for part in jacobian:
         total[np.ix_(part.places, part.places)] += part.matrix.T @ part.matrix
     return np.asarray(total)
 
 
-def _gradient(problem: Problem, x: Array, slopes: Sequence[Slopes], residuals: Sequence[Array]) -> Array:
-    total = problem.before_slopes(x).T @ problem.before(x)
-    for part, residual in zip(slopes, residuals, strict=True):
+def _gradient(problem: Problem, x: Array, jacobian: Sequence[JacobianBlock], residuals: Sequence[Array]) -> Array:
+    total = problem.prior_jacobian(x).T @ problem.before(x)
+    for part, residual in zip(jacobian, residuals, strict=True):
         total[part.places] += part.matrix.T @ residual
     return np.asarray(total)
 

@@ -10,7 +10,7 @@ import numpy as np
 from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.levenberg_marquardt import Effort, linearise
 from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import Stand, evaluate_fit, fit_initial_states, solve_case
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, evaluate_fit, fit_initial_states, solve_case
 
 #: A start ends where a step lowers chi^2 by less than 1e-4 of it; the calibration is refined afterwards.
 STARTED = Effort(20, 1e-4, is_exact=False)
@@ -18,7 +18,7 @@ STARTED = Effort(20, 1e-4, is_exact=False)
 STARTS, SAMPLED = 3, 16
 
 
-def evaluate_design(case: Case, model: Model) -> Stand | None:
+def evaluate_design(case: Case, model: Model) -> FittedModel | None:
     """Return the fit of a model whose own numbers stay; only the initial conditions of the runs are fitted.
 
     Its Jacobian holds the free numbers all the same, so that a screening there knows what they can imitate.
@@ -28,12 +28,12 @@ def evaluate_design(case: Case, model: Model) -> Stand | None:
     if begun is None:
         return None
     here = begun.problem.at(begun.x)
-    where = case.coordinates(here, case.free, begun.problem.suite)
-    solution = linearise(case.problem(begun.problem.suite, here, where), where.start)
+    where = case.coordinates(here, case.free, begun.problem.dataset)
+    solution = linearise(case.problem(begun.problem.dataset, here, where), where.start)
     return None if solution is None else evaluate_fit(case, solution, ())
 
 
-def calibrate(case: Case, model: Model, seed: int = 0, designed: Stand | None = None) -> Stand | None:
+def calibrate(case: Case, model: Model, seed: int = 0, nominal: FittedModel | None = None) -> FittedModel | None:
     """Fit the model's own numbers from several starts; return the best fit.
 
     The first start is the model as it is. Where the design with the initial states that suit it explains more than the
@@ -41,8 +41,8 @@ def calibrate(case: Case, model: Model, seed: int = 0, designed: Stand | None = 
     plausible ranges.
     """
     first = solve_case(case, model, effort=STARTED)
-    if designed is not None and (first is None or designed.cost < first.cost):
-        first = solve_case(case, designed.model, effort=STARTED) or first
+    if nominal is not None and (first is None or nominal.cost < first.cost):
+        first = solve_case(case, nominal.model, effort=STARTED) or first
     best = None if first is None else evaluate_fit(case, first, ())
     if best is not None and not best.exceeds_noise:
         return best

@@ -160,7 +160,7 @@ class Screening:
         self.model = coarse(problem.at(solution.x))
         self.inverse = solution.covariance
         self.residual = np.concatenate(solution.residuals)
-        self.here = [np.asarray(self.model.predict(record.observation)) for record in problem.suite.records]
+        self.here = [np.asarray(self.model.predict(record.observation)) for record in problem.dataset.records]
         trials = [(candidate, values) for candidate in candidates for values in candidate.trials]
         found = problem.each(lambda trial: self._try(*trial), trials)
         self.directions = [direction for direction in found if direction is not None]
@@ -186,13 +186,13 @@ class Screening:
 
     def _move(self, model: Model, values: Mapping[str, float]) -> Array | None:
         """Return by how much an effect moves the prediction, whitened, record after record; None where not finite."""
-        suite, there = self.solution.problem.suite, model.replace(values)
+        dataset, there = self.solution.problem.dataset, model.replace(values)
         parts = list[Array]()
-        for record, before in zip(suite.records, self.here, strict=True):
+        for record, before in zip(dataset.records, self.here, strict=True):
             moved = np.asarray(there.predict(record.observation)) - before
             if not np.isfinite(moved).all():
                 return None
-            parts.append(suite.whitened(record, np.where(record.present, moved, 0.0)))
+            parts.append(dataset.whitened(record, np.where(record.present, moved, 0.0)))
         return np.concatenate(parts)
 
     def _direction(self, candidate: Candidate, values: Mapping[str, float], move: Array) -> Direction | None:
@@ -200,14 +200,14 @@ class Screening:
         imitated = self._imitated(move[:, None])[:, 0]
         whole = float(move @ move)
         own = whole - float(imitated @ self.inverse @ imitated)
-        if whole <= (ROUNDING * self.solution.problem.suite.size) ** 2 or own < OWN * whole:
+        if whole <= (ROUNDING * self.solution.problem.dataset.size) ** 2 or own < OWN * whole:
             return None
         return Direction(candidate, values, move, imitated, own, float(move @ self.residual))
 
     def _sinusoid(self, candidate: Candidate, model: Model, values: Mapping[str, float]) -> Direction | None:
         """Return the direction of a sinusoid with the best phase in each run."""
-        names = [record.observation.name for record in self.solution.problem.suite.records]
-        ends = np.cumsum([record.rows for record in self.solution.problem.suite.records])
+        names = [record.observation.name for record in self.solution.problem.dataset.records]
+        ends = np.cumsum([record.rows for record in self.solution.problem.dataset.records])
         columns = []
         for phase in (0.0, math.pi / 2):
             move = self._move(model, {**values, **{f"{n}:{candidate.phase}": phase for n in names}})
@@ -232,9 +232,9 @@ class Screening:
     def _imitated(self, moves: Array) -> Array:
         """Return J'd for moves (rows by k): coordinates by k."""
         total, row = np.zeros((len(self.solution.x), moves.shape[1])), 0
-        for slopes in self.solution.slopes:
-            part = moves[row : row + len(slopes.matrix)]
-            total[slopes.places] += slopes.matrix.T @ part
+        for jacobian in self.solution.jacobian:
+            part = moves[row : row + len(jacobian.matrix)]
+            total[jacobian.places] += jacobian.matrix.T @ part
             row += len(part)
         return total
 
@@ -278,10 +278,10 @@ class Screening:
 
     def _scaled(self, directions: Sequence[Direction], error: Mapping[str, Array]) -> Array:
         """Return d'e over the length of d' for readings that are off by an error."""
-        suite = self.solution.problem.suite
+        dataset = self.solution.problem.dataset
         parts = [
-            suite.whitened(record, np.where(record.present, error[record.observation.name], 0.0))
-            for record in suite.records
+            dataset.whitened(record, np.where(record.present, error[record.observation.name], 0.0))
+            for record in dataset.records
         ]
         whole, imitated = np.concatenate(parts), self.inverse @ self.solution.project(parts)
         return np.array([(d.move @ whole - d.imitated @ imitated) / math.sqrt(d.own) for d in directions])

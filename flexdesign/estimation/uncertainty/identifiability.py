@@ -117,7 +117,7 @@ class _Check:
         self.parameters, self.names = self.where.parameters, self.where.names
         self.values = self.where.values(solution.x)
         self.correlation = uncertainty.correlation
-        self.floor = solution.problem.suite.floor
+        self.floor = solution.problem.dataset.floor
         self.equal_minima = [other for other in minima if self._is_equal_minimum(other)]
 
     def reason(self, j: int) -> tuple[str, tuple[float, float] | None, tuple[str, ...]]:
@@ -163,7 +163,7 @@ class _Check:
 
     def sigma(self, j: int) -> float:
         """Return the standard deviation in SI from the covariance."""
-        return abs(float(self.where.slopes(self.solution.x)[j])) * math.sqrt(self.uncertainty.covariance[j, j])
+        return abs(float(self.where.jacobian(self.solution.x)[j])) * math.sqrt(self.uncertainty.covariance[j, j])
 
     def interval(self, j: int, profile: Profile) -> tuple[float, float]:
         """Return the interval in SI."""

@@ -42,7 +42,7 @@ def intervals(
     def refine(near: Solution) -> tuple[Solution, Uncertainty]:
         # The middle of an interval to 0.05 standard deviations.
         accuracy = 0.05**2 * uncertainty(near, known_variance).variance
-        polished = polish(near, accuracy + near.problem.suite.floor)
+        polished = polish(near, accuracy + near.problem.dataset.floor)
         return polished, uncertainty(polished, known_variance)
 
     places = [solution.problem.where.names.index(name) for name in names]

@@ -80,7 +80,7 @@ class _Path:
             self.tangent = np.where(shared, uncertainty.bread[:, j] / variance, 0.0)
             self.half = float(uncertainty.half_width[j])
             self.expected = float(self.half**2 / variance)
-        self.floor = self.problem.suite.floor
+        self.floor = self.problem.dataset.floor
         self.columns: Columns = {k: parts for k, parts in solution.columns().items() if k != where.names[j]}
         self.better: Array | None = None
 

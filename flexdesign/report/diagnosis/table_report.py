@@ -101,8 +101,8 @@ def _diagnosis_sections(found: TableDiagnosis) -> list[Section]:
         Section("Measured and predicted", _uncertainty(before), tables, pictures),
         Section("What was tried", _tried_text(), [tried(found)]),
     ]
-    if found.tellings:
-        head = Table(["measurement", "what each answer expects"], words.tellings(found))
+    if found.proposals:
+        head = Table(["measurement", "what each answer expects"], words.proposals(found))
         sections.insert(2, Section("What would tell the answers apart", [], [head]))
     return [*sections, _physics(found.before.model)]
 

@@ -49,7 +49,7 @@ def section(validation: Validation | StageValidation, symbols: Mapping[str, str]
     return Section(
         "From the pseudo-rigid model to FEM",
         [TEXT, text],
-        [_rungs(ladder, symbols), _tolerances(validation, ladder)],
+        [_error_steps(ladder, symbols), _tolerances(validation, ladder)],
         [figure],
     )
 
@@ -62,7 +62,7 @@ def result(ladder: Ladder | None) -> dict[str, Any] | None:
     return {"rungs": rungs, "tolerances_2_sigma": dict(ladder.tolerances)}
 
 
-def _rungs(ladder: Ladder, symbols: Mapping[str, str]) -> Table:
+def _error_steps(ladder: Ladder, symbols: Mapping[str, str]) -> Table:
     keys = list(ladder.rungs[0].errors)
     rows = []
     for rung in ladder.rungs:

@@ -27,7 +27,7 @@ ALIKE = 1e-6
 
 
 @dataclass(frozen=True)
-class Rung:
+class ErrorStep:
     """The model with one effect more.
 
     Parameters
@@ -59,7 +59,7 @@ class Ladder:
         Twice the standard deviation that tolerances of dimensions and modulus give a quantity, relative, by its key.
     """
 
-    rungs: Sequence[Rung]
+    rungs: Sequence[ErrorStep]
     tolerances: Mapping[str, float]
 
 
@@ -104,9 +104,9 @@ def _judged(design: Design, fem: Mapping[str, Quantity]) -> list[str]:
 
 def _rung(
     name: str, model: StaticModel, known: Mapping[str, float], effects: Mapping[str, Mapping[str, float]]
-) -> Rung:
+) -> ErrorStep:
     found = replace(model, effects=effects).compliance({}).quantities()
-    return Rung(name, {key: found[key].value / value - 1 for key, value in known.items()})
+    return ErrorStep(name, {key: found[key].value / value - 1 for key, value in known.items()})
 
 
 def _tolerances(model: StaticModel, fem: Mapping[str, Quantity]) -> dict[str, float]:

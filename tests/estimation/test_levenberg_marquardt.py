@@ -26,7 +26,7 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import (
     solve,
 )
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates, value
-from flexdesign.estimation.least_squares.residual_function import Problem, Suite
+from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
 from flexdesign.estimation.noise.whitening import White
 
 T = np.linspace(0, 2, 150)
@@ -41,7 +41,7 @@ def nothing(observation: Observation) -> tuple[Array, Array]:
 
 def problem(model: Toy, data: Array, sigma: float, t: Array = T, **known: tuple[float, float]) -> Problem:
     where = coordinates(model, [p.name for p in model.every], known)
-    return Problem(Suite([Run("run", t, data)], White(sigma), nothing), model, where)
+    return Problem(Dataset([Run("run", t, data)], White(sigma), nothing), model, where)
 
 
 def solved(case: Problem, **settings: Any) -> Solution:
@@ -138,7 +138,7 @@ def test_covariance_is_the_inverse_of_the_normal_matrix(exact: bool) -> None:
     jacobian = np.column_stack([decay, -v["k"] * v["a"] * T * decay]) / sigma
     normal = jacobian.T @ jacobian + np.diag([1 / 0.005**2, 0.0])
     expected = np.linalg.inv(normal)
-    # The error of a forward difference: see the slopes of a suite.
+    # The error of a forward difference: see the slopes of a data set.
     assert found.covariance == pytest.approx(expected, rel=0.01 if exact else 0.5)
     part = rng.standard_normal(len(T))
     if exact:
@@ -294,7 +294,9 @@ def test_slopes_of_a_model_nearby_lead_to_the_same_minimum(seed: int) -> None:
     truth["b"] = min(truth["b"], 1.0)  # where nothing but noise is left
     data = bumps(truth, T) + 0.02 * rng.standard_normal(len(T))
     exact, near = problem(model, data, 0.02), problem(model, data, 0.02)
-    near.sloping = lambda of: Toy(lambda v, t: 1.01 * bumps({**v, "s": 1.02 * v["s"]}, t), tuple(of.parameters()))
+    near.jacobian_model = lambda of: Toy(
+        lambda v, t: 1.01 * bumps({**v, "s": 1.02 * v["s"]}, t), tuple(of.parameters())
+    )
     first, second = solved(exact), solved(near)
     assert abs(second.cost - first.cost) < SMALL
     assert np.all(np.abs(second.x - first.x) <= 0.1 * np.sqrt(np.diag(first.covariance)))
@@ -340,11 +342,11 @@ def decay() -> tuple[Toy, Array]:
 
 def looks(case: Problem, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     """Note the columns that are computed, each time that a Jacobian is."""
-    made, slopes = list[list[str]](), case.slopes
+    made, jacobian = list[list[str]](), case.jacobian
 
     def counted(x: Array, residuals: Any, old: Any = None) -> Any:
         made.append([name for name in case.where.names if name not in (old or {})])
-        return slopes(x, residuals, old)
+        return jacobian(x, residuals, old)
 
     monkeypatch.setattr(case, "slopes", counted)
     return made

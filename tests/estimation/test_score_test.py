@@ -28,7 +28,7 @@ from tests.evidence.toys import Array, Run, parameter
 
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
-from flexdesign.estimation.least_squares.residual_function import Problem, Suite
+from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
 from flexdesign.estimation.model_selection.score_test import FARTHEST, LARGE, LEVEL, OWN, Candidate, Screening
 from flexdesign.estimation.noise.autoregressive import Process
 from flexdesign.estimation.noise.whitening import Coloured, White, Whitening
@@ -54,7 +54,7 @@ def solution(model: Sum, observed: Sequence[Run], of: Whitening, **known: tuple[
     right = np.append(right, [middle / sigma for middle, sigma in known.values()])
     best = np.asarray(np.linalg.lstsq(matrix, right)[0][len(observed) :], dtype=np.float64)
     begun = model.replace(dict(zip(names, best, strict=True)))
-    found = solve(Problem(Suite(observed, of, offset), begun, coordinates(begun, names, known)), best)
+    found = solve(Problem(Dataset(observed, of, offset), begun, coordinates(begun, names, known)), best)
     assert found is not None
     return found
 
@@ -301,8 +301,8 @@ def test_the_largest_score_exceeds_its_critical_value_as_often_as_asked(signed: 
     observed = runs(lambda run: np.zeros(N))
     screening = Screening(solution(base("p"), observed, of), found)
     moves = np.array([d.move for d in screening.directions])
-    slopes = np.concatenate([part.matrix for part in screening.solution.slopes])
-    own = moves - (slopes @ np.linalg.lstsq(slopes, moves.T)[0]).T
+    jacobian = np.concatenate([part.matrix for part in screening.solution.jacobian])
+    own = moves - (jacobian @ np.linalg.lstsq(jacobian, moves.T)[0]).T
     own /= np.linalg.norm(own, axis=1, keepdims=True)
     scores = np.random.default_rng(9).standard_normal((40_000, own.shape[1])) @ own.T
     one_sided = np.array([not d.candidate.signed for d in screening.directions])
