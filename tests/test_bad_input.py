@@ -76,8 +76,8 @@ stroke = "0.2 mm"
 PART = """\
 from dataclasses import dataclass
 from typing import ClassVar
-from flexdesign.model import Linkage, Member, Parameter
-from flexdesign.part import Port, SymmetryPlane
+from flexdesign.core.model import Linkage, Member, Parameter
+from flexdesign.design.part import Port, SymmetryPlane
 
 @dataclass(frozen=True)
 class Leaf:
@@ -429,7 +429,7 @@ PARTS: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
     "lacks two": ("def formulas(self, material, actuator_stiffness)", "def symmetries(self)", "Leaf", None, ()),
     "dimensions are numbers": (
         'Parameter("size", "m", "mm", "its size", plausible=(1e-3, 0.1)),', "1.0, 2.0",
-        "Leaf.dimensions", None, ("tuple of flexdesign.core.model.Parameter",),
+        "Leaf.dimensions", None, ("tuple of flexdesign.Parameter",),
     ),
     "raises in __init__": (
         "    def solid(self):", "    def __post_init__(self):\n        1 / 0\n\n    def solid(self):",
@@ -446,7 +446,7 @@ PARTS: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
     "ports() raises": ("        return (\n            Port(", "        return (\n            Prt(", "Leaf.ports()",
         None, ("NameError", "leaf.py, line 18")),
     "ports() returns nothing": ("        return (\n            Port(", "        (\n            Port(", "Leaf.ports()",
-        None, ("tuple of flexdesign.design.part.Port",)),
+        None, ("tuple of flexdesign.Port",)),
     "no output": (OUTPUT, OUTPUT.replace('"output", "output"', '"output", "input"'), "Leaf.ports()",
         "ground, input", ("no port with the role output",)),
     "two ports of one name": ('"right", "input"', '"left", "input"', "Leaf.ports()", "left", ("two ports",)),

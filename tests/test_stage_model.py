@@ -195,7 +195,7 @@ def test_a_limit_may_be_infinite(tmp_path: Path) -> None:
 
 
 OWN = """
-from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign.core.model import Block, Effect, Parameter, Socket
 
 EFFECT = Effect(
     "mine", "Physics.", "Place.", "Test.", "Cure.", "Book.",

@@ -201,5 +201,5 @@ def test_an_installed_package_adds_effects(installed: Path) -> None:
         effects.find("other_name")
     with pytest.raises(ValueError, match="cannot be loaded from their_effects:NOTHING: AttributeError"):
         effects.find("gone")
-    with pytest.raises(ValueError, match=r"no flexdesign\.model\.Effect"):
+    with pytest.raises(ValueError, match=r"no flexdesign\.Effect"):
         effects.find("no_effect")
