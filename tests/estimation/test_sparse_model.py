@@ -83,7 +83,7 @@ def test_a_quadratic_of_the_position_is_found() -> None:
 
 
 def test_gains_are_falls_of_the_cost() -> None:
-    """All by linear algebra: columns as the fitted model predicts them, gain and tilts free on the runs that were fitted.
+    """All by linear algebra: columns as the fitted model predicts them, gain and tilts free on the fitted runs.
 
     On the runs kept apart nothing is free but the offset: amounts and gain are those of the fit, tilts those of before.
     """
