@@ -101,20 +101,20 @@ def fit(
     tests: float | None = None,
 ) -> FittedModel:
     """A stand that leaves so many times the noise, in squares, with some numbers moved to other values."""
-    model, case = case_of(StageModel({"x": about.axis}), about, map, lambda _: None)
+    model, task = case_of(StageModel({"x": about.axis}), about, map, lambda _: None)
     begun: Any = model
     for effect in added:
         begun = effect.add(begun)
     begun = begun.replace(moved)
-    free = [*case.free, *(name for effect in added for name in effect.free)]
-    where = case.coordinates(begun, free, case.identify)
-    problem = Problem(case.identify, begun, where)
-    half = math.sqrt(seen * case.identify.samples / 2)
-    parts = tuple(half * np.eye(1, record.rows)[0] for record in case.identify.records)
+    free = [*task.free, *(name for effect in added for name in effect.free)]
+    where = task.coordinates(begun, free, task.identify)
+    problem = Problem(task.identify, begun, where)
+    half = math.sqrt(seen * task.identify.samples / 2)
+    parts = tuple(half * np.eye(1, record.rows)[0] for record in task.identify.records)
     normal = np.diag(1 / (1e-3 * where.sizes(where.start)) ** 2)
     cost = sum(float(part @ part) for part in parts)
     solution = Solution(problem, where.start, cost, parts, (), normal, True)
-    held = kept * sum(record.present.sum() for record in case.validate.records)
+    held = kept * sum(record.present.sum() for record in task.validate.records)
     tests = kept if tests is None else tests
     rms = {role: NOISE * math.sqrt(of) for role, of in (("identify", seen), ("validate", kept), ("test", tests))}
     left = {run.name: np.full(len(run.time), rms[run.role]) for run in about.runs}
@@ -224,8 +224,8 @@ LIMIT = (MUCH - 1) / (1 + LARGE)
         ((LITTLE, LITTLE, False, replace(SMOOTH, held_gain=-1.0)), ("nothing-missing", (), (), False)),
     ],
 )
-def test_verdicts(case: tuple[Any, ...], expected: tuple[Any, ...]) -> None:
-    assert verdict_of(*case) == expected
+def test_verdicts(task: tuple[Any, ...], expected: tuple[Any, ...]) -> None:
+    assert verdict_of(*task) == expected
 
 
 def test_what_remains_beside_a_named_effect_is_stated() -> None:

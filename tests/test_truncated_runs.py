@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.evidence.sums import NAMES, calibrated_stand, candidate, case, effects
+from tests.evidence.sums import NAMES, calibrated_stand, candidate, effects, task
 
 from flexdesign.diagnosis import diagnose, procedure
 from flexdesign.diagnosis.preparation import truncated_runs
@@ -16,7 +16,7 @@ from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.least_squares.local_minima import BETTER
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step
 from flexdesign.estimation.model_selection.stepwise_selection import forward
@@ -133,12 +133,12 @@ def test_what_the_openings_show_is_fitted_to_the_whole_runs(monkeypatch: pytest.
 # --- what the first part showed, asked of the whole runs -------------------------------------------------------------
 
 
-def confirmed(about: Case, steps: list[Step]) -> tuple[list[Step], list[FittedModel]]:
+def confirmed(about: EstimationTask, steps: list[Step]) -> tuple[list[Step], list[FittedModel]]:
     return procedure._confirm(about, calibrated_stand(about), steps)
 
 
 def test_what_a_part_of_the_runs_chose_is_confirmed_by_all_of_them() -> None:
-    about = case({"d": 0.3})
+    about = task({"d": 0.3})
     part = replace(about, identify=about.identify.part(NAMES[:2]))
     seen, right = (forward(each, calibrated_stand(each), effects()) for each in (part, about))
     (step,), (made,) = confirmed(about, [seen, Step(None, ())])
@@ -151,7 +151,7 @@ def test_what_a_part_of_the_runs_chose_is_confirmed_by_all_of_them() -> None:
 
 
 def test_what_a_part_of_the_runs_chose_is_refused_where_the_others_know_better() -> None:
-    part, whole = case({"d": 0.3}), case({}, seed=1)
+    part, whole = task({"d": 0.3}), task({}, seed=1)
     seen = forward(part, calibrated_stand(part), effects())
     assert seen.chosen is not None and seen.chosen.names == ("d",)
     assert confirmed(whole, [seen]) == ([], [])
@@ -160,13 +160,13 @@ def test_what_a_part_of_the_runs_chose_is_refused_where_the_others_know_better()
 
 def test_a_part_is_believed_up_to_its_first_refused_step() -> None:
     """Two effects of the part, one after the other, of which the whole runs have the first, the second, or both."""
-    part = case({"b": 0.4, "d": 0.3})
+    part = task({"b": 0.4, "d": 0.3})
     one, other = (candidate(name, signed=True) for name in "bd")
     first = forward(part, calibrated_stand(part), [one])
     assert first.chosen is not None
     steps = [first, forward(part, first.chosen.fit, [other])]
     assert [step.chosen.names for step in steps if step.chosen] == [("b",), ("d",)]
     for truth, names in (({"b": 0.4, "d": 0.3}, ["b", "d"]), ({"b": 0.4}, ["b"]), ({"d": 0.3}, [])):
-        found, stands = confirmed(case(truth, seed=1), steps)
+        found, stands = confirmed(task(truth, seed=1), steps)
         assert [name for step in found for name in step.chosen.names] == names  # type: ignore[union-attr]
         assert [fit.names for fit in stands] == [tuple(names[: k + 1]) for k in range(len(names))]

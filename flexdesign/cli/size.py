@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, CacheFolder, app, open_cache, place, progress, show
+from flexdesign.cli.shared import AsJson, CacheFolder, app, open_cache, progress, report_folder, show
 
 if TYPE_CHECKING:
     from flexdesign.analytic.dimension_synthesis import Sizing
@@ -75,7 +75,9 @@ def size(
     answer = Result(found, document, table, found.result, lambda _: {"dimensions.toml": found.to_toml()})
     written = list[Path]()
     if out:
-        written = place(out, out.name, "size", [dimension_synthesis.find(targets)], overrides or []).write(answer)
+        written = report_folder(out, out.name, "size", [dimension_synthesis.find(targets)], overrides or []).write(
+            answer
+        )
     show(answer, written, as_json)
 
 

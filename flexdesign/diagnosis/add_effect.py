@@ -28,7 +28,7 @@ from flexdesign.dynamics.experiments import AS_MODELLED, simulation, standard_ex
 from flexdesign.dynamics.experiments.simulation import Simulation
 from flexdesign.dynamics.stage_dynamics import missing
 from flexdesign.dynamics.stage_model import StageModel, fields
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, predict_tests
 from flexdesign.estimation.model_selection.model_comparison import HALF_WIDTH
 from flexdesign.estimation.model_selection.score_test import Candidate
@@ -138,18 +138,18 @@ def add(
     _check(data, name, model)
     with estimation_setup.simulating(threads) as each:
         data = estimation_setup.choose_interpolation(model, data, each, progress)
-        dynamics, case = estimation_setup.case_of(model, data, each, progress)
+        dynamics, task = estimation_setup.case_of(model, data, each, progress)
 
         @cache
         def alone(fit: FittedModel) -> tuple[Candidate]:
             lines = periodic_disturbances.frequencies(data, fit)
             return (candidates.candidate_of(dynamics, effects.find(name), name, fields.ELSEWHERE.get(name), lines),)
 
-        case, gone = procedure.search(data, case, dynamics, alone, seed)
+        task, gone = procedure.search(data, task, dynamics, alone, seed)
         (candidate,) = alone(gone.calibrated)
-        final, reason = _added(case, gone, candidate)
-        ladder = [predict_tests(case, fit) for fit in (gone.nominal, gone.calibrated, final)]
-        named = with_runs(IdentifiedEffect(name, verdict.values_of(final, candidate.free), 0.0), of_runs(case, final))
+        final, reason = _added(task, gone, candidate)
+        ladder = [predict_tests(task, fit) for fit in (gone.nominal, gone.calibrated, final)]
+        named = with_runs(IdentifiedEffect(name, verdict.values_of(final, candidate.free), 0.0), of_runs(task, final))
         own_values = verdict.values_of(final, verdict.own_numbers(final))
     errors = [data.test_error(fit) for fit in ladder]
     unexplained = max(errors[1] ** 2 - (data.floor**2 if data.noise.known else 0.0), 1e-300)
@@ -177,15 +177,15 @@ def add(
     )
 
 
-def _added(case: Case, gone: SelectionHistory, candidate: Candidate) -> tuple[FittedModel, str]:
+def _added(task: EstimationTask, gone: SelectionHistory, candidate: Candidate) -> tuple[FittedModel, str]:
     """Return the fit with an effect, and why it is not needed."""
     step = gone.steps[0]
     if step.trials:
         best = step.chosen or step.trials[0]
         return best.fit, best.reason
     # It promises nothing; its value then says how large it may be at most.
-    model = case.fine(candidate.add(gone.calibrated.model))
-    tried = [fit_model(case, model.replace(values), (candidate,)) for values in candidate.trials[:TRIALS]]
+    model = task.fine(candidate.add(gone.calibrated.model))
+    tried = [fit_model(task, model.replace(values), (candidate,)) for values in candidate.trials[:TRIALS]]
     made = [fit for fit in tried if fit is not None]
     if made:
         return min(made, key=lambda fit: fit.cost), "no more than chance gives"

@@ -81,11 +81,11 @@ def compare(
     progress("fitting the initial conditions of each run")
     data = prepare(model, every, plain.axis, None, noise)
     with simulating(threads) as each:
-        dynamics, case = case_of(model, data, each, progress)
-        fit = evaluate_design(replace(case, free=(), prior_bound=BELIEVED), dynamics)
+        dynamics, task = case_of(model, data, each, progress)
+        fit = evaluate_design(replace(task, free=(), prior_bound=BELIEVED), dynamics)
     if fit is None:
         raise InputError("model", f"axis.{plain.axis}", None, "cannot be simulated at the values it has")
-    residuals = {name: np.asarray(rest) for name, rest in predict_tests(case, fit).residuals_by_run.items()}
+    residuals = {name: np.asarray(rest) for name, rest in predict_tests(task, fit).residuals_by_run.items()}
     roles = {run.name: run.role for run in plain.runs}
     alone = {run.name: float(np.sqrt(np.nanmean(offset_residual(dynamics, run) ** 2))) for run in data.runs}
     seen = tuple(replace(run, role=roles[run.name]) for run in data.runs)

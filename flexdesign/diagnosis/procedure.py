@@ -39,7 +39,7 @@ from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.model_selection.calibration import calibrate, evaluate_design
 from flexdesign.estimation.model_selection.determination import drop_undetermined, hold_undetermined
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
     escape,
@@ -111,7 +111,7 @@ def diagnose(
     data = prepare(model, runs, axis, tolerance, noise)
     with simulating(threads) as each:
         data = choose_interpolation(model, data, each, progress)
-        dynamics, case = case_of(model, data, each, progress)
+        dynamics, task = case_of(model, data, each, progress)
 
         def catalogue(of: DiagnosisData, fit: FittedModel) -> tuple[Candidate, ...]:
             lines = periodic_disturbances.frequencies(of, fit) if of.runs else periodic_disturbances.peaks(of, fit)
@@ -129,27 +129,27 @@ def diagnose(
             progress("searching in the first part of each run")
             _, case_of_parts = case_of(model, short, each, progress)
             _, ahead = search(short, case_of_parts, dynamics, partial(catalogue, short), seed)
-        case, history = search(data, case, dynamics, partial(catalogue, data), seed, ahead)
+        task, history = search(data, task, dynamics, partial(catalogue, data), seed, ahead)
         if history.final.effects:
             progress("fitting once more, simulated more exactly")
-            history = history.with_final(refine(case, history.final))
+            history = history.with_final(refine(task, history.final))
         progress("looking at the residual")
-        left = _sparse_model(data, case, history.final)
-        verdict, named = decide(data, history, left, partial(_is_better_smooth, data, case))
-        named, fixed = drop_undetermined(case, named)
+        left = _sparse_model(data, task, history.final)
+        verdict, named = decide(data, history, left, partial(_is_better_smooth, data, task))
+        named, fixed = drop_undetermined(task, named)
         if verdict == "effects-found" and not named.effects:
             verdict, named = "unknown", history.calibrated
-        named, held = hold_undetermined(case, named)
+        named, held = hold_undetermined(task, named)
         history = replace(history, undetermined=(*history.undetermined, *fixed, *held))
-        groups = confusable(case, named, history.steps)
+        groups = confusable(task, named, history.steps)
         beyond = conflicts(data, named)
         is_done = is_adequate(data, history.final, left)
-        implied = [c for c in beyond if c.named is not None and (is_done or explains(data, case, named, c))]
+        implied = [c for c in beyond if c.named is not None and (is_done or explains(data, task, named, c))]
         progress("predicting the test runs")
-        judging = [run for run in data.runs if run.name in data.judging]
-        alone = np.concatenate([offset_residual(dynamics, run) for run in judging]) if judging else None
-        ladder = [predict_tests(case, fit) for fit in (history.nominal, *ladder_of(history, named))]
-        by_run = of_runs(case, ladder[-1])
+        scored = [run for run in data.runs if run.name in data.scored]
+        alone = np.concatenate([offset_residual(dynamics, run) for run in scored]) if scored else None
+        ladder = [predict_tests(task, fit) for fit in (history.nominal, *ladder_of(history, named))]
+        by_run = of_runs(task, ladder[-1])
         progress("finding the intervals")
         found = conclude(model, data, history, left, verdict, ladder, groups, beyond, implied, alone, by_run)
     evaluations = sum(fit.solution.problem.evaluations for fit in (history.calibrated, *history.fits))
@@ -158,73 +158,73 @@ def diagnose(
 
 def search(
     data: DiagnosisData,
-    case: Case,
+    task: EstimationTask,
     dynamics: AxisDynamics,
     catalogue: Callable[[FittedModel], Sequence[Candidate]],
     seed: int,
     ahead: SelectionHistory | None = None,
-) -> tuple[Case, SelectionHistory]:
+) -> tuple[EstimationTask, SelectionHistory]:
     """Calibrate and select effects; return the case as calibrated, and the course of the selection.
 
     Which effects are tried, and at what values, may follow from the residual of the calibration: `catalogue` tells.
     Effects that a search `ahead` found in a part of the runs are fitted first.
     """
-    case.progress("predicting with the model as it is")
-    held = undetermined(case, dynamics)
-    case = replace(case, free=tuple(name for name in case.free if name not in held))
-    nominal = evaluate_design(replace(case, prior_bound=BELIEVED), dynamics)
-    case.progress("calibrating")
+    task.progress("predicting with the model as it is")
+    held = undetermined(task, dynamics)
+    task = replace(task, free=tuple(name for name in task.free if name not in held))
+    nominal = evaluate_design(replace(task, prior_bound=BELIEVED), dynamics)
+    task.progress("calibrating")
     if ahead is None:
-        fit = calibrate(case, grid_frequency(case, grid_delay(case, dynamics)), seed, nominal)
+        fit = calibrate(task, grid_frequency(task, grid_delay(task, dynamics)), seed, nominal)
     else:
-        fit = fit_model(case, with_values(dynamics, ahead.calibrated.model))
+        fit = fit_model(task, with_values(dynamics, ahead.calibrated.model))
     if fit is not None:  # how a mode rings as a record begins follows from its calibrated numbers
-        case = with_beginnings(case, cast(AxisDynamics, fit.model), data.rounded(fit))
-        fit = fit_model(case, fit.model)
+        task = with_beginnings(task, cast(AxisDynamics, fit.model), data.rounded(fit))
+        fit = fit_model(task, fit.model)
     if fit is not None and fit.exceeds_noise:
-        fit = escape(case, fit)
+        fit = escape(task, fit)
     if nominal is None or fit is None:
         raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
     rise = fit.validation_chi2 - nominal.validation_chi2
     is_refused = (
-        bool(case.validate.records)
+        bool(task.validate.records)
         and data.error(fit) > WORSE * data.error(nominal)
         and rise > INDISTINGUISHABLE * fit.discrepancy
     )
     if is_refused or fit.scale > GROSS:
-        kept = evaluate_design(with_beginnings(case, dynamics, data.rounded(nominal)), nominal.model)
+        kept = evaluate_design(with_beginnings(task, dynamics, data.rounded(nominal)), nominal.model)
         nominal = kept or nominal
     calibrated = nominal if is_refused else fit
     every = catalogue(calibrated)
-    steps, fits = _confirm(case, calibrated, ahead.steps if ahead else ())
+    steps, fits = _confirm(task, calibrated, ahead.steps if ahead else ())
     more = select(
-        case,
+        task,
         fits[-1] if fits else calibrated,
         every,
         MOST if data.runs else MOST_OF_LINES,
         # Beside a gross misfit calibrated numbers may have moved far to imitate an effect.
         origins=(nominal,) if fit.scale > GROSS and not is_refused and not fits else (),
-        vary_step=partial(vary_step, case, candidates=every),
-        vary=partial(vary_by_run, case),
+        vary_step=partial(vary_step, task, candidates=every),
+        vary=partial(vary_by_run, task),
     )
     if not data.runs:  # simulations of small sines cost little
-        more = select_otherwise(case, more, every, MOST_OF_LINES)
+        more = select_otherwise(task, more, every, MOST_OF_LINES)
     steps, fits = [*steps, *more[0]], [*fits, *more[1]]
-    return case, SelectionHistory(nominal, calibrated, tuple(fits), tuple(steps), held, is_refused)
+    return task, SelectionHistory(nominal, calibrated, tuple(fits), tuple(steps), held, is_refused)
 
 
-def _confirm(case: Case, fit: FittedModel, steps: Sequence[Step]) -> tuple[list[Step], list[FittedModel]]:
+def _confirm(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> tuple[list[Step], list[FittedModel]]:
     """Return the steps of a selection in a part of the runs that all of them accept, and the fits after these."""
     confirmed, fits = list[Step](), list[FittedModel]()
     for step in steps:
         if step.chosen is None:
             break
         names = step.chosen.names
-        case.progress(f"fitting with {' and '.join((*fit.names, *names))}, the whole runs")
+        task.progress(f"fitting with {' and '.join((*fit.names, *names))}, the whole runs")
         added = tuple(effect for effect in step.chosen.fit.effects if effect.name in names)
         model = with_values(with_effects(fit.model, added), step.chosen.fit.model)
-        made = fit_model(case, case.fine(model), (*fit.effects, *added))
-        trial = None if made is None else compare(case, fit, made, names, step.chosen.score)
+        made = fit_model(task, task.fine(model), (*fit.effects, *added))
+        trial = None if made is None else compare(task, fit, made, names, step.chosen.score)
         if trial is None or trial.reason:
             break
         fit = trial.fit
@@ -233,17 +233,17 @@ def _confirm(case: Case, fit: FittedModel, steps: Sequence[Step]) -> tuple[list[
     return confirmed, fits
 
 
-def _is_better_smooth(data: DiagnosisData, case: Case, base: FittedModel, fit: FittedModel) -> bool:
+def _is_better_smooth(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
     """Tell whether the smooth functions of what a fit with effects leaves explain more in the place of the effects."""
-    terms = _sparse_model(data, case, fit).terms
+    terms = _sparse_model(data, task, fit).terms
     if not terms:
         return False
-    alone = cost_of_terms(case, base, basis_functions_of(data, base), terms)
+    alone = cost_of_terms(task, base, basis_functions_of(data, base), terms)
     samples = base.solution.problem.dataset.samples
     return alone - samples < BETTER * (fit.fitted_chi2 - samples)
 
 
-def _sparse_model(data: DiagnosisData, case: Case, fit: FittedModel) -> SparseModel:
+def _sparse_model(data: DiagnosisData, task: EstimationTask, fit: FittedModel) -> SparseModel:
     seen = fit.solution.problem.dataset  # records may begin in more ways in a later fit
-    case = replace(case.prepared(case, fit.model), identify=seen)
-    return sparse_model(case, fit, basis_functions_of(data, fit))
+    task = replace(task.prepared(task, fit.model), identify=seen)
+    return sparse_model(task, fit, basis_functions_of(data, fit))

@@ -85,9 +85,9 @@ def _ratios(data: DiagnosisData, fit: FittedModel) -> Iterator[tuple[float, int,
         if count := int(sum(record.present.sum() for record, _ in seen)):
             yield sum(float(part @ part) for _, part in seen) / count, count, error
     held = 0.0
-    judging = [each for each in data.responses if each.role == "validate"]
-    if judging:
-        left = [(fit.residuals_by_run[e.name] / data.lines[e.name].of_values)[np.tile(e.present, 2)] for e in judging]
+    scored = [each for each in data.responses if each.role == "validate"]
+    if scored:
+        left = [(fit.residuals_by_run[e.name] / data.lines[e.name].of_values)[np.tile(e.present, 2)] for e in scored]
         held = float(sum(part @ part for part in left))
         values = sum(len(part) for part in left)
         yield held / values, values, _line_level(data)
@@ -288,18 +288,16 @@ def _unexplained_on_tests(data: DiagnosisData, fit: FittedModel) -> float:
 def _named(data: DiagnosisData, ladder: Sequence[FittedModel], name: str) -> IdentifiedEffect:
     final = ladder[-1]
     effect = next(effect for effect in final.effects if effect.name == name)
-    shares = [_share(data, ladder, name, data.judging, data.floor if data.noise.known else 0.0)]
-    if data.runs and (judging := [each.name for each in data.responses if each.role != "identify"]):
-        floor = math.sqrt(float(np.mean([data.noise.rms[each] ** 2 for each in judging])))
-        shares.append(_share(data, ladder, name, judging, floor))  # what runs do not show a response may
+    shares = [_share(data, ladder, name, data.scored, data.floor if data.noise.known else 0.0)]
+    if data.runs and (scored := [each.name for each in data.responses if each.role != "identify"]):
+        floor = math.sqrt(float(np.mean([data.noise.rms[each] ** 2 for each in scored])))
+        shares.append(_share(data, ladder, name, scored, floor))  # what runs do not show a response may
     return IdentifiedEffect(name, values_of(final, effect.free), max(shares))
 
 
-def _share(
-    data: DiagnosisData, ladder: Sequence[FittedModel], name: str, judging: Sequence[str], floor: float
-) -> float:
+def _share(data: DiagnosisData, ladder: Sequence[FittedModel], name: str, scored: Sequence[str], floor: float) -> float:
     """Return the share of the mean square that calibration leaves unexplained which an effect explains."""
-    errors = [fit.rms(judging, data.scales) for fit in ladder]
+    errors = [fit.rms(scored, data.scales) for fit in ladder]
     place = next((i for i, fit in enumerate(ladder) if name in fit.names), len(ladder) - 1)
     before, after = errors[place - 1] ** 2, errors[place] ** 2
     return float(np.clip((before - after) / max(errors[0] ** 2 - floor**2, 1e-300), 0.0, 1.0))

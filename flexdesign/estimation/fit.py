@@ -195,7 +195,7 @@ def _converged(dataset: Dataset, noise_is_known: bool, solution: Solution) -> tu
     """
     scale = 1.0
     for _ in range(6):
-        problem = solution.problem.anew(dataset.scaled(scale) if scale != 1 else dataset, central=True)
+        problem = solution.problem.fresh(dataset.scaled(scale) if scale != 1 else dataset, central=True)
         # To a thousandth of a standard deviation for 10 000 samples; without noise to where values are rounded.
         solution = solve(problem, solution.x, Effort(30, 1e-10), small=1e-6 * problem.dataset.floor) or solution
         found = uncertainty(solution, scale**-2 if noise_is_known else None)

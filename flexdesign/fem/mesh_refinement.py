@@ -21,7 +21,7 @@ from flexdesign.design import part as parts
 from flexdesign.design.study import Study
 from flexdesign.fem import analysis, convergence, quantities
 from flexdesign.fem.analysis import Solution
-from flexdesign.fem.convergence import Scatter
+from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.meshing import methods, resolution_gate
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
@@ -230,7 +230,7 @@ def method_of(study: Study, part: parts.Piece, body: Domain) -> Method:
     return Extruded(grading) if extruded else Wild(grading, asked.envelope)
 
 
-def gathered(study: Study, levels: Sequence[Level], scatter: Scatter) -> list[Quantity]:
+def gathered(study: Study, levels: Sequence[Level], scatter: MeshNoise) -> list[Quantity]:
     """Extrapolate every quantity over the meshes that know it; peaks of stress are judged by rules of their own."""
     found = [by_key(quantities.of_solution(study, level.solution)) for level in levels]
     gathered = []
@@ -241,7 +241,7 @@ def gathered(study: Study, levels: Sequence[Level], scatter: Scatter) -> list[Qu
     return gathered + quantities.peak_stresses(study, [lv.solution for lv in levels], [lv.size for lv in levels])
 
 
-def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scatter: Scatter) -> list[Quantity]:
+def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scatter: MeshNoise) -> list[Quantity]:
     """Extrapolate every quantity that the first mesh knows over all meshes that know it.
 
     Parameters

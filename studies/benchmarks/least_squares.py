@@ -42,7 +42,7 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import MINIMUM, SMA
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
 from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
 from flexdesign.estimation.model_selection.calibration import STARTED, calibrate
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import fit_model
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.whitening import White
@@ -142,7 +142,7 @@ def scipys(problem: Problem, manner: Manner, old: Columns) -> float:
         parts = last.get(x.tobytes()) or problem.residuals(x)
         assert parts is not None  # SciPy takes no step to where it is
         jacobian = problem.jacobian(x, parts, known.pop() if known else None)
-        problem.even(jacobian)
+        problem.symmetrise(jacobian)
         blocks = [np.zeros((n, len(x))) for n in rows]
         for block, columns, part in zip(blocks, places, jacobian, strict=True):
             block[:, columns] = part.matrix
@@ -182,15 +182,15 @@ def of_case(number: int, seed: int) -> Iterator[Task]:
     """Yield the calibration of a case of the trial, and the fit with what is hidden, if a fit can show it."""
     with tempfile.TemporaryDirectory() as scratch, simulating(1) as each:
         here = Path(scratch)
-        case = cases.make(number, seed)
-        folder.write(case, here, here / "answer.toml")
+        task = cases.make(number, seed)
+        folder.write(task, here, here / "answer.toml")
         model = reading.read(here / folder.MODEL)
         data = prepare(model, recordings.read_runs([here / folder.RUNS]), None, None)
         dynamics, task = case_of(model, data, each, lambda _: None)
         held = undetermined(task, dynamics)
         task = replace(task, free=tuple(name for name in task.free if name not in held))
         start = grid_frequency(task, grid_delay(task, dynamics))
-        yield Task(f"{case.name}: calibration", _making(task, start, ()))
+        yield Task(f"{task.name}: calibration", _making(task, start, ()))
         fit = calibrate(task, start)
         if fit is None:
             return
@@ -198,9 +198,9 @@ def of_case(number: int, seed: int) -> Iterator[Task]:
         if (fit := fit_model(task, fit.model)) is None:
             return
         every = candidates(dynamics, (), periodic_disturbances.frequencies(data, fit))
-        for effect in (each for each in every if each.name in case.effects):
+        for effect in (each for each in every if each.name in task.effects):
             making = _making(task, _begun(task, fit.model, effect), (effect,))
-            yield Task(f"{case.name}: with {effect.name}", making, _known(fit.solution.columns(), making()))
+            yield Task(f"{task.name}: with {effect.name}", making, _known(fit.solution.columns(), making()))
 
 
 def _known(columns: Columns, problem: Problem) -> Columns:
@@ -210,20 +210,20 @@ def _known(columns: Columns, problem: Problem) -> Columns:
     return columns if fits else {}
 
 
-def _begun(case: Case, model: Model, effect: Candidate) -> Model:
+def _begun(task: EstimationTask, model: Model, effect: Candidate) -> Model:
     """Return a model with an effect at the trial that fits best."""
     added = effect.add(model)
     tried = [added.replace(values) for values in effect.trials]
-    problems = [_making(case, each, (effect,))() for each in tried]
+    problems = [_making(task, each, (effect,))() for each in tried]
     costs = [problem.cost(problem.where.start, problem.residuals(problem.where.start)) for problem in problems]
     return tried[int(np.argmin(costs))]
 
 
-def _making(case: Case, model: Model, effects: Sequence[Candidate]) -> Callable[[], Problem]:
+def _making(task: EstimationTask, model: Model, effects: Sequence[Candidate]) -> Callable[[], Problem]:
     """Return what makes the problem of a fit, as `fitted_model.solve_case` does."""
-    case = case.prepared(case, model)
-    where = case.coordinates(model, [*case.free, *(n for effect in effects for n in effect.free)], case.identify)
-    return lambda: case.problem(case.identify, model, where)
+    task = task.prepared(task, model)
+    where = task.coordinates(model, [*task.free, *(n for effect in effects for n in effect.free)], task.identify)
+    return lambda: task.problem(task.identify, model, where)
 
 
 def formulas() -> Iterator[Task]:

@@ -14,11 +14,11 @@ from tests.evidence.toys import Array, Run, parameter
 
 from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection.calibration import STARTS, calibrate
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.noise.whitening import White
 
 
-def tone(start: float) -> tuple[Sum, Case]:
+def tone(start: float) -> tuple[Sum, EstimationTask]:
     """A tone of five periods: the cost has a false minimum for every period more or less."""
 
     def shape(v: Mapping[str, float], run: Any) -> Array:
@@ -33,7 +33,7 @@ def tone(start: float) -> tuple[Sum, Case]:
         made = [dataclasses.replace(r, data=truth.predict(r) + SIGMA * rng.standard_normal(N)) for r in blank]
         return Dataset(made, White(SIGMA), offset)
 
-    return model, Case(dataset(NAMES), dataset(HELD), ("size", "f"), lambda _: {}, lambda _: model, 1e-3)
+    return model, EstimationTask(dataset(NAMES), dataset(HELD), ("size", "f"), lambda _: {}, lambda _: model, 1e-3)
 
 
 @pytest.mark.parametrize(("start", "starts"), [(5.2, 1), (7.3, 1 + STARTS)])

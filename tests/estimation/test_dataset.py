@@ -88,7 +88,7 @@ def test_freedom_is_the_price_of_columns_in_the_marginal_likelihood() -> None:
     columns, root = nuisance(observed)[0][there, 1:], inverse_root(there)
     added = root @ columns * SIZES[1:]
     dataset = Dataset([observed, observed], Coloured(RINGING), lambda o: (nuisance(o)[0][:, 1:], SIZES[1:]))
-    assert dataset.freedom == pytest.approx(2 * np.log1p(np.linalg.eigvalsh(added.T @ added)).sum(), rel=1e-9)
+    assert dataset.log_volume == pytest.approx(2 * np.log1p(np.linalg.eigvalsh(added.T @ added)).sum(), rel=1e-9)
 
 
 def test_a_move_that_columns_make_up_costs_what_is_known_of_their_amounts() -> None:

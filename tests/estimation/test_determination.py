@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.evidence.sums import Sum, as_sum, candidate, case, column, fit_with, strength
+from tests.evidence.sums import Sum, as_sum, candidate, column, fit_with, strength, task
 from tests.evidence.toys import Array, parameter
 
 from flexdesign.estimation.model_selection.determination import hold_undetermined
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.score_test import Candidate
 
@@ -32,8 +32,8 @@ def effect(share: float, default: float, low: float, high: float) -> Candidate:
     return Candidate("d", add, "d", ("d", "d.more"), ({"d": 0.1, "d.more": default},), signed=True)
 
 
-def fit(added: Candidate, **truth: float) -> tuple[Case, FittedModel]:
-    about = case({"d": STRENGTH, **truth})
+def fit(added: Candidate, **truth: float) -> tuple[EstimationTask, FittedModel]:
+    about = task({"d": STRENGTH, **truth})
     return about, fit_with(about, [added])
 
 
@@ -76,7 +76,7 @@ def test_a_default_that_contradicts_the_runs_is_not_held() -> None:
 
 def test_a_strength_is_never_held() -> None:
     """Whether it is there at all was decided when the effect was added."""
-    about = case({})
+    about = task({})
     alone = candidate("d")
     found = fit_with(about, [alone])
     assert hold_undetermined(about, found) == (found, ())

@@ -94,11 +94,11 @@ def test_a_single_start_gets_stuck_where_several_do_not() -> None:
     observed = noisy(tone, {"a": 2.0, "f": 5.3}, 0.1)
     stuck = fit(tone, [observed], ["a", "f"], starts=1)
     assert abs(stuck.model.values()["f"] - 5.3) > 1.0  # type: ignore[attr-defined]
-    assert stuck.starts.is_stuck and "nothing confirms" in str(stuck.starts)
+    assert stuck.starts.is_unconfirmed and "nothing confirms" in str(stuck.starts)
     found = fit(tone, [observed], ["a", "f"])
     assert found["f"].value == pytest.approx(5.3, abs=4 * found.sigmas["f"])
     assert found.cost < 0.1 * stuck.cost
-    assert found.starts.agreed >= 2 and not found.starts.is_stuck
+    assert found.starts.agreed >= 2 and not found.starts.is_unconfirmed
     assert f"{found.starts.agreed} of {found.starts.polished} starts" in str(found.starts)
 
 
@@ -116,7 +116,7 @@ def test_a_better_point_met_while_checking_intervals_is_taken() -> None:
     found = fit(wells, observed, ["x"], **settings)
     assert stuck.model.values()["x"] == pytest.approx(-1.0, abs=0.1)  # type: ignore[attr-defined]
     assert found.model.values()["x"] == pytest.approx(1.0, abs=1e-5)  # type: ignore[attr-defined]
-    assert found.starts.is_stuck
+    assert found.starts.is_unconfirmed
 
 
 # --- intervals ----------------------------------------------------------------------------------------------------

@@ -15,7 +15,6 @@ from tests.evidence.sums import (
     base,
     calibrated_stand,
     candidate,
-    case,
     column,
     effects,
     fit_with,
@@ -23,6 +22,7 @@ from tests.evidence.sums import (
     recorded,
     stage,
     strength,
+    task,
 )
 from tests.evidence.toys import Array, Run, parameter
 
@@ -46,7 +46,7 @@ def shared(run: Run, p: float, q: float) -> Array:
 
 def test_a_model_is_evaluated_with_nothing_but_initial_conditions_fitted() -> None:
     """By linear algebra; its own numbers stay, and the Jacobian holds them all the same."""
-    about = case({})
+    about = task({})
     found = calibration.evaluate_design(about, stage().replace({"p": 1.5, "q": -0.7}))
     assert found is not None
     values = {p.name: p.start for p in found.model.parameters()}
@@ -62,7 +62,7 @@ def test_a_model_is_evaluated_with_nothing_but_initial_conditions_fitted() -> No
 
 
 def test_test_runs_are_predicted_in_the_end_and_change_nothing() -> None:
-    about = case({})
+    about = task({})
     unseen = recorded({"p": 2.3}, 5, ("later",))
     model = stage().plus(
         lambda v, run: v["later:own"] * column(run, "own") * (run.name == "later"),
@@ -85,13 +85,13 @@ def test_test_runs_are_predicted_in_the_end_and_change_nothing() -> None:
 
 def test_the_jacobian_of_a_design_knows_what_its_own_numbers_imitate() -> None:
     """No step is taken, so that it promises the fall of chi^2 that a calibration brings."""
-    about = case({})
+    about = task({})
     found = calibration.evaluate_design(about, stage().replace({"p": 1.5, "q": -0.7}))
     fitted = calibrated_stand(about)
     assert found is not None and not found.solution.is_settled
     gradient = found.solution.project(found.solution.residuals)
-    promised = float(gradient @ found.solution.covariance @ gradient)
-    assert promised == pytest.approx(found.cost - fitted.cost, rel=1e-3)
+    predicted_reduction = float(gradient @ found.solution.covariance @ gradient)
+    assert predicted_reduction == pytest.approx(found.cost - fitted.cost, rel=1e-3)
 
 
 # --- effects, with and without --------------------------------------------------------------------------------------
@@ -114,7 +114,7 @@ def test_effects_are_added_at_the_values_of_the_catalogue() -> None:
 
 def test_a_fit_is_made_again_without_an_effect_from_the_values_that_it_has() -> None:
     """The bare model has other values: it only says what there is without effects."""
-    about = case({"b": 0.3, "c": 0.2})
+    about = task({"b": 0.3, "c": 0.2})
     fit = fit_with(about, effects()[1:3])
     asked = list[list[str]]()
 
@@ -137,7 +137,7 @@ def test_a_last_fit_is_made_with_the_finest_model() -> None:
     """The coarse one is off by a hundredth of the noise in a column that the gain imitates."""
     fine = stage()
     coarse = fine.plus(lambda v, run: 0.01 * column(run, "p"), strength("none"))
-    about = case({})
+    about = task({})
     fit = stands.fit_model(about, coarse)
     assert fit is not None
     last = stands.refine(dataclasses.replace(about, finest=lambda model: stands.with_values(fine, model)), fit)
@@ -152,7 +152,7 @@ def test_a_last_fit_is_made_with_the_finest_model() -> None:
 
 
 def test_chi_squared_exceeds_noise_beyond_three_of_its_standard_deviations() -> None:
-    fit = calibrated_stand(case({}))
+    fit = calibrated_stand(task({}))
     samples = fit.solution.problem.dataset.samples
     assert samples == 3 * N and not fit.exceeds_noise
     for deviations, exceeds in ((-1.0, False), (2.9, False), (3.1, True)):
@@ -166,9 +166,9 @@ def test_chi_squared_exceeds_noise_beyond_three_of_its_standard_deviations() -> 
 
 def test_priors_of_shared_numbers_are_not_seen_and_those_of_runs_are() -> None:
     own = "one:own"
-    free = calibrated_stand(case({}))
+    free = calibrated_stand(task({}))
     value = free.solution.problem.where.values(free.solution.x)
-    about = case({}, p=(value["p"] + 0.3, 0.1), **{own: (value[own] + 0.02, 0.01)})
+    about = task({}, p=(value["p"] + 0.3, 0.1), **{own: (value[own] + 0.02, 0.01)})
     solution = about.problem(about.identify, free.model, about.coordinates(free.model, about.free, about.identify))
     held = linearise(solution, free.solution.x)
     assert held is not None
@@ -184,7 +184,7 @@ def test_two_models_differ_by_what_no_offset_takes_away() -> None:
         strength("offset"),
         *(parameter(f"{name}:late", 0.0, -9.0, 9.0, run=name, null=0.0) for name in HELD),
     )
-    about = case({})
+    about = task({})
     there = model.replace({"p": 0.3, "offset": 5.0, "kept:late": 1.0})
     parts = [0.3 * (column(record.observation, "p")) for record in about.validate.records]
     spread = math.sqrt(np.mean([np.var(part) for part in parts]))

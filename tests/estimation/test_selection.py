@@ -19,7 +19,6 @@ from tests.evidence.sums import (
     as_sum,
     calibrated_stand,
     candidate,
-    case,
     column,
     columns,
     effects,
@@ -29,6 +28,7 @@ from tests.evidence.sums import (
     recorded,
     stage,
     strength,
+    task,
 )
 from tests.evidence.toys import Array, Run, parameter
 
@@ -36,7 +36,7 @@ from flexdesign.estimation.least_squares.parallel_map import shared_pool
 from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection import stepwise_selection
 from flexdesign.estimation.model_selection.calibration import evaluate_design
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model
 from flexdesign.estimation.model_selection.model_comparison import INDISTINGUISHABLE, LEVEL, SHARE, Step, compare
 from flexdesign.estimation.model_selection.score_test import Candidate, Screening
@@ -57,7 +57,7 @@ from flexdesign.estimation.noise.whitening import White
 
 
 def test_the_right_one_of_six_is_added_and_nothing_after_it() -> None:
-    about = case({"d": 0.3})
+    about = task({"d": 0.3})
     before = calibrated_stand(about)
     step = forward(about, before, effects())
     assert step.chosen is not None and step.chosen.names == ("d",)
@@ -72,7 +72,7 @@ def test_the_right_one_of_six_is_added_and_nothing_after_it() -> None:
 
 def test_gains_are_falls_of_the_cost() -> None:
     """By linear algebra, of the runs that were fitted; what runs kept apart leave is close to noise afterwards."""
-    about = case({"d": 0.3})
+    about = task({"d": 0.3})
     before = calibrated_stand(about)
     step = forward(about, before, effects())
     assert step.chosen is not None
@@ -96,7 +96,7 @@ def test_gains_are_falls_of_the_cost() -> None:
 
 
 def test_trials_side_by_side_are_those_one_after_another() -> None:
-    about = case({"a": 0.5, "c": 0.2})
+    about = task({"a": 0.5, "c": 0.2})
     with shared_pool(2) as each:
         together = forward(dataclasses.replace(about, each=each), calibrated_stand(about), effects())
     alone = forward(about, calibrated_stand(about), effects())
@@ -107,7 +107,7 @@ def test_trials_side_by_side_are_those_one_after_another() -> None:
 
 
 def test_two_effects_are_found_one_after_the_other() -> None:
-    about = case({"b": 0.3, "e": -0.2})
+    about = task({"b": 0.3, "e": -0.2})
     fit, found = calibrated_stand(about), list[str]()
     while (step := forward(about, fit, effects())).chosen is not None:
         fit, found = step.chosen.fit, [*found, *step.chosen.names]
@@ -117,7 +117,7 @@ def test_two_effects_are_found_one_after_the_other() -> None:
 def test_a_pair_that_shows_only_together_is_found() -> None:
     """Two effects that nearly cancel: what either explains alone is small, and of the wrong sign for one."""
     one, two = candidate("a", {"g": 3.0, "h": 0.5}), candidate("b", {"g": -3.0, "h": 0.5})
-    about = case({"h": 0.15})
+    about = task({"h": 0.15})
     step = forward(about, calibrated_stand(about), effects(a=one, b=two))
     assert step.chosen is not None and set(step.chosen.names) == {"a", "b"}
     values = step.chosen.fit.solution.problem.where.values(step.chosen.fit.solution.x)
@@ -127,7 +127,7 @@ def test_a_pair_that_shows_only_together_is_found() -> None:
 def test_nothing_is_found_in_noise() -> None:
     """One screening in a thousand may name something by chance, so that of 25 cases none should."""
     for seed in range(25):
-        about = case({}, seed)
+        about = task({}, seed)
         assert forward(about, calibrated_stand(about), effects()).chosen is None
 
 
@@ -140,7 +140,7 @@ def test_of_two_that_explain_alike_the_one_with_fewer_numbers_is_added() -> None
         free=("e", "e.more"),
         trials=({"e": 0.1, "e.more": 0.0},),
     )
-    about = case({"d": 0.3})
+    about = task({"d": 0.3})
     step = forward(about, calibrated_stand(about), effects(e=loose))
     assert step.chosen is not None and step.chosen.names == ("d",)
     assert [trial.names for trial in step.alike] == [("e",)]
@@ -186,8 +186,8 @@ def decoys(count: int) -> list[Candidate]:
     ]
 
 
-def with_bell(**more: Any) -> Case:
-    about = case({})
+def with_bell(**more: Any) -> EstimationTask:
+    about = task({})
 
     def dataset(names: Sequence[str]) -> Dataset:
         made = [dataclasses.replace(run, data=run.data + bell(BELL, run)) for run in recorded({}, 0, names)]
@@ -236,7 +236,7 @@ def test_what_the_best_is_known_to_be_taken_for_competes_to_the_end() -> None:
 def test_what_promises_too_little_is_not_fitted() -> None:
     """Half of what would be accepted: of the effects in noise hardly any is tried, and what is absent never is."""
     said = list[str]()
-    about = dataclasses.replace(case({"d": 0.3}), progress=said.append)
+    about = dataclasses.replace(task({"d": 0.3}), progress=said.append)
     before = calibrated_stand(about)
     screening = Screening(before.solution, effects())
     enough = stepwise_selection.WORTH * max(screening.critical_value(LEVEL), SHARE * before.excess)
@@ -256,9 +256,9 @@ def test_a_pair_competes_only_where_a_single_effect_leaves_more_than_noise() -> 
     before = calibrated_stand(about)
     every = [left, right, of_bell()]
     screening = Screening(before.solution, every)
-    ((promise, *pair),) = screening.pairs(1)
+    ((predicted_gain, *pair),) = screening.pairs(1)
     assert {direction.candidate.name for direction in pair} == {"left", "right"}
-    assert promise > screening.best()[0][0].drop + screening.critical_value(LEVEL)
+    assert predicted_gain > screening.best()[0][0].drop + screening.critical_value(LEVEL)
     alone = forward(about, before, every)
     assert alone.chosen is not None and alone.chosen.names == ("n",)
     assert all(len(trial.names) == 1 for trial in alone.trials)
@@ -267,7 +267,7 @@ def test_a_pair_competes_only_where_a_single_effect_leaves_more_than_noise() -> 
     assert any(trial.names in (("left",), ("right",)) and trial.fit.exceeds_noise for trial in both.trials)
 
 
-def led_astray() -> tuple[Sum, Candidate, Case]:
+def led_astray() -> tuple[Sum, Candidate, EstimationTask]:
     """A tone of 5.3 periods, and an effect that looks like that tone less another one of 7 periods.
 
     A calibration that ended near 7 leaves a residual in which the effect seems to have the wrong sign.
@@ -292,7 +292,11 @@ def led_astray() -> tuple[Sum, Candidate, Case]:
         made = [dataclasses.replace(r, data=truth.predict(r) + SIGMA * rng.standard_normal(N)) for r in blank]
         return Dataset(made, White(SIGMA), offset)
 
-    return model, effect, Case(dataset(NAMES), dataset(HELD), ("size", "f"), lambda _: {}, lambda _: model, 1e-3)
+    return (
+        model,
+        effect,
+        EstimationTask(dataset(NAMES), dataset(HELD), ("size", "f"), lambda _: {}, lambda _: model, 1e-3),
+    )
 
 
 def test_a_fit_from_the_design_finds_what_calibration_hides() -> None:
@@ -317,7 +321,7 @@ def test_a_fit_from_the_design_finds_what_calibration_hides() -> None:
 # --- what cannot be told apart --------------------------------------------------------------------------------------
 
 
-def steps_of(about: Case, every: Sequence[Candidate]) -> list[Step]:
+def steps_of(about: EstimationTask, every: Sequence[Candidate]) -> list[Step]:
     """All additions, as a search makes them."""
     steps = [forward(about, calibrated_stand(about), every)]
     while (chosen := steps[-1].chosen) is not None:
@@ -332,7 +336,7 @@ def final(steps: Sequence[Step]) -> FittedModel:
 def test_effects_that_do_as_well_are_one_answer() -> None:
     """Twins of d, each with a thousandth of something of its own; a group is no larger than it may be."""
     twins = [candidate(name, {"d": 1.0, f"{name} alone": 1e-3}, signed=True) for name in ("w", "x", "y", "z")]
-    about = case({"d": 0.3})
+    about = task({"d": 0.3})
     for count in (1, 4):
         steps = steps_of(about, [*effects(), *twins[:count]])
         ((first, *others),) = confusable(about, final(steps), steps)
@@ -342,7 +346,7 @@ def test_effects_that_do_as_well_are_one_answer() -> None:
 
 def test_what_did_as_well_beside_a_gross_misfit_may_not_do_so_in_the_end() -> None:
     """While the large effect is missing one that is nearly d is as good as d; beside it, it is not."""
-    about = case({"d": 1.0, "b": 2.0})
+    about = task({"d": 1.0, "b": 2.0})
     nearly = candidate("e", {"d": 1.0, "e": 0.3}, signed=True)
     twin = candidate("f", {"d": 1.0, "f": 1e-3}, signed=True)
     every = [candidate(name, signed=True) for name in ("b", "d")]
@@ -364,7 +368,7 @@ def test_what_did_as_well_beside_a_gross_misfit_may_not_do_so_in_the_end() -> No
 def test_an_effect_that_others_made_superfluous_is_dropped() -> None:
     """`a` came first, as a mixture of both; with `b` and `c` in the model nothing is left for it to explain."""
     mixture = candidate("a", {"b": 1.0, "c": 1.0, "a": 0.5}, signed=True)
-    about, every = case({"b": 0.3, "c": 0.2}), effects(a=mixture)
+    about, every = task({"b": 0.3, "c": 0.2}), effects(a=mixture)
     fit = fit_with(about, every[:3])
     left = backward(about, fit, fit.names)
     assert left.names == ("b", "c")
@@ -373,7 +377,7 @@ def test_an_effect_that_others_made_superfluous_is_dropped() -> None:
 
 
 def test_effects_that_are_needed_stay() -> None:
-    about, every = case({"b": 0.3, "c": 0.2}), effects()
+    about, every = task({"b": 0.3, "c": 0.2}), effects()
     fit = fit_with(about, every[1:3])
     assert backward(about, fit, fit.names) is fit
 
@@ -382,7 +386,7 @@ def refits(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
     """Note the effects of each fit that is made again without one."""
     asked, refit = list[tuple[str, ...]](), stepwise_selection.refit
 
-    def noted(about: Case, fit: FittedModel, rest: tuple[Candidate, ...]) -> FittedModel | None:
+    def noted(about: EstimationTask, fit: FittedModel, rest: tuple[Candidate, ...]) -> FittedModel | None:
         asked.append(tuple(effect.name for effect in rest))
         return refit(about, fit, rest)
 
@@ -392,7 +396,7 @@ def refits(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
 
 def test_only_doubtful_effects_are_tested(monkeypatch: pytest.MonkeyPatch) -> None:
     mixture = candidate("a", {"b": 1.0, "c": 1.0, "a": 0.5}, signed=True)
-    about = case({"b": 0.3, "c": 0.2})
+    about = task({"b": 0.3, "c": 0.2})
     fit, asked = fit_with(about, effects(a=mixture)[:3]), refits(monkeypatch)
     assert backward(about, fit, ()) is fit and not asked
     assert backward(about, fit, ("b", "c")).names != ("b", "c")
@@ -404,14 +408,14 @@ def test_only_doubtful_effects_are_tested(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_the_last_effect_is_never_tested(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whether one is needed at all was decided when it was added."""
-    about = case({})
+    about = task({})
     fit, asked = fit_with(about, effects()[:1]), refits(monkeypatch)
     assert backward(about, fit, ("a",)) is fit and not asked
 
 
 def test_a_selection_doubts_what_was_there_before(monkeypatch: pytest.MonkeyPatch) -> None:
     """What was added alone has just been found to be needed; of a pair each may make up for the other."""
-    about, every = case({"b": 0.3, "e": -0.2}), effects()
+    about, every = task({"b": 0.3, "e": -0.2}), effects()
     asked = refits(monkeypatch)
     _, (alone,) = select(about, fit_with(about, every[1:2]), every, 2)
     assert alone.names == ("b", "e") and asked == [("e",)]
@@ -424,14 +428,14 @@ def test_a_selection_doubts_what_was_there_before(monkeypatch: pytest.MonkeyPatc
 
 def test_a_selection_drops_what_later_effects_made_superfluous() -> None:
     mixture = candidate("a", {"b": 0.6, "c": 0.4, "a": 0.1}, signed=True)
-    about = case({"b": 0.6, "c": 0.4})
+    about = task({"b": 0.6, "c": 0.4})
     steps, stands = select(about, calibrated_stand(about), effects(a=mixture)[:3], 3)
     assert {*stands[-1].names} == {"b", "c"} and not stands[-1].exceeds_noise
     assert steps[-1].chosen is None
 
 
 def test_a_selection_stops_at_its_largest_number_of_effects() -> None:
-    about, every = case({"b": 0.5, "c": 0.4, "e": 0.45}), effects()
+    about, every = task({"b": 0.5, "c": 0.4, "e": 0.45}), effects()
     begun = fit_with(about, every[1:2])
     assert select(about, begun, every, 1) == ([], [])
     assert {*select(about, begun, every, 3)[1][-1].names} == {"b", "c", "e"}
@@ -439,7 +443,7 @@ def test_a_selection_stops_at_its_largest_number_of_effects() -> None:
 
 def test_a_selection_stops_where_an_addition_made_itself_superfluous(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two effects without a truth, which a step adds all the same: without this it would do so for ever."""
-    about, every = case({"b": 0.3}), effects()
+    about, every = task({"b": 0.3}), effects()
     fit, before = fit_with(about, every[1:2]), calibrated_stand(about)
     idle = fit_with(about, [every[1], every[3], every[4]])
     trial = dataclasses.replace(compare(about, fit, idle, ("d", "e"), 20.0), reason="")
@@ -454,7 +458,7 @@ def test_a_selection_stops_where_an_addition_made_itself_superfluous(monkeypatch
 
 def test_another_first_effect_may_lead_farther() -> None:
     """A mixture of all three explains most at first, and beside it the others are told apart no more."""
-    about = case({"a": 0.5, "b": 0.4, "c": 0.45})
+    about = task({"a": 0.5, "b": 0.4, "c": 0.45})
     mixture = candidate("m", {"a": 0.5, "b": 0.4, "c": 0.45, "other": 0.35}, signed=True)
     every = [mixture, *effects()[:3]]
     path = select(about, calibrated_stand(about), every[:2], 3)
@@ -489,7 +493,7 @@ def test_a_fit_in_a_local_minimum_begins_again_with_the_threshold_on_either_side
 
     noise = White(SIGMA)
     identify, kept = (Dataset(measured(recorded({}, 0, names)), noise, offset) for names in (NAMES, HELD))
-    about = Case(identify, kept, ("p", "q"), lambda _: {}, lambda _: stage(), 1e-3)
+    about = EstimationTask(identify, kept, ("p", "q"), lambda _: {}, lambda _: stage(), 1e-3)
     before = calibrated_stand(about)
     alone = fit_model(about, effect.add(before.model).replace({"d": 1.0, "waves": 0.87}), (effect,))
     assert alone is not None and alone.scale > 1.5

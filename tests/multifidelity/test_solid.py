@@ -208,7 +208,7 @@ def test_corrections_beside_stiffness_are_those_of_the_anchors() -> None:
         return Quantity(name, value, "Hz", "Hz", sigma=sigma)
 
     coarse = {"f": one("f", 100.0), "zero": one("zero", 0.0), "K_in": one("K_in", 1.0)}
-    asked, scatter = Further(1), convergence.Scatter(0.0)
+    asked, scatter = Further(1), convergence.MeshNoise(0.0)
     known = [
         asked.known(
             coarse, [{"f": one("f", v), "zero": one("zero", 0.0), "K_in": one("K_in", 1.0)}] * 2, [2, 1], scatter

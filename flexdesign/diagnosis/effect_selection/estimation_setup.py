@@ -26,7 +26,7 @@ from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.parallel_map import ParallelMap, shared_pool
 from flexdesign.estimation.model_selection.calibration import STARTED
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model
 from flexdesign.estimation.model_selection.model_comparison import INDISTINGUISHABLE
 from flexdesign.estimation.noise.whitening import Whitening
@@ -77,8 +77,8 @@ def choose_interpolation(
     progress("asking what commands do between their samples")
     other, found = replace(data, runs=tuple(map(_otherwise, data.runs))), list[FittedModel]()
     for tried in (data, other):
-        dynamics, case = case_of(model, tried, each, lambda _: None)
-        if (fit := fit_model(case, dynamics, effort=STARTED)) is None:
+        dynamics, task = case_of(model, tried, each, lambda _: None)
+        if (fit := fit_model(task, dynamics, effort=STARTED)) is None:
             return data
         found.append(fit)
     needed = INDISTINGUISHABLE * max(found[0].scale, 1.0)
@@ -102,7 +102,7 @@ def _from_rest(axis: AxisModel) -> AxisModel:
 
 def case_of(
     model: StageModel, data: DiagnosisData, each: Any, progress: Callable[[str], None]
-) -> tuple[AxisDynamics, Case]:
+) -> tuple[AxisDynamics, EstimationTask]:
     """Return the model of the axis, with numbers of its own for each run, and what it is confronted with."""
     volts = data.volts
     stroke = abs(data.axis.gain * data.axis.driver.gain) * volts
@@ -130,7 +130,7 @@ def case_of(
         own = {p.name: known_of_start(p, data.runs, volts, of) for p in of.parameters() if p.run}
         return {**data.known, **{name: about for name, about in own.items() if about}}
 
-    return dynamics, Case(
+    return dynamics, EstimationTask(
         identify=Dataset(data.observed("identify"), noise, shapes),
         validate=Dataset(data.observed("validate"), noise, shapes),
         test=Dataset(kept, noise, shapes) if (kept := data.observed("test")) else None,
@@ -147,38 +147,38 @@ def case_of(
         floor=data.known_floor,
         nominal={name: data.axis.numbers[name] for name in LINEAR},
         prior_bound=BELIEVED if data.is_one_record or not data.noise.known else math.inf,
-        drawn=data.drawn,
+        null_errors=data.null_errors,
         weights=line_weights(data),
         scales=data.scales,
-        judging=tuple(data.choosing) if data.responses else (),
+        scored=tuple(data.selecting) if data.responses else (),
     )
 
 
-def undetermined(case: Case, dynamics: AxisDynamics) -> tuple[str, ...]:
+def undetermined(task: EstimationTask, dynamics: AxisDynamics) -> tuple[str, ...]:
     """Return the free numbers that the runs cannot show: a plausible change moves no prediction by the tolerance.
 
     A change is plausible within one standard deviation of the prior, or `CHANGE` without one. Numbers of hysteresis are
     not asked: they act together.
     """
-    known, found = case.known(dynamics), list[str]()
+    known, found = task.known(dynamics), list[str]()
     for name in LINEAR:
         value = dynamics.axis.numbers[name]
         relative = min(known[name][1] / abs(value), CHANGE) if name in known else CHANGE
         after = dynamics.replace({name: value * (1 + relative)})
-        if difference(case.identify, dynamics, after, case.weights) < case.tolerance:
+        if difference(task.identify, dynamics, after, task.weights) < task.tolerance:
             found.append(name)
     return tuple(found)
 
 
-def with_beginnings(case: Case, model: AxisDynamics, noise: Whitening | None = None) -> Case:
+def with_beginnings(task: EstimationTask, model: AxisDynamics, noise: Whitening | None = None) -> EstimationTask:
     """Return the case with the initial conditions of a calibrated model, and of slow effects that are added to it."""
     calibrated_axis = model.axis
 
-    def prepared(own: Case, other: Model) -> Case:
+    def prepared(own: EstimationTask, other: Model) -> EstimationTask:
         its = cast(AxisDynamics, other)
         if not relaxing(its.axis):
             return own
         axis = replace(calibrated_axis, effects=its.axis.effects)
         return with_initial_conditions(own, replace(its, axis=axis), noise)
 
-    return replace(with_initial_conditions(case, model, noise), prepared=prepared)
+    return replace(with_initial_conditions(task, model, noise), prepared=prepared)

@@ -27,7 +27,7 @@ from flexdesign.core.model import Disturbance, Model, Parameter
 from flexdesign.diagnosis.result import IdentifiedEffect, Value
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.model_selection.model_comparison import (
     HALF_WIDTH,
@@ -65,56 +65,58 @@ class ByRun:
 # --- selection ------------------------------------------------------------------------------------------------------
 
 
-def vary_by_run(case: Case, fit: FittedModel, names: Sequence[str] | None = None) -> FittedModel:
+def vary_by_run(task: EstimationTask, fit: FittedModel, names: Sequence[str] | None = None) -> FittedModel:
     """Return the fit in which strengths differ from run to run where the runs call for that; itself where they do not.
 
     Parameters
     ----------
-    case
+    task
         The runs; without two that are fitted and one for validation, nothing can be said.
     fit
         A fit with effects.
     names
         Effects that are asked about; by default all.
     """
-    runs, tested = _runs(case, fit), _varying(fit, fit.names if names is None else names)
+    runs, tested = _runs(task, fit), _varying(fit, fit.names if names is None else names)
     level = LEVEL / max(len(tested), 1)
     for effect in tested if runs else ():
         score = _score_of(fit, effect.strength, runs)
-        if score.promise > max(float(chdtri(len(runs) - 1, level)), SHARE * fit.excess):
-            made = _fit(case, fit, fit.model, fit.effects, effect.strength, score)
-            if made is not None and _is_needed(case, fit, made, effect.strength, level):
+        if score.predicted_gain > max(float(chdtri(len(runs) - 1, level)), SHARE * fit.excess):
+            made = _fit(task, fit, fit.model, fit.effects, effect.strength, score)
+            if made is not None and _is_needed(task, fit, made, effect.strength, level):
                 fit = made
     return fit
 
 
-def vary_step(case: Case, before: FittedModel, step: Step, *, candidates: Sequence[Candidate]) -> Step:
+def vary_step(task: EstimationTask, before: FittedModel, step: Step, *, candidates: Sequence[Candidate]) -> Step:
     """Return a step of the selection in which strengths may differ from run to run, chosen anew where one does.
 
     An effect whose numbers differ explains less than it can while it has one for all runs, next to nothing where their
     mean is next to nothing, and another may be taken for it.
     """
-    runs, varied = _runs(case, before), list[Trial]()
+    runs, varied = _runs(task, before), list[Trial]()
     if not (before if step.chosen is None else step.chosen.fit).exceeds_noise:
         return step
     for trial in step.trials if runs else ():
-        promised = sum(_score_of(trial.fit, each.strength, runs).promise for each in _varying(trial.fit, trial.names))
-        if step.chosen is not None and trial.fit.cost - promised > step.chosen.fit.cost:
+        predicted_reduction = sum(
+            _score_of(trial.fit, each.strength, runs).predicted_gain for each in _varying(trial.fit, trial.names)
+        )
+        if step.chosen is not None and trial.fit.cost - predicted_reduction > step.chosen.fit.cost:
             continue  # it cannot win
-        fit = vary_by_run(case, trial.fit, trial.names)
+        fit = vary_by_run(task, trial.fit, trial.names)
         if fit is not trial.fit:
-            varied.append(compare(case, before, fit, trial.names, trial.score))
+            varied.append(compare(task, before, fit, trial.names, trial.score))
     least = step.trials[0].score if step.trials else float(chdtri(1, LEVEL))
     known = {name for trial in (*step.trials, *varied) for name in trial.names if not trial.reason}
     for candidate in candidates if runs else ():
         if candidate.name not in known and candidate.name not in before.names and _adds(candidate):
-            made = _with(case, before, candidate, runs, LEVEL / len(candidates))
-            varied += [] if made is None else [compare(case, before, made, (candidate.name,), least)]
+            made = _with(task, before, candidate, runs, LEVEL / len(candidates))
+            varied += [] if made is None else [compare(task, before, made, (candidate.name,), least)]
     if not varied:
         return step
     names = [trial.names for trial in varied]
     trials = rank([*varied, *(t for t in step.trials if t.names not in names)])
-    return Step(best_of(case, trials), tuple(trials))
+    return Step(best_of(task, trials), tuple(trials))
 
 
 def _varying(fit: FittedModel, names: Sequence[str]) -> list[Candidate]:
@@ -139,10 +141,10 @@ def _parameter(model: Model, name: str) -> Parameter:
     return next(parameter for parameter in model.parameters() if parameter.name == name)
 
 
-def _runs(case: Case, fit: FittedModel) -> list[str]:
+def _runs(task: EstimationTask, fit: FittedModel) -> list[str]:
     """Return the fitted runs, which may have numbers of their own; none where there are too few, or none to judge."""
     apart = cast(AxisDynamics, fit.model).apart
-    seen, kept = ([name for name in dataset.names if name in apart] for dataset in (case.identify, case.validate))
+    seen, kept = ([name for name in dataset.names if name in apart] for dataset in (task.identify, task.validate))
     return seen if len(seen) > 1 and kept else []
 
 
@@ -150,7 +152,7 @@ def _runs(case: Case, fit: FittedModel) -> list[str]:
 class _Score:
     """By how much chi^2 would fall if each run had a value of its own (Rao 1948), and these values."""
 
-    promise: float
+    predicted_gain: float
     values: Mapping[str, float]
 
 
@@ -180,7 +182,9 @@ def _score_of(fit: FittedModel, name: str, runs: Sequence[str]) -> _Score:
     return _score(fit, fit.solution.columns()[name], runs, _parameter(fit.model, name).start or 0.0)
 
 
-def _with(case: Case, fit: FittedModel, candidate: Candidate, runs: Sequence[str], level: float) -> FittedModel | None:
+def _with(
+    task: EstimationTask, fit: FittedModel, candidate: Candidate, runs: Sequence[str], level: float
+) -> FittedModel | None:
     """Return the fit with an effect that differs from run to run; None where that is not called for."""
     solution, values = fit.solution, candidate.trials[0]
     model = candidate.add(fit.model)
@@ -191,44 +195,44 @@ def _with(case: Case, fit: FittedModel, candidate: Candidate, runs: Sequence[str
         return None
     moves = [dataset.whitened(record, np.where(record.present, moved, 0.0)) for record, moved in pairs]
     score = _score(fit, [-move / values[candidate.strength] for move in moves], runs, 0.0)
-    if score.promise < max(float(chdtri(len(runs), level)), SHARE * fit.excess):
+    if score.predicted_gain < max(float(chdtri(len(runs), level)), SHARE * fit.excess):
         return None
-    made = _fit(case, fit, case.fine(model), (*fit.effects, candidate), candidate.strength, score)
-    return made if made is not None and _is_needed(case, fit, made, candidate.strength, level) else None
+    made = _fit(task, fit, task.fine(model), (*fit.effects, candidate), candidate.strength, score)
+    return made if made is not None and _is_needed(task, fit, made, candidate.strength, level) else None
 
 
 def _fit(
-    case: Case, fit: FittedModel, model: Model, together: tuple[Candidate, ...], name: str, score: _Score
+    task: EstimationTask, fit: FittedModel, model: Model, together: tuple[Candidate, ...], name: str, score: _Score
 ) -> FittedModel | None:
     """Return the fit in which a number differs from run to run, by about its own size: a weak prior."""
-    case.progress(f"asking whether {name} differs from run to run")
+    task.progress(f"asking whether {name} differs from run to run")
     values = np.array(list(score.values.values()))
     mean, size = float(values.mean()), float(np.sqrt(np.mean(values**2)))
     model = cast(AxisDynamics, model)
     low, high = _parameter(model, name).plausible
     start = {f"{run}:{name}": value - mean for run, value in score.values.items()}
     varied = replace(model.replace({name: min(max(mean, low), high)}), by_run={**model.by_run, name: size})
-    return fit_model(case, varied.replace(start), together)
+    return fit_model(task, varied.replace(start), together)
 
 
-def _is_needed(case: Case, before: FittedModel, after: FittedModel, name: str, level: float) -> bool:
+def _is_needed(task: EstimationTask, before: FittedModel, after: FittedModel, name: str, level: float) -> bool:
     """Tell whether fitted and validation runs call for values of their own."""
-    judges = case.judging or case.validate.names
-    errors = [fit.rms(judges, case.scales) for fit in (before, after)]
+    judges = task.scored or task.validate.names
+    errors = [fit.rms(judges, task.scales) for fit in (before, after)]
     own = [p.run for p in after.model.parameters() if p.name.endswith(f":{name}")]
-    dof = [len({*own} & {*dataset.names}) for dataset in (case.identify, case.validate)]
+    dof = [len({*own} & {*dataset.names}) for dataset in (task.identify, task.validate)]
     return (
         before.fitted_chi2 - after.fitted_chi2 > float(chdtri(dof[0], level)) * after.discrepancy
-        and explained_share(case, *errors) > SHARE
-        and math.sqrt(max(errors[0] ** 2 - errors[1] ** 2, 0.0)) > case.tolerance
-        and _foretold(case, after, name) > float(chdtri(dof[1], level)) * after.discrepancy
+        and explained_share(task, *errors) > SHARE
+        and math.sqrt(max(errors[0] ** 2 - errors[1] ** 2, 0.0)) > task.tolerance
+        and _foretold(task, after, name) > float(chdtri(dof[1], level)) * after.discrepancy
     )
 
 
 # --- cross-validation -----------------------------------------------------------------------------------------------
 
 
-def _foretold(case: Case, fit: FittedModel, name: str) -> float:
+def _foretold(task: EstimationTask, fit: FittedModel, name: str) -> float:
     """Return by how much chi^2 of a half of each validation run falls with the deviation that its other half has.
 
     Each half with the offset of the other one; all other numbers of the run are as they were fitted to it.
@@ -236,7 +240,7 @@ def _foretold(case: Case, fit: FittedModel, name: str) -> float:
     gain, model = 0.0, cast(AxisDynamics, fit.model)
     size = model.by_run[name]
     deviations = {p.run: p.start or 0.0 for p in model.parameters() if p.name == f"{p.run}:{name}"}
-    for record in case.validate.records:
+    for record in task.validate.records:
         run = cast(Run, record.observation)
         if run.name not in deviations:
             continue
@@ -244,7 +248,7 @@ def _foretold(case: Case, fit: FittedModel, name: str) -> float:
         moved = np.asarray(model.replace({f"{run.name}:{name}": there + size}).predict(run)) - model.predict(run)
         left = np.where(record.present, fit.residuals_by_run[run.name] + moved * there / size, 0.0)
         table = np.column_stack([np.ones_like(moved), moved, left])
-        halves = [_whitened(case, run, model.name, table, half) for half in _halves(moved, record.present)]
+        halves = [_whitened(task, run, model.name, table, half) for half in _halves(moved, record.present)]
         for taught, asked in (halves, reversed(halves)):
             known = np.vstack([taught, [0.0, 1.0, 0.0]])  # of a deviation its size is known
             both = np.linalg.lstsq(known[:, :2], known[:, 2], rcond=None)[0]
@@ -260,16 +264,16 @@ def _halves(moved: Array, present: NDArray[np.bool_]) -> list[NDArray[np.bool_]]
     return [present & (energy <= energy[-1] / 2), present & (energy > energy[-1] / 2)]
 
 
-def _whitened(case: Case, run: Run, axis: str, table: Array, kept: NDArray[np.bool_]) -> Array:
+def _whitened(task: EstimationTask, run: Run, axis: str, table: Array, kept: NDArray[np.bool_]) -> Array:
     """Return columns whitened as a record of a run with gaps wherever nothing is kept."""
     part = replace(run, columns={**run.columns, axis: np.where(kept, run.measured(), np.nan)})
-    return np.asarray(case.validate.noise.whiten(part, table * kept[:, None]))
+    return np.asarray(task.validate.noise.whiten(part, table * kept[:, None]))
 
 
 # --- values ---------------------------------------------------------------------------------------------------------
 
 
-def of_runs(case: Case, fit: FittedModel) -> dict[str, ByRun]:
+def of_runs(task: EstimationTask, fit: FittedModel) -> dict[str, ByRun]:
     """Return the numbers that differ from run to run, by name, with 95 % intervals.
 
     Those of validation and test runs hold where all numbers that runs share are as they were fitted.
@@ -278,10 +282,10 @@ def of_runs(case: Case, fit: FittedModel) -> dict[str, ByRun]:
     if not names:
         return {}
     solutions = [fit.solution]
-    for dataset in (case.validate, case.test):
+    for dataset in (task.validate, task.test):
         if dataset is not None and dataset.records:
-            where = case.coordinates(fit.model, (), dataset)
-            ended = solve(case.problem(dataset, fit.model, where), where.start)
+            where = task.coordinates(fit.model, (), dataset)
+            ended = solve(task.problem(dataset, fit.model, where), where.start)
             solutions += [ended] if ended is not None else []
     return {name: _by_run(fit, solutions, name) for name in names}
 

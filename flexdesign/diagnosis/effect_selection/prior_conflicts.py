@@ -25,7 +25,7 @@ from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, TRIGGER
 from flexdesign.estimation.least_squares.parameter_transforms import value
 from flexdesign.estimation.model_selection.calibration import STARTED
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.model_selection.model_comparison import HALF_WIDTH
 
@@ -83,18 +83,18 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
         if ends[0] <= 1 <= ends[1]:  # then the runs do not determine by how much it moved
             found.append(Conflict(words, (), None, lambda model: model, name))
         elif name == "natural_frequency" and far < 0:
-            found.append(_softer(data, words, ratio, sorted(ends), is_stiffness=_follows(data, values, ratio)))
+            found.append(_frequency_shift(data, words, ratio, sorted(ends), is_stiffness=_follows(data, values, ratio)))
         elif name == "gain" and _follows(data, values, _ratio(data, values)):
             continue  # the softer support moved the gain as well
         elif name == "gain":
-            found.append(_louder(data, words, ratio, sorted(ends)))
+            found.append(_gain_shift(data, words, ratio, sorted(ends)))
         else:
             found.append(Conflict(words, (), None, lambda model: model, name))
-    more = (_late(data, fit), _stepped(data))
+    more = (_delay_shift(data, fit), _quantised(data))
     return (*found, *(conflict for conflict in more if conflict is not None))
 
 
-def explains(data: DiagnosisData, case: Case, fit: FittedModel, conflict: Conflict) -> bool:
+def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, conflict: Conflict) -> bool:
     """Tell whether a number that moved beyond its prior explains much beside what remains, as an effect must.
 
     The fit is made again with the number held where it was known to be.
@@ -103,12 +103,12 @@ def explains(data: DiagnosisData, case: Case, fit: FittedModel, conflict: Confli
         return True
     model = cast(AxisDynamics, fit.model)
     if conflict.number == TRIGGER:
-        case = replace(case, prior_bound=1.0)
+        task = replace(task, prior_bound=1.0)
         held = model.replace({f"{run}:{TRIGGER}": 0.0 for run in model.apart})
     else:
-        case = replace(case, free=tuple(name for name in case.free if name != conflict.number))
+        task = replace(task, free=tuple(name for name in task.free if name != conflict.number))
         held = model.replace({conflict.number: data.known[conflict.number][0]})
-    without = fit_model(case, held, fit.effects, effort=STARTED)
+    without = fit_model(task, held, fit.effects, effort=STARTED)
     rest = data.error(fit) ** 2 - data.known_floor**2
     return without is None or data.error(without) ** 2 - data.error(fit) ** 2 >= LARGE * rest
 
@@ -135,7 +135,9 @@ def _follows(data: DiagnosisData, values: Mapping[str, float], ratio: float) -> 
     )
 
 
-def _softer(data: DiagnosisData, words: str, ratio: float, ends: list[float], *, is_stiffness: bool) -> Conflict:
+def _frequency_shift(
+    data: DiagnosisData, words: str, ratio: float, ends: list[float], *, is_stiffness: bool
+) -> Conflict:
     """Return what a lower natural frequency stands for: more mass, or less stiffness."""
     # A known mass would have shown that the table's own is another.
     if data.is_loaded or is_stiffness:
@@ -157,7 +159,7 @@ def _softer(data: DiagnosisData, words: str, ratio: float, ends: list[float], *,
     return Conflict(words, group, _named(name, "ratio", numbers), written, "natural_frequency")
 
 
-def _louder(data: DiagnosisData, words: str, ratio: float, ends: list[float]) -> Conflict:
+def _gain_shift(data: DiagnosisData, words: str, ratio: float, ends: list[float]) -> Conflict:
     """Return what another gain stands for: that of the sensor, the amplifier, or the stack."""
     numbers, axis = [r - 1 for r in (ratio, *ends)], data.axis
 
@@ -167,7 +169,7 @@ def _louder(data: DiagnosisData, words: str, ratio: float, ends: list[float]) ->
     return Conflict(words, ("sensor_gain",), _named("sensor_gain", "error", numbers), written, "gain")
 
 
-def _late(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
+def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
     """Return what it means that all runs began late: a delay that none of them has of its own."""
     where = fit.solution.problem.where
     sigma = np.sqrt(np.maximum(np.diag(fit.solution.covariance), 0.0))
@@ -201,7 +203,7 @@ def _late(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
     return Conflict(words, (effect,), named, lambda model: model.replace({number: total}), TRIGGER)
 
 
-def _stepped(data: DiagnosisData) -> Conflict | None:
+def _quantised(data: DiagnosisData) -> Conflict | None:
     """Return what it means that readings come in coarse steps."""
     step = data.coarse_step
     if step is None:

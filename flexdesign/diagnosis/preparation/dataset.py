@@ -124,7 +124,7 @@ class DiagnosisData:
         )
         return Mixed(noise, self.lines) if self.lines else noise
 
-    def drawn(self, residuals: Mapping[str, Array]) -> Iterator[Mapping[str, Array]]:
+    def null_errors(self, residuals: Mapping[str, Array]) -> Iterator[Mapping[str, Array]]:
         """Yield errors of rounding beside the residuals of a fit, where readings come in coarse steps; else nothing."""
         if self.coarse_step is None:
             return
@@ -154,16 +154,16 @@ class DiagnosisData:
         return min(low for low, _ in ends), max(high for _, high in ends)
 
     @property
-    def choosing(self) -> list[str]:
+    def selecting(self) -> list[str]:
         """Names of what the model is chosen by: validation runs, or all if there are none; else of responses."""
         every = self.runs or self.responses
         return [each.name for each in every if each.role == "validate"] or [each.name for each in every]
 
     @property
-    def judging(self) -> list[str]:
+    def scored(self) -> list[str]:
         """Names of what errors are stated of: test runs, which chose nothing, or else what the model is chosen by."""
         every = self.runs or self.responses
-        return [each.name for each in every if each.role == "test"] or self.choosing
+        return [each.name for each in every if each.role == "test"] or self.selecting
 
     @property
     def scales(self) -> dict[str, Array]:
@@ -172,11 +172,11 @@ class DiagnosisData:
 
     def error(self, fit: FittedModel) -> float:
         """Return the rms residual of what the model is chosen by [response]."""
-        return fit.rms(self.choosing, self.scales)
+        return fit.rms(self.selecting, self.scales)
 
     def test_error(self, fit: FittedModel) -> float:
         """Return the rms residual of what errors are stated of [response]."""
-        return fit.rms(self.judging, self.scales)
+        return fit.rms(self.scored, self.scales)
 
     @property
     def volts(self) -> float:
@@ -196,7 +196,7 @@ class DiagnosisData:
     @property
     def known_floor(self) -> float:
         """Rms noise of what the model is chosen by; zero where the noise is a guess [response]."""
-        return self._rms_noise(self.choosing) if self.noise.known else 0.0
+        return self._rms_noise(self.selecting) if self.noise.known else 0.0
 
     @property
     def stroke(self) -> float:
@@ -206,7 +206,7 @@ class DiagnosisData:
     @property
     def floor(self) -> float:
         """Rms noise of what errors are stated of [response]."""
-        return self._rms_noise(self.judging)
+        return self._rms_noise(self.scored)
 
     def _rms_noise(self, names: Sequence[str]) -> float:
         sizes = {each.name: np.isfinite(each.measured()).sum() for each in self.recorded}

@@ -200,18 +200,18 @@ def _ladder(before: Trial, best: Trial) -> tuple[ErrorStep, ...]:
     """Return relative errors, rms: as designed, with what was found, and of rows that the fit then did not see."""
     table, measured = before.table, before.table.measured()
 
-    def rung(label: str, difference: Array) -> ErrorStep:
+    def step_of_ladder(label: str, difference: Array) -> ErrorStep:
         return ErrorStep(label, float(np.sqrt(np.mean((difference / measured) ** 2))))
 
-    rungs = [rung("as designed", before.difference)]
+    rungs = [step_of_ladder("as designed", before.difference)]
     if best.names:
         label = f"+ {' + '.join(statics.find(name).name for name in best.names)}"
-        rungs.append(rung(label, best.difference))
+        rungs.append(step_of_ladder(label, best.difference))
         unseen = np.zeros(len(measured))
         for i in range(len(measured)):
             seen = replace(before, table=table.without(i), noise=before.noise.without(i))
             if (again := fitted(seen, best.cases, near=best)) is None:
                 return tuple(rungs)  # with one row less there are none to fit
             unseen[i] = again.model.predict(table)[i] - measured[i]
-        rungs.append(rung(f"{label}, rows that the fit did not see", unseen))
+        rungs.append(step_of_ladder(f"{label}, rows that the fit did not see", unseen))
     return tuple(rungs)

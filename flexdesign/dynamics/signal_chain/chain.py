@@ -168,7 +168,7 @@ def program(
         Modes(
             len(modes),
             keep.ints(list(accumulate((len(axis.modes) for axis in axes), initial=0))),
-            keep.reals([number for step in lengths for mode in modes for number in _passage(mode, step)]),
+            keep.reals([number for step in lengths for mode in modes for number in _step_matrices(mode, step)]),
         ),
         _ticks(keep, [_block_ticks(axis, Socket.SENSOR, period) for axis in axes]),
         _ticks(keep, [_control_ticks(controllers.get(axis.name, ()), every * period) for axis in axes]),
@@ -205,7 +205,7 @@ def _within(shares: Sequence[float], steps: Sequence[int]) -> list[float]:
 
 
 @lru_cache(maxsize=4096)
-def _passage(mode: Oscillator, step: float) -> tuple[float, ...]:
+def _step_matrices(mode: Oscillator, step: float) -> tuple[float, ...]:
     """Return the 16 numbers of a mode's passage over a step, see `memory_layout.Modes`."""
     w = 2 * math.pi * mode.frequency
     # In position and velocity over w, where the matrix is balanced; then in position and velocity.
@@ -222,7 +222,10 @@ class Arena:
 
     def __init__(self) -> None:
         self.kept: list[NDArray[Any]] = []
-        self._reals, self._ints = _Room(np.zeros(ROOM), self.kept), _Room(np.zeros(ROOM, dtype=np.int64), self.kept)
+        self._reals, self._ints = (
+            _Allocation(np.zeros(ROOM), self.kept),
+            _Allocation(np.zeros(ROOM, dtype=np.int64), self.kept),
+        )
 
     def reals(self, numbers: Sequence[float]) -> int:
         """Keep numbers, at least one; return their address."""
@@ -238,7 +241,7 @@ class Arena:
         self._ints.fill()
 
 
-class _Room:
+class _Allocation:
     """An array that is filled from its beginning; what does not fit gets an array of its own."""
 
     def __init__(self, array: NDArray[Any], kept: list[NDArray[Any]]) -> None:

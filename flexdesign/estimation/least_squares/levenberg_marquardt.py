@@ -20,9 +20,9 @@ Array = NDArray[np.float64]
 SMALL = 0.1
 #: Slopes that were carried along serve while a step lowers the cost by this share of what they promise, and for so many
 #: steps; they say that nothing is left to be gained if the last one kept its promise so closely.
-LEAST_KEPT, LONGEST, KEPT_PROMISE = 0.1, 12, (0.7, 1.5)
+LEAST_KEPT, LONGEST, SMALLEST_GAIN_RATIO = 0.1, 12, (0.7, 1.5)
 #: Damping: where it begins, and what it is multiplied with after a good and a bad step.
-DAMPING, EASED, RAISED, LARGEST_DAMPING = 1e-3, 0.2, 8.0, 1e8
+DAMPING, DAMPING_DECREASE, DAMPING_INCREASE, LARGEST_DAMPING = 1e-3, 0.2, 8.0, 1e8
 #: Damping that no longer matters.
 UNDAMPED = 1e-9
 #: Where slopes that were found so often at one point lead nowhere, the search ends.
@@ -145,7 +145,7 @@ def solve(
             return search.solution(True)
         if search.looked == TWICE:
             break
-        search.look()
+        search.update_jacobian()
     return search.solution(False)
 
 
@@ -170,13 +170,13 @@ class _Search:
         self.problem, self.x, self.residuals, self.small = problem, x, residuals, small
         self.cost, self.damping, self.kept = problem.cost(x, residuals), DAMPING, 0.0
         self.looked = 0
-        self.look(old)
+        self.update_jacobian(old)
         self.fresh = not old
 
-    def look(self, old: Columns | None = None) -> None:
+    def update_jacobian(self, old: Columns | None = None) -> None:
         """Find the slopes here."""
         self.jacobian = self.problem.jacobian(self.x, self.residuals, old)
-        self.problem.even(self.jacobian)
+        self.problem.symmetrise(self.jacobian)
         self.normal = _normal(self.problem, self.x, self.jacobian)
         self.fresh, self.eased, self.looked = True, False, self.looked + 1
 
@@ -186,42 +186,42 @@ class _Search:
             enough = max(self.small, share * self.cost)
             gradient = _gradient(self.problem, self.x, self.jacobian, self.residuals)
             step = _step(self.normal, gradient, self.damping, self.x, self.problem)
-            promised = -float(2 * gradient @ step + step @ self.normal @ step)
-            if promised < 0 and self.damping < LARGEST_DAMPING:
+            predicted_reduction = -float(2 * gradient @ step + step @ self.normal @ step)
+            if predicted_reduction < 0 and self.damping < LARGEST_DAMPING:
                 # A step that was clipped to the bounds is no minimum of the bounded parabola.
-                self.damping = max(self.damping, 1e-6) * RAISED
+                self.damping = max(self.damping, 1e-6) * DAMPING_INCREASE
                 continue
-            if promised <= enough and not self.eased:
+            if predicted_reduction <= enough and not self.eased:
                 # Damping itself may keep promises small along a valley.
                 self.damping, self.eased = UNDAMPED, True
                 continue
-            if promised <= enough:
-                return self.fresh or KEPT_PROMISE[0] < self.kept < KEPT_PROMISE[1]
+            if predicted_reduction <= enough:
+                return self.fresh or SMALLEST_GAIN_RATIO[0] < self.kept < SMALLEST_GAIN_RATIO[1]
             tried = self.problem.residuals(self.x + step)
             reached = self.problem.cost(self.x + step, tried)
             if tried is not None and reached < self.cost:
-                self._go(step, tried, reached, promised)
+                self._go(step, tried, reached, predicted_reduction)
                 if self.kept < LEAST_KEPT:
                     return False
             elif not self.fresh:
                 return False
             else:
-                self.damping = max(self.damping, 1e-6) * RAISED
+                self.damping = max(self.damping, 1e-6) * DAMPING_INCREASE
                 if self.damping > LARGEST_DAMPING:
                     return True
         return False
 
-    def _go(self, step: Array, tried: list[Array], reached: float, promised: float) -> None:
+    def _go(self, step: Array, tried: list[Array], reached: float, predicted_reduction: float) -> None:
         """Take a step, and carry the slopes along so that they explain what it did (Broyden 1965)."""
         weighted = np.diag(self.normal) * step
         weighted = weighted / max(float(weighted @ step), 1e-300)
         for part, before, after in zip(self.jacobian, self.residuals, tried, strict=True):
             missed = after - before - part.matrix @ step[part.places]
             part.matrix[:] += np.outer(weighted[part.places], missed).T  # its columns are what lies together
-        self.problem.even(self.jacobian)
-        self.kept = (self.cost - reached) / promised
+        self.problem.symmetrise(self.jacobian)
+        self.kept = (self.cost - reached) / predicted_reduction
         self.x, self.residuals, self.cost = self.x + step, tried, reached
-        self.damping = max(self.damping * (EASED if self.kept > 0.5 else 1.0), UNDAMPED)
+        self.damping = max(self.damping * (DAMPING_DECREASE if self.kept > 0.5 else 1.0), UNDAMPED)
         self.normal = _normal(self.problem, self.x, self.jacobian)
         self.fresh, self.eased, self.looked = False, False, 0
 
@@ -232,15 +232,15 @@ class _Search:
 
 
 def _normal(problem: Problem, x: Array, jacobian: Sequence[JacobianBlock]) -> Array:
-    before = problem.prior_jacobian(x)
-    total = before.T @ before
+    prior = problem.prior_jacobian(x)
+    total = prior.T @ prior
     for part in jacobian:
         total[np.ix_(part.places, part.places)] += part.matrix.T @ part.matrix
     return np.asarray(total)
 
 
 def _gradient(problem: Problem, x: Array, jacobian: Sequence[JacobianBlock], residuals: Sequence[Array]) -> Array:
-    total = problem.prior_jacobian(x).T @ problem.before(x)
+    total = problem.prior_jacobian(x).T @ problem.prior_residual(x)
     for part, residual in zip(jacobian, residuals, strict=True):
         total[part.places] += part.matrix.T @ residual
     return np.asarray(total)

@@ -39,7 +39,7 @@ class Starts:
     agreed: int
 
     @property
-    def is_stuck(self) -> bool:
+    def is_unconfirmed(self) -> bool:
         """Tell whether nothing confirms that the minimum is the best: no second start ended there."""
         return self.agreed < 2
 
@@ -47,7 +47,7 @@ class Starts:
         if self.polished == 1:
             return "one start only: nothing confirms that this minimum is the best"
         text = f"{self.agreed} of {self.polished} starts ended at the best minimum"
-        return text + ("; the fit may be stuck: ask for more starts" if self.is_stuck else "")
+        return text + ("; the fit may be stuck: ask for more starts" if self.is_unconfirmed else "")
 
 
 def multistart(
@@ -67,7 +67,7 @@ def multistart(
     found: list[Solution] = []
     ended = Starts(starts, 0, 0)
     for point in _points(problem, starts, seed):
-        if (minimum := solve(problem.anew(), point, MINIMUM, small=problem.dataset.floor)) is not None:
+        if (minimum := solve(problem.fresh(), point, MINIMUM, small=problem.dataset.floor)) is not None:
             found.append(minimum)
         ended = Starts(starts, len(found), _agreed(problem, found))
         progress(f"start {len(found)} of {starts}: {ended.agreed} at the best minimum")

@@ -111,7 +111,7 @@ class Problem:
         """Number of these that gave no numbers."""
         return self._count.made["failed"]
 
-    def anew(self, dataset: Dataset | None = None, central: bool | None = None) -> Problem:
+    def fresh(self, dataset: Dataset | None = None, central: bool | None = None) -> Problem:
         """Return the problem with steps of its own for differences; perhaps beside another suite, or with another."""
         central = self.central if central is None else central
         return Problem(
@@ -137,7 +137,7 @@ class Problem:
         """Return the model at a point."""
         return self.model.replace(self.where.values(x))
 
-    def even(self, jacobian: Sequence[JacobianBlock]) -> None:
+    def symmetrise(self, jacobian: Sequence[JacobianBlock]) -> None:
         """Make the slopes of a number and of its twin in each run the same, as they are but for rounding.
 
         What tells them apart is known of them beforehand; beside strong data the rounding would seem to know better.
@@ -169,14 +169,14 @@ class Problem:
         self._count.add(found is None)
         return found
 
-    def before(self, x: Array) -> Array:
+    def prior_residual(self, x: Array) -> Array:
         """Return how many standard deviations each known number is from what was known."""
         values = self.where.values(x)
         names = self.where.names
         return np.array([(values[names[j]] - middle) / sigma for j, middle, sigma in self._known])
 
     def prior_jacobian(self, x: Array) -> Array:
-        """Return the derivative of `before`: known numbers by coordinates."""
+        """Return the derivative of `prior_residual`: known numbers by coordinates."""
         jacobian, rows = self.where.jacobian(x), np.zeros((len(self._known), len(x)))
         for row, (j, _, sigma) in enumerate(self._known):
             rows[row, j] = jacobian[j] / sigma
@@ -186,8 +186,8 @@ class Problem:
         """Return the sum of squares; infinite where the model fails."""
         if residuals is None:
             return np.inf
-        before = self.before(x)
-        return float(sum(part @ part for part in residuals) + before @ before)
+        prior_residual = self.prior_residual(x)
+        return float(sum(part @ part for part in residuals) + prior_residual @ prior_residual)
 
     def _jacobian_model_at(self, x: Array, residuals: Sequence[Array]) -> tuple[Made, Sequence[Array]]:
         """Return what makes models to take slopes from, and their residuals: a model's own where another one fails."""

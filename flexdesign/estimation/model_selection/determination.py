@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, refit, with_effects
 from flexdesign.estimation.model_selection.model_comparison import HALF_WIDTH, LEVEL
 from flexdesign.estimation.uncertainty.intervals import intervals
@@ -14,7 +14,7 @@ from flexdesign.estimation.uncertainty.intervals import intervals
 SHARE_OF_RANGE = 0.5
 
 
-def drop_undetermined(case: Case, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:
+def drop_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:
     """Return the fit without effects whose strength has no interval by the profile likelihood, and the numbers held.
 
     The covariance may mislead where effects imitate each other: the interval that is stated has the last word. A number
@@ -27,19 +27,19 @@ def drop_undetermined(case: Case, fit: FittedModel) -> tuple[FittedModel, tuple[
         held = tuple(name for name in strength.confounded if name in effect.free)
         if held:
             less = replace(effect, free=tuple(name for name in effect.free if name not in held))
-            made = fit_model(case, fit.model, tuple(less if e.name == effect.name else e for e in fit.effects))
+            made = fit_model(task, fit.model, tuple(less if e.name == effect.name else e for e in fit.effects))
         else:
-            made = refit(case, fit, tuple(other for other in fit.effects if other.name != effect.name))
+            made = refit(task, fit, tuple(other for other in fit.effects if other.name != effect.name))
         if made is None:
             return fit, ()
-        made, more = drop_undetermined(case, made)
+        made, more = drop_undetermined(task, made)
         return made, (*held, *more)
     return fit, ()
 
 
-def hold_undetermined(case: Case, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:
+def hold_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:
     """Return the fit with undetermined numbers of its effects held, and their names; the same fit if there are none."""
-    present = {p.name: p.start for p in with_effects(case.bare(fit.model), fit.effects).parameters()}
+    present = {p.name: p.start for p in with_effects(task.bare(fit.model), fit.effects).parameters()}
     defaults = {
         name: float(present[name] or 0.0)
         for effect in fit.effects
@@ -49,7 +49,7 @@ def hold_undetermined(case: Case, fit: FittedModel) -> tuple[FittedModel, tuple[
     if not defaults:
         return fit, ()
     effects = tuple(replace(e, free=tuple(n for n in e.free if n not in defaults)) for e in fit.effects)
-    made = fit_model(case, fit.model.replace(defaults), effects)
+    made = fit_model(task, fit.model.replace(defaults), effects)
     # A default that contradicts the runs is none to hold.
     if made is None or made.cost - fit.cost > -2.0 * math.log(LEVEL) * fit.discrepancy:
         return fit, ()

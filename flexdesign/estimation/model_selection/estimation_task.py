@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class EstimationTask:
     """What a diagnosis fits, and to what.
 
     Parameters
@@ -52,7 +52,7 @@ class Case:
         Returns the case with the initial conditions that the effects of a model have.
     prior_bound
         How many standard deviations of its prior a number of one run may be from its mean.
-    drawn
+    null_errors
         Yields errors that readings of the runs in `identify` may have, by run [response], where these are no Gaussian
         noise; nothing where they are. It is given the residuals of a fit.
     weights
@@ -60,7 +60,7 @@ class Case:
     scales
         Factors of the values of an observation whose values are not equally noisy, by its name: typical noise over
         their own. Its rms residual is stated with them.
-    judging
+    scored
         Names of the observations whose rms residual counts; by default those of `validate`, or all if there are none.
     """
 
@@ -79,12 +79,12 @@ class Case:
     nominal: Mapping[str, float] = field(default_factory=dict)
     floor: float = 0.0
     test: Dataset | None = None
-    prepared: Callable[[Case, Model], Case] = lambda case, _: case
+    prepared: Callable[[EstimationTask, Model], EstimationTask] = lambda task, _: task
     prior_bound: float = math.inf
-    drawn: Callable[[Mapping[str, Array]], Iterable[Mapping[str, Array]]] = lambda _: ()
+    null_errors: Callable[[Mapping[str, Array]], Iterable[Mapping[str, Array]]] = lambda _: ()
     weights: Mapping[str, Array] = field(default_factory=dict)
     scales: Mapping[str, Array] = field(default_factory=dict)
-    judging: tuple[str, ...] = ()
+    scored: tuple[str, ...] = ()
 
     def problem(self, dataset: Dataset, model: Model, where: Coordinates) -> Problem:
         """Return the least-squares problem of a model with free numbers and a data set."""

@@ -14,7 +14,7 @@ from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, ROUGH, Columns, Effort, Solution, solve
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
 from flexdesign.estimation.least_squares.residual_function import Dataset, Record
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import colour
 
@@ -57,7 +57,7 @@ class FittedModel:
         """chi^2 of the fitted runs and of their initial conditions, without the priors of the model's own numbers."""
         problem = self.solution.problem
         of_runs = {parameter.name for parameter in problem.where.parameters if parameter.run}
-        odd = problem.before(self.solution.x)[[name in of_runs for name in problem.where.known]]
+        odd = problem.prior_residual(self.solution.x)[[name in of_runs for name in problem.where.known]]
         return float(sum(part @ part for part in self.solution.residuals) + odd @ odd)
 
     @property
@@ -111,7 +111,7 @@ class FittedModel:
         runs
             Names of observations.
         scales
-            Factors of the values of an observation, by its name; see `Case.scales`.
+            Factors of the values of an observation, by its name; see `EstimationTask.scales`.
         """
         residual = np.concatenate([self.residuals_by_run[name] * (scales or {}).get(name, 1.0) for name in runs])
         return float(np.sqrt(np.nanmean(residual**2)))
@@ -145,7 +145,7 @@ class FittedModel:
 
 
 def fit_model(
-    case: Case,
+    task: EstimationTask,
     model: Model,
     effects: tuple[Candidate, ...] = (),
     *,
@@ -156,12 +156,12 @@ def fit_model(
 
     Parameters are those of `solve_case`.
     """
-    solution = solve_case(case, model, effects, old=old, effort=effort)
-    return None if solution is None else evaluate_fit(case, solution, effects)
+    solution = solve_case(task, model, effects, old=old, effort=effort)
+    return None if solution is None else evaluate_fit(task, solution, effects)
 
 
 def solve_case(
-    case: Case,
+    task: EstimationTask,
     model: Model,
     effects: tuple[Candidate, ...] = (),
     *,
@@ -172,18 +172,18 @@ def solve_case(
 
     Parameters
     ----------
-    case, model, effects
+    task, model, effects
         The runs; the model at the values from which the fit starts; and the effects that it has.
     old
         Columns of the Jacobian of a fit nearby.
     effort
         When the fit ends.
     """
-    case = case.prepared(case, model)
-    free = [*case.free, *(name for effect in effects for name in effect.free)]
-    where = case.coordinates(model, free, case.identify)
-    problem = case.problem(case.identify, model, where)
-    return solve(problem, where.start, effort, old if old and _fits(old, case.identify) else None)
+    task = task.prepared(task, model)
+    free = [*task.free, *(name for effect in effects for name in effect.free)]
+    where = task.coordinates(model, free, task.identify)
+    problem = task.problem(task.identify, model, where)
+    return solve(problem, where.start, effort, old if old and _fits(old, task.identify) else None)
 
 
 def _fits(old: Columns, dataset: Dataset) -> bool:
@@ -192,62 +192,62 @@ def _fits(old: Columns, dataset: Dataset) -> bool:
     return all(c is None or len(c) == n for parts in old.values() for c, n in zip(parts, rows, strict=True))
 
 
-def evaluate_fit(case: Case, solution: Solution, effects: tuple[Candidate, ...]) -> FittedModel | None:
+def evaluate_fit(task: EstimationTask, solution: Solution, effects: tuple[Candidate, ...]) -> FittedModel | None:
     """Predict the validation runs with a fitted model, whose initial conditions there are fitted first."""
     model, held = solution.problem.at(solution.x), 0.0
-    case = replace(case.prepared(case, model), identify=solution.problem.dataset)
-    if case.validate.records:
-        begun = fit_initial_states(case, case.validate, search_initial_states(case, case.validate, model))
+    task = replace(task.prepared(task, model), identify=solution.problem.dataset)
+    if task.validate.records:
+        begun = fit_initial_states(task, task.validate, search_initial_states(task, task.validate, model))
         if begun is None:
             return None
         model, held = begun.problem.at(begun.x), begun.cost
-    records = [(dataset, record) for dataset in (case.identify, case.validate) for record in dataset.records]
-    residuals = case.each(lambda pair: pair[0].remainder(pair[1], model.predict(pair[1].observation)), records)
+    records = [(dataset, record) for dataset in (task.identify, task.validate) for record in dataset.records]
+    residuals = task.each(lambda pair: pair[0].remainder(pair[1], model.predict(pair[1].observation)), records)
     names = [record.observation.name for _, record in records]
     return FittedModel(effects, solution, model, held, dict(zip(names, residuals, strict=True)))
 
 
-def fit_initial_states(case: Case, dataset: Dataset, model: Model, effort: Effort = FULL) -> Solution | None:
+def fit_initial_states(task: EstimationTask, dataset: Dataset, model: Model, effort: Effort = FULL) -> Solution | None:
     """Fit the initial states of the runs of a data set, while all other numbers stay; None where the model fails."""
-    where = case.coordinates(model, (), dataset)
+    where = task.coordinates(model, (), dataset)
     # These numbers are known from nowhere else, so that no Jacobian is needed at the end.
-    return solve(case.problem(dataset, model, where), where.start, replace(effort, is_exact=False))
+    return solve(task.problem(dataset, model, where), where.start, replace(effort, is_exact=False))
 
 
-def search_initial_states(case: Case, dataset: Dataset, model: Model) -> Model:
+def search_initial_states(task: EstimationTask, dataset: Dataset, model: Model) -> Model:
     """Return a model whose runs begin where each fits best, fitted from the best points of a grid."""
 
     def fit_state(model: Model, record: Record) -> tuple[float, Model]:
-        found = fit_initial_states(case, dataset.part([record.observation.name]), model, Effort(6, 1e-3))
+        found = fit_initial_states(task, dataset.part([record.observation.name]), model, Effort(6, 1e-3))
         return (math.inf, model) if found is None else (found.misfit, found.problem.at(found.x))
 
-    return grid_initial_states(dataset, model, case.each, fit_state)
+    return grid_initial_states(dataset, model, task.each, fit_state)
 
 
-def predict_tests(case: Case, fit: FittedModel) -> FittedModel:
+def predict_tests(task: EstimationTask, fit: FittedModel) -> FittedModel:
     """Return a fit with the residuals of the test runs, whose initial conditions are fitted."""
-    if case.test is None:
+    if task.test is None:
         return fit
-    made = evaluate_fit(replace(case, validate=case.test), fit.solution, fit.effects)
+    made = evaluate_fit(replace(task, validate=task.test), fit.solution, fit.effects)
     return fit if made is None else replace(fit, residuals_by_run={**made.residuals_by_run, **fit.residuals_by_run})
 
 
-def refit(case: Case, fit: FittedModel, effects: tuple[Candidate, ...]) -> FittedModel | None:
+def refit(task: EstimationTask, fit: FittedModel, effects: tuple[Candidate, ...]) -> FittedModel | None:
     """Fit a model with some of the effects of a fit, from the values that it has."""
-    model = with_effects(case.bare(fit.model), effects)
+    model = with_effects(task.bare(fit.model), effects)
     dropped = {name for effect in fit.effects if effect not in effects for name in effect.free}
-    return fit_model(case, with_values(model, fit.model, dropped), effects)
+    return fit_model(task, with_values(model, fit.model, dropped), effects)
 
 
-def refine(case: Case, fit: FittedModel) -> FittedModel:
+def refine(task: EstimationTask, fit: FittedModel) -> FittedModel:
     """Return a fit whose simulations are so exact that their errors are small beside those of the fitted numbers.
 
     N samples of noise s leave an error of s / root N in a value. A prediction that is off by a small share of the noise
     everywhere moves it by as much. The Jacobian of the fit serves: it need not be so exact.
     """
-    model = case.finest(fit.model)
+    model = task.finest(fit.model)
     effort = Effort(2, FULL.share, is_exact=False)
-    made = fit_model(case, model, fit.effects, old=fit.solution.columns(), effort=effort)
+    made = fit_model(task, model, fit.effects, old=fit.solution.columns(), effort=effort)
     return fit if made is None else made
 
 
@@ -271,22 +271,22 @@ def with_values(model: Model, source: Model, but: set[str] | frozenset[str] = fr
 FACTORS, WORTH = (1.1, 0.9), 1.05
 
 
-def escape(case: Case, fit: FittedModel) -> FittedModel:
+def escape(task: EstimationTask, fit: FittedModel) -> FittedModel:
     """Return the best of fits restarted near one that may be in a local minimum (multistart).
 
     Hysteresis is not differentiable where a threshold is met or a voltage turns, so that chi^2 has local minima. Fits
     restart from other initial states, then with larger and smaller thresholds, while chi^2 falls by more than one.
     """
-    moved = search_initial_states(case, fit.solution.problem.dataset, fit.model)
+    moved = search_initial_states(task, fit.solution.problem.dataset, fit.model)
     if moved is not fit.model:
-        fit = _better(fit, fit_model(case, moved, fit.effects, old=fit.solution.columns()))
+        fit = _better(fit, fit_model(task, moved, fit.effects, old=fit.solution.columns()))
     for name in (name for effect in fit.effects for name in effect.hidden):
-        case.progress(f"fitting with other values of {name}")
+        task.progress(f"fitting with other values of {name}")
         before = None
         while before is not fit:
             before = fit
             for factor in FACTORS:
-                fit = _better(fit, _restart(case, fit, name, factor))
+                fit = _better(fit, _restart(task, fit, name, factor))
     return fit
 
 
@@ -294,13 +294,13 @@ def _better(fit: FittedModel, other: FittedModel | None) -> FittedModel:
     return other if other is not None and other.cost < fit.cost - fit.discrepancy else fit
 
 
-def _restart(case: Case, fit: FittedModel, name: str, factor: float) -> FittedModel | None:
+def _restart(task: EstimationTask, fit: FittedModel, name: str, factor: float) -> FittedModel | None:
     """Return the fit that starts with a number times a factor, first roughly; None where that is not worth it."""
     value = fit.solution.problem.where.values(fit.solution.x)[name]
-    rough = solve_case(case, case.coarse(fit.model.replace({name: factor * value})), fit.effects, effort=ROUGH)
+    rough = solve_case(task, task.coarse(fit.model.replace({name: factor * value})), fit.effects, effort=ROUGH)
     if rough is None or rough.cost > WORTH * fit.cost:
         return None
-    return fit_model(case, case.fine(rough.problem.at(rough.x)), fit.effects, old=rough.columns())
+    return fit_model(task, task.fine(rough.problem.at(rough.x)), fit.effects, old=rough.columns())
 
 
 # --- differences of predictions -------------------------------------------------------------------------------------
@@ -309,8 +309,8 @@ def _restart(case: Case, fit: FittedModel, name: str, factor: float) -> FittedMo
 def difference(dataset: Dataset, before: Model, after: Model, weights: Mapping[str, Array] | None = None) -> float:
     """Return by how much two models differ in their prediction of new runs, rms [response]; offsets are free.
 
-    New runs begin as the old ones did, but for their trigger delay. Observations with weights, see `Case`, count on
-    their own: the larger of both differences is returned.
+    New runs begin as the old ones did, but for their trigger delay. Observations with weights (see `EstimationTask`)
+    count alone: the larger difference is returned.
     """
     weights = weights or {}
     weighted = [record for record in dataset.records if record.observation.name in weights]

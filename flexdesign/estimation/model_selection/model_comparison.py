@@ -23,7 +23,7 @@ from scipy.special import chdtri
 
 from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, without_effect
 from flexdesign.estimation.model_selection.score_test import Candidate
 
@@ -110,25 +110,27 @@ def critical_value(score: float, effects: Sequence[Candidate]) -> float:
     return score + float(chdtri(max(free, 1), LEVEL) - chdtri(1, LEVEL))
 
 
-def compare(case: Case, before: FittedModel, after: FittedModel, names: tuple[str, ...], score: float) -> Trial:
+def compare(
+    task: EstimationTask, before: FittedModel, after: FittedModel, names: tuple[str, ...], score: float
+) -> Trial:
     """Return the trial of effects that one fit has and the one before has not; see `critical_value` for `score`."""
     # Judged by the data alone: an effect is not needed because it lets a number stay at its prior.
     gain = before.fitted_chi2 - after.fitted_chi2 - max(after.nuisance_dof - before.nuisance_dof, 0.0)
-    new = case.validate if case.validate.records else case.identify
-    errors = [fit.rms(case.judging or new.names, case.scales) for fit in (before, after)]
+    new = task.validate if task.validate.records else task.identify
+    errors = [fit.rms(task.scored or new.names, task.scales) for fit in (before, after)]
     added = [effect for effect in after.effects if effect.name in names]
     needed = critical_value(score, added) * after.discrepancy
-    far = _relevance(case, before.model, after.model)
-    alone = min(_relevance(case, without_effect(after.model, effect), after.model) for effect in added)
-    share, is_small, reason = explained_share(case, *errors), False, ""
+    far = _relevance(task, before.model, after.model)
+    alone = min(_relevance(task, without_effect(after.model, effect), after.model) for effect in added)
+    share, is_small, reason = explained_share(task, *errors), False, ""
     if gain < needed:
         reason = "no more than chance gives"
-    elif case.validate.records and after.validation_chi2 >= before.validation_chi2:
+    elif task.validate.records and after.validation_chi2 >= before.validation_chi2:
         reason = "does not help on the validation runs"
-    elif case.validate.records and share < SHARE:
+    elif task.validate.records and share < SHARE:
         reason = f"explains less than {100 * SHARE:.0f} % of what is unexplained"
-    elif min(far, alone) < case.tolerance:
-        is_small = far < case.tolerance
+    elif min(far, alone) < task.tolerance:
+        is_small = far < task.tolerance
         reason = f"{'' if is_small else 'itself '}moves the prediction by less than the tolerance"
     elif ends := [effect.strength for effect in added if effect.strength in after.at_bound()]:
         # Other numbers may come back as further effects are added.
@@ -138,10 +140,10 @@ def compare(case: Case, before: FittedModel, after: FittedModel, names: tuple[st
     return Trial(names, after, gain, share, errors[1], needed, score, reason, is_small)
 
 
-def _relevance(case: Case, before: Model, after: Model) -> float:
+def _relevance(task: EstimationTask, before: Model, after: Model) -> float:
     """Return how far two models differ in what they predict of the fitted or of the validation runs, the larger one."""
-    suites = [dataset for dataset in (case.identify, case.validate) if dataset.records]
-    return max(difference(dataset, before, after, case.weights) for dataset in suites)
+    suites = [dataset for dataset in (task.identify, task.validate) if dataset.records]
+    return max(difference(dataset, before, after, task.weights) for dataset in suites)
 
 
 def is_determined(fit: FittedModel, effect: Candidate) -> bool:
@@ -180,7 +182,7 @@ def bic_lead(one: FittedModel, other: FittedModel) -> float:
     return other.bic(least) - one.bic(least)
 
 
-def best_of(case: Case, trials: Sequence[Trial]) -> Trial | None:
+def best_of(task: EstimationTask, trials: Sequence[Trial]) -> Trial | None:
     """Return the best accepted trial, or None.
 
     What explains no more than an effect that hardly moves the prediction is no finding. A pair must beat the best
@@ -195,14 +197,14 @@ def best_of(case: Case, trials: Sequence[Trial]) -> Trial | None:
     if not accepted or single is None or len(accepted[0].names) == 1:
         return accepted[0] if accepted else None
     pair = accepted[0]
-    explained = explained_share(case, single.error, pair.error) if case.validate.records else 1.0
+    explained = explained_share(task, single.error, pair.error) if task.validate.records else 1.0
     is_more = bic_lead(pair.fit, single.fit) >= pair.needed and explained >= SHARE
     return pair if is_more else single
 
 
-def explained_share(case: Case, before: float, after: float) -> float:
+def explained_share(task: EstimationTask, before: float, after: float) -> float:
     """Return the share of the unexplained mean square that goes where an rms residual falls."""
-    return (before**2 - after**2) / max(before**2 - case.floor**2, 1e-300)
+    return (before**2 - after**2) / max(before**2 - task.floor**2, 1e-300)
 
 
 def is_alike(a: FittedModel, b: FittedModel) -> bool:

@@ -16,7 +16,7 @@ from scipy.special import chdtri
 
 from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.dataset import Dataset
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, without_offset
 
 Array = NDArray[np.float64]
@@ -51,34 +51,34 @@ class SparseModel:
     shares: Mapping[str, float]
 
 
-def sparse_model(case: Case, fit: FittedModel, features: BasisFunctions) -> SparseModel:
+def sparse_model(task: EstimationTask, fit: FittedModel, features: BasisFunctions) -> SparseModel:
     """Return the sum of smooth functions that explains most of what a fitted model leaves."""
-    names, seen = _columns(case.identify, fit, features)
+    names, seen = _columns(task.identify, fit, features)
     solution = fit.solution
-    imitated, row = np.zeros((len(solution.x), len(names))), 0
+    projection, row = np.zeros((len(solution.x), len(names))), 0
     for jacobian in solution.jacobian:
-        imitated[jacobian.places] += jacobian.matrix.T @ seen[row : row + len(jacobian.matrix)]
+        projection[jacobian.places] += jacobian.matrix.T @ seen[row : row + len(jacobian.matrix)]
         row += len(jacobian.matrix)
     inverse = solution.covariance
-    gram = seen.T @ seen - imitated.T @ inverse @ imitated
-    promise = seen.T @ np.concatenate(solution.residuals)
+    gram = seen.T @ seen - projection.T @ inverse @ projection
+    predicted_gain = seen.T @ np.concatenate(solution.residuals)
     own = np.diag(gram) > OWN * np.sum(seen**2, axis=0)
-    chosen, gains = _pursuit(gram, promise, own, float(chdtri(1, LEVEL / max(len(names), 1))))
+    chosen, gains = _pursuit(gram, predicted_gain, own, float(chdtri(1, LEVEL / max(len(names), 1))))
     if not chosen:
         return SparseModel({}, 0.0, 0.0, 0.0, {})
-    amounts = np.asarray(np.linalg.solve(gram[np.ix_(chosen, chosen)], promise[chosen]), dtype=np.float64)
-    gain = float(amounts @ promise[chosen])
-    held, moved = _held(case, fit, features, chosen, amounts, inverse @ imitated[:, chosen] @ amounts)
+    amounts = np.asarray(np.linalg.solve(gram[np.ix_(chosen, chosen)], predicted_gain[chosen]), dtype=np.float64)
+    gain = float(amounts @ predicted_gain[chosen])
+    held, moved = _held(task, fit, features, chosen, amounts, inverse @ projection[:, chosen] @ amounts)
     terms = {names[j]: float(amount) for j, amount in zip(chosen, amounts, strict=True)}
     return SparseModel(terms, gain, held, moved, {names[j]: g / sum(gains) for j, g in zip(chosen, gains, strict=True)})
 
 
-def cost_of_terms(case: Case, fit: FittedModel, features: BasisFunctions, terms: Collection[str]) -> float:
+def cost_of_terms(task: EstimationTask, fit: FittedModel, features: BasisFunctions, terms: Collection[str]) -> float:
     """Return chi^2 of the fitted runs if smooth functions take the place of effects.
 
     Parameters
     ----------
-    case, fit
+    task, fit
         What is fitted, and the model without effects; its own numbers move along their Jacobian.
     features, terms
         Smooth functions, and the names of those that may be used.
@@ -108,12 +108,14 @@ def _columns(dataset: Dataset, fit: FittedModel, features: BasisFunctions) -> tu
     return names, np.vstack(parts)
 
 
-def _pursuit(gram: Array, promise: Array, own: NDArray[np.bool_], needed: float) -> tuple[list[int], list[float]]:
+def _pursuit(
+    gram: Array, predicted_gain: Array, own: NDArray[np.bool_], needed: float
+) -> tuple[list[int], list[float]]:
     chosen, gains, before = list[int](), list[float](), 0.0
     size = np.diag(gram).copy()
     for _ in range(MOST):
         best, reached = -1, before
-        for j in range(len(promise)):
+        for j in range(len(predicted_gain)):
             if j in chosen or not own[j]:
                 continue
             trial = [*chosen, j]
@@ -122,7 +124,7 @@ def _pursuit(gram: Array, promise: Array, own: NDArray[np.bool_], needed: float)
             scaled = inner / np.outer(scale, scale)
             if np.linalg.cond(scaled) > 1e6:
                 continue
-            fall = float((promise[trial] / scale) @ np.linalg.solve(scaled, promise[trial] / scale))
+            fall = float((predicted_gain[trial] / scale) @ np.linalg.solve(scaled, predicted_gain[trial] / scale))
             if fall > reached:
                 best, reached = j, fall
         if best < 0 or reached - before < needed:
@@ -134,13 +136,13 @@ def _pursuit(gram: Array, promise: Array, own: NDArray[np.bool_], needed: float)
 
 
 def _held(
-    case: Case, fit: FittedModel, features: BasisFunctions, chosen: list[int], amounts: Array, moves: Array
+    task: EstimationTask, fit: FittedModel, features: BasisFunctions, chosen: list[int], amounts: Array, moves: Array
 ) -> tuple[float, float]:
     """Return by how much the sum lowers the cost of the runs kept apart, and how large it is there.
 
     The model's own numbers move with the sum as the fit lets them; the move of the prediction is found by a small one.
     """
-    dataset = case.validate
+    dataset = task.validate
     if not dataset.records:
         return 0.0, 0.0
     where, x, step = fit.solution.problem.where, fit.solution.x, 1e-3
@@ -159,7 +161,7 @@ def _held(
             return 0.0, 0.0
         gained += float(before @ before - after @ after)
         whole = record.basis.shape[0] - record.columns.shape[1]
-        free = without_offset(record, added, case.weights)
-        squares, count = sizes[record.observation.name in case.weights]
-        sizes[record.observation.name in case.weights] = squares + float(free @ free), count + min(whole, len(free))
+        free = without_offset(record, added, task.weights)
+        squares, count = sizes[record.observation.name in task.weights]
+        sizes[record.observation.name in task.weights] = squares + float(free @ free), count + min(whole, len(free))
     return gained, max(float(np.sqrt(squares / count)) for squares, count in sizes.values() if count)

@@ -16,7 +16,7 @@ from scipy.special import chdtri
 
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, QUICK, ROUGH, Solution
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
     escape,
@@ -76,12 +76,14 @@ class _Entry:
     solution: Solution
 
 
-def forward(case: Case, fit: FittedModel, candidates: Sequence[Candidate], origins: Sequence[FittedModel] = ()) -> Step:
+def forward(
+    task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], origins: Sequence[FittedModel] = ()
+) -> Step:
     """Return the addition that pays best, or none.
 
     Parameters
     ----------
-    case, fit
+    task, fit
         The runs, and the present fit.
     candidates
         The catalogue.
@@ -89,47 +91,52 @@ def forward(case: Case, fit: FittedModel, candidates: Sequence[Candidate], origi
         Fits from which additions are tried as well, such as the design where calibration led astray.
     """
     left = [c for c in candidates if c.name not in fit.names and c.after in ("", *fit.names)]
-    case.progress("screening the catalogue" if not fit.effects else f"screening beside {', '.join(fit.names)}")
+    task.progress("screening the catalogue" if not fit.effects else f"screening beside {', '.join(fit.names)}")
     score, starts = 0.0, list[_Start]()
     for origin in (fit, *origins):
-        screening = Screening(origin.solution, left, case.coarse)
-        score = score or screening.critical_value(LEVEL, case.drawn(fit.residuals_by_run))
+        screening = Screening(origin.solution, left, task.coarse)
+        score = score or screening.critical_value(LEVEL, task.null_errors(fit.residuals_by_run))
         starts += _starts(origin, screening, WORTH * max(score, SHARE * origin.excess))
-    singles, pairs = _compete(case, fit, starts)
-    trials = _trials(case, fit, singles, score)
-    best = best_of(case, trials)
+    singles, pairs = _compete(task, fit, starts)
+    trials = _trials(task, fit, singles, score)
+    best = best_of(task, trials)
     if (fit if best is None else best.fit).exceeds_noise:
         # Fits in local minima would be refused, and call for effects that are not there.
-        trials = [_escaped(case, fit, trial) for trial in trials]
-        trials += _trials(case, fit, pairs, score)
-    return Step(best_of(case, trials), tuple(rank(trials)))
+        trials = [_escaped(task, fit, trial) for trial in trials]
+        trials += _trials(task, fit, pairs, score)
+    return Step(best_of(task, trials), tuple(rank(trials)))
 
 
 def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_Start]:
     """Return where fits start: at the best trials of each candidate, and at pairs that promise more than one."""
     best = screening.best()
-    found = [_Start(origin, (each,)) for directions in best for each in directions[:STARTS] if each.drop > enough]
-    most = best[0][0].drop if best else 0.0
-    pairs = [(a, b) for promise, a, b in screening.pairs(PAIRS) if promise > most + enough]
+    found = [
+        _Start(origin, (each,))
+        for directions in best
+        for each in directions[:STARTS]
+        if each.predicted_reduction > enough
+    ]
+    most = best[0][0].predicted_reduction if best else 0.0
+    pairs = [(a, b) for predicted_gain, a, b in screening.pairs(PAIRS) if predicted_gain > most + enough]
     return found + [_Start(origin, pair) for pair in pairs]
 
 
-def _compete(case: Case, fit: FittedModel, starts: Sequence[_Start]) -> tuple[list[_Entry], list[_Entry]]:
+def _compete(task: EstimationTask, fit: FittedModel, starts: Sequence[_Start]) -> tuple[list[_Entry], list[_Entry]]:
     """Return the fits that are worth being carried to their end: with one further effect, and with two."""
 
     def quickly(start: _Start) -> _Entry | None:
-        case.progress(f"trying {' and '.join((*fit.names, *start.names))}")
-        return _quick_fit(case, start)
+        task.progress(f"trying {' and '.join((*fit.names, *start.names))}")
+        return _quick_fit(task, start)
 
     def roughly(entry: _Entry) -> _Entry | None:
-        case.progress(f"fitting roughly with {' and '.join((*fit.names, *entry.start.names))}")
+        task.progress(f"fitting roughly with {' and '.join((*fit.names, *entry.start.names))}")
         solution = entry.solution
-        model = grid_initial_states(solution.problem.dataset, solution.problem.at(solution.x), case.each)
-        found = solve_case(case, model, entry.start.effects, old=solution.columns(), effort=ROUGH)
+        model = grid_initial_states(solution.problem.dataset, solution.problem.at(solution.x), task.each)
+        found = solve_case(task, model, entry.start.effects, old=solution.columns(), effort=ROUGH)
         return None if found is None else replace(entry, solution=found)
 
-    entries = _best_by_names(case.each(quickly, starts))
-    fitted = _best_by_names(case.each(roughly, entries[:ROUGHLY]))
+    entries = _best_by_names(task.each(quickly, starts))
+    fitted = _best_by_names(task.each(roughly, entries[:ROUGHLY]))
     singles = [entry for entry in fitted if len(entry.start.names) == 1]
     pairs = [entry for entry in fitted if len(entry.start.names) == 2]
     finalists = singles[:FINALISTS]
@@ -148,7 +155,7 @@ def _best_by_names(entries: Sequence[_Entry | None]) -> list[_Entry]:
     return list(best.values())
 
 
-def _quick_fit(case: Case, start: _Start) -> _Entry | None:
+def _quick_fit(task: EstimationTask, start: _Start) -> _Entry | None:
     """Return where the known Jacobian leads, coarsely simulated.
 
     A limit moves the prediction so far that the Jacobian without it misleads, as does that beside a gross misfit: it is
@@ -167,37 +174,37 @@ def _quick_fit(case: Case, start: _Start) -> _Entry | None:
     bounds = {parameter.name: parameter.plausible for parameter in model.parameters()}
     begun = {name: float(np.clip(value, *bounds.get(name, (-math.inf, math.inf)))) for name, value in values.items()}
     is_misleading = origin.scale > GROSS or any(direction.candidate.is_limit for direction in start.directions)
-    model = case.coarse(model.replace(begun))
-    found = solve_case(case, model, start.effects, old=None if is_misleading else old, effort=QUICK)
+    model = task.coarse(model.replace(begun))
+    found = solve_case(task, model, start.effects, old=None if is_misleading else old, effort=QUICK)
     return None if found is None else _Entry(start, found)
 
 
-def _trials(case: Case, fit: FittedModel, entries: Sequence[_Entry], score: float) -> list[Trial]:
-    found = case.each(lambda entry: _trial(case, fit, entry, score), entries)
+def _trials(task: EstimationTask, fit: FittedModel, entries: Sequence[_Entry], score: float) -> list[Trial]:
+    found = task.each(lambda entry: _trial(task, fit, entry, score), entries)
     return [trial for trial in found if trial is not None]
 
 
-def _trial(case: Case, fit: FittedModel, entry: _Entry, score: float) -> Trial | None:
+def _trial(task: EstimationTask, fit: FittedModel, entry: _Entry, score: float) -> Trial | None:
     """Return the comparison of a fit carried to its end, with runs in the initial states that suit it best."""
-    case.progress(f"fitting with {' and '.join((*fit.names, *entry.start.names))}")
+    task.progress(f"fitting with {' and '.join((*fit.names, *entry.start.names))}")
     solution = entry.solution
-    model = grid_initial_states(solution.problem.dataset, case.fine(solution.problem.at(solution.x)), case.each)
-    made = fit_model(case, model, entry.start.effects, old=solution.columns(), effort=FULL)
-    return None if made is None else compare(case, fit, made, entry.start.names, score)
+    model = grid_initial_states(solution.problem.dataset, task.fine(solution.problem.at(solution.x)), task.each)
+    made = fit_model(task, model, entry.start.effects, old=solution.columns(), effort=FULL)
+    return None if made is None else compare(task, fit, made, entry.start.names, score)
 
 
-def _escaped(case: Case, fit: FittedModel, trial: Trial) -> Trial:
+def _escaped(task: EstimationTask, fit: FittedModel, trial: Trial) -> Trial:
     """Return a trial with more evidence than chance gives, its fit restarted elsewhere."""
-    better = escape(case, trial.fit) if trial.gain > trial.needed else trial.fit
-    return trial if better is trial.fit else compare(case, fit, better, trial.names, trial.score)
+    better = escape(task, trial.fit) if trial.gain > trial.needed else trial.fit
+    return trial if better is trial.fit else compare(task, fit, better, trial.names, trial.score)
 
 
-def backward(case: Case, fit: FittedModel, tested: Sequence[str]) -> FittedModel:
+def backward(task: EstimationTask, fit: FittedModel, tested: Sequence[str]) -> FittedModel:
     """Return the fit without those effects of some that have lost their evidence beside the others.
 
     Parameters
     ----------
-    case, fit
+    task, fit
         The runs, and the fit.
     tested
         Names of the effects that are asked about.
@@ -207,14 +214,14 @@ def backward(case: Case, fit: FittedModel, tested: Sequence[str]) -> FittedModel
         if effect.name not in tested or not rest:
             continue
         needed = critical_value(float(chdtri(1, LEVEL)), (effect,)) * fit.discrepancy
-        without = refit(case, fit, rest)
+        without = refit(task, fit, rest)
         if without is not None and without.cost - fit.cost < needed:
-            return backward(case, without, tested)
+            return backward(task, without, tested)
     return fit
 
 
 def select(
-    case: Case,
+    task: EstimationTask,
     fit: FittedModel,
     candidates: Sequence[Candidate],
     most: int,
@@ -227,7 +234,7 @@ def select(
 
     Parameters
     ----------
-    case, fit
+    task, fit
         The runs, and the fit from which it starts.
     candidates
         The catalogue.
@@ -240,11 +247,11 @@ def select(
     """
     steps, fits = list[Step](), list[FittedModel]()
     while len(fit.effects) < most:
-        steps.append(vary_step(fit, forward(case, fit, candidates, () if fits else origins)))
+        steps.append(vary_step(fit, forward(task, fit, candidates, () if fits else origins)))
         if (chosen := steps[-1].chosen) is None:
             break
         doubtful = fit.names if len(chosen.names) == 1 else chosen.fit.names
-        made = vary(backward(case, chosen.fit, doubtful))
+        made = vary(backward(task, chosen.fit, doubtful))
         if {*made.names} == {*fit.names}:  # what was added made itself superfluous
             steps[-1] = replace(steps[-1], chosen=None)
             break
@@ -254,7 +261,7 @@ def select(
 
 
 def select_otherwise(
-    case: Case, path: tuple[list[Step], list[FittedModel]], candidates: Sequence[Candidate], most: int
+    task: EstimationTask, path: tuple[list[Step], list[FittedModel]], candidates: Sequence[Candidate], most: int
 ) -> tuple[list[Step], list[FittedModel]]:
     """Return the best of the selections that start with another effect accepted at the first step (beam search).
 
@@ -269,13 +276,13 @@ def select_otherwise(
             break
         if trial.reason or len(trial.names) > 1 or steps[0].chosen is None or trial.names == steps[0].chosen.names:
             continue
-        more, made = select(case, trial.fit, candidates, most)
+        more, made = select(task, trial.fit, candidates, most)
         if made and bic_lead(made[-1], best) > 0:
             path, best = ([replace(steps[0], chosen=trial), *more], [trial.fit, *made]), made[-1]
     return path
 
 
-def confusable(case: Case, fit: FittedModel, steps: Sequence[Step]) -> tuple[tuple[str, ...], ...]:
+def confusable(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> tuple[tuple[str, ...], ...]:
     """Return the groups of effects that these runs cannot tell apart, the one in the model first.
 
     Effects that did as well when one was added are fitted in its place beside all that were added later.
@@ -291,18 +298,18 @@ def confusable(case: Case, fit: FittedModel, steps: Sequence[Step]) -> tuple[tup
                 other
                 for trial in rivals
                 for other in trial.names
-                if other not in {*others, *fit.names} and _does_as_well(case, fit, name, trial.fit, other)
+                if other not in {*others, *fit.names} and _does_as_well(task, fit, name, trial.fit, other)
             ]
             if instead:
                 groups.append((name, *instead[: LARGEST_GROUP - 1]))
     return tuple(groups)
 
 
-def _does_as_well(case: Case, fit: FittedModel, name: str, seen: FittedModel, other: str) -> bool:
+def _does_as_well(task: EstimationTask, fit: FittedModel, name: str, seen: FittedModel, other: str) -> bool:
     """Tell whether an effect in the place of another explains as much."""
     instead = next(effect for effect in seen.effects if effect.name == other)
     effects = tuple(instead if effect.name == name else effect for effect in fit.effects)
-    case.progress(f"fitting with {other} in the place of {name}")
-    model = with_effects(case.bare(fit.model), effects)
-    made = fit_model(case, with_values(with_values(model, seen.model), fit.model), effects)
+    task.progress(f"fitting with {other} in the place of {name}")
+    model = with_effects(task.bare(fit.model), effects)
+    made = fit_model(task, with_values(with_values(model, seen.model), fit.model), effects)
     return made is not None and is_alike(fit, made)

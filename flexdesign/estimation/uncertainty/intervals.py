@@ -75,7 +75,7 @@ def checked(
         better = next((p.better for p in made.values() if p is not None and p.better is not None), None)
         if better is None or refits == 2:
             break
-        solution = solve(solution.problem.anew(), better, MINIMUM) or solution
+        solution = solve(solution.problem.fresh(), better, MINIMUM) or solution
     return solution, found, made, refits > 0
 
 

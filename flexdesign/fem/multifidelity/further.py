@@ -22,7 +22,7 @@ from flexdesign.design.design import Design
 from flexdesign.design.part import Part
 from flexdesign.design.study import MeshSettings, ModeSettings, OutputSettings, Study
 from flexdesign.fem import analysis, mesh_refinement
-from flexdesign.fem.convergence import Scatter
+from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.mesh import TaggedMesh
 from flexdesign.fem.quantities import of_solution
@@ -77,7 +77,7 @@ class Further:
         coarse: Mapping[str, Quantity],
         fine: Sequence[Mapping[str, Quantity]],
         sizes: Sequence[float],
-        scatter: Scatter,
+        scatter: MeshNoise,
     ) -> Known:
         """Return what an anchor's fine meshes, of edge lengths `sizes` [m] at the roots, tell of the coarse one."""
         gaps, errors = {}, {}

@@ -52,7 +52,7 @@ def ladder(
     stroke
         The stroke, likewise, where it is not zero and there are no lines.
     """
-    steps = [(said.label(rung), rung.error) for rung in rungs]
+    steps = [(said.label(step_of_ladder), step_of_ladder.error) for step_of_ladder in rungs]
     steps += [(f"noise floor: {noise.source}", floor)] if noise.known else []
     heads = ["model", "rms error"]
     rows = [[name, words.error(si, error, 2 if error is floor else 3)] for name, error in steps]
@@ -102,7 +102,7 @@ def document(found: Diagnosis, proposals: Sequence[Proposal]) -> Document:
 def _sections(found: Diagnosis, proposals: Sequence[Proposal]) -> list[Section]:
     axis = found.before.axes[found.axis]
     before, after = compared(found, "calibrated"), compared(found, "found")
-    changed = any(rung.label.startswith("+ ") for rung in found.ladder)
+    changed = any(step_of_ladder.label.startswith("+ ") for step_of_ladder in found.ladder)
     stands = [("recalibrated", before), (_stand_name(found), after)] if changed else [("recalibrated", before)]
     names = [named.name for named in found.effects] or list(found.near)
     kinds, bars = pictures(names), ladder_figure(found, found.ladder, found.noise_floor)

@@ -82,7 +82,7 @@ def where_json(found: ModelResiduals, si: str) -> dict[str, Any]:
 
 def ladder_json(rungs: Sequence[ErrorStep], si: str) -> list[dict[str, Any]]:
     """Return the ladder: label and error of every step."""
-    return [{"label": rung.label, "error": _number(rung.error, si)} for rung in rungs]
+    return [{"label": step_of_ladder.label, "error": _number(step_of_ladder.error, si)} for step_of_ladder in rungs]
 
 
 def noise_json(noise: NoiseFloor, floor: float, si: str) -> dict[str, Any]:

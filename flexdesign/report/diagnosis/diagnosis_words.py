@@ -126,15 +126,15 @@ def estimated(value: Value) -> Estimate:
     return Estimate(value.parameter, value.value, sigma, value.interval, True)
 
 
-def label(rung: ErrorStep) -> str:
+def label(step_of_ladder: ErrorStep) -> str:
     """Return what a step of the ladder is called.
 
     >>> label(Rung("+ creep + mains_hum - bouc_wen", 1e-6))
     '+ creep + mains hum - Bouc-Wen hysteresis'
     """
-    if not rung.label.startswith("+ "):
-        return rung.label
-    return " ".join(word if word in ("+", "-") else called(word) for word in rung.label.split(" "))
+    if not step_of_ladder.label.startswith("+ "):
+        return step_of_ladder.label
+    return " ".join(word if word in ("+", "-") else called(word) for word in step_of_ladder.label.split(" "))
 
 
 def apart(group: Sequence[str], proposals: Sequence[Proposal]) -> str:

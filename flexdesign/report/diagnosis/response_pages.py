@@ -54,7 +54,7 @@ def sentences(responses: Sequence[ResponseComparison], natural_frequency: float)
     if all(each.ratio < NOISE for each in responses):
         return [*said, "Nothing is above the noise of the lines."]
     bands = by_band(responses)
-    if band := bands.mostly():
+    if band := bands.dominant():
         near = band[0].lower <= natural_frequency < band[-1].upper
         mode = f", where the main mode is ({natural_frequency:.4g} Hz)" if near else ""
         said.append(f"It fails mostly {words.place(bands, band)}{mode}: {words.percent(sum(p.share for p in band))}.")

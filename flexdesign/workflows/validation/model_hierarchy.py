@@ -63,7 +63,7 @@ class Ladder:
     tolerances: Mapping[str, float]
 
 
-def climb(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
+def model_ladder(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
     """Return the ladder of a design beside what FEM found; None where it is no frame, or no formula is beside it."""
     try:
         model = of_design(design, bare=True)
@@ -79,7 +79,7 @@ def climb(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
     rungs = [_rung("", model, known, there)]
     while left:
         trials = [_rung(name, model, known, {**there, name: effects[name]}) for name in left]
-        best = min(trials, key=lambda rung: rung.size)
+        best = min(trials, key=lambda step_of_ladder: step_of_ladder.size)
         there[best.effect] = effects[best.effect]
         left.remove(best.effect)
         rungs.append(best)

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from flexdesign.core.model import Quantity
-from flexdesign.fem.convergence import Scatter, extrapolate
+from flexdesign.fem.convergence import MeshNoise, extrapolate
 
 #: Stage and variant are of the same or of like meshes, so that what is irregular in these cancels in the ratio.
-ALIKE = Scatter(0.0)
+ALIKE = MeshNoise(0.0)
 
 
 def changed(
