@@ -191,7 +191,7 @@ def trial_of(before: FittedModel, after: FittedModel, names: tuple[str, ...] = (
 def verdict_of(
     first: float, final: float, named: bool, left: SparseModel | None = None, is_better_smooth: bool = False
 ) -> tuple[str, tuple[str, ...], tuple[str, ...], bool]:
-    """Verdict, effects, near ones, and whether something stays, where runs kept apart are as those that were fitted."""
+    """Verdict, effects, near ones, and whether something stays, where validation runs are as those that were fitted."""
     about = data()
     calibrated = fit(about, first, first)
     last = fit(about, final, final, [creep(about)]) if named else calibrated
@@ -333,7 +333,7 @@ def test_a_calibration_that_was_refused_is_said() -> None:
 
 
 def test_what_stays_counts_wherever_it_stays() -> None:
-    """On the runs kept apart, or on those that were fitted; both must be noise."""
+    """On the validation runs, or on those that were fitted; both must be noise."""
     about = data()
     for seen, kept, verdict in ((1.0, 1.0, "nothing-missing"), (1.0, 1.5, "unknown"), (1.5, 1.0, "unknown")):
         one = fit(about, seen, kept)
@@ -393,7 +393,7 @@ def test_candidates_say_what_became_of_them() -> None:
     }
 
 
-# --- numbers that moved beyond what was known -----------------------------------------------------------------------
+# --- numbers that moved beyond the prior -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

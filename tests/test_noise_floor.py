@@ -127,7 +127,7 @@ def test_a_ringing_mode_is_neither_noise_nor_line() -> None:
     numerator, denominator, _ = cont2discrete(([w * w], [1, 2 * damping * w, w * w]), PERIOD)
     x = GAIN * lfilter(numerator.ravel(), denominator, u) + LEVEL * np.random.default_rng(0).standard_normal(len(u))
     early, late = (noise_floor([run("a", u, x)], "x", settle=settle) for settle in (0.02, 0.35))
-    assert early.rms["a"] == pytest.approx(LEVEL, rel=0.35)  # what is left is below what can be told from noise
+    assert early.rms["a"] == pytest.approx(LEVEL, rel=0.35)  # the residual is below what can be told from noise
     assert late.rms["a"] == pytest.approx(LEVEL, rel=0.06)
     assert not early.lines and not late.lines
 

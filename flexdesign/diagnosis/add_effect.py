@@ -1,4 +1,4 @@
-"""One effect added to a stage model: fitted, judged on runs that no fit has seen, written with what is known of it."""
+"""One effect added to a stage model: fitted, judged on validation runs, written with its uncertainty."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class AddedEffect:
     values, calibration
         The effect's numbers, and the model's own beside it.
     ladder
-        As designed, recalibrated, with the effect: errors on the runs kept apart [response].
+        As designed, recalibrated, with the effect: errors on the validation runs [response].
     noise, noise_floor
         The noise, and its rms over the runs that judge [response].
     share
@@ -64,7 +64,7 @@ class AddedEffect:
     reason
         Why the effect is not needed; empty if it is.
     runs, residuals_by_run
-        The runs with their roles, and what is left of them before and after.
+        The runs with their roles, and their residuals before and after.
     seconds
         How long it took.
     responses, lines

@@ -18,7 +18,7 @@ Which = Literal["calibrated", "found"]
 
 
 class ModelResiduals(Protocol):
-    """What a diagnosis and an addition have in common: runs, and what is left of them before and after."""
+    """What a diagnosis and an addition have in common: runs, and their residuals before and after."""
 
     @property
     def axis(self) -> str:

@@ -45,7 +45,7 @@ class IdentifiedEffect:
     values
         Its numbers; of one that differs from run to run the mean over the fitted runs.
     share
-        Of what was unexplained (in squares, above the noise) on the runs kept apart: how much it explains.
+        Of what was unexplained (in squares, above the noise) on the validation runs: how much it explains.
     by_run
         Its strength in each run, where it differs from run to run; empty where one number does for all.
     """
@@ -67,7 +67,7 @@ class CandidateRecord:
     beside
         The effects that were in the model then.
     error
-        Root mean square error on the runs kept apart [response].
+        Root mean square error on the validation runs [response].
     evidence
         Fall of the cost, whitened, in multiples of what chance gives.
     outcome
@@ -83,7 +83,7 @@ class CandidateRecord:
 
 @dataclass(frozen=True)
 class ErrorStep:
-    """One step of the error ladder: a label, and the rms error on the runs kept apart [response]."""
+    """One step of the error ladder: a label, and the rms error on the validation runs [response]."""
 
     label: str
     error: float
@@ -145,15 +145,15 @@ class Diagnosis:
     candidates
         Everything that was fitted.
     ladder
-        Errors on the runs kept apart, from the model as designed to the last effect.
+        Errors on the validation runs, from the model as designed to the last effect.
     calibration
         The model's own numbers after the fit.
     conflicts
-        Numbers that had to move by more than three standard deviations of what was known, in words.
+        Numbers that had to move by more than three standard deviations of the prior, in words.
     noise
         The noise floor, by run and in words.
     noise_floor, validation_error
-        Root mean squares over the runs kept apart [response].
+        Root mean squares over the validation runs [response].
     sparse_model
         What smooth functions would explain of the rest.
     remainder

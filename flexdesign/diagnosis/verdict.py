@@ -43,14 +43,14 @@ class Remainder:
     Parameters
     ----------
     excess
-        Mean square of what is left, whitened, less that of noise, of the runs that were fitted and of those kept apart:
+        Mean square of the residual, whitened, less that of noise, of the runs that were fitted and of the validation runs:
         the larger one.
     allowed
         What counts as none.
     raw
         What is left above the noise on the runs that judge, rms [response].
     jumps
-        Sudden changes in what is left, whitened, of the runs that were fitted.
+        Sudden changes in the residual, whitened, of the runs that were fitted.
     """
 
     excess: float
@@ -73,7 +73,7 @@ def remainder(data: DiagnosisData, fit: FittedModel) -> Remainder:
 
 
 def _ratios(data: DiagnosisData, fit: FittedModel) -> Iterator[tuple[float, int, float]]:
-    """Yield mean squares of what is left, whitened, with their counts and twice the relative error of the noise.
+    """Yield mean squares of the residual, whitened, with their counts and twice the relative error of the noise.
 
     Runs and frequency responses are judged apart: these have so few values that they would drown among those.
     """
@@ -101,7 +101,7 @@ def _line_level(data: DiagnosisData) -> float:
 
 
 def _jumps(data: DiagnosisData, fit: FittedModel) -> int:
-    """Count the jumps in what is left; a reading in coarse steps has them by itself."""
+    """Count the jumps in the residual; a reading in coarse steps has them by itself."""
     if data.coarse_step is not None:
         return 0
     count = 0
@@ -183,7 +183,7 @@ def conclude(
     groups
         Effects that the runs cannot tell apart, one of each among those that are named.
     moved, implied
-        Numbers that moved beyond what was known of them, and those among them that stand for an effect.
+        Numbers that moved beyond their prior, and those among them that stand for an effect.
     alone
         Residual of the runs that errors are stated of, if nothing is fitted but their offsets [response].
     by_run

@@ -135,7 +135,7 @@ def simulate(
 ) -> Response:
     """Run a stage from rest at zero volts.
 
-    The number of steps in a sample is doubled until the motion changes by less than the tolerance; what is left is
+    The number of steps in a sample is doubled until the motion changes by less than the tolerance; the residual is
     estimated from the last changes.
 
     Parameters

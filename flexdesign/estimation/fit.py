@@ -66,7 +66,7 @@ class Fit:
     matches
         How well each observation is matched.
     cost
-        Sum of squares of whitened residuals and of what was known.
+        Sum of squares of whitened residuals and of the prior.
     reduced_chi2
         None where the noise was not given.
     dof

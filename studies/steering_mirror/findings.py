@@ -32,7 +32,7 @@ class Findings:
     diagnoses
         By modal axis.
     left
-        Root mean square of what is left over that of the output, by stand and level: one number per channel, on the
+        Root mean square of the residual over that of the output, by stand and level: one number per channel, on the
         realisation that no fit has seen.
     own
         The same of the modal coordinates, by stand (`MODAL`), axis and level.
@@ -79,7 +79,7 @@ def remainder(found: Diagnosis, fit: str, level: int) -> Array:
 
 
 def share(left: Array, of: Array) -> Array:
-    """Return the root mean square of what is left, over the standard deviation of what it is left of, row by row."""
+    """Return the root mean square of the residual, over the standard deviation of the measured signal, row by row."""
     return np.asarray(np.sqrt(np.nanmean(left**2, axis=-1)) / np.nanstd(of, axis=-1))
 
 

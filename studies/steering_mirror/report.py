@@ -111,7 +111,7 @@ def _outputs(findings: Findings) -> Section:
         "largest level weighs most. Offsets and what rings as a record begins are fitted, too, and taken out of what "
         "is left.",
     ]
-    caption = "Root mean square of what is left, in percent of the standard deviation of the output"
+    caption = "Root mean square of the residual, in percent of the standard deviation of the output"
     head = ["stand", "level", "channel 1", "channel 2", "channel 3", "mean"]
     return Section("What is left of the outputs", text, [Table(head, rows, caption)])
 
@@ -147,7 +147,7 @@ def _verdicts(findings: Findings) -> Section:
         rows.append(
             [axis, found.verdict, _names(found), _percents(calibrated), _percents(with_effects), floor, found.remainder]
         )
-    head = ["axis", "verdict", "effects", "calibrated, left %", "with effects, left %", "noise", "what is left"]
+    head = ["axis", "verdict", "effects", "calibrated, left %", "with effects, left %", "noise", "the residual"]
     caption = f"Modal coordinates at {', '.join(_levels())}; effects of an unknown verdict come near and are not named"
     return Section("What each axis' diagnosis says", (), [Table(head, rows, caption)])
 

@@ -148,7 +148,7 @@ def test_a_last_fit_is_made_with_the_finest_model() -> None:
     assert stands.refine(dataclasses.replace(about, finest=lambda _: failing), fit) is fit
 
 
-# --- what is left ---------------------------------------------------------------------------------------------------
+# --- the residual ---------------------------------------------------------------------------------------------------
 
 
 def test_chi_squared_exceeds_noise_beyond_three_of_its_standard_deviations() -> None:

@@ -130,7 +130,7 @@ def test_a_crooked_likelihood_gets_the_interval_of_its_profile() -> None:
 
 
 def test_prior_knowledge_is_part_of_the_profile() -> None:
-    """Nothing but the prior: an interval as wide as it states, which adds nothing to what was known."""
+    """Nothing but the prior: an interval as wide as it states, which adds nothing to the prior."""
     noise = 0.1 * np.random.default_rng(2).standard_normal(len(T))
     model = Toy(
         lambda v, t: v["a"] * np.sin(5 * t) + v["b"] * 1e-9 * t,
@@ -139,7 +139,7 @@ def test_prior_knowledge_is_part_of_the_profile() -> None:
     found = solved(model, [run(model, {"a": 2.0}, T, noise)], 0.1, b=(3.0, 0.5))
     a, b = intervals(found, ["a", "b"])
     assert a.determined and not b.determined
-    assert "add nothing to what was known" in b.reason
+    assert "add nothing to the prior" in b.reason
     free = intervals(solved(model, [run(model, {"a": 2.0}, T, noise)], 0.1), ["b"])[0]
     assert not free.determined and free.value is None
 

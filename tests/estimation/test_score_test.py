@@ -135,7 +135,7 @@ def test_what_was_known_of_a_number_limits_what_it_can_imitate() -> None:
     assert not Screening(solution(base("p"), observed, of), [twin]).directions
     held = solution(base("p"), observed, of, p=(1.0, 0.01))
     (direction,) = Screening(held, [twin]).directions
-    # With it the gain goes back to what was known of it, and what that cost is what is promised.
+    # With it the gain goes back to its prior, and what that cost is what is promised.
     free = solution(base("p"), observed, of)
     assert direction.predicted_reduction == pytest.approx(held.cost - free.cost, rel=1e-3)
 

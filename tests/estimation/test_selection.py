@@ -71,7 +71,7 @@ def test_the_right_one_of_six_is_added_and_nothing_after_it() -> None:
 
 
 def test_gains_are_falls_of_the_cost() -> None:
-    """By linear algebra, of the runs that were fitted; what runs kept apart leave is close to noise afterwards."""
+    """By linear algebra, of the runs that were fitted; what validation runs leave is close to noise afterwards."""
     about = task({"d": 0.3})
     before = calibrated_stand(about)
     step = forward(about, before, effects())

@@ -1,4 +1,4 @@
-"""The rival without physics: what it finds, what it is worth on runs kept apart, and that it finds nothing in noise."""
+"""The model without physics: what it finds, what it is worth on validation runs, and that it finds nothing in noise."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_a_quadratic_of_the_position_is_found() -> None:
 def test_gains_are_falls_of_the_cost() -> None:
     """All by linear algebra: columns as the fitted model predicts them, gain and tilts free on the fitted runs.
 
-    On the runs kept apart nothing is free but the offset: amounts and gain are those of the fit, tilts those of before.
+    On the validation runs nothing is free but the offset: amounts and gain are those of the fit, tilts those of before.
     """
     task, found = fit(x2=0.2, x3=0.15)
     made = sparse_model(task, found, features)

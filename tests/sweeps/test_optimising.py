@@ -154,7 +154,7 @@ def test_the_terminal_says_what_stands_at_its_limit_and_what_the_optimum_is_like
     quantities = {q["name"]: q["value"] for q in values["further"]}
     strength = found.design.material.yield_strength
     assert strength is not None
-    # Both are extrapolated, each by itself: their product is that of the meshes but for the square of what is left.
+    # Both are extrapolated, each by itself: their product is that of the meshes but for the square of the remainder.
     assert quantities["safety_against_yield"] == pytest.approx(strength / quantities["hinge_stress"] / 1e6, rel=1e-3)
 
 

@@ -35,7 +35,7 @@ from flexdesign.measurements.recordings import Run
 Array = NDArray[np.float64]
 #: Error that a prediction may have, in shares of the noise; and in shares of the stroke, at least and at most.
 EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
-#: Most steps in a sample for fits, most of them for their slopes, and steps for screening; no step of any of them is
+#: Most steps in a sample for fits, most of them for their Jacobian, and steps for screening; no step of any of them is
 #: longer than this [s], which the fastest relaxations of the catalogue bear.
 STEPS, STEPS_SLOPES, STEPS_SCREENING, LONGEST_STEP = 16, 6, 4, 4e-4
 #: The same for the values that are told in the end: many samples determine them far better than their noise.

@@ -1,8 +1,8 @@
-"""Numbers that the runs move beyond what was known of them, and the physics that such a move stands for.
+"""Numbers that the runs move beyond their prior, and the physics that such a move stands for.
 
 A natural frequency that is far below what mass and stiffness give, each known to a few percent, is a payload or a soft
 support; a gain beyond its uncertainty is a sensor out of calibration; runs that all begin late share a delay. The
-prediction is the same either way: what was known decides, and not the runs.
+prediction is the same either way: the prior decides, and not the runs.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.model_selection.model_comparison import HALF_WIDTH
 
-#: A number that the fit moves by more standard deviations of what was known than this is a finding.
+#: A number that the fit moves by more standard deviations of the prior than this is a finding.
 CONFLICT = 3.0
 #: Beside a remainder an effect is named that explains this many times as much as remains, in mean squares: two thirds
 #: of what both are together.
@@ -64,7 +64,7 @@ class Conflict:
 
 
 def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
-    """Return the numbers that moved beyond what was known of them."""
+    """Return the numbers that moved beyond their prior."""
     where, covariance = fit.solution.problem.where, fit.solution.covariance
     values, found = where.values(fit.solution.x), []
     free = {name: about for name, about in data.known.items() if name in where.names}
@@ -73,7 +73,7 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
         ratio, far = values[name] / middle, (values[name] - middle) / sigma
         if abs(far) <= CONFLICT:
             continue
-        words = f"{name} {100 * (ratio - 1):+.1f} %, {abs(far):.1f} standard deviations of what was known"
+        words = f"{name} {100 * (ratio - 1):+.1f} %, {abs(far):.1f} standard deviations of the prior"
         spread = HALF_WIDTH * math.sqrt(max(float(covariance[j, j]) * fit.discrepancy, 0.0))
         x = float(fit.solution.x[j])
         # What it was before is known no better than that, whatever the runs say of what it is now.
@@ -121,7 +121,7 @@ def _ratio(data: DiagnosisData, values: Mapping[str, float]) -> float:
 def _follows(data: DiagnosisData, values: Mapping[str, float], ratio: float) -> bool:
     """Tell whether the gain rose as it does with a stiffness that lowers the natural frequency to this ratio.
 
-    Only a gain beyond what was known of it speaks for that: k falls with the frequency's square, and x = F / k grows.
+    Only a gain beyond its prior speaks for that: k falls with the frequency's square, and x = F / k grows.
     """
     known = data.known
     if not {"gain", "natural_frequency"} <= known.keys():

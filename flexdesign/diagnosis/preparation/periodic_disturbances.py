@@ -18,7 +18,7 @@ from flexdesign.estimation.noise.sinusoids import remove_sinusoids
 if TYPE_CHECKING:
     from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 
-#: A line in what is left is sought in records of at least so many samples without a gap.
+#: A line in the residual is sought in records of at least so many samples without a gap.
 FEWEST = 200
 #: So many peaks of what frequency responses leave are frequencies at which modes are tried.
 PEAKS = 6

@@ -1,7 +1,7 @@
 """Least squares for a data set: Marquardt's method on normal equations that are filled record by record.
 
 Marquardt (1963), SIAM J. Appl. Math. 11, 431-441, with the damping of each coordinate in proportion to its own
-curvature; bounds are kept by holding what would leave them. Slopes are dear and residuals cheap, so that slopes are
+curvature; bounds are kept by holding what would leave them. Jacobians are dear and residuals cheap, so that the Jacobian is
 carried along from step to step (Broyden 1965, Math. Comp. 19, 577-593) while they still predict what happens.
 """
 
@@ -25,7 +25,7 @@ LEAST_KEPT, LONGEST, SMALLEST_GAIN_RATIO = 0.1, 12, (0.7, 1.5)
 DAMPING, DAMPING_DECREASE, DAMPING_INCREASE, LARGEST_DAMPING = 1e-3, 0.2, 8.0, 1e8
 #: Damping that no longer matters.
 UNDAMPED = 1e-9
-#: Where slopes that were found so often at one point lead nowhere, the search ends.
+#: The search ends where the Jacobian was computed so often at one point without success.
 TWICE = 2
 
 
@@ -67,11 +67,11 @@ class Solution:
     cost
         Sum of squares there.
     residuals, jacobian
-        Of each record; slopes may have been found a short step before.
+        Of each record; the Jacobian may be that of a point one short step away.
     normal
-        J'J with what was known, coordinates by coordinates.
+        J'J with the prior, coordinates by coordinates.
     is_settled
-        Whether it ended because nothing more was to be gained, and not for want of trials or where no slopes led on.
+        Whether it ended because nothing more was to be gained, and not for want of trials or where no Jacobian led on.
     """
 
     problem: Problem
@@ -89,11 +89,11 @@ class Solution:
 
     @property
     def misfit(self) -> float:
-        """Sum of squares of the residuals alone, what was known of the numbers left out."""
+        """Sum of squares of the residuals alone, the prior of the numbers left out."""
         return sum(float(part @ part) for part in self.residuals)
 
     def columns(self) -> dict[str, list[Array | None]]:
-        """Return the slopes by the name of the number: a column for each record, or None where it does not act."""
+        """Return the Jacobian by the name of the number: a column for each record, or None where it does not act."""
         found: dict[str, list[Array | None]] = {}
         for j, name in enumerate(self.problem.where.names):
             places = [np.flatnonzero(part.places == j) for part in self.jacobian]
@@ -164,7 +164,7 @@ def polish(solution: Solution, small: float) -> Solution:
 
 
 class _Search:
-    """Where a search stands: a point, its residuals, and slopes that were found there or carried along."""
+    """Where a search stands: a point, its residuals, and a Jacobian that was computed there or updated."""
 
     def __init__(self, problem: Problem, x: Array, residuals: list[Array], old: Columns | None, small: float) -> None:
         self.problem, self.x, self.residuals, self.small = problem, x, residuals, small
@@ -174,14 +174,14 @@ class _Search:
         self.fresh = not old
 
     def update_jacobian(self, old: Columns | None = None) -> None:
-        """Find the slopes here."""
+        """Compute the Jacobian here."""
         self.jacobian = self.problem.jacobian(self.x, self.residuals, old)
         self.problem.symmetrise(self.jacobian)
         self.normal = _normal(self.problem, self.x, self.jacobian)
         self.fresh, self.eased, self.looked = True, False, self.looked + 1
 
     def descend(self, share: float) -> bool:
-        """Take steps while the slopes serve; tell whether less than this share of the cost is left to be gained."""
+        """Take steps while the Jacobian serves; tell whether less than this share of the cost is left to be gained."""
         for _ in range(LONGEST):
             enough = max(self.small, share * self.cost)
             gradient = _gradient(self.problem, self.x, self.jacobian, self.residuals)
@@ -212,7 +212,7 @@ class _Search:
         return False
 
     def _go(self, step: Array, tried: list[Array], reached: float, predicted_reduction: float) -> None:
-        """Take a step, and carry the slopes along so that they explain what it did (Broyden 1965)."""
+        """Take a step, and update the Jacobian by Broyden's formula (1965)."""
         weighted = np.diag(self.normal) * step
         weighted = weighted / max(float(weighted @ step), 1e-300)
         for part, before, after in zip(self.jacobian, self.residuals, tried, strict=True):

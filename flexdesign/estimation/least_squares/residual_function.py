@@ -73,7 +73,7 @@ class Problem:
     each
         Maps simulations, over threads perhaps.
     jacobian_model
-        Makes a model whose slopes serve in the place of a model's own: how far a number moves what is predicted need
+        Makes a model whose Jacobian serves in the place of the model's own: how far a number moves what is predicted need
         not be known as exactly as where it is.
     central
         Whether differences are central, at twice the price of forward ones: their error is then far below that of the
@@ -138,7 +138,7 @@ class Problem:
         return self.model.replace(self.where.values(x))
 
     def symmetrise(self, jacobian: Sequence[JacobianBlock]) -> None:
-        """Make the slopes of a number and of its twin in each run the same, as they are but for rounding.
+        """Make the derivatives of a number and of its twin in each run equal, as they are but for rounding.
 
         What tells them apart is known of them beforehand; beside strong data the rounding would seem to know better.
         """
@@ -170,7 +170,7 @@ class Problem:
         return found
 
     def prior_residual(self, x: Array) -> Array:
-        """Return how many standard deviations each known number is from what was known."""
+        """Return how many standard deviations each known number is from the prior."""
         values = self.where.values(x)
         names = self.where.names
         return np.array([(values[names[j]] - middle) / sigma for j, middle, sigma in self._known])
@@ -190,7 +190,7 @@ class Problem:
         return float(sum(part @ part for part in residuals) + prior_residual @ prior_residual)
 
     def _jacobian_model_at(self, x: Array, residuals: Sequence[Array]) -> tuple[Made, Sequence[Array]]:
-        """Return what makes models to take slopes from, and their residuals: a model's own where another one fails."""
+        """Return what makes models for the Jacobian, and their residuals: a model's own where another one fails."""
         own = self.at(x)
         if (other := self.jacobian_model(own)) is own or (found := self._residuals(other)) is None:
             return _itself, residuals

@@ -1,4 +1,4 @@
-"""A rival without physics: how much of what is left is explainable at all, as a sum of smooth functions.
+"""A model without physics: how much of the residual is explainable at all, as a sum of smooth functions.
 
 Terms are taken up one by one, each time the one that lowers the cost most (orthogonal matching pursuit: Pati, Rezaiifar
 and Krishnaprasad 1993), while they lower it by more than chance does. What the model's own numbers can imitate is taken
@@ -30,16 +30,16 @@ OWN = 1e-4
 
 @dataclass(frozen=True)
 class SparseModel:
-    """What smooth functions explain of what is left.
+    """What smooth functions explain of the residual.
 
     Parameters
     ----------
     terms
         Amounts of the terms, in the order in which they were taken up [response].
     gain, held_gain
-        Fall of the cost of what the fit saw, and of the runs kept apart.
+        Fall of the cost of what the fit saw, and of the validation runs.
     moved
-        How large the sum is on the runs kept apart, rms [response].
+        How large the sum is on the validation runs, rms [response].
     shares
         Share of the fall that each term brought.
     """
@@ -138,7 +138,7 @@ def _pursuit(
 def _held(
     task: EstimationTask, fit: FittedModel, features: BasisFunctions, chosen: list[int], amounts: Array, moves: Array
 ) -> tuple[float, float]:
-    """Return by how much the sum lowers the cost of the runs kept apart, and how large it is there.
+    """Return by how much the sum lowers the cost of the validation runs, and how large it is there.
 
     The model's own numbers move with the sum as the fit lets them; the move of the prediction is found by a small one.
     """

@@ -17,7 +17,7 @@ from flexdesign.estimation.uncertainty.covariance import Uncertainty
 from flexdesign.estimation.uncertainty.profile_likelihood import Profile
 
 Array = NDArray[np.float64]
-#: An interval that covers this share of the plausible range, or of what was known, says nothing new: nearly all.
+#: An interval that covers this share of the plausible range, or of the prior, says nothing new: nearly all.
 TOO_WIDE = 0.9
 #: Parameters correlated more than this are named together when one of them is undetermined: the others, if they were
 #: known, would more than halve its interval, by sqrt(1 - 0.9^2).
@@ -145,7 +145,7 @@ class _Check:
         parameter, interval = self.parameters[j], self.interval(j, profile)
         known = self.where.known.get(parameter.name)
         if known and self.sigma(j) > TOO_WIDE * known[1]:
-            return f"these runs add nothing to what was known, {_pair_text(parameter, known, ' ± ', known[1])}", None
+            return f"these runs add nothing to the prior, {_pair_text(parameter, known, ' ± ', known[1])}", None
         is_all = profile.open_low and profile.open_high
         if is_all or profile.high - profile.low > TOO_WIDE * self.where.span[j]:
             nearly, plausible = "" if is_all else "nearly ", _pair_text(parameter, parameter.plausible)

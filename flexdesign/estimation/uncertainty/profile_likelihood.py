@@ -93,7 +93,7 @@ class _Path:
         room = abs(bound - x)
         if room == 0 or self.expected <= self.floor:  # only rounding is left to compare
             return x + side * min(self.half, room), self.half >= room, False
-        # By distance from the minimum: the root of the relative rise, less one, and the slopes of all coordinates.
+        # By distance from the minimum: the root of the relative rise, less one, and the derivatives of all coordinates.
         met = {0.0: (-1.0, side * self.tangent)}
 
         def excess(distance: float) -> float:

@@ -26,7 +26,7 @@ from flexdesign.report.document import Figure, Section
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-#: Pictures of what is left, by the experiments that an effect says reveal it; the first is for those that say nothing.
+#: Pictures of the residual, by the experiments that an effect says reveal it; the first is for those that say nothing.
 PICTURES = {
     "position": ("triangle", "staircase", "push"),
     "steps": ("hold", "steps", "temperature"),
@@ -109,7 +109,7 @@ def where_figures(
 
 
 def run_figures(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
-    """Draw runs that no fit has seen, or the others if there are none, beside what each model predicts."""
+    """Draw validation runs, or the others if there are none, beside what each model predicts."""
     first = stands[0][1]
     kept = [run.name for run in first.runs if run.role == "validate"] or [run.name for run in first.runs]
     large, small = shown_in(first.response)

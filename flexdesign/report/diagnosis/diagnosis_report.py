@@ -270,7 +270,7 @@ def numbers_table(axis: AxisModel, calibration: Sequence[Value]) -> Table:
 
 def _numbers_text(found: Diagnosis) -> list[str]:
     text = ["The model's own numbers as they are with all that was found."]
-    text += [f"Beyond what was known: {conflict}." for conflict in found.conflicts]
+    text += [f"Beyond the prior: {conflict}." for conflict in found.conflicts]
     return text
 
 

@@ -162,7 +162,7 @@ def summary(found: Diagnosis, proposals: Sequence[Proposal]) -> list[str]:
     if found.undetermined:
         said.append(undetermined(found))
     if found.conflicts and all(named.values for named in found.effects):
-        said.append(f"Beyond what was known of the model: {'; '.join(found.conflicts)}.")
+        said.append(f"Beyond the prior of the model: {'; '.join(found.conflicts)}.")
     if found.confidence:
         said.append(f"Take care: {found.confidence}.")
     remarks = {remark for run in found.runs for remark in run.remarks}

@@ -36,7 +36,7 @@ def stage_model(
 
     The main mode is the one that carries most of the response to the actuator. The mass is lumped: with all of the
     stiffness it gives that mode its frequency. A second mode that carries a fair part of the response goes in beside
-    it; what other modes carry follows with the main one, whose share is what is left.
+    it; what other modes carry follows with the main one, whose share is the remainder.
     """
     actuator = design.actuator
     if actuator is None:
