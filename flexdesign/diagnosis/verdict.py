@@ -43,8 +43,8 @@ class Remainder:
     Parameters
     ----------
     excess
-        Mean square of the residual, whitened, less that of noise, of the runs that were fitted and of the validation runs:
-        the larger one.
+        Mean square of the residual, whitened, less that of noise: the larger one of fitted and
+        validation runs.
     allowed
         What counts as none.
     raw

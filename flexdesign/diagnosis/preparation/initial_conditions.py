@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 LATE, TURNED, SWINGS = 0.3, 0.4, 0.1
 #: Before the first fit, delays are tried up to this one [s], at so many periods of the mode from each other.
 LATEST, IN_TIME = 0.012, 0.125
-#: And natural frequencies this far away, relative, at such steps: from farther than a resonance is wide, derivatives lead
-#: nowhere. A payload or a loose part may have changed it by so much.
+#: And natural frequencies this far away, relative, at such steps: from farther than a resonance is wide, derivatives
+#: lead nowhere. A payload or a loose part may have changed it by so much.
 OUT_OF_TUNE, IN_TUNE = 0.24, 0.03
 
 

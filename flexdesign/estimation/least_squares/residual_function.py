@@ -73,8 +73,7 @@ class Problem:
     each
         Maps simulations, over threads perhaps.
     jacobian_model
-        Makes a model whose Jacobian serves in the place of the model's own: how far a number moves what is predicted need
-        not be known as exactly as where it is.
+        Makes a model whose Jacobian replaces the model's own, which need not be as exact as the prediction.
     central
         Whether differences are central, at twice the price of forward ones: their error is then far below that of the
         simulator.
