@@ -110,15 +110,15 @@ def found(k_in: float, ratio: float) -> dict[str, Quantity]:
 def test_an_amplification_that_does_not_move_inherits_the_scatter_of_the_stiffness() -> None:
     meshes = [found(1.02e6, -10.0), found(1.01e6, -10.0)]
     k_in, ratio = mesh_refinement.limits(meshes, SIZES, MeshNoise(0.0, 0.25))
-    assert ratio.value == -10.0 and k_in.sigma is not None and ratio.sigma is not None
-    assert 0.0 < ratio.sigma / 10 < k_in.sigma / k_in.value
+    assert ratio.value == -10.0 and k_in.half_width is not None and ratio.half_width is not None
+    assert 0.0 < ratio.half_width / 10 < k_in.half_width / k_in.value
     _, alone = mesh_refinement.limits(meshes, SIZES, MeshNoise(1e-4))
-    assert alone.sigma is not None and alone.sigma / 10 < 1e-3  # a mesher without such scatter
+    assert alone.half_width is not None and alone.half_width / 10 < 1e-3  # a mesher without such scatter
 
 
 def test_the_estimated_error_is_the_largest() -> None:
     quantities = mesh_refinement.limits([found(1.02e6, -10.0), found(1.01e6, -10.0)], SIZES, MeshNoise(0.0, 0.25))
-    assert mesh_refinement.estimated_error(quantities) == pytest.approx(quantities[0].sigma / quantities[0].value)
+    assert mesh_refinement.estimated_error(quantities) == pytest.approx(quantities[0].half_width / quantities[0].value)
 
 
 def test_the_way_of_extrapolating_asks_for_no_other_meshes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -63,7 +63,7 @@ def test_the_stroke_is_the_linear_one_times_what_large_displacements_make_of_it(
     ratio = validation.large.full_stroke / validation.large.linear_stroke
     assert 1.01 < ratio < 1.1
     assert large.value == pytest.approx(ratio * linear.value, rel=1e-12)
-    assert large.sigma is not None and linear.sigma is not None and large.sigma >= linear.sigma
+    assert large.half_width is not None and linear.half_width is not None and large.half_width >= linear.half_width
 
 
 def test_a_stroke_of_small_displacements_alone_is_called_linear(validation: Validation) -> None:

@@ -137,7 +137,7 @@ def test_a_changed_printed_number_changes_the_verdict(found: Reproduction) -> No
 
 def test_judgement() -> None:
     theirs = Printed("Table 1", "K", "19.0 N/mm")
-    ours = Quantity("K_out", 19.2e3, "N/m", "N/mm", sigma=0.1e3)
+    ours = Quantity("K_out", 19.2e3, "N/m", "N/mm", half_width=0.1e3)
     assert judged("P7", "K", theirs, ours).verdict == "differs"  # 0.2 is more than 0.05 + 0.1
     assert judged("P7", "K", theirs, ours, known=60.0).verdict == "agrees"
     assert judged("P7", "K", theirs, ours, built="set").verdict == "by construction"

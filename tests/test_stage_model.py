@@ -540,7 +540,7 @@ def handed_over(modes: tuple[ModeRecord, ...], **actuator: object) -> StageModel
     """
 
     def quantity(name: str, value: float, si: str, boundary: str, sigma: float = 0.0) -> Quantity:
-        return Quantity(name, value, si, si, boundary, sigma=sigma)
+        return Quantity(name, value, si, si, boundary, half_width=sigma)
 
     found = [
         quantity("K_out", 1e5, "N/m", "actuator installed", 500.0),

@@ -120,13 +120,13 @@ def refined(
 def estimated_error(found: Sequence[Quantity]) -> float:
     """Return the largest relative error of stiffnesses and amplification, as estimated."""
     worst = least_certain(found)
-    return abs((worst.sigma or 0.0) / worst.value)
+    return abs((worst.half_width or 0.0) / worst.value)
 
 
 def least_certain(found: Sequence[Quantity]) -> Quantity:
     """Return the stiffness or amplification whose relative error is the largest, as estimated."""
     judged = [quantity for quantity in found if quantity.name in ("K_in", "lambda", "K_out") and quantity.value]
-    return max(judged, key=lambda quantity: abs((quantity.sigma or 0.0) / quantity.value))
+    return max(judged, key=lambda quantity: abs((quantity.half_width or 0.0) / quantity.value))
 
 
 def is_reached(asked: float, found: Sequence[Quantity], progress: Progress) -> bool:
@@ -261,7 +261,7 @@ def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scat
         limit = convergence.extrapolate(
             values, [sizes[i] for i in known], scatter=scatter, beside=[beside[i] for i in known]
         )
-        extrapolated.append(replace(quantity, value=limit.value, sigma=limit.error))
+        extrapolated.append(replace(quantity, value=limit.value, half_width=limit.error))
     return extrapolated
 
 

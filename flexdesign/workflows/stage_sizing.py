@@ -100,7 +100,7 @@ class Target:
     @property
     def tolerance(self) -> float:
         """How closely it is to be met, relative."""
-        return max(CLOSEST, (self.quantity.sigma or 0.0) / abs(self.quantity.value))
+        return max(CLOSEST, (self.quantity.half_width or 0.0) / abs(self.quantity.value))
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class Row:
     @property
     def met(self) -> bool:
         """Whether the difference is within the tolerance and the error of finite elements together."""
-        error = (self.found.sigma or 0.0) / abs(self.target.quantity.value)
+        error = (self.found.half_width or 0.0) / abs(self.target.quantity.value)
         return bool(abs(self.off) <= self.target.tolerance + error)
 
 
@@ -379,7 +379,7 @@ def _asked(text: str, like: Quantity, path: Path, place: str) -> Quantity:
         raise InputError(path, place, text, str(error)) from None
     if value <= 0:
         raise InputError(path, place, text, "must be positive")
-    return replace(like, value=value, sigma=sigma)
+    return replace(like, value=value, half_width=sigma)
 
 
 def _key(target: Target) -> str:

@@ -1,8 +1,8 @@
 """Least squares for a data set: Marquardt's method on normal equations that are filled record by record.
 
 Marquardt (1963), SIAM J. Appl. Math. 11, 431-441, with the damping of each coordinate in proportion to its own
-curvature; bounds are kept by holding what would leave them. A Jacobian costs many residuals, so that it is updated from step
-to step (Broyden 1965, Math. Comp. 19, 577-593) as long as it predicts what happens.
+curvature; bounds are kept by holding what would leave them. A Jacobian costs many residuals, so that it is updated
+from step to step (Broyden 1965, Math. Comp. 19, 577-593) as long as it predicts what happens.
 """
 
 from __future__ import annotations

@@ -85,7 +85,7 @@ class Further:
             here = coarse[limit.key].value if limit.key in coarse else 0.0
             if here * limit.value > 0 and abs(gap := math.log(limit.value / here)) < MOST:
                 gaps[limit.key] = gap
-                errors[limit.key] = (limit.sigma or 0.0) / abs(limit.value)
+                errors[limit.key] = (limit.half_width or 0.0) / abs(limit.value)
         return Known(gaps, errors)
 
     def corrected(
@@ -102,5 +102,5 @@ class Further:
             value = quantity.value * math.exp(gap)
             doubt = (1.0 if quantity.name.startswith(LATERAL) else 0.5) * abs(gap) if changed else 0.0
             sigma = math.hypot(error, changed, doubt) * abs(value)
-            told.append(replace(quantity, value=value, sigma=sigma, source=MORPHED))
+            told.append(replace(quantity, value=value, half_width=sigma, source=MORPHED))
         return told
