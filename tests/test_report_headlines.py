@@ -47,7 +47,7 @@ def test_headlines_state_the_stroke_with_large_displacements_and_the_linear_one_
     sentence = f"the output travels {large} with large displacements (linear: {linear})"
     assert sentence in document.summary[0]
     assert document.card[0].value == large and f"linear: {linear}" in document.card[0].note
-    validation_report.show(document, validation, [])
+    terminal.brief(document, validation_report.brief_table_1(validation), [])
     on_terminal = " ".join(capsys.readouterr().out.split())
     assert sentence in on_terminal and on_terminal.index(large) < on_terminal.index(linear)
     for text in (render.to_markdown(document), render.to_html(document)):
