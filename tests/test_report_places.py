@@ -26,7 +26,7 @@ from tests.conftest import Ended
 Run = Callable[..., Ended]
 THINNER = 'dimensions.hinge_thickness="0.4 mm"'
 K_IN = Quantity("K_in", 2e6, "N/m", "N/mm", "output free", "FEM", 1e3)
-SHIPPED = Path(validation.__file__).parents[2] / "geometry"
+SHIPPED = Path(validation.__file__).parents[3] / "geometry"
 STAGE = """format = 1
 
 [axis.x]
