@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.evidence.sums import NAMES, N, Shape, Sum, base, column, offset
-from tests.evidence.toys import Array, Run, parameter
+from tests.estimation.sums import NAMES, N, Shape, Sum, base, column, offset
+from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.core.model import Parameter
 from flexdesign.diagnosis.effect_selection.prior_conflicts import LARGE, Conflict, explains

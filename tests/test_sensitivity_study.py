@@ -21,7 +21,7 @@ from studies.hidden_effect_trial.scoring import Diagnosed
 from studies.sensitivity import __main__ as command
 from studies.sensitivity import constants, report, settings
 from studies.sensitivity.constants import CONSTANTS, Constant, changed, chosen, holders
-from studies.sensitivity.settings import DiagnosisData, Ended
+from studies.sensitivity.settings import Setting, Ended
 
 BY_KEY = {each.key: each for each in CONSTANTS}
 LIMIT = Constant("gauged.limits", "LIMIT", "what is too much")
@@ -173,7 +173,7 @@ def test_what_is_kept_is_read_again_for_the_same_package(tmp_path: Path) -> None
     settings.keep(third := ended(number=2), tmp_path)
     known = settings.kept(tmp_path, "now")
     assert list(known.values()) == [first, second, third]
-    assert known[DiagnosisData("conflicts.CONFLICT", 0.5, 20000)] == second
+    assert known[Setting("conflicts.CONFLICT", 0.5, 20000)] == second
     assert not settings.kept(tmp_path / "nowhere", "now")
 
 

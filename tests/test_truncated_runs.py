@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.evidence.sums import NAMES, calibrated_stand, candidate, effects, task
+from tests.estimation.sums import NAMES, calibrated_stand, candidate, effects, task
 
 from flexdesign.diagnosis import diagnose, procedure
 from flexdesign.diagnosis.preparation import truncated_runs

@@ -27,7 +27,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from tests.evidence.toys import OSCILLATION, TRUTH, Toy, ar1, parameter, run
+from tests.estimation.toys import OSCILLATION, TRUTH, Toy, ar1, parameter, run
 
 from flexdesign.core.model import Model
 from flexdesign.diagnosis.effect_selection.candidates import candidates
@@ -136,7 +136,7 @@ def scipys(problem: Problem, manner: Manner, old: Columns) -> float:
         last.clear()
         last[x.tobytes()] = parts = problem.residuals(x)
         # A point at which the model fails is no step for SciPy.
-        return np.concatenate([*(parts or [np.full(n, np.nan) for n in rows]), problem.before(x)])
+        return np.concatenate([*(parts or [np.full(n, np.nan) for n in rows]), problem.prior_residual(x)])
 
     def jacobian(x: Array) -> Array:
         parts = last.get(x.tobytes()) or problem.residuals(x)

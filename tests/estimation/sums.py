@@ -10,7 +10,7 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
-from tests.evidence.toys import Array, Run, parameter
+from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.core.model import Effect, Observation, Parameter
 from flexdesign.estimation.least_squares.dataset import Dataset

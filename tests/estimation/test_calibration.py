@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.evidence.sums import HELD, NAMES, SIGMA, N, Sum, offset
-from tests.evidence.toys import Array, Run, parameter
+from tests.estimation.sums import HELD, NAMES, SIGMA, N, Sum, offset
+from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection.calibration import STARTS, calibrate

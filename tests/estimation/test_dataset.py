@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag, toeplitz
 from scipy.signal import lfilter
-from tests.evidence.toys import OSCILLATION, TRUTH, Array, Run, Toy, oscillation, parameter
+from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, oscillation, parameter
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
@@ -305,7 +305,7 @@ def test_where_the_other_model_fails_slopes_are_those_of_the_first() -> None:
 def test_what_was_known_counts_as_a_measurement() -> None:
     found = problem(f=(3.5, 0.25), zeta=(0.04, 0.02))
     x = found.where.start
-    assert found.before(x) == pytest.approx([(3.0 - 3.5) / 0.25, (0.05 - 0.04) / 0.02])
+    assert found.prior_residual(x) == pytest.approx([(3.0 - 3.5) / 0.25, (0.05 - 0.04) / 0.02])
     jacobian = found.prior_jacobian(x)
     j, k = found.where.names.index("f"), found.where.names.index("zeta")
     assert (jacobian[0, j], jacobian[1, k]) == pytest.approx((1 / 0.25, 0.05 / 0.02))  # by the logarithm of zeta

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.evidence.sums import Sum, as_sum, candidate, column, fit_with, strength, task
-from tests.evidence.toys import Array, parameter
+from tests.estimation.sums import Sum, as_sum, candidate, column, fit_with, strength, task
+from tests.estimation.toys import Array, parameter
 
 from flexdesign.estimation.model_selection.determination import hold_undetermined
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask

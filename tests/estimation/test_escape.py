@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import differential_evolution
-from tests.evidence.sums import NAMES, Sum, as_sum, offset, strength
-from tests.evidence.toys import Array, Run, parameter
+from tests.estimation.sums import NAMES, Sum, as_sum, offset, strength
+from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask

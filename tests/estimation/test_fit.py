@@ -13,7 +13,7 @@ import pytest
 from scipy.optimize import curve_fit
 from scipy.stats import norm
 from scipy.stats import t as student
-from tests.evidence.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, oscillation, parameter, run
+from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, oscillation, parameter, run
 
 from flexdesign.core.errors import InputError
 from flexdesign.estimation import Fit, White, fit

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from tests.evidence.sums import (
+from tests.estimation.sums import (
     HELD,
     NAMES,
     SIGMA,
@@ -24,7 +24,7 @@ from tests.evidence.sums import (
     strength,
     task,
 )
-from tests.evidence.toys import Array, Run, parameter
+from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, linearise
 from flexdesign.estimation.least_squares.residual_function import Dataset

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import norm
-from tests.evidence.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, parameter, run
+from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, parameter, run
 
 from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL, Solution, solve

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
-from tests.evidence.toys import Array, Run, Toy, parameter
+from tests.estimation.toys import Array, Run, Toy, parameter
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
@@ -348,7 +348,7 @@ def looks(task: Problem, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
         made.append([name for name in task.where.names if name not in (old or {})])
         return jacobian(x, residuals, old)
 
-    monkeypatch.setattr(task, "slopes", counted)
+    monkeypatch.setattr(task, "jacobian", counted)
     return made
 
 

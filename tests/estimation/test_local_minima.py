@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.evidence.sums import NAMES, N, Sum, base, column, least, offset
-from tests.evidence.toys import Array, Run, parameter
+from tests.estimation.sums import NAMES, N, Sum, base, column, least, offset
+from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, Effort

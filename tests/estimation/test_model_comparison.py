@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
-from tests.evidence.sums import (
+from tests.estimation.sums import (
     EFFECTS,
     HELD,
     NAMES,
@@ -31,7 +31,7 @@ from tests.evidence.sums import (
     strength,
     task,
 )
-from tests.evidence.toys import Array, Run, parameter
+from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.estimation.least_squares.levenberg_marquardt import linearise
 from flexdesign.estimation.least_squares.residual_function import Dataset

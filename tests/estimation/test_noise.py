@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from scipy.linalg import toeplitz
-from tests.evidence.toys import Run, ar1
+from tests.estimation.toys import Run, ar1
 
 from flexdesign.estimation.noise.autoregressive import Colour, colour
 from flexdesign.estimation.noise.whitening import White

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
-from tests.evidence.sums import (
+from tests.estimation.sums import (
     NAMES,
     N,
     Shape,
@@ -24,7 +24,7 @@ from tests.evidence.sums import (
     offset,
     strength,
 )
-from tests.evidence.toys import Array, Run, parameter
+from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates

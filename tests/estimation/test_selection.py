@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.evidence.sums import (
+from tests.estimation.sums import (
     EFFECTS,
     HELD,
     NAMES,
@@ -30,7 +30,7 @@ from tests.evidence.sums import (
     strength,
     task,
 )
-from tests.evidence.toys import Array, Run, parameter
+from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.estimation.least_squares.parallel_map import shared_pool
 from flexdesign.estimation.least_squares.residual_function import Dataset
@@ -207,7 +207,7 @@ def test_a_candidate_whose_score_understates_it_is_found() -> None:
     before = calibrated_stand(about)
     ranked = [directions[0] for directions in Screening(before.solution, every).best()]
     assert len(ranked) == 13 and ranked[-1].candidate.name == "n"
-    assert ranked[-1].drop < 0.4 * ranked[0].drop
+    assert ranked[-1].predicted_reduction < 0.4 * ranked[0].predicted_reduction
     step = forward(about, before, every)
     assert step.chosen is not None and step.chosen.names == ("n",) and not step.chosen.fit.exceeds_noise
     values = step.chosen.fit.solution.problem.where.values(step.chosen.fit.solution.x)
@@ -240,7 +240,9 @@ def test_what_promises_too_little_is_not_fitted() -> None:
     before = calibrated_stand(about)
     screening = Screening(before.solution, effects())
     enough = stepwise_selection.WORTH * max(screening.critical_value(LEVEL), SHARE * before.excess)
-    promising = [directions[0].candidate.name for directions in screening.best() if directions[0].drop > enough]
+    promising = [
+        directions[0].candidate.name for directions in screening.best() if directions[0].predicted_reduction > enough
+    ]
     forward(about, before, effects())
     assert [name for name in told(said, "trying") if " and " not in name] == promising
     assert "d" in promising and len(promising) < len(EFFECTS)
@@ -258,7 +260,7 @@ def test_a_pair_competes_only_where_a_single_effect_leaves_more_than_noise() -> 
     screening = Screening(before.solution, every)
     ((predicted_gain, *pair),) = screening.pairs(1)
     assert {direction.candidate.name for direction in pair} == {"left", "right"}
-    assert predicted_gain > screening.best()[0][0].drop + screening.critical_value(LEVEL)
+    assert predicted_gain > screening.best()[0][0].predicted_reduction + screening.critical_value(LEVEL)
     alone = forward(about, before, every)
     assert alone.chosen is not None and alone.chosen.names == ("n",)
     assert all(len(trial.names) == 1 for trial in alone.trials)

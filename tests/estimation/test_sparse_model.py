@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.evidence.sums import NAMES, Sum, columns, least, offset
-from tests.evidence.toys import Array, Run, parameter
+from tests.estimation.sums import NAMES, Sum, columns, least, offset
+from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL
