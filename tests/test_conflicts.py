@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.estimation.sums import NAMES, N, Shape, Sum, base, column, offset
-from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.core.model import Parameter
 from flexdesign.diagnosis.effect_selection.prior_conflicts import LARGE, Conflict, explains
@@ -20,6 +18,8 @@ from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.noise.whitening import White
+from tests.estimation.sums import NAMES, N, Shape, Sum, base, column, offset
+from tests.estimation.toys import Array, Run, parameter
 
 SIGMA, HELD, EVERY = 0.1, ("kept", "apart"), (*NAMES, "kept", "apart")
 #: What is known of the number p, whose true value is another.

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from tests.estimation.toys import TRUTH
 
 from studies.benchmarks import least_squares as benchmark
 from studies.benchmarks.least_squares import MANNERS, Ended, Task
+from tests.estimation.toys import TRUTH
 
 TASKS = {task.name: task for task in benchmark.formulas()}
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.estimation.sums import NAMES, calibrated_stand, candidate, effects, task
 
 from flexdesign.diagnosis import diagnose, procedure
 from flexdesign.diagnosis.preparation import truncated_runs
@@ -21,6 +20,7 @@ from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step
 from flexdesign.estimation.model_selection.stepwise_selection import forward
 from flexdesign.measurements.recordings import Run, read_runs
+from tests.estimation.sums import NAMES, calibrated_stand, candidate, effects, task
 
 ROOT = Path(__file__).parents[1]
 DEMO = ROOT / "studies" / "hidden_effect_demo"

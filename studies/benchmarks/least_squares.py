@@ -27,7 +27,6 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from tests.estimation.toys import OSCILLATION, TRUTH, Toy, ar1, parameter, run
 
 from flexdesign.core.model import Model
 from flexdesign.diagnosis.effect_selection.candidates import candidates
@@ -51,6 +50,7 @@ from flexdesign.report import render
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.terminal import plain
 from studies.hidden_effect_trial import cases, folder
+from tests.estimation.toys import OSCILLATION, TRUTH, Toy, ar1, parameter, run
 
 Array = NDArray[np.float64]
 #: Cases of the trial, each of another kind of effect: friction and loops, lags, statics, slow ones, and none.

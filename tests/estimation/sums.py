@@ -10,7 +10,6 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
-from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.core.model import Effect, Observation, Parameter
 from flexdesign.estimation.least_squares.dataset import Dataset
@@ -18,6 +17,7 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, with_effects
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.whitening import White, Whitening
+from tests.estimation.toys import Array, Run, parameter
 
 Shape = Callable[[Mapping[str, float], Any], Array]
 N = 60

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.estimation.sums import HELD, NAMES, SIGMA, N, Sum, offset
-from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection.calibration import STARTS, calibrate
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.noise.whitening import White
+from tests.estimation.sums import HELD, NAMES, SIGMA, N, Sum, offset
+from tests.estimation.toys import Array, Run, parameter
 
 
 def tone(start: float) -> tuple[Sum, EstimationTask]:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag, toeplitz
 from scipy.signal import lfilter
-from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, oscillation, parameter
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
@@ -17,6 +16,7 @@ from flexdesign.estimation.least_squares.parameter_transforms import coordinates
 from flexdesign.estimation.least_squares.residual_function import Dataset, Problem, Shapes
 from flexdesign.estimation.noise.autoregressive import Process
 from flexdesign.estimation.noise.whitening import Coloured, White
+from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, oscillation, parameter
 
 #: Poles at 0.9 exp(+-0.4 i).
 RINGING = Process.from_coefficients(np.array([1.0, -2 * 0.9 * np.cos(0.4), 0.81]), 0.3)

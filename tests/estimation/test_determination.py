@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.estimation.sums import Sum, as_sum, candidate, column, fit_with, strength, task
-from tests.estimation.toys import Array, parameter
 
 from flexdesign.estimation.model_selection.determination import hold_undetermined
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.score_test import Candidate
+from tests.estimation.sums import Sum, as_sum, candidate, column, fit_with, strength, task
+from tests.estimation.toys import Array, parameter
 
 #: The noise is 0.1, of 180 values: an amount of a column is known to 0.0075, its 95 % interval is 0.03 wide.
 STRENGTH = 0.3

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import differential_evolution
-from tests.estimation.sums import NAMES, Sum, as_sum, offset, strength
-from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import escape, fit_model
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.whitening import White
+from tests.estimation.sums import NAMES, Sum, as_sum, offset, strength
+from tests.estimation.toys import Array, Run, parameter
 
 HELD, VALUES, SEEDS = "kept", 120, 20
 #: A minimum is missed if chi^2 is larger by this.

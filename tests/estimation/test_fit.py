@@ -13,10 +13,10 @@ import pytest
 from scipy.optimize import curve_fit
 from scipy.stats import norm
 from scipy.stats import t as student
-from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, oscillation, parameter, run
 
 from flexdesign.core.errors import InputError
 from flexdesign.estimation import Fit, White, fit
+from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, oscillation, parameter, run
 
 T = np.linspace(0, 3, 400)
 

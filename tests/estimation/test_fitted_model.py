@@ -7,6 +7,12 @@ import math
 
 import numpy as np
 import pytest
+
+from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, linearise
+from flexdesign.estimation.least_squares.residual_function import Dataset
+from flexdesign.estimation.model_selection import calibration
+from flexdesign.estimation.model_selection import fitted_model as stands
+from flexdesign.estimation.noise.whitening import White
 from tests.estimation.sums import (
     HELD,
     NAMES,
@@ -25,12 +31,6 @@ from tests.estimation.sums import (
     task,
 )
 from tests.estimation.toys import Array, Run, parameter
-
-from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, linearise
-from flexdesign.estimation.least_squares.residual_function import Dataset
-from flexdesign.estimation.model_selection import calibration
-from flexdesign.estimation.model_selection import fitted_model as stands
-from flexdesign.estimation.noise.whitening import White
 
 
 def left_by_its_own(run: Run, shared: Array) -> Array:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import norm
-from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, parameter, run
 
 from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL, Solution, solve
@@ -18,6 +17,7 @@ from flexdesign.estimation.least_squares.residual_function import Dataset, Probl
 from flexdesign.estimation.noise.whitening import White
 from flexdesign.estimation.uncertainty.covariance import uncertainty
 from flexdesign.estimation.uncertainty.intervals import intervals
+from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, parameter, run
 
 T = np.linspace(0, 3, 400)
 Z = float(norm.ppf(0.975))

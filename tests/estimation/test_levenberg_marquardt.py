@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
-from tests.estimation.toys import Array, Run, Toy, parameter
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
@@ -28,6 +27,7 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import (
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates, value
 from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
 from flexdesign.estimation.noise.whitening import White
+from tests.estimation.toys import Array, Run, Toy, parameter
 
 T = np.linspace(0, 2, 150)
 #: A step that promises less than `SMALL` is the last: no coordinate is then farther from the minimum, in its standard

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.estimation.sums import NAMES, N, Sum, base, column, least, offset
-from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, Effort
@@ -26,6 +24,8 @@ from flexdesign.estimation.model_selection.fitted_model import (
     solve_case,
 )
 from flexdesign.estimation.noise.whitening import White
+from tests.estimation.sums import NAMES, N, Sum, base, column, least, offset
+from tests.estimation.toys import Array, Run, parameter
 
 SIGMA = 0.1
 HELD = ("kept", "apart")

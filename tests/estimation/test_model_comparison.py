@@ -13,25 +13,6 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
-from tests.estimation.sums import (
-    EFFECTS,
-    HELD,
-    NAMES,
-    SIGMA,
-    N,
-    as_sum,
-    calibrated_stand,
-    candidate,
-    column,
-    effects,
-    linear,
-    offset,
-    recorded,
-    stage,
-    strength,
-    task,
-)
-from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.estimation.least_squares.levenberg_marquardt import linearise
 from flexdesign.estimation.least_squares.residual_function import Dataset
@@ -51,6 +32,25 @@ from flexdesign.estimation.model_selection.model_comparison import (
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.stepwise_selection import GROSS, forward
 from flexdesign.estimation.noise.whitening import White
+from tests.estimation.sums import (
+    EFFECTS,
+    HELD,
+    NAMES,
+    SIGMA,
+    N,
+    as_sum,
+    calibrated_stand,
+    candidate,
+    column,
+    effects,
+    linear,
+    offset,
+    recorded,
+    stage,
+    strength,
+    task,
+)
+from tests.estimation.toys import Array, Run, parameter
 
 
 def reasons(step: Step) -> dict[tuple[str, ...], str]:

@@ -10,6 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
+
+from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
+from flexdesign.estimation.least_squares.parameter_transforms import coordinates
+from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
+from flexdesign.estimation.model_selection.score_test import FARTHEST, LARGE, LEVEL, OWN, Candidate, Screening
+from flexdesign.estimation.noise.autoregressive import Process
+from flexdesign.estimation.noise.whitening import Coloured, White, Whitening
 from tests.estimation.sums import (
     NAMES,
     N,
@@ -25,13 +32,6 @@ from tests.estimation.sums import (
     strength,
 )
 from tests.estimation.toys import Array, Run, parameter
-
-from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
-from flexdesign.estimation.least_squares.parameter_transforms import coordinates
-from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
-from flexdesign.estimation.model_selection.score_test import FARTHEST, LARGE, LEVEL, OWN, Candidate, Screening
-from flexdesign.estimation.noise.autoregressive import Process
-from flexdesign.estimation.noise.whitening import Coloured, White, Whitening
 
 SLOW = Process.from_coefficients(np.array([1.0, -0.9]), 0.3)
 

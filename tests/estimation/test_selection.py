@@ -9,6 +9,27 @@ from typing import Any
 
 import numpy as np
 import pytest
+
+from flexdesign.estimation.least_squares.parallel_map import shared_pool
+from flexdesign.estimation.least_squares.residual_function import Dataset
+from flexdesign.estimation.model_selection import stepwise_selection
+from flexdesign.estimation.model_selection.calibration import evaluate_design
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model
+from flexdesign.estimation.model_selection.model_comparison import INDISTINGUISHABLE, LEVEL, SHARE, Step, compare
+from flexdesign.estimation.model_selection.score_test import Candidate, Screening
+from flexdesign.estimation.model_selection.stepwise_selection import (
+    FINALISTS,
+    GROSS,
+    LARGEST_GROUP,
+    ROUGHLY,
+    backward,
+    confusable,
+    forward,
+    select,
+    select_otherwise,
+)
+from flexdesign.estimation.noise.whitening import White
 from tests.estimation.sums import (
     EFFECTS,
     HELD,
@@ -31,27 +52,6 @@ from tests.estimation.sums import (
     task,
 )
 from tests.estimation.toys import Array, Run, parameter
-
-from flexdesign.estimation.least_squares.parallel_map import shared_pool
-from flexdesign.estimation.least_squares.residual_function import Dataset
-from flexdesign.estimation.model_selection import stepwise_selection
-from flexdesign.estimation.model_selection.calibration import evaluate_design
-from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model
-from flexdesign.estimation.model_selection.model_comparison import INDISTINGUISHABLE, LEVEL, SHARE, Step, compare
-from flexdesign.estimation.model_selection.score_test import Candidate, Screening
-from flexdesign.estimation.model_selection.stepwise_selection import (
-    FINALISTS,
-    GROSS,
-    LARGEST_GROUP,
-    ROUGHLY,
-    backward,
-    confusable,
-    forward,
-    select,
-    select_otherwise,
-)
-from flexdesign.estimation.noise.whitening import White
 
 # --- forward --------------------------------------------------------------------------------------------------------
 

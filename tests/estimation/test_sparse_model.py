@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.estimation.sums import NAMES, Sum, columns, least, offset
-from tests.estimation.toys import Array, Run, parameter
 
 from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL
@@ -18,6 +16,8 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.model_selection.sparse_residual_model import MOST, cost_of_terms, sparse_model
 from flexdesign.estimation.noise.whitening import White
+from tests.estimation.sums import NAMES, Sum, columns, least, offset
+from tests.estimation.toys import Array, Run, parameter
 
 N, SIGMA = 120, 0.02
 HELD = ("kept", "apart")
