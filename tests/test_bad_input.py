@@ -76,8 +76,8 @@ stroke = "0.2 mm"
 PART = """\
 from dataclasses import dataclass
 from typing import ClassVar
-from flexdesign.model import Linkage, Member, Parameter
-from flexdesign.part import Port, SymmetryPlane
+from flexdesign import Linkage, Member, Parameter, Port
+from flexdesign.design.part import SymmetryPlane
 
 @dataclass(frozen=True)
 class Leaf:

@@ -17,7 +17,7 @@ from tests.test_static_tables import BRIDGE, MODEL, made, run, written
 SCREWS = '''
 """Screws that give way."""
 
-from flexdesign.model import Adjust, Effect, Parameter
+from flexdesign import Adjust, Effect, Parameter
 
 
 def apply(base, values):
@@ -41,7 +41,7 @@ SKIN = '''
 
 from dataclasses import replace
 
-from flexdesign.model import Effect, Parameter, Reshape
+from flexdesign import Effect, Parameter, Reshape
 
 
 def shape(member, values):
@@ -143,7 +143,7 @@ IN_TIME = 'from pathlib import Path\nfrom flexdesign.effects import find\nEFFECT
         ),
         (
             ("diagnose", "bridge_amplifier", "TABLE", "--effect", "other.py"),
-            ("EFFECT that is no flexdesign.core.model.Ef",),
+            ("EFFECT that is no flexdesign.Effect",),
         ),
         (("diagnose", "bridge_amplifier", "TABLE", "--effect", "in_time.py"), ("in_time.py", "in time alone", "Term")),
         (("add", "lin2019_stage", "loose_screws.py", "TABLE"), ("EFFECT", "loose_screws.py", "parts at rest alone")),
