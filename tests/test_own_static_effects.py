@@ -142,6 +142,10 @@ IN_TIME = 'from pathlib import Path\nfrom flexdesign.effects import find\nEFFECT
             ("broken.py", "cannot be loaded", "Syntax"),
         ),
         (
+            ("diagnose", "bridge_amplifier", "TABLE", "--effect", "old.py"),
+            ("old.py", "imports from flexdesign.model what is not there", "write from flexdesign import Effect, Param"),
+        ),
+        (
             ("diagnose", "bridge_amplifier", "TABLE", "--effect", "other.py"),
             ("EFFECT that is no flexdesign.Effect",),
         ),
@@ -151,6 +155,7 @@ IN_TIME = 'from pathlib import Path\nfrom flexdesign.effects import find\nEFFECT
 )
 def test_an_effect_of_ones_own_that_cannot_be_used_is_refused(own, arguments, words):
     (own / "broken.py").write_text("EFFECT = (", encoding="utf-8")
+    (own / "old.py").write_text(SCREWS.replace("from flexdesign import", "from flexdesign.model import"), encoding="utf-8")
     (own / "other.py").write_text("EFFECT = 3", encoding="utf-8")
     (own / "in_time.py").write_text(IN_TIME, encoding="utf-8")
     path = written(own, "K_in,1950,N/mm,20,free,0.5\n")
