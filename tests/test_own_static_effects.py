@@ -155,7 +155,9 @@ IN_TIME = 'from pathlib import Path\nfrom flexdesign.effects import find\nEFFECT
 )
 def test_an_effect_of_ones_own_that_cannot_be_used_is_refused(own, arguments, words):
     (own / "broken.py").write_text("EFFECT = (", encoding="utf-8")
-    (own / "old.py").write_text(SCREWS.replace("from flexdesign import", "from flexdesign.model import"), encoding="utf-8")
+    (own / "old.py").write_text(
+        SCREWS.replace("from flexdesign import", "from flexdesign.model import"), encoding="utf-8"
+    )
     (own / "other.py").write_text("EFFECT = 3", encoding="utf-8")
     (own / "in_time.py").write_text(IN_TIME, encoding="utf-8")
     path = written(own, "K_in,1950,N/mm,20,free,0.5\n")
