@@ -35,7 +35,7 @@ Progress = Callable[[str], None]
 LIBRARIES = ("cadquery", "pytetwild", "scikit-fem", "numpy", "scipy", "pypardiso", "pyvista", "meshio")
 #: Modules of `flexdesign.fem` that make neither meshes nor solutions.
 AFTERWARDS = (
-    "assembled",
+    "assembled_stage",
     "convergence",
     "corotated",
     "monolithic",
@@ -44,6 +44,8 @@ AFTERWARDS = (
     "plane_stress",
     "second_order",
 )
+#: Quantities of which an accuracy is asked.
+JUDGED = ("K_in", "lambda", "K_out")
 #: Where an accuracy is asked for there are no more meshes than these.
 MOST_LEVELS = 5
 
@@ -125,7 +127,7 @@ def estimated_error(found: Sequence[Quantity]) -> float:
 
 def least_certain(found: Sequence[Quantity]) -> Quantity:
     """Return the stiffness or amplification whose relative error is the largest, as estimated."""
-    judged = [quantity for quantity in found if quantity.name in ("K_in", "lambda", "K_out") and quantity.value]
+    judged = [quantity for quantity in found if quantity.name in JUDGED and quantity.value]
     return max(judged, key=lambda quantity: abs((quantity.sigma or 0.0) / quantity.value))
 
 
