@@ -114,9 +114,9 @@ def test_ours_is_written_in_the_unit_that_is_printed(found: Reproduction) -> Non
             assert item.ours.split()[-1] == item.theirs.split()[-1], item
     stiffness = [item for item in found.items if item.what.startswith("K_in")]
     assert stiffness and not any("N/mm" in item.theirs + item.ours for item in stiffness)
-    motion = Quantity("travel", 2.5e-6, "m", "um", sigma=1e-7)
+    motion = Quantity("travel", 2.5e-6, "m", "um", sigma=3e-9)
     both = judged("P7", "x", Printed("Table 1", "x", "2500 nm"), motion, known=1e-8)
-    assert (both.theirs, both.ours) == ("2500 nm ± 10 nm", "2500.0 ± 100.0 nm")
+    assert (both.theirs, both.ours) == ("2500 nm ± 10 nm", "2500.0 ± 3.0 nm")
     assert judged("P7", "x", Printed("Table 1", "x", "2"), Quantity("ratio", 2.0, "1", "")).ours == "2.000"
 
 
