@@ -95,8 +95,9 @@ def refined(
     Raises
     ------
     InputError
-        If there are none, or memory does not suffice.
+        If there are none, one would be too large, or memory does not suffice.
     """
+    require_room(study, method, omit, study.design.file)
     asked, finest = study.mesh.accuracy, MOST_LEVELS - study.mesh.levels if study.mesh.accuracy else 0
     levels: list[Level] = []
     refused: InputError | None = None
@@ -117,6 +118,23 @@ def refined(
     if refused and len(levels) < 2:
         raise refused
     return levels
+
+
+def require_room(study: Study, method: Method, omit: int, file: Path) -> None:
+    """Refuse meshes that would be too large before the first is made.
+
+    Of as many as an accuracy takes, the first two are always needed.
+
+    Raises
+    ------
+    InputError
+        If one would be, about the file.
+    """
+    needed = study.mesh.levels - 2 if study.mesh.accuracy else omit
+    try:
+        method.require_room(study.mesh.refinement**needed)
+    except MeshError as error:
+        raise InputError(file, "mesh", None, str(error)) from error
 
 
 def estimated_error(found: Sequence[Quantity]) -> float:
@@ -204,6 +222,7 @@ def meshed(
     if stored is not None:
         tagged = TaggedMesh(**stored[0])
         return tagged, resolution_gate.check(tagged, body, hinges)
+    method.require_room(coarseness)
     for left in reversed(range(method.tries)):
         progress(f"meshing with {method.finest_edge(coarseness) * 1e3:.3g} mm at the hinge roots ({method.name})")
         try:

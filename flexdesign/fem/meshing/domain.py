@@ -253,7 +253,8 @@ def _split(points: FloatArray, triangles: IntArray, longest: float) -> tuple[Flo
     """
     places = list(points)
     middles: dict[tuple[int, int], int] = {}
-    waiting, done = [tuple(corners) for corners in triangles.tolist()], []
+    waiting = [tuple(corners) for corners in triangles.tolist()]
+    done: list[tuple[int, ...]] = []
     while waiting:
         if len(waiting) + len(done) > MOST:
             remedy = (
