@@ -66,8 +66,8 @@ def test_recovery_is_exact_for_a_uniform_strain(store: Cache) -> None:
     study = studies.read("bridge_amplifier", QUICK)
     part = study.design.part()
     body = domain.of_part(part, chord=domain.chord(part))
-    method = independent_mesh.refinement.method_of(study, part, body)
-    mesh, _ = independent_mesh.refinement.meshed(
+    method = independent_mesh.mesh_refinement.method_of(study, part, body)
+    mesh, _ = independent_mesh.mesh_refinement.meshed(
         method, body, 2.5, part.linkage().of_kind("hinge"), store, lambda _: None
     )
     elastic = Elasticity(mesh, study.design.material)
