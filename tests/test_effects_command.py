@@ -23,8 +23,7 @@ Run = Callable[..., Any]
 OWN = '''
 """A sensor that is not straight."""
 
-from flexdesign import Block, Effect, Parameter
-from flexdesign.core.model import Socket
+from flexdesign import Block, Effect, Parameter, Socket
 
 
 def constants(values, step):

@@ -56,7 +56,7 @@ def test_the_estimate_holds_what_the_mesh_is_too_stiff_by(check: IndependentChec
     """As solved, before it is freed of its error, the mesh is stiffer than the limit, and by more than its estimate."""
     for key in ("K_in_output_free", "K_out_input_free"):
         quantity = check.found[key]
-        share = (quantity.sigma or 0.0) / quantity.value
+        share = (quantity.half_width or 0.0) / quantity.value
         raw = quantity.value * (1 + independent_mesh.SHORT * share / (1 + share))
         assert raw > found.fem(key).value * (1 + share / 2)
 

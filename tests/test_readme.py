@@ -31,7 +31,7 @@ def test_table_is_the_example_report() -> None:
     compared = [q for q in EXAMPLE["quantities"] if q.get("analytic") and q["name"] in ("K_in", "K_out", "lambda")]
     assert len(rows) == len(compared) == 5
     for row, found in zip(rows, compared, strict=True):
-        fem = Quantity(found["name"], found["value"], "1", "", sigma=found["sigma"]).shown()
+        fem = Quantity(found["name"], found["value"], "1", "", half_width=found["half_width"]).shown()
         assert fem in row
         assert found["boundary"] in row
         for analytic in (found["analytic"][model] for model in ("PRB", "compliance")):

@@ -13,7 +13,7 @@ from flexdesign.core.model import Quantity
 from flexdesign.core.result_cache import Cache
 from flexdesign.design import study
 from flexdesign.fem import mesh_refinement, stage_condensation
-from flexdesign.fem.convergence import Scatter
+from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.meshing import domain, methods
 from flexdesign.fem.meshing.mesh import MeshError
 from flexdesign.fem.meshing.methods import Extruded, Grading, Wild
@@ -129,7 +129,7 @@ def test_an_accuracy_that_two_meshes_may_reach_asks_for_room_for_these_alone(
 ) -> None:
     tried: list[float] = []
     nothing: Any = None
-    method: Any = SimpleNamespace(require_room=tried.append, scatter=Scatter(0.0))
+    method: Any = SimpleNamespace(require_room=tried.append, scatter=MeshNoise(0.0))
     monkeypatch.setattr(mesh_refinement, "_level", lambda *_, **__: None)
     monkeypatch.setattr(mesh_refinement, "gathered", lambda *_: [])
     monkeypatch.setattr(mesh_refinement, "is_reached", lambda *_: True)
@@ -143,7 +143,7 @@ class Stubborn:
     """A way to mesh that fails a number of times before it does not."""
 
     name = "stubborn"
-    scatter = Scatter(0.0, 0.25)
+    scatter = MeshNoise(0.0, 0.25)
 
     def __init__(self, method: Extruded, refused: int, tries: int) -> None:
         self.method, self.refused, self.tries, self.meshed = method, refused, tries, 0
@@ -166,16 +166,16 @@ def found(k_in: float, ratio: float) -> dict[str, Quantity]:
 
 def test_an_amplification_that_does_not_move_inherits_the_scatter_of_the_stiffness() -> None:
     meshes = [found(1.02e6, -10.0), found(1.01e6, -10.0)]
-    k_in, ratio = mesh_refinement.limits(meshes, SIZES, Scatter(0.0, 0.25))
-    assert ratio.value == -10.0 and k_in.sigma is not None and ratio.sigma is not None
-    assert 0.0 < ratio.sigma / 10 < k_in.sigma / k_in.value
-    _, alone = mesh_refinement.limits(meshes, SIZES, Scatter(1e-4))
-    assert alone.sigma is not None and alone.sigma / 10 < 1e-3  # a mesher without such scatter
+    k_in, ratio = mesh_refinement.limits(meshes, SIZES, MeshNoise(0.0, 0.25))
+    assert ratio.value == -10.0 and k_in.half_width is not None and ratio.half_width is not None
+    assert 0.0 < ratio.half_width / 10 < k_in.half_width / k_in.value
+    _, alone = mesh_refinement.limits(meshes, SIZES, MeshNoise(1e-4))
+    assert alone.half_width is not None and alone.half_width / 10 < 1e-3  # a mesher without such scatter
 
 
 def test_the_estimated_error_is_the_largest() -> None:
-    quantities = mesh_refinement.limits([found(1.02e6, -10.0), found(1.01e6, -10.0)], SIZES, Scatter(0.0, 0.25))
-    assert mesh_refinement.estimated_error(quantities) == pytest.approx(quantities[0].sigma / quantities[0].value)
+    quantities = mesh_refinement.limits([found(1.02e6, -10.0), found(1.01e6, -10.0)], SIZES, MeshNoise(0.0, 0.25))
+    assert mesh_refinement.estimated_error(quantities) == pytest.approx(quantities[0].half_width / quantities[0].value)
 
 
 def test_the_way_of_extrapolating_asks_for_no_other_meshes(monkeypatch: pytest.MonkeyPatch) -> None:

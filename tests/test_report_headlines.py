@@ -64,7 +64,7 @@ def test_the_stroke_is_the_linear_one_times_what_large_displacements_make_of_it(
     ratio = validation.large.full_stroke / validation.large.linear_stroke
     assert 1.01 < ratio < 1.1
     assert large.value == pytest.approx(ratio * linear.value, rel=1e-12)
-    assert large.sigma is not None and linear.sigma is not None and large.sigma >= linear.sigma
+    assert large.half_width is not None and linear.half_width is not None and large.half_width >= linear.half_width
 
 
 def test_a_stroke_of_small_displacements_alone_is_called_linear(validation: Validation) -> None:
@@ -93,12 +93,12 @@ def test_safety_is_the_smallest_and_less_than_one_is_a_warning(validation: Valid
     assert any("safety against yield is 0.8" in warning for warning in card.warnings(broken))
 
 
-@pytest.mark.parametrize("sigma", [0.01, 0.2])
+@pytest.mark.parametrize("error", [0.01, 0.2])
 def test_an_accuracy_that_was_not_reached_is_said_once_and_in_the_headline(
-    validation: Validation, monkeypatch: pytest.MonkeyPatch, sigma: float
+    validation: Validation, monkeypatch: pytest.MonkeyPatch, error: float
 ) -> None:
     """Not in the card's warnings as well, though a large error alone is one of them; result.json has one list."""
-    unsure = [replace(q, sigma=sigma * abs(q.value)) if q.name in JUDGED else q for q in validation.found]
+    unsure = [replace(q, half_width=error * abs(q.value)) if q.name in JUDGED else q for q in validation.found]
     monkeypatch.setattr(type(validation), "found", property(lambda _: unsure))
     mesh = validation.study.mesh.model_copy(update={"accuracy": 5e-3})
     asked = replace(validation, study=replace(validation.study, mesh=mesh))
@@ -107,7 +107,7 @@ def test_an_accuracy_that_was_not_reached_is_said_once_and_in_the_headline(
     assert not [line for line in document.warnings if "asked for" in line or "largest estimated error" in line]
     assert len([line for line in validation_report.result(asked)["warnings"] if "NOT reached" in line]) == 1
     unasked = [line for line in card.warnings(validation) if "largest estimated error" in line]
-    assert len(unasked) == (sigma > card.ERROR)
+    assert len(unasked) == (error > card.ERROR)
 
 
 # --- words

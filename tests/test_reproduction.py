@@ -114,7 +114,7 @@ def test_ours_is_written_in_the_unit_that_is_printed(found: Reproduction) -> Non
             assert item.ours.split()[-1] == item.theirs.split()[-1], item
     stiffness = [item for item in found.items if item.what.startswith("K_in")]
     assert stiffness and not any("N/mm" in item.theirs + item.ours for item in stiffness)
-    motion = Quantity("travel", 2.5e-6, "m", "um", sigma=3e-9)
+    motion = Quantity("travel", 2.5e-6, "m", "um", half_width=3e-9)
     both = judged("P7", "x", Printed("Table 1", "x", "2500 nm"), motion, known=1e-8)
     assert (both.theirs, both.ours) == ("2500 nm ± 10 nm", "2500.0 ± 3.0 nm")
     assert judged("P7", "x", Printed("Table 1", "x", "2"), Quantity("ratio", 2.0, "1", "")).ours == "2.000"
@@ -150,7 +150,7 @@ def test_a_changed_printed_number_changes_the_verdict(found: Reproduction) -> No
 
 def test_judgement() -> None:
     theirs = Printed("Table 1", "K", "19.0 N/mm")
-    ours = Quantity("K_out", 19.2e3, "N/m", "N/mm", sigma=0.1e3)
+    ours = Quantity("K_out", 19.2e3, "N/m", "N/mm", half_width=0.1e3)
     assert judged("P7", "K", theirs, ours).verdict == "differs"  # 0.2 is more than 0.05 + 0.1
     assert judged("P7", "K", theirs, ours, known=60.0).verdict == "agrees"
     assert judged("P7", "K", theirs, ours, built="set").verdict == "by construction"

@@ -21,7 +21,7 @@ from studies.hidden_effect_trial.scoring import Diagnosed
 from studies.sensitivity import __main__ as command
 from studies.sensitivity import constants, report, settings
 from studies.sensitivity.constants import CONSTANTS, Constant, changed, chosen, holders
-from studies.sensitivity.settings import Ended, Setting
+from studies.sensitivity.settings import DiagnosisData, Ended
 
 BY_KEY = {each.key: each for each in CONSTANTS}
 LIMIT = Constant("gauged.limits", "LIMIT", "what is too much")
@@ -92,7 +92,7 @@ def test_a_value_that_went_into_something_else_is_refused(gauged: Any, tmp_path:
 
 
 def test_indistinguishable_decides_whether_two_answers_are_alike() -> None:
-    a, b = (SimpleNamespace(effects=(1,), cost=cost, held_cost=0.0, discrepancy=1.0) for cost in (100.0, 115.0))
+    a, b = (SimpleNamespace(effects=(1,), cost=cost, validation_chi2=0.0, discrepancy=1.0) for cost in (100.0, 115.0))
     assert not model_comparison.is_alike(a, b)  # type: ignore[arg-type]
     with changed(BY_KEY["model_comparison.INDISTINGUISHABLE"], 20.0):
         assert model_comparison.is_alike(a, b)  # type: ignore[arg-type]
@@ -173,7 +173,7 @@ def test_what_is_kept_is_read_again_for_the_same_package(tmp_path: Path) -> None
     settings.keep(third := ended(number=2), tmp_path)
     known = settings.kept(tmp_path, "now")
     assert list(known.values()) == [first, second, third]
-    assert known[Setting("conflicts.CONFLICT", 0.5, 20000)] == second
+    assert known[DiagnosisData("conflicts.CONFLICT", 0.5, 20000)] == second
     assert not settings.kept(tmp_path / "nowhere", "now")
 
 

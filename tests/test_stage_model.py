@@ -195,8 +195,7 @@ def test_a_limit_may_be_infinite(tmp_path: Path) -> None:
 
 
 OWN = """
-from flexdesign import Block, Effect, Parameter
-from flexdesign.core.model import Socket
+from flexdesign import Block, Effect, Parameter, Socket
 
 EFFECT = Effect(
     "mine", "Physics.", "Place.", "Test.", "Cure.", "Book.",
@@ -551,7 +550,7 @@ def handed_over(modes: tuple[ModeRecord, ...], **actuator: object) -> StageModel
     """
 
     def quantity(name: str, value: float, si: str, boundary: str, sigma: float = 0.0) -> Quantity:
-        return Quantity(name, value, si, si, boundary, sigma=sigma)
+        return Quantity(name, value, si, si, boundary, half_width=sigma)
 
     found = [
         quantity("K_out", 1e5, "N/m", "actuator installed", 500.0),

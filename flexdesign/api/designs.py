@@ -141,7 +141,13 @@ def _of_stage(study: Study, store: Cache, progress: Progress) -> Result[StageVal
 def _rows(found: Validation | StageValidation) -> list[dict[str, Any]]:
     """Return Table 1 in numbers: FEM, its error estimate and every model, SI."""
     return [
-        {"quantity": c.fem.key, "boundary": c.fem.boundary, "unit": c.fem.si, "FEM": c.fem.value, "error": c.fem.sigma}
+        {
+            "quantity": c.fem.key,
+            "boundary": c.fem.boundary,
+            "unit": c.fem.si,
+            "FEM": c.fem.value,
+            "error": c.fem.half_width,
+        }
         | {model: quantity.value for model, quantity in c.analytic.items()}
         for c in found.comparisons
     ]

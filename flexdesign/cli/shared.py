@@ -76,7 +76,7 @@ def open_cache(folder: Path | None) -> Cache:
 
 
 @dataclass(frozen=True)
-class Place:
+class ReportFolder:
     """Where a verb's report goes.
 
     Parameters
@@ -164,7 +164,7 @@ def file_of(model: str) -> Path:
     return design.find(model) if static_tables.is_design(model) else stage_model.find(model)
 
 
-def place(
+def report_folder(
     out: Path | None,
     name: str,
     verb: str,
@@ -172,7 +172,7 @@ def place(
     overrides: Sequence[str] = (),
     options: Sequence[str] = (),
     ending: str = "",
-) -> Place:
+) -> ReportFolder:
     """Return where a report goes, and check that it can be written there.
 
     Without `out` that is the folder `name`, overrides from the command line and `ending` in reports/. If a report of
@@ -190,7 +190,7 @@ def place(
     if out is None and (found := origin.standing(folder)) and origin.is_another(found, inputs):
         folder = folder.with_name(f"{folder.name}_{inputs.digest}")
     render.prepare(folder)
-    return Place(folder, inputs, origin.replaced(folder, inputs))
+    return ReportFolder(folder, inputs, origin.replaced(folder, inputs))
 
 
 def listed(**given: object) -> list[str]:

@@ -21,7 +21,7 @@ from flexdesign.design import part as parts
 from flexdesign.design.study import Study
 from flexdesign.fem import analysis, convergence, quantities
 from flexdesign.fem.analysis import Solution
-from flexdesign.fem.convergence import Scatter
+from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.meshing import methods, resolution_gate
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
@@ -140,13 +140,13 @@ def require_room(study: Study, method: Method, omit: int, file: Path) -> None:
 def estimated_error(found: Sequence[Quantity]) -> float:
     """Return the largest relative error of stiffnesses and amplification, as estimated."""
     worst = least_certain(found)
-    return abs((worst.sigma or 0.0) / worst.value)
+    return abs((worst.half_width or 0.0) / worst.value)
 
 
 def least_certain(found: Sequence[Quantity]) -> Quantity:
     """Return the stiffness or amplification whose relative error is the largest, as estimated."""
     judged = [quantity for quantity in found if quantity.name in JUDGED and quantity.value]
-    return max(judged, key=lambda quantity: abs((quantity.sigma or 0.0) / quantity.value))
+    return max(judged, key=lambda quantity: abs((quantity.half_width or 0.0) / quantity.value))
 
 
 def is_reached(asked: float, found: Sequence[Quantity], progress: Progress) -> bool:
@@ -251,7 +251,7 @@ def method_of(study: Study, part: parts.Piece, body: Domain) -> Method:
     return Extruded(grading) if extruded else Wild(grading, asked.envelope)
 
 
-def gathered(study: Study, levels: Sequence[Level], scatter: Scatter) -> list[Quantity]:
+def gathered(study: Study, levels: Sequence[Level], scatter: MeshNoise) -> list[Quantity]:
     """Extrapolate every quantity over the meshes that know it; peaks of stress are judged by rules of their own."""
     found = [by_key(quantities.of_solution(study, level.solution)) for level in levels]
     gathered = []
@@ -262,7 +262,7 @@ def gathered(study: Study, levels: Sequence[Level], scatter: Scatter) -> list[Qu
     return gathered + quantities.peak_stresses(study, [lv.solution for lv in levels], [lv.size for lv in levels])
 
 
-def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scatter: Scatter) -> list[Quantity]:
+def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scatter: MeshNoise) -> list[Quantity]:
     """Extrapolate every quantity that the first mesh knows over all meshes that know it.
 
     Parameters
@@ -282,7 +282,7 @@ def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scat
         limit = convergence.extrapolate(
             values, [sizes[i] for i in known], scatter=scatter, beside=[beside[i] for i in known]
         )
-        extrapolated.append(replace(quantity, value=limit.value, sigma=limit.error))
+        extrapolated.append(replace(quantity, value=limit.value, half_width=limit.error))
     return extrapolated
 
 

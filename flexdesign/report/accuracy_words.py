@@ -12,7 +12,7 @@ from flexdesign.report.wording import name_of
 def not_reached(asked: float | None, found: Sequence[Quantity], where: str = "on the finest mesh that is tried") -> str:
     """Say for the headline that an accuracy (relative) was not reached, and by which quantity; nothing if it was."""
     worst = mesh_refinement.least_certain(found)
-    reached = abs((worst.sigma or 0.0) / worst.value)
+    reached = abs((worst.half_width or 0.0) / worst.value)
     if asked is None or reached <= asked:
         return ""
     return (

@@ -50,7 +50,7 @@ def answered(folder: Path, errors: list[float], asked: str = '"0.5 %"', evaluato
     for case, error in zip(cases, errors, strict=True):
         told = evaluators.by_formulas(evaluators.version_of(plan, case), "compliance")
         known = {"K_in": error, "lambda": 1e-4, "stroke": 0.5}
-        sure = [replace(q, sigma=known[q.name] * abs(q.value)) if q.name in known else q for q in told]
+        sure = [replace(q, half_width=known[q.name] * abs(q.value)) if q.name in known else q for q in told]
         found.append((sure, "", 1.0) if error < 1 else ((), "no mesh", 1.0))
     return sweeps.Sweep(plan, cases, Answers.of(found), len(cases), 1.0)
 

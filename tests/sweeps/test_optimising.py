@@ -79,7 +79,7 @@ def test_a_headline_says_that_an_optimum_misses_the_accuracy_asked_for(
 
     def unsure(made: design.Design, *_: object) -> list[Quantity]:
         found = evaluators.by_formulas(made, "PRB")
-        return [replace(q, sigma=0.02 * abs(q.value)) if q.name == "K_in" else q for q in found]
+        return [replace(q, half_width=0.02 * abs(q.value)) if q.name == "K_in" else q for q in found]
 
     monkeypatch.setattr(optimising, "by_elements", unsure)
     monkeypatch.setattr(optimising, "beside", lambda *_: [])
@@ -174,7 +174,7 @@ def test_the_terminal_says_what_stands_at_its_limit_and_what_the_optimum_is_like
     quantities = {q["name"]: q["value"] for q in values["further"]}
     strength = found.design.material.yield_strength
     assert strength is not None
-    # Both are extrapolated, each by itself: their product is that of the meshes but for the square of what is left.
+    # Both are extrapolated, each by itself: their product is that of the meshes but for the square of the remainder.
     assert quantities["safety_against_yield"] == pytest.approx(strength / quantities["hinge_stress"] / 1e6, rel=1e-3)
 
 

@@ -1,4 +1,4 @@
-"""The fundamental domain of a part: what is left of its solid when every symmetry plane has cut it.
+"""The fundamental domain of a part: what remains of its solid when every symmetry plane has cut it.
 
 Lengths leave this module in metres; the CAD kernel's millimetres stay inside.
 """

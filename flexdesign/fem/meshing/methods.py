@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from flexdesign.core.model import Member
 from flexdesign.fem import convergence
-from flexdesign.fem.convergence import Scatter
+from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.meshing import element_count, profile
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.extruded import Layers, drawn_out, planar_size, triangulated
@@ -67,7 +67,7 @@ class Method(Protocol):
     """A way to mesh."""
 
     name: ClassVar[str]
-    scatter: ClassVar[Scatter]
+    scatter: ClassVar[MeshNoise]
     """Of results over meshes made alike."""
     tries: ClassVar[int]
     """How often a mesh that cannot be used is made again: more than once where no two are alike."""
@@ -173,7 +173,7 @@ class Wild:
 
     name: ClassVar[str] = "wild"
     #: Along a root there are many elements, of which no two are alike: what they leave open is their mean.
-    scatter: ClassVar[Scatter] = convergence.SCATTER
+    scatter: ClassVar[MeshNoise] = convergence.SCATTER
     #: Of coarse meshes of a whole amplifier one in sixteen was refused.
     tries: ClassVar[int] = 3
 
@@ -228,7 +228,7 @@ class Extruded:
     name: ClassVar[str] = "extruded"
     #: Of K_in over gradings that differ by up to 3 %, found as 1e-4 on fine and 1e-3 on coarse meshes of few layers;
     #: all layers repeat the same triangles about a root. The share is measured: `studies.error_bars`.
-    scatter: ClassVar[Scatter] = Scatter(2e-4, 0.25)
+    scatter: ClassVar[MeshNoise] = MeshNoise(2e-4, 0.25)
     tries: ClassVar[int] = 1
 
     def question(self, coarseness: float) -> tuple[object, ...]:

@@ -89,7 +89,7 @@ def judged(
         shown += f" ± {units.to_text(known, as_printed(ours, theirs).unit, 2, si=ours.si)}"
     if ours is None:
         return Item(system, what, theirs.place, shown, "–", "not printed", why, uses)
-    allowed = theirs.half_digit(ours.si) + known + (ours.sigma or 0.0)
+    allowed = theirs.half_digit(ours.si) + known + (ours.half_width or 0.0)
     gap = ours.value - theirs.value(ours.si)
     relative = f"{100 * gap / theirs.value(ours.si):+.2f} %"
     # Sizing and fitting meet a printed number to a percent or better, not to the last digit.

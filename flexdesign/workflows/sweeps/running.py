@@ -23,7 +23,7 @@ from flexdesign.design.design import read as read_design
 from flexdesign.fem import mesh_refinement
 from flexdesign.workflows.sweeps import choosing, simulating
 from flexdesign.workflows.sweeps.answers import Answers, key_of
-from flexdesign.workflows.sweeps.evaluators import DIRECT, Question, corrected
+from flexdesign.workflows.sweeps.evaluators import DIRECT, EvaluationRequest, corrected
 from flexdesign.workflows.sweeps.plan import SweepPlan, settings_of
 from flexdesign.workflows.sweeps.sampling import Case
 from flexdesign.workflows.sweeps.sampling import cases as sampled
@@ -123,9 +123,9 @@ def run(
     began = time.perf_counter()
     progress("looking up what is known")
     cases = plan.cases()
-    questions = asked(plan, cases)
+    requests = asked(plan, cases)
     store.refresh()
-    todo = list({q.key: q for q in questions if q.key not in store}.values())
+    todo = list({q.key: q for q in requests if q.key not in store}.values())
     if todo:
         if plan.evaluator == "planar":
             progress(f"solving {SAMPLES} designs in space, to correct the plane")
@@ -134,15 +134,15 @@ def run(
         batches = [todo[i : i + size] for i in range(0, len(todo), size)]
         workers: Workers = Cluster(scheduler) if scheduler else Processes(jobs)
         try:
-            _compute(batches, workers, store, progress, known=len(questions) - len(todo))
+            _compute(batches, workers, store, progress, known=len(requests) - len(todo))
         finally:
             workers.close()
-    found = store.find([question.key for question in questions])
+    found = store.find([request.key for request in requests])
     choosing.refuse_unknown(found, plan.limits, plan.aims, plan.file)
     return Sweep(plan, cases, found, len(todo), time.perf_counter() - began)
 
 
-def asked(plan: SweepPlan, cases: Sequence[Case]) -> list[Question]:
+def asked(plan: SweepPlan, cases: Sequence[Case]) -> list[EvaluationRequest]:
     """Return the question of each case; its key holds all that the answer depends on, the code among it."""
     factors = {factor.key: factor for factor in plan.factors}
     file, mesh = plan.subject_file.resolve(), plan.mesh.model_dump()
@@ -160,17 +160,19 @@ def asked(plan: SweepPlan, cases: Sequence[Case]) -> list[Question]:
             roots[overrides] = content_key(code, _root(plan, overrides))
         key = content_key(roots[overrides], sorted(dimensions.items()))
         made.append(
-            Question(key, file, overrides, dimensions, plan.evaluator, mesh, modes, plan.overrides, None, plan.bench)
+            EvaluationRequest(
+                key, file, overrides, dimensions, plan.evaluator, mesh, modes, plan.overrides, None, plan.bench
+            )
         )
     return made
 
 
-def _corrected(plan: SweepPlan, todo: Sequence[Question]) -> list[Question]:
+def _corrected(plan: SweepPlan, todo: Sequence[EvaluationRequest]) -> list[EvaluationRequest]:
     """Return questions with what the plane leaves out, learned from a sample of what varies."""
     sample = asked(plan, list(sampled(plan.factors, "latin-hypercube", SAMPLES, plan.seed)))
     with threadpool_limits(1):
         correction = corrected(sample)
-    return [replace(question, correction=correction) for question in todo]
+    return [replace(request, correction=correction) for request in todo]
 
 
 def _beyond_direct(plan: SweepPlan) -> bool:
@@ -209,15 +211,15 @@ def _parts(design: Design) -> list[Path]:
 
 
 def _compute(
-    batches: Sequence[Sequence[Question]], workers: Workers, store: Store, progress: Progress, known: int
+    batches: Sequence[Sequence[EvaluationRequest]], workers: Workers, store: Store, progress: Progress, known: int
 ) -> None:
     """Have batches computed, and keep each as it comes; cases of a process that died are tried again one by one."""
     total, done, failed, began = known + sum(map(len, batches)), known, 0, time.perf_counter()
-    queue, waiting = deque(batches), dict[Future[Answers], Sequence[Question]]()
+    queue, waiting = deque(batches), dict[Future[Answers], Sequence[EvaluationRequest]]()
 
-    def take(batch: Sequence[Question], found: Answers) -> None:
+    def take(batch: Sequence[EvaluationRequest], found: Answers) -> None:
         nonlocal done, failed
-        store.keep([question.key for question in batch], found)
+        store.keep([request.key for request in batch], found)
         done, failed = done + len(found), failed + sum(map(bool, found.errors))
         left = (total - done) * (time.perf_counter() - began) / (done - known)
         words = f"{done} of {total} cases" + (f", {failed} failed" if failed else "")
@@ -234,14 +236,14 @@ def _compute(
             try:
                 take(batch, future.result())
             except workers.died:
-                for question in itertools.chain(batch, *workers.lost(waiting)):
-                    take([question], _alone(workers, question))
+                for request in itertools.chain(batch, *workers.lost(waiting)):
+                    take([request], _alone(workers, request))
 
 
-def _alone(workers: Workers, question: Question) -> Answers:
+def _alone(workers: Workers, request: EvaluationRequest) -> Answers:
     """Return the answer to one question that has a process to itself, or that the process died of it."""
     try:
-        return workers.alone(question)
+        return workers.alone(request)
     except workers.died:
         return Answers.of([((), DIED, 0.0)])
 
