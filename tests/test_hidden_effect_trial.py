@@ -292,7 +292,7 @@ def test_hum_and_a_shaking_base_cannot_be_told_apart(short: State) -> None:
 def test_a_case_is_always_the_same_and_another_is_another() -> None:
     once, again, other = (cases.make(n) for n in (10003, 10003, 10004))
     assert all(np.array_equal(x, y) for x, y in zip(once.readings, again.readings, strict=True))
-    assert once.prior_bound == again.prior_bound and once.prior_bound != other.prior_bound
+    assert once.believed == again.believed and once.believed != other.believed
 
 
 def test_another_seed_draws_other_cases() -> None:
@@ -377,9 +377,9 @@ def test_the_package_reads_what_is_written(tmp_path: Path, lumped: bool) -> None
     case = replace(cases.tested(cases.make(10001)), lumped=lumped)
     folder.write(case, tmp_path / "case", tmp_path / "answer.toml")
     axis = reading.read(tmp_path / "case" / "model.toml").axes["x"]
-    assert axis.natural_frequency == pytest.approx(case.prior_bound.omega / 2 / math.pi, rel=1e-5)
-    assert axis.gain == pytest.approx(case.prior_bound.gain, rel=1e-5)
-    assert axis.effects["bouc_wen"]["a"] == pytest.approx(case.prior_bound.a, rel=1e-5)
+    assert axis.natural_frequency == pytest.approx(case.believed.omega / 2 / math.pi, rel=1e-5)
+    assert axis.gain == pytest.approx(case.believed.gain, rel=1e-5)
+    assert axis.effects["bouc_wen"]["a"] == pytest.approx(case.believed.a, rel=1e-5)
     found = recorded.read_runs([tmp_path / "case" / "runs"])
     assert {run.role for run in found} == {"identify", "validate", "test"}
     assert [run.role for run in found] == [run.role for run in case.runs]

@@ -142,7 +142,6 @@ def write_file(path: Path | None, text: str | None = None) -> None:
     if path is None:
         return
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as scratch:
             if path.is_dir():
                 raise IsADirectoryError(0, "it is a folder")
