@@ -44,11 +44,13 @@ if TYPE_CHECKING:
     from flexdesign.core.model import Reshape as Reshape
     from flexdesign.core.model import Resonance as Resonance
     from flexdesign.core.model import Root as Root
+    from flexdesign.core.model import Socket as Socket
     from flexdesign.core.model import Term as Term
     from flexdesign.design.design import Design as Design
     from flexdesign.design.part import Outline as Outline
     from flexdesign.design.part import Part as Part
     from flexdesign.design.part import Port as Port
+    from flexdesign.design.part import SymmetryPlane as SymmetryPlane
     from flexdesign.dynamics.stage_model import StageModel as StageModel
     from flexdesign.measurements.recordings import FrequencyResponse as FrequencyResponse
     from flexdesign.measurements.recordings import Run as Run
@@ -65,10 +67,10 @@ _HOME = {
     "flexdesign.core.errors": ("InputError",),
     "flexdesign.core.model": (
         "Adjust", "Block", "Disturbance", "Effect", "Formulas", "Linkage", "Member", "Parameter", "Quantity",
-        "Reshape", "Resonance", "Root", "Term",
+        "Reshape", "Resonance", "Root", "Socket", "Term",
     ),
     "flexdesign.design.design": ("Design",),
-    "flexdesign.design.part": ("Outline", "Part", "Port"),
+    "flexdesign.design.part": ("Outline", "Part", "Port", "SymmetryPlane"),
     "flexdesign.dynamics.stage_model": ("StageModel",),
     "flexdesign.measurements.recordings": ("FrequencyResponse", "Run"),
 }  # fmt: skip

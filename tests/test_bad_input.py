@@ -76,8 +76,8 @@ stroke = "0.2 mm"
 PART = """\
 from dataclasses import dataclass
 from typing import ClassVar
-from flexdesign.core.model import Linkage, Member, Parameter
-from flexdesign.design.part import Port, SymmetryPlane
+from flexdesign import Linkage, Member, Parameter, Port, SymmetryPlane
+
 
 @dataclass(frozen=True)
 class Leaf:
@@ -484,6 +484,15 @@ def test_a_bad_part_is_refused(
         lambda: domain.of_part(study.read(tmp_path / "leaf.toml").design.part(), chord=1e-5),
         "leaf.py", field, value, *remedy,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("module", ["flexdesign.model", "flexdesign.part", "flexdesign.design"])
+def test_a_part_that_imports_from_an_old_place_is_told_the_new_one(tmp_path: Path, module: str) -> None:
+    """The last of these is there, and holds no Linkage."""
+    (tmp_path / "leaf.py").write_text(changed(PART, "from flexdesign import", f"from {module} import"))
+    (tmp_path / "leaf.toml").write_text(USES_PART)
+    said = (f"imports from {module} what is not there", "write from flexdesign import Effect, Parameter, Port")
+    refused(lambda: study.read(tmp_path / "leaf.toml").design.part(), "leaf.py", "", None, *said)
 
 
 def test_two_circles_cut_from_a_solid_are_cylinders(tmp_path: Path) -> None:

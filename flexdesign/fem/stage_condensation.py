@@ -205,6 +205,9 @@ def refined(
     """
     asked, count = study.mesh.accuracy, study.mesh.levels
     kinds, levels = drawn(study, assembly, progress), list[StageLevel]()
+    for kind in kinds:
+        method = mesh_refinement.method_of(study, kind.piece, kind.body)
+        mesh_refinement.require_room(study, method, 0, parts.file_of(type(kind.piece)))
     for number in range(1, (MOST_LEVELS if asked else count) + 1):
         coarseness, words = study.mesh.refinement ** (count - number), f"mesh {number}" + f" of {count}" * (not asked)
         say = labelled(progress, words)

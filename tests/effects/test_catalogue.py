@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from flexdesign import effects
-from flexdesign.core.model import OTHER, Adjust, Block, Disturbance, Resonance
+from flexdesign.core.model import OTHER, Adjust, Block, Disturbance, Resonance, Socket
 from flexdesign.dynamics.stage_model import fields
 from tests.effects.bench import Array, reading, start, strengths
 
@@ -142,6 +142,16 @@ def test_all_effects_together_in_any_order() -> None:
 def test_every_face_is_one_that_the_chain_knows() -> None:
     faces = itertools.chain.from_iterable(effects.find(name).faces for name in NAMES)
     assert all(isinstance(face, (Adjust, Block, Disturbance, Resonance)) for face in faces)
+
+
+def test_what_makes_loops_in_the_stack_is_declared_as_hysteresis() -> None:
+    """A block in the socket of hysteresis that remembers where it came from; a spring of the stage stands for it."""
+
+    def remembers(face: object) -> bool:
+        return isinstance(face, Block) and face.socket is Socket.HYSTERESIS and bool(face.states or face.memory)
+
+    declared = {name for name in NAMES if effects.find(name).is_hysteresis}
+    assert declared == {name for name in NAMES if any(map(remembers, effects.find(name).faces))} | {"hysteretic_spring"}
 
 
 def test_columns_are_those_that_runs_have() -> None:

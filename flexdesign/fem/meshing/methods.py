@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from flexdesign.core.model import Member
 from flexdesign.fem import convergence
 from flexdesign.fem.convergence import MeshNoise
-from flexdesign.fem.meshing import profile
+from flexdesign.fem.meshing import element_count, profile
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.extruded import Layers, drawn_out, planar_size, triangulated
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, tetrahedralize
@@ -55,6 +55,10 @@ BESIDE_LEAVES, BESIDE_NECKS = 0.4, 0.25
 #: extrapolated. The coarsest of three meshes then has chords of 0.2 % of the neck, and three elements across it.
 EXTRUDED_NECK = (0.1, 0.12, 1.8e-4)
 WILD_NECK = (0.18, 0.18, 3.5e-4)
+#: Most tetrahedra of a wild mesh, as estimated. Half a million have 2.3 million unknowns (4.5 each), whose factor takes
+#: 22 GiB: 2.6 GiB were measured for 430 000 unknowns of the bridge amplifier, and memory grows with their number to the
+#: power 1.28. That is all that a machine of 24 GiB has.
+MOST = 500_000
 #: Chord error of extruded meshes at curved faces, in hinge thicknesses: on the finest mesh, and at most.
 CHORD, LARGEST_CHORD = 1e-3, 1e-2
 
@@ -73,6 +77,9 @@ class Method(Protocol):
 
     def mesh(self, coarseness: float) -> TaggedMesh:
         """Return the mesh, 1 being the finest; raise MeshError if there is none to be had."""
+
+    def require_room(self, coarseness: float) -> None:
+        """Raise MeshError if the mesh would be too large for any use; known at once, before it is made."""
 
     def finest_edge(self, coarseness: float) -> float:
         """Return the shortest edge length asked for [m]."""
@@ -178,6 +185,18 @@ class Wild:
         """Return the mesh, 1 being the finest; raise MeshError if there is none to be had."""
         return tetrahedralize(self.grading.domain, self._sizing(coarseness), self._envelope)
 
+    def require_room(self, coarseness: float) -> None:
+        """Raise MeshError if the mesher is going to make more than `MOST` tetrahedra."""
+        domain = self.grading.domain
+        count = element_count.estimated(domain, self._sizing(coarseness))
+        if count > MOST:
+            extruded = 'mesh.method = "extruded", ' if domain.section is not None else ""
+            raise MeshError(
+                f"the wild mesh would have about {count / 1e6:.2g} million tetrahedra, and {MOST / 1e6:g} million are "
+                f"as many as 24 GiB of memory hold; ask for less: {extruded}a larger mesh.at_root or mesh.growth, or "
+                "fewer mesh.levels"
+            )
+
     def finest_edge(self, coarseness: float) -> float:
         """Return the shortest edge length asked for [m]."""
         return self._sizing(coarseness).finest
@@ -221,6 +240,9 @@ class Extruded:
     def mesh(self, coarseness: float) -> TaggedMesh:
         """Return the mesh, 1 being the finest; raise MeshError if there is none to be had."""
         return drawn_out(self.plan(coarseness), self.section, self.heights(coarseness))
+
+    def require_room(self, coarseness: float) -> None:
+        """Let every mesh pass: it is made in seconds, and the solver knows before it solves what memory that takes."""
 
     @property
     def section(self) -> Section:

@@ -107,6 +107,15 @@ class Answers:
         si = self.kinds[key_of(quantity)].si if self.has(quantity) else "1"
         return self.column(quantity) / units.factor(self.unit(quantity), si)
 
+    def relative_errors(self, names: Sequence[str]) -> Array:
+        """Return the largest estimated error of the named quantities of each case, relative; NaN without any."""
+        worst = np.full(len(self), math.nan)
+        for key, kind in self.kinds.items():
+            if kind.name in names:
+                value = np.where(self.values[key] == 0, math.nan, self.values[key])
+                worst = np.fmax(worst, np.abs(self.sigmas[key] / value))
+        return worst
+
     def at(self, place: int) -> list[Quantity]:
         """Return the quantities of one case."""
         found = []

@@ -10,6 +10,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 import flexdesign
@@ -34,18 +35,14 @@ Progress = Callable[[str], None]
 BATCH = {"pseudo-rigid": 2000, "analytic": 100, "planar": 16, "fem": 4, "simulation": 4}
 #: The sources whose change makes answers anew.
 _FORMULAS = (
-    "analytic/*.py", "assembly/*.py", "effects/statics/*.py", "hinges/*.py", "model/*.py", "static_tables/*.py",
-    "sweeps/evaluators.py",
+    "analytic/**/*.py", "core/model/*.py", "design/assembly/*.py", "effects/hinge_compliance/*.py",
+    "effects/statics/*.py", "workflows/sweeps/evaluators.py",
 )  # fmt: skip
 _ELEMENTS = (
-    "assembly/*.py", "fem/*.py", "multifidelity/*.py", "quantities/*.py", "condensing.py", "refinement.py",
-    "sweeps/elements.py", "sweeps/evaluators.py",
+    "design/assembly/*.py", "fem/**/*.py", "workflows/sweeps/elements.py", "workflows/sweeps/evaluators.py",
+    "workflows/validation/stage_model_from_*.py",
 )  # fmt: skip
-_SIMULATION = (
-    "control/*.py", "dynamics/*.py", "effects/*.py", "experiments/*.py", "metrics/*.py", "stage_model/*.py",
-    "trajectory/*.py", "loop_design.py", "measuring.py", "simulation.py", "standard_experiments.py",
-    "sweeps/simulating.py",
-)  # fmt: skip
+_SIMULATION = ("dynamics/**/*.py", "effects/*.py", "workflows/sweeps/simulating.py")
 ANSWERING = {
     "pseudo-rigid": _FORMULAS,
     "analytic": _FORMULAS,
@@ -89,6 +86,15 @@ class Sweep:
     def failed(self) -> list[int]:
         """The places of the cases without an answer."""
         return [i for i, error in enumerate(self.answers.errors) if error]
+
+    @property
+    def inaccurate(self) -> dict[int, float]:
+        """The cases that miss the accuracy asked of finite elements, by place, with their largest estimated error."""
+        asked = self.plan.mesh.accuracy
+        if asked is None or self.plan.evaluator != "fem":
+            return {}
+        errors = self.answers.relative_errors(mesh_refinement.JUDGED)
+        return {int(i): float(errors[i]) for i in np.flatnonzero(errors > asked)}
 
 
 def run(
