@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-import flexdesign
 from flexdesign.core import versions
 from flexdesign.core.errors import InputError
 from flexdesign.core.result_cache import content_key
@@ -196,7 +195,7 @@ def _root(plan: SweepPlan, overrides: Sequence[str]) -> list[object]:
 
 def _code(plan: SweepPlan) -> list[object]:
     """Return what the answers depend on besides design or stage: the part, the sources that answer, the libraries."""
-    package = Path(flexdesign.__file__).parent
+    package = Path(__file__).parents[2]
     sources = sorted(path for place in ANSWERING[plan.evaluator] for path in package.glob(place))
     if isinstance(plan.subject, Design):
         sources += _parts(plan.subject)
