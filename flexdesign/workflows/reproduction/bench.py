@@ -13,8 +13,8 @@ from flexdesign.core.model import Quantity
 from flexdesign.core.printed_numbers import Printed, Publication
 from flexdesign.diagnosis import identify
 from flexdesign.dynamics.control import Plant
-from flexdesign.dynamics.control.implied import plants_for_delays
 from flexdesign.dynamics.control.pid import PID
+from flexdesign.dynamics.control.plants_from_gains import plants_for_delays
 from flexdesign.dynamics.control.ziegler_nichols import rule, ultimate
 from flexdesign.dynamics.experiments.simulation import Case, Simulation
 from flexdesign.measurements.recordings import Run
