@@ -129,7 +129,7 @@ def estimated(value: Value) -> Estimate:
 def label(step_of_ladder: ErrorStep) -> str:
     """Return what a step of the ladder is called.
 
-    >>> label(Rung("+ creep + mains_hum - bouc_wen", 1e-6))
+    >>> label(ErrorStep("+ creep + mains_hum - bouc_wen", 1e-6))
     '+ creep + mains hum - Bouc-Wen hysteresis'
     """
     if not step_of_ladder.label.startswith("+ "):
