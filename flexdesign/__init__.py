@@ -44,16 +44,17 @@ if TYPE_CHECKING:
     from flexdesign.core.model import Reshape as Reshape
     from flexdesign.core.model import Resonance as Resonance
     from flexdesign.core.model import Root as Root
+    from flexdesign.core.model import Socket as Socket
     from flexdesign.core.model import Term as Term
+    from flexdesign.core.versions import __version__ as __version__
     from flexdesign.design.design import Design as Design
     from flexdesign.design.part import Outline as Outline
     from flexdesign.design.part import Part as Part
     from flexdesign.design.part import Port as Port
+    from flexdesign.design.part import SymmetryPlane as SymmetryPlane
     from flexdesign.dynamics.stage_model import StageModel as StageModel
     from flexdesign.measurements.recordings import FrequencyResponse as FrequencyResponse
     from flexdesign.measurements.recordings import Run as Run
-
-__version__ = "0.1.0"
 
 #: Where each name comes from.
 _HOME = {
@@ -65,16 +66,17 @@ _HOME = {
     "flexdesign.core.errors": ("InputError",),
     "flexdesign.core.model": (
         "Adjust", "Block", "Disturbance", "Effect", "Formulas", "Linkage", "Member", "Parameter", "Quantity",
-        "Reshape", "Resonance", "Root", "Term",
+        "Reshape", "Resonance", "Root", "Socket", "Term",
     ),
+    "flexdesign.core.versions": ("__version__",),
     "flexdesign.design.design": ("Design",),
-    "flexdesign.design.part": ("Outline", "Part", "Port"),
+    "flexdesign.design.part": ("Outline", "Part", "Port", "SymmetryPlane"),
     "flexdesign.dynamics.stage_model": ("StageModel",),
     "flexdesign.measurements.recordings": ("FrequencyResponse", "Run"),
 }  # fmt: skip
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
-__all__ = ["__version__", "effects", *sorted(_MODULE)]
+__all__ = ["effects", *sorted(_MODULE)]
 
 
 def __getattr__(name: str) -> Any:

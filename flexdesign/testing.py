@@ -72,7 +72,7 @@ def assert_agrees(
         error = by_key[key].error(model)
         if error is None:
             raise ValueError(f"{model!r} has no {key!r}; its models are {', '.join(by_key[key].analytic)}")
-        granted = limit + (by_key[key].fem.sigma or 0.0) / abs(by_key[key].fem.value)
+        granted = limit + (by_key[key].fem.half_width or 0.0) / abs(by_key[key].fem.value)
         if not abs(error) <= granted:
             failures.append(f"{key}: {model} is off by {100 * error:+.1f} %, allowed {100 * granted:.1f} %")
     if failures:

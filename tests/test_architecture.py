@@ -36,7 +36,7 @@ SLOW = {"cadquery", "OCP", "pyvista", "vtkmodules", "skfem", "pytetwild", "meshi
 
 def imported_by(statement: str) -> set[str]:
     """Return the top-level modules loaded after running a statement in a fresh interpreter."""
-    code = f"import sys; {statement}; print(*{{name.partition('.')[0] for name in sys.modules}})"
+    code = f"import sys; {statement}\nprint(*{{name.partition('.')[0] for name in sys.modules}})"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     return set(done.stdout.split())
 
@@ -70,6 +70,16 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
 )
 def test_no_module_loads_cad_mesher_or_graphics_before_they_are_needed(module: str) -> None:
     assert not imported_by(f"import flexdesign.{module}") & SLOW
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["materials"], ["effects"], ["effects", "--json"]], ids=" ".join)
+def test_help_and_lists_wait_for_no_library(arguments: list[str]) -> None:
+    """They take a second to import, and a list needs none of them; pint itself imports SciPy, the top of it."""
+    command = f"import contextlib, io; from flexdesign.cli import main; sys.argv = ['flexdesign', *{arguments}]"
+    quiet = "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit): main()"
+    loaded = imported_by(f"{command}\n{quiet}")
+    assert "flexdesign" in loaded
+    assert not loaded & (SLOW | {"numba", "matplotlib", "control"})
 
 
 @pytest.mark.parametrize(

@@ -76,8 +76,8 @@ stroke = "0.2 mm"
 PART = """\
 from dataclasses import dataclass
 from typing import ClassVar
-from flexdesign.model import Linkage, Member, Parameter
-from flexdesign.part import Port, SymmetryPlane
+from flexdesign import Linkage, Member, Parameter, Port, SymmetryPlane
+
 
 @dataclass(frozen=True)
 class Leaf:
@@ -429,7 +429,7 @@ PARTS: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
     "lacks two": ("def formulas(self, material, actuator_stiffness)", "def symmetries(self)", "Leaf", None, ()),
     "dimensions are numbers": (
         'Parameter("size", "m", "mm", "its size", plausible=(1e-3, 0.1)),', "1.0, 2.0",
-        "Leaf.dimensions", None, ("tuple of flexdesign.core.model.Parameter",),
+        "Leaf.dimensions", None, ("tuple of flexdesign.Parameter",),
     ),
     "raises in __init__": (
         "    def solid(self):", "    def __post_init__(self):\n        1 / 0\n\n    def solid(self):",
@@ -446,7 +446,7 @@ PARTS: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
     "ports() raises": ("        return (\n            Port(", "        return (\n            Prt(", "Leaf.ports()",
         None, ("NameError", "leaf.py, line 18")),
     "ports() returns nothing": ("        return (\n            Port(", "        (\n            Port(", "Leaf.ports()",
-        None, ("tuple of flexdesign.design.part.Port",)),
+        None, ("tuple of flexdesign.Port",)),
     "no output": (OUTPUT, OUTPUT.replace('"output", "output"', '"output", "input"'), "Leaf.ports()",
         "ground, input", ("no port with the role output",)),
     "two ports of one name": ('"right", "input"', '"left", "input"', "Leaf.ports()", "left", ("two ports",)),
@@ -484,6 +484,15 @@ def test_a_bad_part_is_refused(
         lambda: domain.of_part(study.read(tmp_path / "leaf.toml").design.part(), chord=1e-5),
         "leaf.py", field, value, *remedy,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("module", ["flexdesign.model", "flexdesign.part", "flexdesign.design"])
+def test_a_part_that_imports_from_an_old_place_is_told_the_new_one(tmp_path: Path, module: str) -> None:
+    """The last of these is there, and holds no Linkage."""
+    (tmp_path / "leaf.py").write_text(changed(PART, "from flexdesign import", f"from {module} import"))
+    (tmp_path / "leaf.toml").write_text(USES_PART)
+    said = (f"imports from {module} what is not there", "write from flexdesign import Effect, Parameter, Port")
+    refused(lambda: study.read(tmp_path / "leaf.toml").design.part(), "leaf.py", "", None, *said)
 
 
 def test_two_circles_cut_from_a_solid_are_cylinders(tmp_path: Path) -> None:

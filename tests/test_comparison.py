@@ -181,7 +181,7 @@ def test_a_sine_lies_in_its_octave(frequency: float, band: int) -> None:
     low, high = by_frequency.parts[band].lower, by_frequency.parts[band].upper
     assert low <= frequency < high
     assert by_frequency.parts[band].share > 0.99
-    assert by_frequency.mostly() == (by_frequency.parts[band],)
+    assert by_frequency.dominant() == (by_frequency.parts[band],)
 
 
 def test_an_error_of_one_region_is_found_there() -> None:
@@ -223,7 +223,7 @@ def test_nothing_above_the_noise_has_no_shares() -> None:
     zero = np.zeros(100)
     for breakdown in where({"a": zero}, [made("a", np.arange(100.0), zero)], {"a": zero}, white(1.0, "a")):
         assert sum(p.share for p in breakdown.parts) == 0.0
-        assert breakdown.mostly() == () and breakdown.concentrated == ()
+        assert breakdown.dominant() == () and breakdown.concentrated == ()
 
 
 # --- report -----------------------------------------------------------------------------------------------------------

@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.evidence.sums import NAMES, N, Shape, Sum, base, column, offset
-from tests.evidence.toys import Array, Run, parameter
 
 from flexdesign.core.model import Parameter
 from flexdesign.diagnosis.effect_selection.prior_conflicts import LARGE, Conflict, explains
 from flexdesign.dynamics.axis.axis_parameters import TRIGGER
-from flexdesign.estimation.least_squares.residual_function import Suite
-from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import Stand, fit
+from flexdesign.estimation.least_squares.residual_function import Dataset
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.noise.whitening import White
+from tests.estimation.sums import NAMES, N, Shape, Sum, base, column, offset
+from tests.estimation.toys import Array, Run, parameter
 
 SIGMA, HELD, EVERY = 0.1, ("kept", "apart"), (*NAMES, "kept", "apart")
 #: What is known of the number p, whose true value is another.
@@ -48,52 +48,54 @@ def unknown(run: Any) -> Array:
     return np.asarray(left / np.sqrt(np.mean(left**2)))
 
 
-def case_of(model: Sum, truth: Mapping[str, float], rest: float, known: Mapping[str, tuple[float, float]]) -> Case:
+def case_of(
+    model: Sum, truth: Mapping[str, float], rest: float, known: Mapping[str, tuple[float, float]]
+) -> EstimationTask:
     rng, true = np.random.default_rng(0), model.replace(truth)
 
-    def suite(names: tuple[str, ...]) -> Suite:
+    def dataset(names: tuple[str, ...]) -> Dataset:
         blank = [Run(name, np.arange(N) / N, None) for name in names]
         noise = [SIGMA * rng.standard_normal(N) for _ in names]
         made = [
             dataclasses.replace(run, data=true.predict(run) + rest * unknown(run) + e)
             for run, e in zip(blank, noise, strict=True)
         ]
-        return Suite(made, White(SIGMA), offset)
+        return Dataset(made, White(SIGMA), offset)
 
-    return Case(suite(NAMES), suite(HELD), ("p", "q"), lambda _: known, lambda _: model, 1e-3)
+    return EstimationTask(dataset(NAMES), dataset(HELD), ("p", "q"), lambda _: known, lambda _: model, 1e-3)
 
 
-def setting(known: Mapping[str, tuple[float, float]]) -> Any:
-    """What is asked of a setting: the prior, and the error of the validation runs with its noise."""
-    return SimpleNamespace(known=known, error=lambda stand: stand.rms(HELD), known_floor=SIGMA)
+def data(known: Mapping[str, tuple[float, float]]) -> Any:
+    """What is asked of a data set: the prior, and the error of the validation runs with its noise."""
+    return SimpleNamespace(known=known, error=lambda fit: fit.rms(HELD), known_floor=SIGMA)
 
 
 def conflict(number: str) -> Conflict:
     return Conflict("moved", (), None, lambda model: model, number)
 
 
-def final(case: Case, model: Sum) -> Stand:
-    found = fit(case, model)
+def final(task: EstimationTask, model: Sum) -> FittedModel:
+    found = fit_model(task, model)
     assert found is not None
     return found
 
 
-def error_of(case: Case, held: float | None) -> float:
+def error_of(task: EstimationTask, held: float | None) -> float:
     """Mean square on the validation runs where q, and p if it is not held, is fitted to the others, offsets aside."""
 
     def centred(run: Any, values: Array) -> Array:
         return np.asarray(values - np.mean(values))
 
-    def stacked(suite: Suite, name: str) -> Array:
-        runs: list[Any] = [record.observation for record in suite.records]
+    def stacked(dataset: Dataset, name: str) -> Array:
+        runs: list[Any] = [record.observation for record in dataset.records]
         return np.concatenate([centred(r, r.data if name == "data" else column(r, name)) for r in runs])
 
     names = ["q"] if held is not None else ["p", "q"]
-    left, new = (stacked(suite, "data") for suite in (case.identify, case.validate))
+    left, new = (stacked(dataset, "data") for dataset in (task.identify, task.validate))
     if held is not None:
-        left, new = (d - held * stacked(s, "p") for d, s in ((left, case.identify), (new, case.validate)))
-    amounts = np.linalg.lstsq(np.column_stack([stacked(case.identify, n) for n in names]), left)[0]
-    return float(np.mean((new - np.column_stack([stacked(case.validate, n) for n in names]) @ amounts) ** 2))
+        left, new = (d - held * stacked(s, "p") for d, s in ((left, task.identify), (new, task.validate)))
+    amounts = np.linalg.lstsq(np.column_stack([stacked(task.identify, n) for n in names]), left)[0]
+    return float(np.mean((new - np.column_stack([stacked(task.validate, n) for n in names]) @ amounts) ** 2))
 
 
 @pytest.mark.parametrize("rest", [0.0, 0.3, 0.6, 0.8, 1.2])
@@ -101,13 +103,13 @@ def test_a_number_beyond_its_prior_must_explain_much_beside_what_remains(rest: f
     """Held at its prior it leaves the square of its move more, beside the square of the remainder."""
     known = {"p": (MIDDLE, SPREAD)}
     model = base("p", "q")
-    case = case_of(model, {"p": TRUE, "q": -1.0}, rest, known)
+    task = case_of(model, {"p": TRUE, "q": -1.0}, rest, known)
     # In the fit itself the number is free of its prior, as strong data make it.
-    free = dataclasses.replace(case, known=lambda _: {})
-    after, before = error_of(case, None), error_of(case, MIDDLE)
+    free = dataclasses.replace(task, known=lambda _: {})
+    after, before = error_of(task, None), error_of(task, MIDDLE)
     ratio = (before - after) / max(after - SIGMA**2, 1e-300)
     assert not 0.9 * LARGE < ratio < 1.1 * LARGE  # near the limit the fit's own tolerance would decide
-    assert explains(setting(known), case, final(free, model), conflict("p")) is (ratio > LARGE)
+    assert explains(data(known), task, final(free, model), conflict("p")) is (ratio > LARGE)
     assert (ratio > LARGE) is (rest < 0.65)
 
 
@@ -119,8 +121,8 @@ def test_what_was_read_off_the_recordings_needs_no_fit() -> None:
 def test_where_the_model_cannot_be_simulated_at_the_prior_the_number_explains_all() -> None:
     known = {"p": (MIDDLE, SPREAD)}
     model = base("p", "q").plus(lambda v, run: np.full(N, np.nan if v["p"] == MIDDLE else 0.0))
-    case = dataclasses.replace(case_of(base("p", "q"), {"p": TRUE}, 1.2, known), known=lambda _: {})
-    assert explains(setting(known), case, final(case, model.replace({"p": 1.9})), conflict("p"))
+    task = dataclasses.replace(case_of(base("p", "q"), {"p": TRUE}, 1.2, known), known=lambda _: {})
+    assert explains(data(known), task, final(task, model.replace({"p": 1.9})), conflict("p"))
 
 
 @pytest.mark.parametrize(("rest", "is_much"), [(0.3, True), (1.2, False)])
@@ -131,13 +133,13 @@ def test_runs_that_began_late_are_held_within_one_standard_deviation(rest: float
     model = Staged().plus(lambda v, run: v["p"] * column(run, "p") + v["q"] * column(run, "q"), *base("p", "q").every)
     model = model.plus(lambda v, run: v[f"{run.name}:{TRIGGER}"] * column(run, "late"), *own)
     known = {p.name: (0.0, sigma) for p in own}
-    case = case_of(model, {"p": TRUE, "q": -1.0, **{p.name: late for p in own}}, rest, known)
-    stand = final(case, model)
+    task = case_of(model, {"p": TRUE, "q": -1.0, **{p.name: late for p in own}}, rest, known)
+    fit = final(task, model)
     # Of a column of that variance all but one standard deviation is lost.
-    variance = np.mean([np.var(column(record.observation, "late")) for record in case.validate.records])
-    remains = setting(known).error(stand) ** 2 - SIGMA**2
+    variance = np.mean([np.var(column(record.observation, "late")) for record in task.validate.records])
+    remains = data(known).error(fit) ** 2 - SIGMA**2
     assert bool((late - sigma) ** 2 * variance > LARGE * remains) is is_much
-    assert explains(setting(known), case, stand, conflict(TRIGGER)) is is_much
+    assert explains(data(known), task, fit, conflict(TRIGGER)) is is_much
     # The case itself believes whatever the data say.
-    values = {p.name: p.start or 0.0 for p in stand.model.parameters() if p.run}
+    values = {p.name: p.start or 0.0 for p in fit.model.parameters() if p.run}
     assert all(value == pytest.approx(late, abs=0.1) for value in values.values())

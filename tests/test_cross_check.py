@@ -34,9 +34,9 @@ COARSE = {"WILD_GRADING": (0.8, 1.0), "EXTRUDED_GRADING": (0.2, 0.9)}
 def way(k_in: float, sigma: float, planes: str = "xz", method: str = "extruded") -> Way:
     """Return a way whose input stiffness is this [N/m], and whose other answers are always the same."""
     found = [
-        Quantity("K_in", k_in, "N/m", "N/mm", "output free", sigma=sigma),
-        Quantity("lambda", -11.0, "1", "", "output free", sigma=0.01),
-        Quantity("K_out", 1e4, "N/m", "N/mm", "input free", sigma=20.0),
+        Quantity("K_in", k_in, "N/m", "N/mm", "output free", half_width=sigma),
+        Quantity("lambda", -11.0, "1", "", "output free", half_width=0.01),
+        Quantity("K_out", 1e4, "N/m", "N/mm", "input free", half_width=20.0),
     ]
     return Way(method, planes, {quantity.key: quantity for quantity in found}, 1000, 2.0)
 

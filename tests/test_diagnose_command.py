@@ -24,7 +24,7 @@ from flexdesign import diagnosis, effects
 from flexdesign.cli import app
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import Diagnosis, Value, add_effect, discriminating_experiments, initialised_comparison
-from flexdesign.diagnosis.preparation.dataset import settle
+from flexdesign.diagnosis.preparation.dataset import prepare
 from flexdesign.diagnosis.residual_comparison import compared
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
@@ -56,15 +56,17 @@ def diagnosed() -> Diagnosis:
 
 
 @cache
-def added() -> add_effect.Added:
+def added() -> add_effect.AddedEffect:
     return add_effect.add(stage(), "stress_stiffening", recordings())
 
 
 def unknown() -> Diagnosis:
     """A diagnosis of something that no effect explains, made of the demo's."""
-    left = {key: diagnosed().remainders["calibrated"] for key in ("calibrated", "found")}
+    left = {key: diagnosed().residuals_by_run["calibrated"] for key in ("calibrated", "found")}
     said = "9 times the noise remains; of smooth functions these explain most: force: position^3"
-    return replace(diagnosed(), verdict="unknown", effects=(), near=("preload_loss",), remainder=said, remainders=left)
+    return replace(
+        diagnosed(), verdict="unknown", effects=(), near=("preload_loss",), remainder=said, residuals_by_run=left
+    )
 
 
 # --- the demo -------------------------------------------------------------------------------------------------------
@@ -86,7 +88,7 @@ def test_the_ladder_is_what_the_runs_kept_apart_leave() -> None:
     kept = [run.name for run in found.runs if run.role == "validate"]
     assert len(kept) == 2
     for rung, which in ((found.ladder[2], "calibrated"), (found.ladder[-1], "found")):
-        left = np.concatenate([np.asarray(found.remainders[which][name], dtype=float) for name in kept])
+        left = np.concatenate([np.asarray(found.residuals_by_run[which][name], dtype=float) for name in kept])
         assert rung.error == pytest.approx(np.sqrt(np.nanmean(left**2)), rel=1e-9)
 
 
@@ -195,7 +197,7 @@ def test_unknown_says_what_it_looks_like_and_what_comes_near() -> None:
 
 def test_what_cannot_be_told_apart_comes_with_the_experiment_that_would() -> None:
     found = replace(diagnosed(), confusable=(GROUP,))
-    (told,) = discriminating_experiments.tellings(found)
+    (told,) = discriminating_experiments.proposals(found)
     (resolved,) = told.resolved
     best = resolved.proposed[0]
     # Odd or even in the position: runs about one bias cannot tell, one that reaches far on one side can.
@@ -212,7 +214,7 @@ def test_what_cannot_be_told_apart_comes_with_the_experiment_that_would() -> Non
 def test_a_stage_without_limits_is_told_what_is_missing_for_experiments() -> None:
     found = replace(diagnosed(), confusable=(GROUP,))
     bare = replace(found.model.axes["x"], actuator=None)
-    (told,) = discriminating_experiments.tellings(replace(found, model=replace(found.model, axes={"x": bare})))
+    (told,) = discriminating_experiments.proposals(replace(found, model=replace(found.model, axes={"x": bare})))
     assert not told.resolved
     assert told.reason
     assert told.reason in diagnosis_words.apart(GROUP, (told,))
@@ -321,8 +323,8 @@ def test_adding_what_is_hidden_brings_the_error_to_the_noise() -> None:
 def test_an_effect_that_is_not_needed_is_said_to_be(tmp_path: Path) -> None:
     better = add_effect.add(added().model, "creep", recordings())
     assert better.reason
-    at_null, (low, _) = 0.0, better.values[0].interval
-    assert low == pytest.approx(at_null, abs=1e-3)
+    without_effect, (low, _) = 0.0, better.values[0].interval
+    assert low == pytest.approx(without_effect, abs=1e-3)
     assert "creep" in read_back(better.model, tmp_path).axes["x"].effects
 
 
@@ -431,7 +433,7 @@ def test_a_stated_noise_reaches_the_fit(verb: str, tmp_path: Path, monkeypatch: 
 @pytest.mark.parametrize("stated", [None, 3e-9])
 def test_a_stated_noise_is_taken_as_it_is(stated: float | None) -> None:
     """Whatever the quiet record shows, 20 nm; test runs and those that are fitted alike."""
-    about = settle(stage(), recordings(), None, None, stated)
+    about = prepare(stage(), recordings(), None, None, stated)
     assert about.noise.known
     assert (about.noise.source == "as stated") is (stated is not None)
     assert about.floor == pytest.approx(stated or 2e-8, rel=0.1)

@@ -23,14 +23,14 @@ from flexdesign import effects
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import Diagnosis, add_effect, diagnose
 from flexdesign.diagnosis import verdict as judgement
-from flexdesign.diagnosis.effect_selection.basis_functions import Features
+from flexdesign.diagnosis.effect_selection.basis_functions import BasisFunctions
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import case_of
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts
-from flexdesign.diagnosis.preparation.dataset import Setting, settle
+from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.periodic_disturbances import frequencies
 from flexdesign.diagnosis.preparation.quantisation_noise import rounded
-from flexdesign.diagnosis.result import Course
+from flexdesign.diagnosis.result import SelectionHistory
 from flexdesign.diagnosis.verdict import LARGE, conclude, decide, is_adequate, ladder_of, levels, remainder
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_run import of_axis
@@ -38,10 +38,10 @@ from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
 from flexdesign.estimation.least_squares.parameter_transforms import value as value_at
 from flexdesign.estimation.least_squares.residual_function import Problem
-from flexdesign.estimation.model_selection.fitted_model import Stand
+from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.model_selection.sparse_residual_model import Rival
+from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel
 from flexdesign.estimation.noise.autoregressive import Process
 from flexdesign.estimation.noise.whitening import Coloured
 from flexdesign.estimation.uncertainty.identifiability import Estimate
@@ -66,7 +66,7 @@ def run_of(name: str, command: Array, response: Array, role: Literal["identify",
 # --- stands made by hand --------------------------------------------------------------------------------------------
 
 
-def setting(axis: AxisModel = AXIS, dof: float = math.inf, n: int = 2000, **more: Any) -> Setting:
+def data(axis: AxisModel = AXIS, dof: float = math.inf, n: int = 2000, **more: Any) -> DiagnosisData:
     """Two runs for the fit and one kept apart, of random numbers; only their lengths count."""
     rng = np.random.default_rng(0)
     roles: dict[str, Literal["identify", "validate"]] = {"one": "identify", "two": "identify", "kept": "validate"}
@@ -74,80 +74,80 @@ def setting(axis: AxisModel = AXIS, dof: float = math.inf, n: int = 2000, **more
     process = Process(np.zeros(0), NOISE)
     noise = NoiseFloor(Coloured(process), dict.fromkeys(roles, NOISE), "stated", dof > 0, (), dof)
     known = {name: (axis.numbers[name], axis.numbers[name] * share) for name, share in axis.uncertainty.items()}
-    return Setting("x", axis, tuple(of_axis(run, "x", axis) for run in runs), noise, 0.3 * NOISE, known)
+    return DiagnosisData("x", axis, tuple(of_axis(run, "x", axis) for run in runs), noise, 0.3 * NOISE, known)
 
 
 @pytest.mark.parametrize("step", [None, 4e-7])
 def test_a_line_hidden_in_quiet_records_is_seen_in_what_is_left_of_others(step: float | None) -> None:
     """A sinusoid of 1.2 times the noise at 15.5 Hz, to a tenth of the resolution; else quiet records would show it."""
     rng, t = np.random.default_rng(0), PERIOD * np.arange(2000.0)
-    about = replace(setting(), noise=replace(setting().noise, known=step is not None, lines=()))
+    about = replace(data(), noise=replace(data().noise, known=step is not None, lines=()))
     vars(about)["coarse_step"] = step
     left = {run.name: NOISE * (1.2 * np.sin(2 * np.pi * 15.5 * t) + rng.standard_normal(len(t))) for run in about.runs}
     left[about.runs[0].name][700:710] = np.nan
-    stand: Any = SimpleNamespace(remainders=left)
-    (found,) = frequencies(about, stand)
+    fit: Any = SimpleNamespace(residuals_by_run=left)
+    (found,) = frequencies(about, fit)
     assert found == pytest.approx(15.5, abs=0.05)
     vars(about)["coarse_step"] = None
-    assert frequencies(replace(about, noise=replace(about.noise, known=True)), stand) == ()
+    assert frequencies(replace(about, noise=replace(about.noise, known=True)), fit) == ()
 
 
-def stand(
-    about: Setting,
+def fit(
+    about: DiagnosisData,
     seen: float = 1.0,
     kept: float = 1.0,
     added: Sequence[Candidate] = (),
     moved: Numbers = NONE,
     tests: float | None = None,
-) -> Stand:
+) -> FittedModel:
     """A stand that leaves so many times the noise, in squares, with some numbers moved to other values."""
-    model, case = case_of(StageModel({"x": about.axis}), about, map, lambda _: None)
+    model, task = case_of(StageModel({"x": about.axis}), about, map, lambda _: None)
     begun: Any = model
     for effect in added:
         begun = effect.add(begun)
     begun = begun.replace(moved)
-    free = [*case.free, *(name for effect in added for name in effect.free)]
-    where = case.coordinates(begun, free, case.identify)
-    problem = Problem(case.identify, begun, where)
-    half = math.sqrt(seen * case.identify.samples / 2)
-    parts = tuple(half * np.eye(1, record.rows)[0] for record in case.identify.records)
+    free = [*task.free, *(name for effect in added for name in effect.free)]
+    where = task.coordinates(begun, free, task.identify)
+    problem = Problem(task.identify, begun, where)
+    half = math.sqrt(seen * task.identify.samples / 2)
+    parts = tuple(half * np.eye(1, record.rows)[0] for record in task.identify.records)
     normal = np.diag(1 / (1e-3 * where.sizes(where.start)) ** 2)
     cost = sum(float(part @ part) for part in parts)
     solution = Solution(problem, where.start, cost, parts, (), normal, True)
-    held = kept * sum(record.present.sum() for record in case.validate.records)
+    held = kept * sum(record.present.sum() for record in task.validate.records)
     tests = kept if tests is None else tests
     rms = {role: NOISE * math.sqrt(of) for role, of in (("identify", seen), ("validate", kept), ("test", tests))}
     left = {run.name: np.full(len(run.time), rms[run.role]) for run in about.runs}
-    return Stand(tuple(added), solution, begun, float(held), left)
+    return FittedModel(tuple(added), solution, begun, float(held), left)
 
 
-def effect(about: Setting, name: str) -> Candidate:
+def effect(about: DiagnosisData, name: str) -> Candidate:
     model, _ = case_of(StageModel({"x": about.axis}), about, map, lambda _: None)
     return next(c for c in candidates(model) if c.name == name)
 
 
-def creep(about: Setting) -> Candidate:
+def creep(about: DiagnosisData) -> Candidate:
     return effect(about, "creep")
 
 
-def rival(held_gain: float = 0.0, moved: float = 0.0, **terms: float) -> Rival:
+def sparse_model(held_gain: float = 0.0, moved: float = 0.0, **terms: float) -> SparseModel:
     gain = float(sum(terms.values()))
-    return Rival(terms, gain, held_gain, moved, {name: amount / gain for name, amount in terms.items()})
+    return SparseModel(terms, gain, held_gain, moved, {name: amount / gain for name, amount in terms.items()})
 
 
 def course_of(
-    first: Stand, *stands: Stand, alike: Sequence[Trial] = (), tried: Sequence[Trial] = (), **more: Any
-) -> Course:
+    first: FittedModel, *stands: FittedModel, alike: Sequence[Trial] = (), tried: Sequence[Trial] = (), **more: Any
+) -> SelectionHistory:
     chosen = [trial_of(before, after) for before, after in itertools.pairwise((first, *stands))]
     steps = [Step(trial, (trial, *alike, *tried)) for trial in chosen]
-    return Course(first, first, stands, (*steps, Step(None, ())), **more)
+    return SelectionHistory(first, first, stands, (*steps, Step(None, ())), **more)
 
 
 def judged(
-    about: Setting,
-    first: Stand,
-    final: Stand,
-    left: Rival | None = None,
+    about: DiagnosisData,
+    first: FittedModel,
+    final: FittedModel,
+    left: SparseModel | None = None,
     alike: Sequence[Trial] = (),
     *,
     is_better_smooth: bool = False,
@@ -156,12 +156,14 @@ def judged(
     return concluded(about, course_of(first, *([final] if final.effects else []), alike=alike), left, is_better_smooth)
 
 
-def concluded(about: Setting, course: Course, left: Rival | None = None, is_better_smooth: bool = False) -> Diagnosis:
-    left = left or rival()
+def concluded(
+    about: DiagnosisData, course: SelectionHistory, left: SparseModel | None = None, is_better_smooth: bool = False
+) -> Diagnosis:
+    left = left or sparse_model()
     # Hand-made fits have no Jacobian to profile by, and one sample for a residual, which looks white.
-    with mock.patch.object(judgement, "intervals", quadratic), mock.patch.object(Stand, "is_white", False):
+    with mock.patch.object(judgement, "intervals", quadratic), mock.patch.object(FittedModel, "is_white", False):
         verdict, named = decide(about, course, left, lambda *_: is_better_smooth)
-        ladder = [course.designed, *ladder_of(course, named)]
+        ladder = [course.nominal, *ladder_of(course, named)]
         moved = conflicts(about, named)
         is_done = is_adequate(about, course.final, left)
         implied = [each for each in moved if each.named is not None and is_done]
@@ -173,7 +175,7 @@ def quadratic(solution: Solution, names: Sequence[str], **_: Any) -> tuple[Estim
     where, made = solution.problem.where, []
     for j, parameter in enumerate(where.parameters):
         if parameter.name in names:
-            scale = max(solution.cost / solution.problem.suite.samples, 1.0)
+            scale = max(solution.cost / solution.problem.dataset.samples, 1.0)
             half = 1.96 * math.sqrt(max(float(solution.covariance[j, j]), 0.0) * scale)
             ends = np.clip([solution.x[j] - half, solution.x[j] + half], where.lower[j], where.upper[j])
             low, high = sorted(value_at(parameter, float(end)) for end in ends)
@@ -181,25 +183,25 @@ def quadratic(solution: Solution, names: Sequence[str], **_: Any) -> tuple[Estim
     return tuple(made)
 
 
-def trial_of(before: Stand, after: Stand, names: tuple[str, ...] = ()) -> Trial:
+def trial_of(before: FittedModel, after: FittedModel, names: tuple[str, ...] = ()) -> Trial:
     names = names or tuple(name for name in after.names if name not in before.names)
     return Trial(names, after, before.cost - after.cost, 0.9, NOISE, 20.0, 20.0, "")
 
 
 def verdict_of(
-    first: float, final: float, named: bool, left: Rival | None = None, is_better_smooth: bool = False
+    first: float, final: float, named: bool, left: SparseModel | None = None, is_better_smooth: bool = False
 ) -> tuple[str, tuple[str, ...], tuple[str, ...], bool]:
-    """Verdict, effects, near ones, and whether something stays, where runs kept apart are as those that were fitted."""
-    about = setting()
-    calibrated = stand(about, first, first)
-    last = stand(about, final, final, [creep(about)]) if named else calibrated
+    """Verdict, effects, near ones, and whether something stays, where validation runs are as those that were fitted."""
+    about = data()
+    calibrated = fit(about, first, first)
+    last = fit(about, final, final, [creep(about)]) if named else calibrated
     found = judged(about, calibrated, last, left, is_better_smooth=is_better_smooth)
     return found.verdict, tuple(e.name for e in found.effects), found.near, bool(found.remainder)
 
 
 #: Mean squares, in those of the noise; and smooth functions that explain what is there, or hardly move anything.
 LITTLE, MUCH = 1.05, 1000.0
-SMOOTH, FAINT = rival(500.0, NOISE, position=400.0), rival(500.0, 0.2 * NOISE, position=400.0)
+SMOOTH, FAINT = sparse_model(500.0, NOISE, position=400.0), sparse_model(500.0, 0.2 * NOISE, position=400.0)
 #: Of `MUCH` an effect leaves this much where it explains `LARGE` times what it leaves.
 LIMIT = (MUCH - 1) / (1 + LARGE)
 
@@ -222,43 +224,43 @@ LIMIT = (MUCH - 1) / (1 + LARGE)
         ((LITTLE, LITTLE, False, replace(SMOOTH, held_gain=-1.0)), ("nothing-missing", (), (), False)),
     ],
 )
-def test_verdicts(case: tuple[Any, ...], expected: tuple[Any, ...]) -> None:
-    assert verdict_of(*case) == expected
+def test_verdicts(task: tuple[Any, ...], expected: tuple[Any, ...]) -> None:
+    assert verdict_of(*task) == expected
 
 
 def test_what_remains_beside_a_named_effect_is_stated() -> None:
     """The root of 100 noises less one, above the noise; nothing where the model is adequate."""
-    about = setting()
-    first = stand(about, MUCH, MUCH)
-    found = judged(about, first, stand(about, 100.0, 100.0, [creep(about)]))
+    about = data()
+    first = fit(about, MUCH, MUCH)
+    found = judged(about, first, fit(about, 100.0, 100.0, [creep(about)]))
     assert found.verdict == "effects-found"
     assert found.remainder_rms == pytest.approx(math.sqrt(99) * NOISE)
-    assert judged(about, first, stand(about, added=[creep(about)])).remainder_rms == 0.0
+    assert judged(about, first, fit(about, added=[creep(about)])).remainder_rms == 0.0
 
 
 def test_of_two_effects_the_first_is_named_where_the_second_explains_little() -> None:
-    about = setting()
+    about = data()
     one, other = creep(about), effect(about, "quadratic_stiffness")
-    first, second = stand(about, MUCH, MUCH), stand(about, 100.0, 100.0, [one])
+    first, second = fit(about, MUCH, MUCH), fit(about, 100.0, 100.0, [one])
     # Both explain much beside what remains; the second does not; neither does.
     for after, names in ((20.0, 2), (60.0, 1), (99.0, 1)):
-        found = concluded(about, course_of(first, second, stand(about, after, after, [one, other])))
+        found = concluded(about, course_of(first, second, fit(about, after, after, [one, other])))
         assert (found.verdict, len(found.effects)) == ("effects-found", names)
         assert found.near == ("creep", "quadratic_stiffness")[names:]
         assert [rung.label for rung in found.ladder][2:] == ["+ creep", "+ quadratic_stiffness"][:names]
-    second = stand(about, 800.0, 800.0, [one])
-    found = concluded(about, course_of(first, second, stand(about, 700.0, 700.0, [one, other])))
+    second = fit(about, 800.0, 800.0, [one])
+    found = concluded(about, course_of(first, second, fit(about, 700.0, 700.0, [one, other])))
     assert (found.verdict, found.near) == ("unknown", ("creep", "quadratic_stiffness"))
 
 
 def test_two_effects_of_one_step_are_named_together() -> None:
     """Whatever one of them would have explained alone."""
-    about = setting()
+    about = data()
     one, other = creep(about), effect(about, "quadratic_stiffness")
-    first = stand(about, MUCH, MUCH)
-    tried = [trial_of(first, stand(about, 100.0, 100.0, [one]))]
+    first = fit(about, MUCH, MUCH)
+    tried = [trial_of(first, fit(about, 100.0, 100.0, [one]))]
     for after, names in ((60.0, ("creep", "quadratic_stiffness")), (500.0, ())):
-        course = course_of(first, stand(about, after, after, [one, other]), tried=tried)
+        course = course_of(first, fit(about, after, after, [one, other]), tried=tried)
         assert [level.names for level in levels(course)] == [(), ("creep", "quadratic_stiffness")]
         found = concluded(about, course)
         assert tuple(named.name for named in found.effects) == names
@@ -266,12 +268,12 @@ def test_two_effects_of_one_step_are_named_together() -> None:
 
 
 def test_an_effect_at_the_end_of_what_is_plausible_is_not_named() -> None:
-    about = setting()
+    about = data()
     low, high = next(p.plausible for p in effects.find("creep").parameters if p.name == "per_decade")
-    first = stand(about, MUCH, MUCH)
+    first = fit(about, MUCH, MUCH)
     for value, verdict in ((0.5 * (low + high), "effects-found"), (high, "unknown")):
         for after in (LITTLE, 100.0):
-            last = stand(about, after, after, [creep(about)], {"creep.per_decade": value})
+            last = fit(about, after, after, [creep(about)], {"creep.per_decade": value})
             assert judged(about, first, last).verdict == verdict
 
 
@@ -279,8 +281,8 @@ def test_an_effect_at_the_end_of_what_is_plausible_is_not_named() -> None:
 def test_a_residual_within_a_stated_tolerance_counts_as_none(known: bool) -> None:
     """Nine times the variance of the noise: three times it in all, the root of eight above it."""
     above = math.sqrt(8) if known else 3.0
-    about = setting(dof=math.inf if known else 0.0)
-    one = stand(about, 9.0, 9.0)
+    about = data(dof=math.inf if known else 0.0)
+    one = fit(about, 9.0, 9.0)
     for share, verdict in ((1.02, "nothing-missing"), (0.98, "unknown")):
         asked = replace(about, tolerance=share * above * NOISE, is_asked=True)
         found = judged(asked, one, one)
@@ -293,37 +295,37 @@ def test_a_residual_within_a_stated_tolerance_counts_as_none(known: bool) -> Non
 
 def test_unknown_noise_is_said_and_never_weighed_against() -> None:
     """The guess is far too small: an effect leaves many times that much, and explains a large share all the same."""
-    about = replace(setting(dof=0.0), tolerance=NOISE)
-    first = stand(about, MUCH, MUCH)
+    about = replace(data(dof=0.0), tolerance=NOISE)
+    first = fit(about, MUCH, MUCH)
     for after, verdict in ((MUCH / (1.05 + LARGE), "effects-found"), (MUCH / (0.95 + LARGE), "unknown")):
-        found = judged(about, first, stand(about, after, after, [creep(about)]))
+        found = judged(about, first, fit(about, after, after, [creep(about)]))
         assert found.verdict == verdict
         assert "noise of these runs is unknown" in found.confidence
         assert "times the noise" not in found.remainder
-    assert not judged(setting(), first, first).confidence
+    assert not judged(data(), first, first).confidence
     # Five and two variances of the guess: one remains above a noise that is known, two where it is not.
     for dof, verdict in ((math.inf, "effects-found"), (0.0, "unknown")):
-        about = replace(setting(dof=dof), tolerance=NOISE)
-        assert judged(about, stand(about, 5.0, 5.0), stand(about, 2.0, 2.0, [creep(about)])).verdict == verdict
+        about = replace(data(dof=dof), tolerance=NOISE)
+        assert judged(about, fit(about, 5.0, 5.0), fit(about, 2.0, 2.0, [creep(about)])).verdict == verdict
 
 
 def test_errors_are_stated_of_test_runs_and_nothing_is_chosen_by_them() -> None:
-    about = setting()
+    about = data()
     run = replace(about.runs[-1], name="unseen", role="test")
     noise = replace(about.noise, rms={**about.noise.rms, "unseen": NOISE})
     about = replace(about, runs=(*about.runs, run), noise=noise)
-    calibrated = stand(about, MUCH, MUCH, tests=400.0)
-    found = judged(about, calibrated, stand(about, LITTLE, LITTLE, [creep(about)], tests=100.0))
+    calibrated = fit(about, MUCH, MUCH, tests=400.0)
+    found = judged(about, calibrated, fit(about, LITTLE, LITTLE, [creep(about)], tests=100.0))
     assert [(rung.error / NOISE) ** 2 for rung in found.ladder] == pytest.approx([400, 400, 100])
     assert (found.verdict, found.remainder) == ("effects-found", "")
     assert found.validation_error == pytest.approx(10 * NOISE)
     # However well the test run is predicted, it names nothing.
-    assert judged(about, calibrated, stand(about, MUCH - 1, MUCH - 1, [creep(about)], tests=1.0)).verdict == "unknown"
+    assert judged(about, calibrated, fit(about, MUCH - 1, MUCH - 1, [creep(about)], tests=1.0)).verdict == "unknown"
 
 
 def test_a_calibration_that_was_refused_is_said() -> None:
-    about = setting()
-    first = stand(about, MUCH, MUCH)
+    about = data()
+    first = fit(about, MUCH, MUCH)
     assert (
         "calibration makes the validation runs worse" in concluded(about, course_of(first, is_refused=True)).confidence
     )
@@ -331,39 +333,39 @@ def test_a_calibration_that_was_refused_is_said() -> None:
 
 
 def test_what_stays_counts_wherever_it_stays() -> None:
-    """On the runs kept apart, or on those that were fitted; both must be noise."""
-    about = setting()
+    """On the validation runs, or on those that were fitted; both must be noise."""
+    about = data()
     for seen, kept, verdict in ((1.0, 1.0, "nothing-missing"), (1.0, 1.5, "unknown"), (1.5, 1.0, "unknown")):
-        one = stand(about, seen, kept)
+        one = fit(about, seen, kept)
         assert judged(about, one, one).verdict == verdict
 
 
 @pytest.mark.parametrize("dof", [50.0, math.inf])
 def test_the_less_is_known_of_the_noise_the_more_counts_as_noise(dof: float) -> None:
     """A level known from k samples is off by the root of 1 / 2k, its square by twice that; so is chance, from n."""
-    about = setting(dof=dof)
+    about = data(dof=dof)
     for n, seen, kept in ((4000, 1.0, 0.0), (2000, 0.0, 1.0)):
         allowed = ADEQUATE + ERRORS * math.sqrt(2 / n + 2 / dof)
         for share, is_noise in ((0.99, True), (1.01, False)):
             more = share * allowed
-            left = remainder(about, stand(about, 1 + more * seen, 1 + more * kept))
+            left = remainder(about, fit(about, 1 + more * seen, 1 + more * kept))
             assert left.is_noise is is_noise
             assert (left.allowed, left.excess) == pytest.approx((allowed, more))
             assert left.raw == pytest.approx(NOISE * math.sqrt(more * kept))
 
 
 def test_words_say_what_remains_and_what_it_looks_like() -> None:
-    about = setting()
-    one = stand(about, 9.0, 9.0)
-    left = rival(10.0, 1e-6, **{"a": 1.0, "b": 5.0, "c": 2.0, "d": 0.5})
+    about = data()
+    one = fit(about, 9.0, 9.0)
+    left = sparse_model(10.0, 1e-6, **{"a": 1.0, "b": 5.0, "c": 2.0, "d": 0.5})
     assert judged(about, one, one, left).remainder.startswith("3 times the noise remains")
     assert judged(about, one, one, left).remainder.endswith("explain most: b, c, a")
     assert "no smooth function" in judged(about, one, one).remainder
 
 
 def test_a_ladder_and_shares_are_those_of_the_stands() -> None:
-    about = setting()
-    found = judged(about, stand(about, 101.0, 101.0), stand(about, 2.0, 2.0, [creep(about)]))
+    about = data()
+    found = judged(about, fit(about, 101.0, 101.0), fit(about, 2.0, 2.0, [creep(about)]))
     assert [rung.label for rung in found.ladder] == ["as designed", "recalibrated", "+ creep"]
     assert [(rung.error / NOISE) ** 2 for rung in found.ladder] == pytest.approx([101, 101, 2])
     assert found.effects[0].share == pytest.approx((101 - 2) / 100)
@@ -377,10 +379,10 @@ def test_a_ladder_and_shares_are_those_of_the_stands() -> None:
 
 
 def test_candidates_say_what_became_of_them() -> None:
-    about = setting()
-    first, final = stand(about, MUCH, MUCH), stand(about, added=[creep(about)])
+    about = data()
+    first, final = fit(about, MUCH, MUCH), fit(about, added=[creep(about)])
     alike = trial_of(first, final, ("thermal_expansion",))
-    worse = trial_of(first, stand(about, 100.0, 100.0, [creep(about)]), ("thermal_drift",))
+    worse = trial_of(first, fit(about, 100.0, 100.0, [creep(about)]), ("thermal_drift",))
     refused = replace(alike, names=("sensor_drift",), reason="no more than chance gives")
     found = judged(about, first, final, alike=[alike, worse, refused])
     assert {tried.names: tried.outcome for tried in found.candidates} == {
@@ -391,7 +393,7 @@ def test_candidates_say_what_became_of_them() -> None:
     }
 
 
-# --- numbers that moved beyond what was known -----------------------------------------------------------------------
+# --- numbers that moved beyond the prior -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -412,9 +414,9 @@ def test_numbers_that_moved_too_far_are_effects(
     group: tuple[tuple[str, ...], ...],
     number: float,
 ) -> None:
-    about = setting(axis, **more)
+    about = data(axis, **more)
     values = {name: axis.numbers[name] * ratio for name, ratio in moved.items()}
-    one = stand(about, moved=values)
+    one = fit(about, moved=values)
     found = judged(about, one, one)
     assert found.verdict == "effects-found"
     assert tuple(effect.name for effect in found.effects) == names
@@ -443,16 +445,16 @@ def test_numbers_that_moved_too_far_are_effects(
     ],
 )
 def test_other_moves_name_nothing(moved: dict[str, float], is_said: bool) -> None:
-    about = setting()
-    one = stand(about, moved={name: about.axis.numbers[name] * ratio for name, ratio in moved.items()})
+    about = data()
+    one = fit(about, moved={name: about.axis.numbers[name] * ratio for name, ratio in moved.items()})
     found = judged(about, one, one)
     assert (found.verdict, found.effects, found.confusable) == ("nothing-missing", (), ())
     assert bool(found.conflicts) is is_said
 
 
 def test_nothing_is_implied_where_something_unknown_stays() -> None:
-    about = setting()
-    one = stand(about, 9.0, 9.0, moved={"natural_frequency": 0.9 * about.axis.natural_frequency})
+    about = data()
+    one = fit(about, 9.0, 9.0, moved={"natural_frequency": 0.9 * about.axis.natural_frequency})
     found = judged(about, one, one)
     assert (found.verdict, found.effects) == ("unknown", ())
     assert len(found.conflicts) == 1
@@ -460,31 +462,31 @@ def test_nothing_is_implied_where_something_unknown_stays() -> None:
 
 def test_runs_that_all_begin_late_share_a_delay() -> None:
     """Late by two samples where half a sample was expected; one alone is late by itself."""
-    about = setting()
-    all_late = stand(about, moved={"one:trigger": 2.1e-3, "two:trigger": 1.9e-3})
+    about = data()
+    all_late = fit(about, moved={"one:trigger": 2.1e-3, "two:trigger": 1.9e-3})
     found = judged(about, all_late, all_late)
     assert [effect.name for effect in found.effects] == ["transport_delay"]
     assert found.effects[0].values[0].value == pytest.approx(2e-3)
     assert found.model.controller.delay == pytest.approx(2e-3)
-    one_late = stand(about, moved={"one:trigger": 0.6e-3, "two:trigger": -0.2e-3})
+    one_late = fit(about, moved={"one:trigger": 0.6e-3, "two:trigger": -0.2e-3})
     assert judged(about, one_late, one_late).verdict == "nothing-missing"
 
 
 def test_a_gain_that_rises_with_a_falling_frequency_is_lost_stiffness() -> None:
     """k x = F and w^2 = k / m: of a fifth less stiffness both follow, and added mass would leave the gain alone."""
-    about = setting()
+    about = data()
     moved = {"natural_frequency": AXIS.natural_frequency * math.sqrt(0.65), "gain": AXIS.gain / 0.65}
-    softer = stand(about, moved=moved)
+    softer = fit(about, moved=moved)
     found = judged(about, softer, softer)
     assert [effect.name for effect in found.effects] == ["stiffness_loss"] and not found.confusable
     assert found.effects[0].values[0].value == pytest.approx(0.35)
     low, _ = found.effects[0].values[0].interval
     assert 0.35 - low == pytest.approx(1.96 * 2 * 0.02 * 0.65, rel=0.05)  # the old frequency is known to 2 %
-    heavier = stand(about, moved={"natural_frequency": moved["natural_frequency"]})
+    heavier = fit(about, moved={"natural_frequency": moved["natural_frequency"]})
     assert judged(about, heavier, heavier).confusable == (("payload_mass", "stiffness_loss"),)
 
 
-def with_parts(of: Stand, more: Mapping[int, float]) -> Stand:
+def with_parts(of: FittedModel, more: Mapping[int, float]) -> FittedModel:
     """The stand with Gaussian noise of variance one left, and jumps added to it at some samples."""
     rng = np.random.default_rng(0)
     parts = [rng.standard_normal(len(part)) for part in of.solution.residuals]
@@ -494,8 +496,8 @@ def with_parts(of: Stand, more: Mapping[int, float]) -> Stand:
 
 
 def test_jumps_are_no_noise_however_few() -> None:
-    about = setting()
-    calm, jumping = (with_parts(stand(about), more) for more in ({}, {100: 12.0, 700: -9.0, 1500: 10.0}))
+    about = data()
+    calm, jumping = (with_parts(fit(about), more) for more in ({}, {100: 12.0, 700: -9.0, 1500: 10.0}))
     assert judged(about, calm, calm).verdict == "nothing-missing"
     found = judged(about, jumping, jumping)
     assert found.verdict == "unknown" and "with 3 sudden jumps" in found.remainder
@@ -540,13 +542,13 @@ def test_what_acts_ahead_of_the_stack_is_no_candidate_where_its_voltage_is_known
     quiet = replace(sent, name="quiet", columns={"u": 0 * t, "x": np.random.default_rng(0).normal(0, NOISE, 400)})
     monitored = replace(sent, name="monitored", columns={**sent.columns, "v": command}, si={**sent.si, "v": "V"})
     stage = StageModel({"x": AXIS})
-    assert settle(stage, [quiet, monitored], "x", None).is_at_stack
-    assert not settle(stage, [quiet, sent, monitored], "x", None).is_at_stack
+    assert prepare(stage, [quiet, monitored], "x", None).is_at_stack
+    assert not prepare(stage, [quiet, sent, monitored], "x", None).is_at_stack
     with pytest.raises(InputError, match="driver_slew: acts ahead of the stack"):
         add_effect.add(stage, "driver_slew", [quiet, monitored])
     wrong = replace(sent, columns={**sent.columns, "x": 1e3 * sent.columns["x"]})
     with pytest.raises(InputError, match=r"sent:identify: column x = .* a thousand times"):
-        settle(stage, [quiet, wrong], "x", None)
+        prepare(stage, [quiet, wrong], "x", None)
 
 
 def test_trials_are_values_that_a_fit_may_have() -> None:
@@ -582,7 +584,7 @@ def test_features_are_functions_of_the_motion() -> None:
     predicted = 1e-4 * np.sin(2 * math.pi * 5 * t)
     command = np.where(t < 0.1, 0.0, np.where(t < 0.3, 80.0, 30.0))
     model = AxisDynamics("x", AXIS, 100.0)
-    made = Features(model)(run_of("run", command, predicted, "identify"), predicted)
+    made = BasisFunctions(model)(run_of("run", command, predicted, "identify"), predicted)
     x = predicted / (1.98e-6 * 100)
     assert made["reading: position^2"] == pytest.approx(x**2)
     assert made["reading: position beyond 30 %"] == pytest.approx(np.maximum(x - 0.3, 0))
@@ -598,7 +600,7 @@ def test_a_force_is_seen_through_the_mode() -> None:
     """A force that waits between samples, by another program's integration; over the stiffness it is one at rest."""
     rng = np.random.default_rng(0)
     command = np.repeat(rng.uniform(0, 100, 8), 50)
-    made = Features(AxisDynamics("x", AXIS, 100.0))(run_of("run", command, command, "identify"), np.zeros(400))
+    made = BasisFunctions(AxisDynamics("x", AXIS, 100.0))(run_of("run", command, command, "identify"), np.zeros(400))
     w, fine = 2 * math.pi * 118.3, 50
     force = np.repeat(command / 100 - command[0] / 100, fine)
     moments = PERIOD / fine * np.arange(len(force))
@@ -689,9 +691,9 @@ def test_the_first_line_of_the_ladder_is_the_model_with_offsets_alone() -> None:
     (kept,) = [run for run in of_noise().runs if run.role == "validate"]
     model = AxisDynamics("x", of_noise().before.axes["x"], 100.0, tolerance=1e-7)
     left = kept.measured() - model.predict(kept)
-    alone, designed, *_ = of_noise().ladder
+    alone, nominal, *_ = of_noise().ladder
     assert alone.error == pytest.approx(float(np.std(left)), rel=1e-3)
-    assert designed.error < 0.8 * alone.error  # hysteresis came from elsewhere
+    assert nominal.error < 0.8 * alone.error  # hysteresis came from elsewhere
 
 
 def with_test_run(wrong: float) -> Diagnosis:

@@ -63,9 +63,9 @@ def checked(tree: ast.Module) -> Iterator[tuple[str, list[str], list[str]]]:
 
 
 def taken(node: ast.ClassDef) -> list[str]:
-    """Return the parameters of a class: of its `__init__`, else its fields."""
+    """Return the parameters of a class: of its `__init__` or `__new__`, else its fields."""
     for each in node.body:
-        if isinstance(each, ast.FunctionDef) and each.name == "__init__":
+        if isinstance(each, ast.FunctionDef) and each.name in ("__init__", "__new__"):
             return arguments(each, is_method=True)
     return fields(node)
 

@@ -23,7 +23,7 @@ Run = Callable[..., Any]
 OWN = '''
 """A sensor that is not straight."""
 
-from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign import Block, Effect, Parameter, Socket
 
 
 def constants(values, step):

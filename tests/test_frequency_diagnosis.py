@@ -20,7 +20,7 @@ from flexdesign.cli import app
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import Diagnosis, add_effect, diagnose
 from flexdesign.diagnosis.comparison import compare
-from flexdesign.diagnosis.discriminating_experiments import tellings
+from flexdesign.diagnosis.discriminating_experiments import proposals
 from flexdesign.dynamics.stage_model import AxisModel, StageModel, to_toml
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.report.diagnosis import (
@@ -138,7 +138,7 @@ def test_what_no_effect_explains_is_unknown() -> None:
     found = found_in(measured(FAST, GAIN * mode(FAST) * notch))
     assert (found.verdict, found.effects) == ("unknown", ())
     assert "times the noise remains" in found.remainder
-    assert all(name.startswith(("magnitude near", "phase near")) for name in found.rival.terms)
+    assert all(name.startswith(("magnitude near", "phase near")) for name in found.sparse_model.terms)
 
 
 def test_a_lag_of_another_law_is_no_lag_without_a_remainder() -> None:
@@ -280,7 +280,7 @@ def test_the_commands_take_a_file(tmp_path: Path) -> None:
 def test_a_diagnosis_of_responses_says_what_would_tell_a_group_apart_or_why_not() -> None:
     f, response, _, _ = HIDDEN["driver"]
     found = found_in(measured(f, response))
-    (telling,) = tellings(found)
+    (telling,) = proposals(found)
     assert "voltage_range" in telling.reason
     document = diagnosis_report.document(found, [telling])
     assert "the validation lines of sweep" in document.summary[0]

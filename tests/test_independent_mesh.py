@@ -56,7 +56,7 @@ def test_the_estimate_holds_what_the_mesh_is_too_stiff_by(check: IndependentChec
     """As solved, before it is freed of its error, the mesh is stiffer than the limit, and by more than its estimate."""
     for key in ("K_in_output_free", "K_out_input_free"):
         quantity = check.found[key]
-        share = (quantity.sigma or 0.0) / quantity.value
+        share = (quantity.half_width or 0.0) / quantity.value
         raw = quantity.value * (1 + independent_mesh.SHORT * share / (1 + share))
         assert raw > found.fem(key).value * (1 + share / 2)
 
@@ -66,8 +66,8 @@ def test_recovery_is_exact_for_a_uniform_strain(store: Cache) -> None:
     study = studies.read("bridge_amplifier", QUICK)
     part = study.design.part()
     body = domain.of_part(part, chord=domain.chord(part))
-    method = independent_mesh.refinement.method_of(study, part, body)
-    mesh, _ = independent_mesh.refinement.meshed(
+    method = independent_mesh.mesh_refinement.method_of(study, part, body)
+    mesh, _ = independent_mesh.mesh_refinement.meshed(
         method, body, 2.5, part.linkage().of_kind("hinge"), store, lambda _: None
     )
     elastic = Elasticity(mesh, study.design.material)

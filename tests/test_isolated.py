@@ -60,6 +60,8 @@ def test_an_interrupt_is_passed_on() -> None:
 
 def test_a_script_needs_no_guard(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
-    script.write_text("import math\nfrom flexdesign import isolated\nprint(isolated.call(math.sqrt, 16.0))\n")
+    script.write_text(
+        "import math\nfrom flexdesign.core import subprocess_call as isolated\nprint(isolated.call(math.sqrt, 16.0))\n"
+    )
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "4.0\n", "")

@@ -84,7 +84,7 @@ def test_the_stroke_keeps_the_error_of_the_linear_one() -> None:
     ratio = found.full_stroke / found.linear_stroke
     assert told.value == pytest.approx(ratio * linear.value)
     assert told.key == "stroke_output_free_large_displacements"
-    assert told.sigma is not None and told.sigma > abs(ratio) * 1e-6
+    assert told.half_width is not None and told.half_width > abs(ratio) * 1e-6
 
 
 def test_full_drive_between_two_steps_is_found_by_their_tangents() -> None:

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from tests.evidence.toys import TRUTH
 
 from studies.benchmarks import least_squares as benchmark
 from studies.benchmarks.least_squares import MANNERS, Ended, Task
+from tests.estimation.toys import TRUTH
 
 TASKS = {task.name: task for task in benchmark.formulas()}
 
@@ -25,7 +25,7 @@ def test_both_solvers_reach_the_same_cost(name: str) -> None:
 def test_cost_is_that_of_a_fit_written_out() -> None:
     """The known frequency counts as one more residual; a Jacobian of SciPy's own differences."""
     problem = (task := TASKS["oscillation 1, f known"]).make()
-    where, (record,) = problem.where, problem.suite.records
+    where, (record,) = problem.where, problem.dataset.records
 
     def residuals(x: np.ndarray) -> np.ndarray:
         values = where.values(x)
@@ -45,8 +45,8 @@ def test_a_known_jacobian_is_not_found_again(solver: str) -> None:
     start = problem.where.start
     residuals = problem.residuals(start)
     assert residuals is not None
-    (slopes,) = problem.slopes(start, residuals)
-    old = {name: [slopes.matrix[:, j]] for j, name in enumerate(problem.where.names)}
+    (jacobian,) = problem.jacobian(start, residuals)
+    old = {name: [jacobian.matrix[:, j]] for j, name in enumerate(problem.where.names)}
     known = benchmark.compared(Task(task.name, task.make, old), manner)[solver]
     found = benchmark.compared(task, manner)[solver]
     assert known.simulations <= found.simulations - len(TRUTH) + 1

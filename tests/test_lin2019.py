@@ -13,7 +13,7 @@ import pytest
 from flexdesign.core import printed_numbers
 from flexdesign.dynamics import experiments, stage_model
 from flexdesign.dynamics.control import PID
-from flexdesign.dynamics.control.implied import plants_for_delays
+from flexdesign.dynamics.control.plants_from_gains import plants_for_delays
 from flexdesign.dynamics.experiments import simulation
 from flexdesign.dynamics.experiments.simulation import Case, Simulation
 from flexdesign.dynamics.stage_model import StageModel

@@ -62,6 +62,40 @@ def test_metals_of_flexures_are_there(name: str, modulus: float, density: float)
     assert LIBRARY[name].density == pytest.approx(density, rel=0.015)
 
 
+@pytest.mark.parametrize(
+    "name", ["Al 6061-T6", "Steel 17-4PH H900", "Invar 36", "CuBe C17200 TH04", "Steel C75S hardened"]
+)
+def test_metals_of_flexures_name_the_source_of_each_number(name: str) -> None:
+    """Standards state some of them and makers others, so that one source for all would be wrong."""
+    numbers = ("youngs_modulus", "poissons_ratio", "density", "yield_strength", "ultimate_strength")
+    assert set(numbers) <= set(LIBRARY[name].sources)
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "pounds", "factor"),
+    [
+        ("Al 6061-T6", "density", 0.0975, 27679.905),
+        ("Steel 17-4PH H900", "density", 0.282, 27679.905),
+        ("Invar 36", "density", 0.291, 27679.905),
+        ("CuBe C17200 TH04", "density", 0.302, 27679.905),
+        ("Al 6061-T6", "yield_strength", 40e3, 6894.757),
+        ("Al 6061-T6", "ultimate_strength", 45e3, 6894.757),
+        ("Steel 17-4PH H900", "yield_strength", 170e3, 6894.757),
+        ("Steel 17-4PH H900", "ultimate_strength", 190e3, 6894.757),
+        ("CuBe C17200 TH04", "yield_strength", 165e3, 6894.757),
+        ("CuBe C17200 TH04", "ultimate_strength", 190e3, 6894.757),
+        ("Invar 36", "youngs_modulus", 20.5e6, 6894.757),
+        ("CuBe C17200 TH04", "youngs_modulus", 19e6, 6894.757),
+        ("Steel 17-4PH H900", "youngs_modulus", 28.5e6, 6894.757),
+    ],
+)
+def test_numbers_are_those_that_data_sheets_have_in_pounds_and_inches(
+    name: str, key: str, pounds: float, factor: float
+) -> None:
+    """Three digits are rounded, by 0.5 % at most."""
+    assert getattr(LIBRARY[name], key) == pytest.approx(pounds * factor, rel=5e-3)
+
+
 @pytest.mark.parametrize("name", LIBRARY)
 def test_every_number_has_a_source_and_is_possible(name: str) -> None:
     material = LIBRARY[name]

@@ -48,7 +48,7 @@ def multisine(periods: int, n: int = 2000) -> Array:
     return np.sum([8 * np.cos(2 * np.pi * k * t + rng.uniform(0, 2 * np.pi)) for k in range(2, 400, 7)], axis=0)
 
 
-def suite(seed: int, noise: Any = slow, creep: float = 0.0, hum: float = 0.0) -> list[Run]:
+def dataset(seed: int, noise: Any = slow, creep: float = 0.0, hum: float = 0.0) -> list[Run]:
     """1.5 s of quiet before three sines, and eight jumps of which 0.2 s each are quiet."""
     rng = np.random.default_rng(seed)
     t = PERIOD * np.arange(2000)
@@ -72,7 +72,7 @@ def test_level_of_slow_noise_comes_back_from_short_stretches(creep: float) -> No
     The innovation's deviation, which weighs a fit, is known to 1 / sqrt(2 * 3100) each. Trends taken out of the
     stretches by least squares would leave 78 % of the level.
     """
-    found = [noise_floor(suite(seed, creep=creep), "x", settle=0.2) for seed in range(30)]
+    found = [noise_floor(dataset(seed, creep=creep), "x", settle=0.2) for seed in range(30)]
     assert np.mean([floor.rms["jumps"] for floor in found]) == pytest.approx(LEVEL, rel=0.05)
     errors = [floor.rms["jumps"] / LEVEL - 1 for floor in found]
     stated = float(np.median([floor.relative_error for floor in found]))
@@ -86,19 +86,19 @@ def test_level_of_slow_noise_comes_back_from_short_stretches(creep: float) -> No
 
 def test_level_of_white_noise_comes_back() -> None:
     """Four standard errors of 3500 samples."""
-    floor = noise_floor(suite(0, white), "x", settle=0.2)
+    floor = noise_floor(dataset(0, white), "x", settle=0.2)
     assert floor.rms["jumps"] == pytest.approx(LEVEL, rel=4 / math.sqrt(7000))
     assert floor.relative_error == pytest.approx(1 / math.sqrt(7000), rel=0.01)
 
 
 def test_hum_is_a_line_and_no_noise() -> None:
     """Of amplitude half the noise; known to 10 %: sqrt(2 / 3500) of the white part of the noise, a fifth of it."""
-    with_hum, without = (noise_floor(suite(3, hum=hum), "x", settle=0.2) for hum in (0.5 * LEVEL, 0.0))
+    with_hum, without = (noise_floor(dataset(3, hum=hum), "x", settle=0.2) for hum in (0.5 * LEVEL, 0.0))
     (line,) = with_hum.lines
     assert line.frequency == pytest.approx(50.0, abs=0.05)
     assert line.amplitude == pytest.approx(0.5 * LEVEL, rel=0.1)
     assert with_hum.rms["jumps"] == pytest.approx(without.rms["jumps"], rel=0.03)
-    kept = noise_floor(suite(3, white, hum=2 * LEVEL), "x", settle=0.2, remove_lines=False)
+    kept = noise_floor(dataset(3, white, hum=2 * LEVEL), "x", settle=0.2, remove_lines=False)
     assert not kept.lines
     assert kept.rms["jumps"] == pytest.approx(math.sqrt(3) * LEVEL, rel=0.2)  # the sine adds 2^2 / 2 to the variance
 
@@ -118,7 +118,7 @@ def test_a_strong_line_is_no_noise_either(noise: Any, strength: float) -> None:
 
 def test_noise_alone_shows_no_line() -> None:
     """One false alarm in a thousand: two in 20 would come once in 5000 draws."""
-    assert sum(bool(noise_floor(suite(seed), "x", settle=0.2).lines) for seed in range(20)) < 2
+    assert sum(bool(noise_floor(dataset(seed), "x", settle=0.2).lines) for seed in range(20)) < 2
 
 
 def test_a_ringing_mode_is_neither_noise_nor_line() -> None:
@@ -127,7 +127,7 @@ def test_a_ringing_mode_is_neither_noise_nor_line() -> None:
     numerator, denominator, _ = cont2discrete(([w * w], [1, 2 * damping * w, w * w]), PERIOD)
     x = GAIN * lfilter(numerator.ravel(), denominator, u) + LEVEL * np.random.default_rng(0).standard_normal(len(u))
     early, late = (noise_floor([run("a", u, x)], "x", settle=settle) for settle in (0.02, 0.35))
-    assert early.rms["a"] == pytest.approx(LEVEL, rel=0.35)  # what is left is below what can be told from noise
+    assert early.rms["a"] == pytest.approx(LEVEL, rel=0.35)  # the residual is below what can be told from noise
     assert late.rms["a"] == pytest.approx(LEVEL, rel=0.06)
     assert not early.lines and not late.lines
 

@@ -17,7 +17,7 @@ from tests.test_static_tables import BRIDGE, MODEL, made, run, written
 SCREWS = '''
 """Screws that give way."""
 
-from flexdesign.model import Adjust, Effect, Parameter
+from flexdesign import Adjust, Effect, Parameter
 
 
 def apply(base, values):
@@ -41,7 +41,7 @@ SKIN = '''
 
 from dataclasses import replace
 
-from flexdesign.model import Effect, Parameter, Reshape
+from flexdesign import Effect, Parameter, Reshape
 
 
 def shape(member, values):
@@ -142,8 +142,12 @@ IN_TIME = 'from pathlib import Path\nfrom flexdesign.effects import find\nEFFECT
             ("broken.py", "cannot be loaded", "Syntax"),
         ),
         (
+            ("diagnose", "bridge_amplifier", "TABLE", "--effect", "old.py"),
+            ("old.py", "imports from flexdesign.model what is not there", "write from flexdesign import Effect, Param"),
+        ),
+        (
             ("diagnose", "bridge_amplifier", "TABLE", "--effect", "other.py"),
-            ("EFFECT that is no flexdesign.core.model.Ef",),
+            ("EFFECT that is no flexdesign.Effect",),
         ),
         (("diagnose", "bridge_amplifier", "TABLE", "--effect", "in_time.py"), ("in_time.py", "in time alone", "Term")),
         (("add", "lin2019_stage", "loose_screws.py", "TABLE"), ("EFFECT", "loose_screws.py", "parts at rest alone")),
@@ -151,6 +155,9 @@ IN_TIME = 'from pathlib import Path\nfrom flexdesign.effects import find\nEFFECT
 )
 def test_an_effect_of_ones_own_that_cannot_be_used_is_refused(own, arguments, words):
     (own / "broken.py").write_text("EFFECT = (", encoding="utf-8")
+    (own / "old.py").write_text(
+        SCREWS.replace("from flexdesign import", "from flexdesign.model import"), encoding="utf-8"
+    )
     (own / "other.py").write_text("EFFECT = 3", encoding="utf-8")
     (own / "in_time.py").write_text(IN_TIME, encoding="utf-8")
     path = written(own, "K_in,1950,N/mm,20,free,0.5\n")

@@ -50,7 +50,7 @@ def left_after(*words: tuple[float, str]) -> float | None:
 
 @pytest.mark.parametrize("words", [*progress.WORDS, *progress.FIT])
 def test_the_diagnosis_says_the_words_at_which_stages_begin(words: str) -> None:
-    sources = [path for part in ("diagnosis", "evidence") for path in (PACKAGE / part).glob("*.py")]
+    sources = [path for part in ("diagnosis", "estimation") for path in (PACKAGE / part).rglob("*.py")]
     assert any(f'"{words}' in path.read_text(encoding="utf-8") for path in sources if path.stem != "progress")
 
 

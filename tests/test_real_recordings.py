@@ -39,8 +39,8 @@ def model(folder: Path, axis: str) -> StageModel:
 
 
 def left(found: Diagnosis, which: str, run: str) -> float:
-    """Return the rms of what a stand leaves of a run."""
-    return float(np.sqrt(np.nanmean(np.square(np.asarray(found.remainders[which][run], dtype=np.float64)))))
+    """Return the rms of what a fitted model leaves of a run."""
+    return float(np.sqrt(np.nanmean(np.square(np.asarray(found.residuals_by_run[which][run], dtype=np.float64)))))
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def actuator(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
 
 @pytest.mark.slow
 def test_cubic_stiffness_is_found_and_nothing_that_is_not_there(oscillator: Diagnosis) -> None:
-    # A small quadratic term beside it lowers the error of both runs kept apart, by half.
+    # A small quadratic term beside it lowers the error of both validation runs, by half.
     names = {effect.name for effect in oscillator.effects}
     assert oscillator.verdict == "effects-found"
     assert "stress_stiffening" in names and names <= {"stress_stiffening", "quadratic_stiffness"}

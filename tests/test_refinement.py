@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
@@ -11,11 +12,12 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.model import Quantity
 from flexdesign.core.result_cache import Cache
 from flexdesign.design import study
-from flexdesign.fem import mesh_refinement
-from flexdesign.fem.convergence import Scatter
-from flexdesign.fem.meshing import domain
+from flexdesign.fem import mesh_refinement, stage_condensation
+from flexdesign.fem.convergence import MeshNoise
+from flexdesign.fem.meshing import domain, methods
 from flexdesign.fem.meshing.mesh import MeshError
-from flexdesign.fem.meshing.methods import Extruded, Grading
+from flexdesign.fem.meshing.methods import Extruded, Grading, Wild
+from studies.error_bars.designs import PARTS
 
 SIZES = (2e-5, 1e-5)
 
@@ -37,8 +39,12 @@ def refined(
 
     monkeypatch.setattr(mesh_refinement, "_level", level)
     nothing: Any = None
-    asked = study.read("bridge_amplifier")
-    return mesh_refinement.refined(asked, nothing, nothing, nothing, Cache(tmp_path), said.append), said, whole
+    asked, method = study.read("bridge_amplifier"), SimpleNamespace(require_room=lambda _: None)
+    return (
+        mesh_refinement.refined(asked, nothing, nothing, cast(Any, method), Cache(tmp_path), said.append),
+        said,
+        whole,
+    )
 
 
 def test_a_mesh_that_cannot_be_used_is_passed_over(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -82,11 +88,62 @@ def test_a_mesh_that_a_second_try_may_better_is_tried_again_and_only_a_good_one_
     assert said.count("meshing again: upside down") == min(refused, tries - 1)
 
 
+#: Widths of the notched lever, of which the first asks for more than half a million tetrahedra.
+WIDE, NARROW = "40 mm", "4 mm"
+
+
+def wild(changes: list[str]) -> tuple[study.Study, Any, domain.Domain, Wild]:
+    asked = study.read(str(PARTS / "notched_lever.toml"), ["mesh.method=wild", *changes])
+    part = asked.design.part()
+    body = domain.of_part(part, chord=domain.chord(part))
+    method = mesh_refinement.method_of(asked, part, body)
+    assert isinstance(method, Wild)
+    return asked, part, body, method
+
+
+def test_a_wild_mesh_without_end_is_refused_before_anything_is_meshed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(methods, "tetrahedralize", lambda *_: pytest.fail("it was meshed"))
+    asked, part, body, method = wild([f'dimensions.width="{WIDE}"'])
+    said = r"about 0\.\d+ million tetrahedra, and 0\.5 million are .* 24 GiB.*\"extruded\", a larger mesh\.at_root"
+    with pytest.raises(InputError, match=said):
+        mesh_refinement.refined(asked, part, body, method, Cache(tmp_path), pytest.fail)
+    with pytest.raises(MeshError, match=said):
+        mesh_refinement.meshed(method, body, 1.0, part.linkage().of_kind("hinge"), Cache(tmp_path), pytest.fail)
+    for changes in ([f'dimensions.width="{NARROW}"'], [f'dimensions.width="{WIDE}"', "mesh.at_root=0.8"]):
+        wild(changes)[3].require_room(1.0)
+
+
+def test_parts_of_a_stage_are_refused_before_anything_is_condensed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stage_condensation, "condensed", lambda *_, **__: pytest.fail("it was condensed"))
+    asked = study.read("lin2019_xyz_stage", ["mesh.method=wild", "mesh.at_root=0.005"])
+    with pytest.raises(InputError, match=r"\w+\.py: mesh: the wild mesh would have about .* million tetrahedra"):
+        stage_condensation.refined(asked, asked.design.stage().assembly(), Cache(tmp_path))
+
+
+def test_an_accuracy_that_two_meshes_may_reach_asks_for_room_for_these_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried: list[float] = []
+    nothing: Any = None
+    method: Any = SimpleNamespace(require_room=tried.append, scatter=MeshNoise(0.0))
+    monkeypatch.setattr(mesh_refinement, "_level", lambda *_, **__: None)
+    monkeypatch.setattr(mesh_refinement, "gathered", lambda *_: [])
+    monkeypatch.setattr(mesh_refinement, "is_reached", lambda *_: True)
+    for changes in ([], ['mesh.accuracy="1 %"']):
+        asked = study.read("bridge_amplifier", changes)
+        mesh_refinement.refined(asked, nothing, nothing, method, Cache(tmp_path), pytest.fail)
+    assert tried == [1.0, pytest.approx(1.35)]
+
+
 class Stubborn:
     """A way to mesh that fails a number of times before it does not."""
 
     name = "stubborn"
-    scatter = Scatter(0.0, 0.25)
+    scatter = MeshNoise(0.0, 0.25)
 
     def __init__(self, method: Extruded, refused: int, tries: int) -> None:
         self.method, self.refused, self.tries, self.meshed = method, refused, tries, 0
@@ -109,16 +166,16 @@ def found(k_in: float, ratio: float) -> dict[str, Quantity]:
 
 def test_an_amplification_that_does_not_move_inherits_the_scatter_of_the_stiffness() -> None:
     meshes = [found(1.02e6, -10.0), found(1.01e6, -10.0)]
-    k_in, ratio = mesh_refinement.limits(meshes, SIZES, Scatter(0.0, 0.25))
-    assert ratio.value == -10.0 and k_in.sigma is not None and ratio.sigma is not None
-    assert 0.0 < ratio.sigma / 10 < k_in.sigma / k_in.value
-    _, alone = mesh_refinement.limits(meshes, SIZES, Scatter(1e-4))
-    assert alone.sigma is not None and alone.sigma / 10 < 1e-3  # a mesher without such scatter
+    k_in, ratio = mesh_refinement.limits(meshes, SIZES, MeshNoise(0.0, 0.25))
+    assert ratio.value == -10.0 and k_in.half_width is not None and ratio.half_width is not None
+    assert 0.0 < ratio.half_width / 10 < k_in.half_width / k_in.value
+    _, alone = mesh_refinement.limits(meshes, SIZES, MeshNoise(1e-4))
+    assert alone.half_width is not None and alone.half_width / 10 < 1e-3  # a mesher without such scatter
 
 
 def test_the_estimated_error_is_the_largest() -> None:
-    quantities = mesh_refinement.limits([found(1.02e6, -10.0), found(1.01e6, -10.0)], SIZES, Scatter(0.0, 0.25))
-    assert mesh_refinement.estimated_error(quantities) == pytest.approx(quantities[0].sigma / quantities[0].value)
+    quantities = mesh_refinement.limits([found(1.02e6, -10.0), found(1.01e6, -10.0)], SIZES, MeshNoise(0.0, 0.25))
+    assert mesh_refinement.estimated_error(quantities) == pytest.approx(quantities[0].half_width / quantities[0].value)
 
 
 def test_the_way_of_extrapolating_asks_for_no_other_meshes(monkeypatch: pytest.MonkeyPatch) -> None:

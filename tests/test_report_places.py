@@ -26,7 +26,7 @@ from tests.conftest import Ended
 Run = Callable[..., Ended]
 THINNER = 'dimensions.hinge_thickness="0.4 mm"'
 K_IN = Quantity("K_in", 2e6, "N/m", "N/mm", "output free", "FEM", 1e3)
-SHIPPED = Path(validation.__file__).parents[2] / "geometry"
+SHIPPED = Path(validation.__file__).parents[3] / "geometry"
 STAGE = """format = 1
 
 [axis.x]
@@ -44,8 +44,10 @@ def solved(monkeypatch: pytest.MonkeyPatch) -> None:
     """Replace the solution and its report by small ones."""
 
     def validate(asked: study.Study, *_: object) -> Any:
-        found = SimpleNamespace(fem=K_IN)
-        return SimpleNamespace(study=asked, comparisons=[found], further=[], stage_model=StageModel({}, source="-"))
+        found = SimpleNamespace(fem=K_IN, analytic={})
+        return SimpleNamespace(
+            study=asked, comparisons=[found], further=[], levels=(), seconds=0.0, stage_model=StageModel({}, source="-")
+        )
 
     monkeypatch.setattr(validation, "validate", validate)
     monkeypatch.setattr(validation_report, "document", lambda found, _: Document(found.study.design.title, ["Stiff."]))

@@ -100,11 +100,24 @@ def test_what_follows_from_the_printed_numbers_is_told(found: Reproduction) -> N
 
 
 def test_the_irreconcilable_row_has_its_numbers(found: Reproduction) -> None:
-    """Against K_b = 12.8 N/mm K_in is 1800 N/mm by (17); beside the amplifier 19.0 - 12.8 N/mm are left: less."""
+    """Against K_b = 12.8 N/mm K_in is 1.8 N/um by (17); beside the amplifier 19.0 - 12.8 N/mm are left: less."""
     why = row(found, "P7", "K_in of X/Y, FEA").why
-    assert "12.8 N/mm" in why and "6.2 N/mm" in why
+    assert "12.8 N/mm" in why and "6.2 N/mm" in why and why.endswith("No stage of this kind has 2.0 N/um")
     at_own, at_left = (float(part.split("makes it ")[1].split()[0]) for part in why.split("(17) ")[1:3])
-    assert at_left < at_own == pytest.approx(1800, rel=0.01)
+    assert at_left < at_own == pytest.approx(1.8, rel=0.01)
+
+
+def test_ours_is_written_in_the_unit_that_is_printed(found: Reproduction) -> None:
+    """K_in in N/um and K_out in N/mm, as Table 1 has them; a number that is printed without a unit has ours in its."""
+    for item in found.items:
+        if item.system == "P7" and item.what.startswith(("K_in", "K_out")):
+            assert item.ours.split()[-1] == item.theirs.split()[-1], item
+    stiffness = [item for item in found.items if item.what.startswith("K_in")]
+    assert stiffness and not any("N/mm" in item.theirs + item.ours for item in stiffness)
+    motion = Quantity("travel", 2.5e-6, "m", "um", half_width=3e-9)
+    both = judged("P7", "x", Printed("Table 1", "x", "2500 nm"), motion, known=1e-8)
+    assert (both.theirs, both.ours) == ("2500 nm ± 10 nm", "2500.0 ± 3.0 nm")
+    assert judged("P7", "x", Printed("Table 1", "x", "2"), Quantity("ratio", 2.0, "1", "")).ours == "2.000"
 
 
 def test_a_b_and_c_are_identified_from_the_simulated_recording(found: Reproduction) -> None:
@@ -137,7 +150,7 @@ def test_a_changed_printed_number_changes_the_verdict(found: Reproduction) -> No
 
 def test_judgement() -> None:
     theirs = Printed("Table 1", "K", "19.0 N/mm")
-    ours = Quantity("K_out", 19.2e3, "N/m", "N/mm", sigma=0.1e3)
+    ours = Quantity("K_out", 19.2e3, "N/m", "N/mm", half_width=0.1e3)
     assert judged("P7", "K", theirs, ours).verdict == "differs"  # 0.2 is more than 0.05 + 0.1
     assert judged("P7", "K", theirs, ours, known=60.0).verdict == "agrees"
     assert judged("P7", "K", theirs, ours, built="set").verdict == "by construction"

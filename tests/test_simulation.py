@@ -458,7 +458,8 @@ def test_an_override_reaches_model_and_study(inputs: Path, command_line: Run) ->
 
 
 @pytest.mark.parametrize(
-    "where", ["simulation.disturbed.run", "report.simulation_figures.draw", "report.render.to_html"]
+    "where",
+    ["dynamics.disturbances.run", "report.simulation.simulation_figures.draw", "report.render.to_html"],
 )
 def test_an_interruption_leaves_what_was_there(
     inputs: Path, command_line: Run, monkeypatch: pytest.MonkeyPatch, where: str

@@ -109,8 +109,8 @@ def test_half_widths_bound_what_rounding_does_to_products() -> None:
 
     def relative(*key: str) -> float:
         quantity = found[key]
-        assert quantity.sigma is not None
-        return quantity.sigma / quantity.value
+        assert quantity.half_width is not None
+        return quantity.half_width / quantity.value
 
     of_lambda = halves["k"] + halves["k_in"] + halves["gain"]
     # Central differences of 1/x and of x^2 are wrong by the square of the half-width: 0.03^2 = 1e-3 of itself.
@@ -126,7 +126,7 @@ def test_half_widths_bound_what_rounding_does_to_products() -> None:
 
 def test_targets_that_are_not_rounded_have_no_half_widths(command_line: Run) -> None:
     exact = dimension_synthesis.size(TARGETS, ["rounded=false"])
-    assert all(quantity.sigma is None for quantity in exact.quantities)
+    assert all(quantity.half_width is None for quantity in exact.quantities)
     ended = command_line("size", "lin2019_targets", "--set", "rounded=false")
     assert ended.code == 0
     assert "rounding" not in ended.stdout

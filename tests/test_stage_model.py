@@ -195,7 +195,7 @@ def test_a_limit_may_be_infinite(tmp_path: Path) -> None:
 
 
 OWN = """
-from flexdesign.model import Block, Effect, Parameter, Socket
+from flexdesign import Block, Effect, Parameter, Socket
 
 EFFECT = Effect(
     "mine", "Physics.", "Place.", "Test.", "Cure.", "Book.",
@@ -253,6 +253,16 @@ def test_an_effect_by_its_path_lies_beside_the_stage_model(tmp_path: Path, monke
         monkeypatch.chdir(tmp_path / name)
         assert effects.find("my_effect.py").parameters[0].start == start
         assert effects.find("my_effect.py") is effects.find("my_effect.py")
+
+
+def test_the_hysteresis_of_a_stack_may_be_an_effect_of_a_file(tmp_path: Path) -> None:
+    """An effect says itself that it is hysteresis; without that a stage of a stack is said to assume none."""
+    stack = ActuatorData(40e-6, (0.0, 100.0), stiffness=60e6)
+    for name, end, missing in (("one.py", ")\n", True), ("two.py", "    is_hysteresis=True,\n)\n", False)):
+        path = tmp_path / name
+        path.write_text(OWN.format(start=0.25).removesuffix(")\n") + end)
+        axis = AxisModel(100.0, 0.01, 1e-6, actuator=stack, effects={str(path): {"size": 0.25}})
+        assert ("hysteresis" in axis.absent) == missing
 
 
 def test_an_effect_by_its_path_may_lie_in_the_working_directory(
@@ -540,7 +550,7 @@ def handed_over(modes: tuple[ModeRecord, ...], **actuator: object) -> StageModel
     """
 
     def quantity(name: str, value: float, si: str, boundary: str, sigma: float = 0.0) -> Quantity:
-        return Quantity(name, value, si, si, boundary, sigma=sigma)
+        return Quantity(name, value, si, si, boundary, half_width=sigma)
 
     found = [
         quantity("K_out", 1e5, "N/m", "actuator installed", 500.0),
@@ -822,6 +832,7 @@ UNKNOWN_STACK = ActuatorData(40e-6, (0.0, 100.0), stiffness=60e6)
         ({}, ("hysteresis", "creep", "sensor noise", "driver bandwidth")),
         ({"effects": {"bouc_wen": {}, "creep": {}}}, ("sensor noise", "driver bandwidth")),
         ({"effects": {"prandtl_ishlinskii": {}}}, ("creep", "sensor noise", "driver bandwidth")),
+        ({"effects": {"coulomb_friction": {}}}, ("hysteresis", "creep", "sensor noise", "driver bandwidth")),
         ({"sensor": Sensor(noise=2e-8), "driver": Driver(bandwidth=1e3)}, ("hysteresis", "creep")),
         ({"actuator": replace(UNKNOWN_STACK, kind="voice coil")}, ()),
         ({"actuator": None}, ()),

@@ -38,7 +38,7 @@ def stand_in(design: Design) -> Mapping[str, Quantity]:
     """Return the compliance model's quantities times factors that change with the dimensions."""
     drift = (design.dimensions["arm_span"] / 30e-3) ** 0.1
     found = by_key(by_formulas(design, "compliance"))
-    return {key: replace(q, value=q.value * OFF.get(key, 1.0) * drift, sigma=0.0) for key, q in found.items()}
+    return {key: replace(q, value=q.value * OFF.get(key, 1.0) * drift, half_width=0.0) for key, q in found.items()}
 
 
 @pytest.fixture(scope="module")

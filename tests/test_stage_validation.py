@@ -190,20 +190,20 @@ def test_large_displacements_are_freed_from_the_error_of_their_meshes(run: Run) 
     for axis in "xy":
         ratio = found.fem(f"lambda_{axis}_table_free")
         near, far = (found.fem(f"travel_{axis}_input_of_{um}_um") for um in (20, 40))
-        assert near.sigma is not None
+        assert near.half_width is not None
         linear = (4 * near.value / 20e-6 - far.value / 40e-6) / 3
         assert linear == pytest.approx(ratio.value, rel=1e-3)
-        assert near.sigma / near.value < 0.03
+        assert near.half_width / near.value < 0.03
         assert abs(found.coarsest[near.key].value / 20e-6 / ratio.value - 1) > 2e-2
     aside = found.fem("coupling_z_x_input_of_20_um")
-    assert aside.sigma is not None and 0 < aside.sigma < 0.1 * aside.value
+    assert aside.half_width is not None and 0 < aside.half_width < 0.1 * aside.value
 
 
 def test_variants_have_estimates_of_their_own(run: Run) -> None:
     """Half the amplifiers have half the stiffness whatever the mesh: hardly more than the stage's error is left."""
     half, whole = run.found.variants["one side"]["K_out_x_inputs_free"], run.found.fem("K_out_x_inputs_free")
-    assert half.sigma is not None and whole.sigma is not None
-    assert half.sigma / half.value == pytest.approx(whole.sigma / whole.value, rel=0.1)
+    assert half.half_width is not None and whole.half_width is not None
+    assert half.half_width / half.value == pytest.approx(whole.half_width / whole.value, rel=0.1)
     text = (run.folder / "report.md").read_text(encoding="utf-8")
     assert half.shown() in text
     assert "Large displacements are solved on the two coarsest meshes." in text
@@ -223,11 +223,11 @@ def test_what_a_variant_changes_is_found_within_its_estimate(order: float) -> No
         return {name: Quantity(name, value, "1", "", "") for name, value in values.items()}
 
     here, there = ([level(size, variant=variant) for size in sizes] for variant in (False, True))
-    limits = {name: Quantity(name, value, "1", "", "", sigma=0.5) for name, value in (("K", 100.0), ("lost", 0.0))}
+    limits = {name: Quantity(name, value, "1", "", "", half_width=0.5) for name, value in (("K", 100.0), ("lost", 0.0))}
     found = stage_variants.changed(here, there, sizes, limits)
     assert set(found) == {"K", "lost"}
     for name, truth in (("K", 100 / 3), ("lost", 7.0)):
-        sigma = found[name].sigma
+        sigma = found[name].half_width
         assert sigma is not None
         assert abs(found[name].value - truth) < sigma < 0.05 * truth
         assert abs(there[-1][name].value - truth) > abs(found[name].value - truth)
@@ -446,8 +446,8 @@ def test_what_is_expected_is_what_is_found(run: Run) -> None:
     read = stage_published.read_published(asked, run.found.assembly)["all"]
     assert list(read) == list(run.found.coarsest)
     for key, quantity in run.found.coarsest.items():
-        assert replace(read[key], value=0.0, sigma=None, source="") == replace(
-            quantity, value=0.0, sigma=None, source=""
+        assert replace(read[key], value=0.0, half_width=None, source="") == replace(
+            quantity, value=0.0, half_width=None, source=""
         )
 
 
@@ -501,9 +501,9 @@ def test_an_accuracy_that_a_stage_does_not_reach_is_said_in_the_headline(run: Ru
 
 def assert_same(found: Quantity, known: Quantity) -> None:
     """The same but for rounding, which goes with where in memory a matrix came to lie."""
-    assert replace(found, value=0.0, sigma=0.0) == replace(known, value=0.0, sigma=0.0)
+    assert replace(found, value=0.0, half_width=0.0) == replace(known, value=0.0, half_width=0.0)
     assert found.value == pytest.approx(known.value, rel=ROUNDING, abs=NOTHING)
-    assert found.sigma == pytest.approx(known.sigma, abs=ROUNDING * abs(known.value) + NOTHING)
+    assert found.half_width == pytest.approx(known.half_width, abs=ROUNDING * abs(known.value) + NOTHING)
 
 
 def test_a_sweep_asks_stages_as_a_validation_does(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

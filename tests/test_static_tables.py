@@ -152,7 +152,7 @@ def test_one_thickness_cannot_tell_modulus_from_over_cut_and_two_can():
     one = diagnose.diagnose(MODEL, made({"modulus": {"excess": -0.12}}, [{}], keys))
     assert one.verdict == "effects-found"
     assert {"modulus", "over_cut"} <= {name for group in one.groups for name in group}
-    best = one.tellings[0]
+    best = one.proposals[0]
     assert best.apart > 0.02
     two = diagnose.diagnose(MODEL, made({"modulus": {"excess": -0.12}}, SERIES, keys))
     assert two.found.names == ("modulus",)

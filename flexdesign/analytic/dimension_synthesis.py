@@ -224,7 +224,7 @@ def size(name: str | Path, overrides: Sequence[str] = ()) -> Sizing:
         found = problem.solve({})
         values = problem.named(found)
         if checked.rounded:
-            values = [replace(q, sigma=half) for q, half in zip(values, problem.half_widths(), strict=True)]
+            values = [replace(q, half_width=half) for q, half in zip(values, problem.half_widths(), strict=True)]
     title = checked.title or path.stem.replace("_", " ")
     return Sizing(path.stem, title, material.name, given, found, tuple(values))
 

@@ -25,7 +25,7 @@ appeared in.
 
 Two things go beyond the bare formula. *Sway*: a leaf under a transverse force bends into an S,
 ``K_s = 12 E I / l^3``; nothing at the input, l^2 / (3 l_x^2) of the output's compliance with a free input,
-but a good part of what is left with the input held. *Input rods* are cantilevers whose tip moves and rotates
+but a good part of the remainder with the input held. *Input rods* are cantilevers whose tip moves and rotates
 under force and moment. Unlike in the paper's model, the rotation turns the outer hinge, and lifts it by the
 lever between rod axis and hinge centre, so the compliance between the ports is symmetric by itself.
 

@@ -18,8 +18,8 @@ from flexdesign.dynamics.stage_model import to_toml
 from flexdesign.measurements.static_table import to_csv
 from flexdesign.report.validation import stage_report, validation_report
 from flexdesign.workflows import validation
-from flexdesign.workflows.validation import Validation
-from flexdesign.workflows.validation.validate_stage import StageValidation, validate_stage
+from flexdesign.workflows.validation import Validation, validate_stage
+from flexdesign.workflows.validation.validate_stage import StageValidation
 
 Progress = Callable[[str], None]
 #: Short names of quantities, besides the keys that a report uses.
@@ -126,7 +126,7 @@ def _of_part(study: Study, store: Cache, progress: Progress) -> Result[Validatio
 
 
 def _of_stage(study: Study, store: Cache, progress: Progress) -> Result[StageValidation]:
-    found = validate_stage(study, store, progress)
+    found = validate_stage.validate_stage(study, store, progress)
     return Result(
         found,
         stage_report.document(found, progress),
@@ -141,7 +141,13 @@ def _of_stage(study: Study, store: Cache, progress: Progress) -> Result[StageVal
 def _rows(found: Validation | StageValidation) -> list[dict[str, Any]]:
     """Return Table 1 in numbers: FEM, its error estimate and every model, SI."""
     return [
-        {"quantity": c.fem.key, "boundary": c.fem.boundary, "unit": c.fem.si, "FEM": c.fem.value, "error": c.fem.sigma}
+        {
+            "quantity": c.fem.key,
+            "boundary": c.fem.boundary,
+            "unit": c.fem.si,
+            "FEM": c.fem.value,
+            "error": c.fem.half_width,
+        }
         | {model: quantity.value for model, quantity in c.analytic.items()}
         for c in found.comparisons
     ]

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from flexdesign import diagnosis
 from flexdesign.api import static_tables
 from flexdesign.api.models import read_model
 from flexdesign.api.result import Result
 from flexdesign.design.design import Design
 from flexdesign.diagnosis import Diagnosis, discriminating_experiments, initialised_comparison
 from flexdesign.diagnosis import add_effect as additions
-from flexdesign.diagnosis import diagnose as find_missing
 from flexdesign.diagnosis import identify as identification
-from flexdesign.diagnosis.add_effect import Added
+from flexdesign.diagnosis.add_effect import AddedEffect
 from flexdesign.diagnosis.comparison import Comparison
 from flexdesign.diagnosis.comparison.static_table import TableComparison
 from flexdesign.diagnosis.identify import Identification
@@ -217,8 +217,10 @@ def diagnose(
     more = additions.own_effects(effects)
     least = additions.size(stage, runs, axis, "--tolerance", tolerance)
     stated = additions.size(stage, runs, axis, "--noise", noise)
-    found = find_missing(stage, runs, axis=axis, more=more, tolerance=least, noise=stated, progress=Steps(progress))
-    apart = discriminating_experiments.tellings(found, progress)
+    found = diagnosis.diagnose(
+        stage, runs, axis=axis, more=more, tolerance=least, noise=stated, progress=Steps(progress)
+    )
+    apart = discriminating_experiments.proposals(found, progress)
     better = additions.with_knowledge(found.model, found.axis, additions.values(found), (*found.runs, *found.responses))
     return DiagnosisResult(
         found,
@@ -240,7 +242,7 @@ def add_effect(
     axis: str | None = None,
     noise: str | None = None,
     progress: Progress = lambda _: None,
-) -> Result[Added] | Result[TableDiagnosis]:
+) -> Result[AddedEffect] | Result[TableDiagnosis]:
     """Fit one effect to measurements, and put it into the model.
 
     Parameters

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from flexdesign import __version__
 from flexdesign.cli.shared import app
 from flexdesign.core.errors import InputError
+from flexdesign.core.versions import __version__
 
 # A verb is one module with a function under @app.command(help=HELP), and one line here; the help has this order:
 # from flexdesign.cli import my_verb as my_verb

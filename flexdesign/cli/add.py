@@ -7,7 +7,18 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, file_of, listed, place, progress, show, write_file
+from flexdesign.cli.shared import (
+    AsJson,
+    Noise,
+    StageOverrides,
+    app,
+    file_of,
+    listed,
+    progress,
+    report_folder,
+    show,
+    write_file,
+)
 
 HELP = """Fit one effect to recordings, and write it into a stage model.
 
@@ -59,7 +70,7 @@ def add(
     with progress() as say:
         files, options = [file_of(model), *recordings], listed(axis=axis, noise=noise)
         ending = f"_with_{Path(effect).stem}"
-        where = place(out, origin.name_of(files[0]), f"add {effect}", files, overrides or [], options, ending)
+        where = report_folder(out, origin.name_of(files[0]), f"add {effect}", files, overrides or [], options, ending)
         write_file(model_file)
         found = measured.add_effect(model, effect, recordings, overrides or [], axis=axis, noise=noise, progress=say)
         say("writing")

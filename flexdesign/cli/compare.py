@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, file_of, listed, place, progress, show
+from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, file_of, listed, progress, report_folder, show
 
 HELP = """Compare a stage model with recordings: the size and the location of its error.
 
@@ -56,7 +56,7 @@ def compare(
 
     with progress() as say:
         files, options = [file_of(model), *recordings], listed(axis=axis, noise=noise)
-        where = place(out, origin.name_of(files[0]), "compare", files, overrides or [], options, "_compared")
+        where = report_folder(out, origin.name_of(files[0]), "compare", files, overrides or [], options, "_compared")
         found = measured.compare(model, recordings, overrides or [], axis=axis, noise=noise, progress=say)
         say("writing")
         written = where.write(found)

@@ -7,7 +7,18 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, file_of, listed, place, progress, show, write_file
+from flexdesign.cli.shared import (
+    AsJson,
+    Noise,
+    StageOverrides,
+    app,
+    file_of,
+    listed,
+    progress,
+    report_folder,
+    show,
+    write_file,
+)
 
 HELP = """Find the physical effect that a stage model lacks, from recordings.
 
@@ -84,7 +95,7 @@ def diagnose(
         options = [
             *listed(axis=axis, noise=noise, tolerance=tolerance, effect=effect, bare=bare or None),
         ]
-        where = place(out, origin.name_of(files[0]), "diagnose", files, overrides or [], options, "_diagnosed")
+        where = report_folder(out, origin.name_of(files[0]), "diagnose", files, overrides or [], options, "_diagnosed")
         write_file(model_file)
         found = measured.diagnose(
             model, recordings, overrides or [], axis=axis, effects=effect or [], tolerance=tolerance, noise=noise,

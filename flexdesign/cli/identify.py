@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, StageOverrides, app, file_of, listed, place, progress, show, write_file
+from flexdesign.cli.shared import (
+    AsJson,
+    StageOverrides,
+    app,
+    file_of,
+    listed,
+    progress,
+    report_folder,
+    show,
+    write_file,
+)
 
 HELP = """Fit the free parameters of a stage model to recorded runs, and state which the runs do not determine.
 
@@ -62,7 +72,7 @@ def identify(
     names = None if free is None else [name.strip() for name in free.split(",") if name.strip()]
     with progress() as say:
         files, options = [file_of(model), *recordings], listed(axis=axis, free=free)
-        where = place(out, origin.name_of(files[0]), "identify", files, overrides or [], options, "_identified")
+        where = report_folder(out, origin.name_of(files[0]), "identify", files, overrides or [], options, "_identified")
         write_file(model_file)
         found = measured.identify(model, recordings, overrides or [], axis=axis, free=names, progress=say)
         say("writing")

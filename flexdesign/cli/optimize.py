@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, app, place, progress, show
+from flexdesign.cli.shared import AsJson, app, progress, report_folder, show
 
 HELP = """Find the best dimensions for one aim within limits, checked by finite elements.
 
@@ -49,7 +49,9 @@ def optimize(
 
     with progress() as say:
         plan = studies.read_sweep(study, overrides or [])
-        where = place(out, origin.name_of(plan.file), "optimize", [plan.file, plan.subject_file], overrides or [])
+        where = report_folder(
+            out, origin.name_of(plan.file), "optimize", [plan.file, plan.subject_file], overrides or []
+        )
         found = studies.optimize(plan, check=check, progress=say)
         written = where.write(found)
     show(found, written, as_json)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, StageOverrides, app, listed, place, progress, show
+from flexdesign.cli.shared import AsJson, StageOverrides, app, listed, progress, report_folder, show
 
 HELP = """Write command files for the bench, within its limits, as inputs of a diagnosis.
 
@@ -79,7 +79,7 @@ def plan(
             sensor_noise=sensor_noise, seed=seed if seed != 1 else None,
         )  # fmt: skip
         file = stage_model.find(model)
-        where = place(out, origin.name_of(file), "plan", [file], overrides or [], options, "_plan")
+        where = report_folder(out, origin.name_of(file), "plan", [file], overrides or [], options, "_plan")
         found = models.plan(
             model, overrides or [], progress=say, resolve=resolve, axis=axis, volts=volts, slew=slew, current=current,
             bandwidth=bandwidth, rate=rate, sensor_noise=sensor_noise, seed=seed,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, CacheFolder, app, place, progress, show
+from flexdesign.cli.shared import AsJson, CacheFolder, app, progress, report_folder, show
 
 HELP = """Reproduce every printed value of a publication, each with a verdict.
 
@@ -50,7 +50,7 @@ def reproduce(
 
     with progress() as say:
         file = printed_numbers.find(publication)
-        where = place(out, origin.name_of(file), "reproduce", [file], overrides or [])
+        where = report_folder(out, origin.name_of(file), "reproduce", [file], overrides or [])
         found = studies.reproduce(publication, overrides or [], cache=cache, progress=say)
         say("writing")
         written = where.write(found)

@@ -76,7 +76,7 @@ def open_cache(folder: Path | None) -> Cache:
 
 
 @dataclass(frozen=True)
-class Place:
+class ReportFolder:
     """The destination of a report.
 
     Parameters
@@ -142,7 +142,6 @@ def write_file(path: Path | None, text: str | None = None) -> None:
     if path is None:
         return
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as scratch:
             if path.is_dir():
                 raise IsADirectoryError(0, "it is a folder")
@@ -164,7 +163,7 @@ def file_of(model: str) -> Path:
     return design.find(model) if static_tables.is_design(model) else stage_model.find(model)
 
 
-def place(
+def report_folder(
     out: Path | None,
     name: str,
     verb: str,
@@ -172,7 +171,7 @@ def place(
     overrides: Sequence[str] = (),
     options: Sequence[str] = (),
     ending: str = "",
-) -> Place:
+) -> ReportFolder:
     """Return the destination of a report, and check that it can be written.
 
     Without `out` that is the folder `name`, overrides from the command line and `ending` in reports/. If that
@@ -190,7 +189,7 @@ def place(
     if out is None and (found := origin.standing(folder)) and origin.is_another(found, inputs):
         folder = folder.with_name(f"{folder.name}_{inputs.digest}")
     render.prepare(folder)
-    return Place(folder, inputs, origin.replaced(folder, inputs))
+    return ReportFolder(folder, inputs, origin.replaced(folder, inputs))
 
 
 def listed(**given: object) -> list[str]:

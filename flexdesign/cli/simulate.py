@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, StageOverrides, app, place, progress, show
+from flexdesign.cli.shared import AsJson, StageOverrides, app, progress, report_folder, show
 
 HELP = """Simulate a stage: hysteresis, feedforward, PID, steps, tracking, lines.
 
@@ -55,7 +55,7 @@ def simulate(
     with progress() as say:
         files = [stage_model.find(model), *([experiments.find(study)] if study else [])]
         name = f"{origin.name_of(files[0])}_{origin.name_of(files[1]) if study else 'standard'}"
-        where = place(out, name, "simulate", files, overrides or [])
+        where = report_folder(out, name, "simulate", files, overrides or [])
         found = models.simulate(model, study, overrides or [], progress=say)
         say("writing")
         written = where.write(found)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, CacheFolder, app, open_cache, place, progress, show
+from flexdesign.cli.shared import AsJson, CacheFolder, app, open_cache, progress, report_folder, show
 
 if TYPE_CHECKING:
     from flexdesign.analytic.dimension_synthesis import Sizing
@@ -75,7 +75,9 @@ def size(
     answer = Result(found, document, table, found.result, lambda _: {"dimensions.toml": found.to_toml()})
     written = list[Path]()
     if out:
-        written = place(out, out.name, "size", [dimension_synthesis.find(targets)], overrides or []).write(answer)
+        written = report_folder(out, out.name, "size", [dimension_synthesis.find(targets)], overrides or []).write(
+            answer
+        )
     show(answer, written, as_json)
 
 
@@ -138,12 +140,14 @@ def _summary(found: Sizing) -> list[str]:
 def _dimensions(found: Sizing) -> Table:
     from flexdesign.report.document import Table
 
-    rounded = found.quantities[0].sigma is not None
+    rounded = found.quantities[0].half_width is not None
     rows = []
     for quantity in found.quantities:
-        sigma = quantity.sigma or 0.0
-        half = [replace(quantity, value=sigma, sigma=None).shown(2)] if rounded else []
-        rows.append([quantity.name, quantity.boundary, replace(quantity, sigma=None).shown(), *half, _place(quantity)])
+        sigma = quantity.half_width or 0.0
+        half = [replace(quantity, value=sigma, half_width=None).shown(2)] if rounded else []
+        rows.append(
+            [quantity.name, quantity.boundary, replace(quantity, half_width=None).shown(), *half, _place(quantity)]
+        )
     caption = "± by rounding: half a unit of every target's last digit, all of them together, at worst"
     heads = ["", "of", "value", *(["± by rounding"] if rounded else []), "from"]
     return Table(heads, rows, caption if rounded else "")

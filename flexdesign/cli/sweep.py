@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, app, place, progress, show
+from flexdesign.cli.shared import AsJson, app, progress, report_folder, show
 
 HELP = """Evaluate many versions of a design, save every answer, and find the best.
 
@@ -85,7 +85,7 @@ def sweep(
 
     with progress() as say:
         plan = studies.read_sweep(study, overrides or [])
-        where = place(out, origin.name_of(plan.file), "sweep", [plan.file, plan.subject_file], overrides or [])
+        where = report_folder(out, origin.name_of(plan.file), "sweep", [plan.file, plan.subject_file], overrides or [])
         found = studies.sweep(plan, store=where.folder, jobs=jobs, scheduler=scheduler, progress=say)
         say("writing the report")
         written = where.write(found)

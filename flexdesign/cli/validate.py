@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, CacheFolder, app, place, progress, show
+from flexdesign.cli.shared import AsJson, CacheFolder, app, progress, report_folder, show
 
 HELP = """Solve a design with FEM and compare the analytic models with the solution.
 
@@ -87,7 +87,7 @@ def validate(
     with progress() as say:
         study = designs.read_study(study_name, overrides or [])
         files = dict.fromkeys([study.file, study.design.file, part.file_of(study.design.part_class)])
-        where = place(out, origin.name_of(study.file), "validate", list(files), overrides or [])
+        where = report_folder(out, origin.name_of(study.file), "validate", list(files), overrides or [])
         exports = exporting.writers(export or [], where.folder, stage=study.design.is_stage)
         found = designs.validate(study, cache=cache, progress=say)
         written = where.write(found, [os.path.relpath(path, where.folder) for path, _ in exports])

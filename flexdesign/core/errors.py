@@ -46,6 +46,18 @@ class InputError(Exception):
         return f"{file}{field}{value}: {shortened(words, max(room, WORD))}"
 
 
+def import_remedy(error: BaseException) -> str:
+    """Say how a file of the user imports what flexdesign offers, if it failed as it looked elsewhere; else nothing.
+
+    >>> import_remedy(ModuleNotFoundError("No module named 'flexdesign.model'", name="flexdesign.model"))
+    'imports from flexdesign.model what is not there; write from flexdesign import Effect, Parameter, Port, ...
+    """
+    if not isinstance(error, ImportError) or (error.name or "").partition(".")[0] != "flexdesign":
+        return ""
+    words = "from flexdesign import Effect, Parameter, Port, … (flexdesign.__all__ lists what there is)"
+    return f"imports from {error.name} what is not there; write {words}"
+
+
 def shortened(text: str, longest: int) -> str:
     """Return a text, or its beginning and its end where it is longer than it may be.
 

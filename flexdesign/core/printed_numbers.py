@@ -34,15 +34,20 @@ class Printed:
     name: str
     text: str
 
+    @property
+    def unit(self) -> str:
+        """The unit as printed; empty if there is none."""
+        return self.text.partition(" ")[2]
+
     def value(self, si: str) -> float:
         """Return the number in an SI unit."""
         return units.from_text(self.text, si)
 
     def half_digit(self, si: str) -> float:
         """Return half a unit of its last digit, in an SI unit: how closely a rounded number is known."""
-        number, _, unit = self.text.partition(" ")
+        number = self.text.partition(" ")[0]
         exponent = int(Decimal(number).as_tuple().exponent)
-        return 0.5 * 10.0**exponent * units.factor(unit or "1", si)
+        return 0.5 * 10.0**exponent * units.factor(self.unit or "1", si)
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@ import platform
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 
-from flexdesign import __version__
-
+__version__ = "0.1.0"
 #: What simulation and identification rest on.
 DYNAMICS = ("numpy", "scipy", "numba", "control")
 

@@ -19,7 +19,7 @@ from types import ModuleType
 from typing import Any, ClassVar, Literal, Protocol
 
 from flexdesign.core import data_files
-from flexdesign.core.errors import InputError, suggest
+from flexdesign.core.errors import InputError, import_remedy, suggest
 from flexdesign.core.model import Linkage, Parameter, Quantity
 from flexdesign.core.model.linkage import Vector
 from flexdesign.core.toml_files import is_file
@@ -320,5 +320,6 @@ def _run(path: Path) -> ModuleType:
         del sys.modules[name]
         if isinstance(error, (InputError, KeyboardInterrupt)):
             raise
-        raise InputError(path, "", None, f"the part file fails with {reason(error, path)}; correct it") from error
+        remedy = import_remedy(error) or f"fails with {reason(error, path)}; correct it"
+        raise InputError(path, "", None, f"the part file {remedy}") from error
     return module

@@ -1,4 +1,4 @@
-"""One effect added to a stage model: fitted, judged on runs that no fit has seen, written with what is known of it."""
+"""One effect added to a stage model: fitted, judged on validation runs, written with its uncertainty."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from flexdesign.diagnosis import procedure, verdict
 from flexdesign.diagnosis.effect_selection import candidates, estimation_setup
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_further_run, of_runs, with_runs
 from flexdesign.diagnosis.preparation import periodic_disturbances
-from flexdesign.diagnosis.preparation.dataset import Setting, settle
-from flexdesign.diagnosis.result import Course, Diagnosis, Named, Rung, Value
+from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
+from flexdesign.diagnosis.result import Diagnosis, ErrorStep, IdentifiedEffect, SelectionHistory, Value
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis.axis_choice import choose_axis
 from flexdesign.dynamics.axis.axis_run import acts_ahead_of_stack
@@ -28,8 +28,8 @@ from flexdesign.dynamics.experiments import AS_MODELLED, simulation, standard_ex
 from flexdesign.dynamics.experiments.simulation import Simulation
 from flexdesign.dynamics.stage_dynamics import missing
 from flexdesign.dynamics.stage_model import StageModel, fields
-from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import Stand, fit, predict_tests
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, predict_tests
 from flexdesign.estimation.model_selection.model_comparison import HALF_WIDTH
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.measurements.noise_level import LineNoise, NoiseFloor
@@ -44,7 +44,7 @@ NAMED = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Added:
+class AddedEffect:
     """A stage model with one more effect.
 
     Parameters
@@ -56,15 +56,15 @@ class Added:
     values, calibration
         The effect's numbers, and the model's own beside it.
     ladder
-        As designed, recalibrated, with the effect: errors on the runs kept apart [response].
+        As designed, recalibrated, with the effect: errors on the validation runs [response].
     noise, noise_floor
         The noise, and its rms over the runs that judge [response].
     share
         Of what recalibration leaves unexplained there (in squares, above the noise): how much the effect explains.
     reason
         Why the effect is not needed; empty if it is.
-    runs, remainders
-        The runs with their roles, and what is left of them before and after.
+    runs, residuals_by_run
+        The runs with their roles, and their residuals before and after.
     seconds
         How long it took.
     responses, lines
@@ -80,13 +80,13 @@ class Added:
     model: StageModel
     values: tuple[Value, ...]
     calibration: tuple[Value, ...]
-    ladder: tuple[Rung, ...]
+    ladder: tuple[ErrorStep, ...]
     noise: NoiseFloor
     noise_floor: float
     share: float
     reason: str
     runs: tuple[Run, ...]
-    remainders: Mapping[str, Mapping[str, object]]
+    residuals_by_run: Mapping[str, Mapping[str, object]]
     seconds: float
     responses: tuple[FrequencyResponse, ...] = ()
     lines: Mapping[str, LineNoise] = field(default_factory=dict)
@@ -103,7 +103,7 @@ def add(
     threads: int = 2,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
-) -> Added:
+) -> AddedEffect:
     """Fit a stage model with one more effect, needed or not, and say whether it is.
 
     Parameters
@@ -134,83 +134,83 @@ def add(
     began = perf_counter()
     name = known_effect(effect, "EFFECT")
     progress("reading the noise")
-    setting = settle(model, runs, axis, None, noise)
-    _check(setting, name, model)
+    data = prepare(model, runs, axis, None, noise)
+    _check(data, name, model)
     with estimation_setup.simulating(threads) as each:
-        setting = estimation_setup.choose_interpolation(model, setting, each, progress)
-        dynamics, case = estimation_setup.case_of(model, setting, each, progress)
+        data = estimation_setup.choose_interpolation(model, data, each, progress)
+        dynamics, task = estimation_setup.case_of(model, data, each, progress)
 
         @cache
-        def alone(stand: Stand) -> tuple[Candidate]:
-            lines = periodic_disturbances.frequencies(setting, stand)
+        def alone(fit: FittedModel) -> tuple[Candidate]:
+            lines = periodic_disturbances.frequencies(data, fit)
             return (candidates.candidate_of(dynamics, effects.find(name), name, fields.ELSEWHERE.get(name), lines),)
 
-        case, gone = procedure.search(setting, case, dynamics, alone, seed)
+        task, gone = procedure.search(data, task, dynamics, alone, seed)
         (candidate,) = alone(gone.calibrated)
-        final, reason = _added(case, gone, candidate)
-        ladder = [predict_tests(case, stand) for stand in (gone.designed, gone.calibrated, final)]
-        named = with_runs(Named(name, verdict.values_of(final, candidate.free), 0.0), of_runs(case, final))
+        final, reason = _added(task, gone, candidate)
+        ladder = [predict_tests(task, fit) for fit in (gone.nominal, gone.calibrated, final)]
+        named = with_runs(IdentifiedEffect(name, verdict.values_of(final, candidate.free), 0.0), of_runs(task, final))
         own_values = verdict.values_of(final, verdict.own_numbers(final))
-    errors = [setting.test_error(stand) for stand in ladder]
-    unexplained = max(errors[1] ** 2 - (setting.floor**2 if setting.noise.known else 0.0), 1e-300)
-    numbers, said = [*own_values, *of_further_run(named)], verdict.model_of(model, setting, final)
+    errors = [data.test_error(fit) for fit in ladder]
+    unexplained = max(errors[1] ** 2 - (data.floor**2 if data.noise.known else 0.0), 1e-300)
+    numbers, said = [*own_values, *of_further_run(named)], verdict.model_of(model, data, final)
     labels = ("as designed", "recalibrated", f"+ {name}")
-    return Added(
+    return AddedEffect(
         name=name,
-        axis=setting.name,
+        axis=data.name,
         before=model,
-        without=verdict.model_of(model, setting, gone.calibrated),
-        model=with_knowledge(said, setting.name, numbers, setting.recorded),
+        without=verdict.model_of(model, data, gone.calibrated),
+        model=with_knowledge(said, data.name, numbers, data.recorded),
         values=named.values,
         calibration=own_values,
-        ladder=tuple(Rung(label, error) for label, error in zip(labels, errors, strict=True)),
-        noise=setting.noise,
-        noise_floor=setting.floor,
+        ladder=tuple(ErrorStep(label, error) for label, error in zip(labels, errors, strict=True)),
+        noise=data.noise,
+        noise_floor=data.floor,
         share=float(np.clip((errors[1] ** 2 - errors[2] ** 2) / unexplained, 0.0, 1.0)),
         reason=reason,
-        runs=setting.runs,
-        remainders={"calibrated": ladder[1].remainders, "found": ladder[2].remainders},
+        runs=data.runs,
+        residuals_by_run={"calibrated": ladder[1].residuals_by_run, "found": ladder[2].residuals_by_run},
         seconds=perf_counter() - began,
-        responses=setting.responses,
-        lines=setting.lines,
+        responses=data.responses,
+        lines=data.lines,
         by_run=named.by_run,
     )
 
 
-def _added(case: Case, gone: Course, candidate: Candidate) -> tuple[Stand, str]:
+def _added(task: EstimationTask, gone: SelectionHistory, candidate: Candidate) -> tuple[FittedModel, str]:
     """Return the fit with an effect, and why it is not needed."""
     step = gone.steps[0]
     if step.trials:
         best = step.chosen or step.trials[0]
-        return best.stand, best.reason
+        return best.fit, best.reason
     # It promises nothing; its value then says how large it may be at most.
-    model = case.fine(candidate.add(gone.calibrated.model))
-    tried = [fit(case, model.replace(values), (candidate,)) for values in candidate.trials[:TRIALS]]
-    made = [stand for stand in tried if stand is not None]
+    model = task.fine(candidate.add(gone.calibrated.model))
+    tried = [fit_model(task, model.replace(values), (candidate,)) for values in candidate.trials[:TRIALS]]
+    made = [fit for fit in tried if fit is not None]
     if made:
-        return min(made, key=lambda stand: stand.cost), "no more than chance gives"
+        return min(made, key=lambda fit: fit.cost), "no more than chance gives"
     raise InputError("command line", "EFFECT", candidate.name, "cannot be simulated on this axis at any of its values")
 
 
-def _check(setting: Setting, name: str, model: StageModel) -> None:
+def _check(data: DiagnosisData, name: str, model: StageModel) -> None:
     """Refuse an effect that is there, or that the runs cannot show."""
     if name in candidates.NOISE:
         remedy = "is noise to a fit, which leaves it out; write sensor.resolution into the model"
         raise InputError("command line", "EFFECT", name, remedy)
     number = fields.ELSEWHERE.get(name)
-    numbers = {**setting.axis.numbers, "controller.delay": model.controller.delay}
-    if name in setting.axis.effects or (number and numbers[number] not in (0.0, math.inf)):
-        place = f"{setting.name}.{number}" if number else f"{setting.name}.effects.{name}"
-        remedy = f"acts on axis {setting.name} already (axis.{place}); identify --free fits its numbers"
+    numbers = {**data.axis.numbers, "controller.delay": model.controller.delay}
+    if name in data.axis.effects or (number and numbers[number] not in (0.0, math.inf)):
+        place = f"{data.name}.{number}" if number else f"{data.name}.effects.{name}"
+        remedy = f"acts on axis {data.name} already (axis.{place}); identify --free fits its numbers"
         raise InputError("command line", "EFFECT", name, remedy)
-    if setting.is_at_stack and acts_ahead_of_stack(effects.find(name)):
+    if data.is_at_stack and acts_ahead_of_stack(effects.find(name)):
         remedy = "acts ahead of the stack, and these runs know the voltage at the stack: none of it is left to show"
         raise InputError("command line", "EFFECT", name, remedy)
-    if not setting.runs and not spectrum.shows(effects.find(name)):
+    if not data.runs and not spectrum.shows(effects.find(name)):
         remedy = "changes nothing about small sines, which are all that frequency responses show; add runs in time"
         raise InputError("command line", "EFFECT", name, remedy)
-    for run in setting.runs:
-        if lacking := missing(setting.name, effects.find(name), run.columns):
+    for run in data.runs:
+        if lacking := missing(data.name, effects.find(name), run.columns):
             needs = " and ".join("the response of another axis" if c == OTHER else f"a column {c}" for c in lacking)
             raise InputError(run.name, name, None, f"the effect needs {needs}, which the run lacks; leave the run out")
 
@@ -272,7 +272,7 @@ def size(
         return None
     try:
         if text.strip().endswith("%"):
-            value = units.from_text(text, "1") * settle(model, runs, axis, None).stroke
+            value = units.from_text(text, "1") * prepare(model, runs, axis, None).stroke
         else:
             value = units.from_text(text, model.axes[choose_axis(model, runs, axis)].response)
         if not value > 0:
@@ -352,7 +352,7 @@ class InTheLoop:
     reason: str = ""
 
 
-def in_the_loop(found: Added, progress: Callable[[str], None] = lambda _: None) -> InTheLoop:
+def in_the_loop(found: AddedEffect, progress: Callable[[str], None] = lambda _: None) -> InTheLoop:
     """Simulate a closed loop on the stage without the effect and with it.
 
     The controllers are tuned on the recalibrated stage without it, as its owner would have tuned them.

@@ -12,7 +12,7 @@ from flexdesign.diagnosis.result import Diagnosis
 
 
 @dataclass(frozen=True, eq=False)
-class Telling:
+class Proposal:
     """A group of effects that look alike in the runs, and what would tell them apart.
 
     Parameters
@@ -30,7 +30,7 @@ class Telling:
     reason: str = ""
 
 
-def tellings(found: Diagnosis, progress: Callable[[str], None] = lambda _: None) -> tuple[Telling, ...]:
+def proposals(found: Diagnosis, progress: Callable[[str], None] = lambda _: None) -> tuple[Proposal, ...]:
     """Return for every group that the runs cannot tell apart the experiments that would.
 
     The menu is that of `experiment_design`: what the command can do within the limits of the axis, a known added
@@ -44,10 +44,10 @@ def tellings(found: Diagnosis, progress: Callable[[str], None] = lambda _: None)
     progress
         Told what is being done.
     """
-    return tuple(_telling(found, group, progress) for group in found.confusable)
+    return tuple(_proposal(found, group, progress) for group in found.confusable)
 
 
-def _telling(found: Diagnosis, group: tuple[str, ...], progress: Callable[[str], None]) -> Telling:
+def _proposal(found: Diagnosis, group: tuple[str, ...], progress: Callable[[str], None]) -> Proposal:
     resolved = list[Resolved]()
     try:
         limits = experiment_design.of_axis(found.model, found.axis)
@@ -57,5 +57,5 @@ def _telling(found: Diagnosis, group: tuple[str, ...], progress: Callable[[str],
             progress(f"simulating what tells {group[0]} from {other}")
             resolved.append(experiment_design.resolve_effects(dynamics, (group[0], other), menu, found.noise_floor))
     except InputError as error:  # a model may lack what experiments go by, and is diagnosed all the same
-        return Telling(group, tuple(resolved), error.remedy)
-    return Telling(group, tuple(resolved))
+        return Proposal(group, tuple(resolved), error.remedy)
+    return Proposal(group, tuple(resolved))

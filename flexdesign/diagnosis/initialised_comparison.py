@@ -17,7 +17,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import comparison
 from flexdesign.diagnosis.comparison import Comparison
 from flexdesign.diagnosis.effect_selection.estimation_setup import BELIEVED, case_of, simulating
-from flexdesign.diagnosis.preparation.dataset import settle
+from flexdesign.diagnosis.preparation.dataset import prepare
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
 from flexdesign.diagnosis.residual_comparison import compared
 from flexdesign.dynamics.stage_model import StageModel
@@ -28,7 +28,7 @@ from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 
 @dataclass(frozen=True, eq=False)
-class _AsDesigned:
+class _Nominal:
     """What `flexdesign.diagnosis.residual_comparison.compared` asks of a diagnosis."""
 
     axis: str
@@ -38,7 +38,7 @@ class _AsDesigned:
     responses: Sequence[FrequencyResponse]
     lines: dict[str, LineNoise]
     noise: NoiseFloor
-    remainders: dict[str, dict[str, object]]
+    residuals_by_run: dict[str, dict[str, object]]
 
 
 def compare(
@@ -79,21 +79,21 @@ def compare(
     # Roles matter to no prediction: every run is fitted by its own numbers alone.
     every = [replace(each, role="identify", role_is_stated=True) for each in recorded if isinstance(each, Run)]
     progress("fitting the initial conditions of each run")
-    setting = settle(model, every, plain.axis, None, noise)
+    data = prepare(model, every, plain.axis, None, noise)
     with simulating(threads) as each:
-        dynamics, case = case_of(model, setting, each, progress)
-        stand = evaluate_design(replace(case, free=(), believed=BELIEVED), dynamics)
-    if stand is None:
+        dynamics, task = case_of(model, data, each, progress)
+        fit = evaluate_design(replace(task, free=(), prior_bound=BELIEVED), dynamics)
+    if fit is None:
         raise InputError("model", f"axis.{plain.axis}", None, "cannot be simulated at the values it has")
-    residuals = {name: np.asarray(rest) for name, rest in predict_tests(case, stand).remainders.items()}
+    residuals = {name: np.asarray(rest) for name, rest in predict_tests(task, fit).residuals_by_run.items()}
     roles = {run.name: run.role for run in plain.runs}
-    alone = {run.name: float(np.sqrt(np.nanmean(offset_residual(dynamics, run) ** 2))) for run in setting.runs}
-    seen = tuple(replace(run, role=roles[run.name]) for run in setting.runs)
-    designed = _AsDesigned(
-        plain.axis, model, model, seen, (), {}, setting.noise, {"found": dict(residuals), "calibrated": dict(residuals)}
+    alone = {run.name: float(np.sqrt(np.nanmean(offset_residual(dynamics, run) ** 2))) for run in data.runs}
+    seen = tuple(replace(run, role=roles[run.name]) for run in data.runs)
+    nominal = _Nominal(
+        plain.axis, model, model, seen, (), {}, data.noise, {"found": dict(residuals), "calibrated": dict(residuals)}
     )
     progress("looking where it fails")
-    found = compared(designed, "found")
+    found = compared(nominal, "found")
     runs = tuple(
         replace(run, offset_rms=alone[run.name], remarks=before.remarks)
         for run, before in zip(found.runs, plain.runs, strict=True)

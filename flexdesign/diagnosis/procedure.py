@@ -17,7 +17,7 @@ from typing import cast
 import numpy as np
 
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis.effect_selection.basis_functions import features_of
+from flexdesign.diagnosis.effect_selection.basis_functions import basis_functions_of
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
     BELIEVED,
@@ -30,20 +30,20 @@ from flexdesign.diagnosis.effect_selection.estimation_setup import (
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_runs, vary_by_run, vary_step
 from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, explains
 from flexdesign.diagnosis.preparation import periodic_disturbances
-from flexdesign.diagnosis.preparation.dataset import Setting, settle
+from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.initial_conditions import grid_delay, grid_frequency, offset_residual
-from flexdesign.diagnosis.preparation.truncated_runs import opening
-from flexdesign.diagnosis.result import Course, Diagnosis
+from flexdesign.diagnosis.preparation.truncated_runs import truncated
+from flexdesign.diagnosis.result import Diagnosis, SelectionHistory
 from flexdesign.diagnosis.verdict import conclude, decide, is_adequate, ladder_of
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.model_selection.calibration import calibrate, evaluate_design
 from flexdesign.estimation.model_selection.determination import drop_undetermined, hold_undetermined
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
-    Stand,
+    FittedModel,
     escape,
-    fit,
+    fit_model,
     predict_tests,
     refine,
     with_effects,
@@ -51,7 +51,7 @@ from flexdesign.estimation.model_selection.fitted_model import (
 )
 from flexdesign.estimation.model_selection.model_comparison import INDISTINGUISHABLE, Step, compare
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.model_selection.sparse_residual_model import Rival, cost_of_terms, rival
+from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel, cost_of_terms, sparse_model
 from flexdesign.estimation.model_selection.stepwise_selection import GROSS, confusable, select, select_otherwise
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
@@ -108,142 +108,142 @@ def diagnose(
     """
     began = perf_counter()
     progress("reading the noise")
-    setting = settle(model, runs, axis, tolerance, noise)
+    data = prepare(model, runs, axis, tolerance, noise)
     with simulating(threads) as each:
-        setting = choose_interpolation(model, setting, each, progress)
-        dynamics, case = case_of(model, setting, each, progress)
+        data = choose_interpolation(model, data, each, progress)
+        dynamics, task = case_of(model, data, each, progress)
 
-        def catalogue(of: Setting, stand: Stand) -> tuple[Candidate, ...]:
-            lines = periodic_disturbances.frequencies(of, stand) if of.runs else periodic_disturbances.peaks(of, stand)
+        def catalogue(of: DiagnosisData, fit: FittedModel) -> tuple[Candidate, ...]:
+            lines = periodic_disturbances.frequencies(of, fit) if of.runs else periodic_disturbances.peaks(of, fit)
             return candidates(
                 dynamics,
                 more,
                 lines,
-                loaded=setting.is_loaded,
-                at_stack=setting.is_at_stack,
-                band=None if setting.runs else setting.band,
+                loaded=data.is_loaded,
+                at_stack=data.is_at_stack,
+                band=None if data.runs else data.band,
             )
 
         ahead = None
-        if (short := opening(setting)) is not None:
+        if (short := truncated(data)) is not None:
             progress("searching in the first part of each run")
             _, case_of_parts = case_of(model, short, each, progress)
             _, ahead = search(short, case_of_parts, dynamics, partial(catalogue, short), seed)
-        case, course = search(setting, case, dynamics, partial(catalogue, setting), seed, ahead)
-        if course.final.effects:
+        task, history = search(data, task, dynamics, partial(catalogue, data), seed, ahead)
+        if history.final.effects:
             progress("fitting once more, simulated more exactly")
-            course = course.with_final(refine(case, course.final))
+            history = history.with_final(refine(task, history.final))
         progress("looking at the residual")
-        left = _rival(setting, case, course.final)
-        verdict, named = decide(setting, course, left, partial(_is_better_smooth, setting, case))
-        named, fixed = drop_undetermined(case, named)
+        left = _sparse_model(data, task, history.final)
+        verdict, named = decide(data, history, left, partial(_is_better_smooth, data, task))
+        named, fixed = drop_undetermined(task, named)
         if verdict == "effects-found" and not named.effects:
-            verdict, named = "unknown", course.calibrated
-        named, held = hold_undetermined(case, named)
-        course = replace(course, undetermined=(*course.undetermined, *fixed, *held))
-        groups = confusable(case, named, course.steps)
-        beyond = conflicts(setting, named)
-        is_done = is_adequate(setting, course.final, left)
-        implied = [c for c in beyond if c.named is not None and (is_done or explains(setting, case, named, c))]
+            verdict, named = "unknown", history.calibrated
+        named, held = hold_undetermined(task, named)
+        history = replace(history, undetermined=(*history.undetermined, *fixed, *held))
+        groups = confusable(task, named, history.steps)
+        beyond = conflicts(data, named)
+        is_done = is_adequate(data, history.final, left)
+        implied = [c for c in beyond if c.named is not None and (is_done or explains(data, task, named, c))]
         progress("predicting the test runs")
-        judging = [run for run in setting.runs if run.name in setting.judging]
-        alone = np.concatenate([offset_residual(dynamics, run) for run in judging]) if judging else None
-        ladder = [predict_tests(case, stand) for stand in (course.designed, *ladder_of(course, named))]
-        by_run = of_runs(case, ladder[-1])
+        scored = [run for run in data.runs if run.name in data.scored]
+        alone = np.concatenate([offset_residual(dynamics, run) for run in scored]) if scored else None
+        ladder = [predict_tests(task, fit) for fit in (history.nominal, *ladder_of(history, named))]
+        by_run = of_runs(task, ladder[-1])
         progress("finding the intervals")
-        found = conclude(model, setting, course, left, verdict, ladder, groups, beyond, implied, alone, by_run)
-    evaluations = sum(stand.solution.problem.evaluations for stand in (course.calibrated, *course.stands))
+        found = conclude(model, data, history, left, verdict, ladder, groups, beyond, implied, alone, by_run)
+    evaluations = sum(fit.solution.problem.evaluations for fit in (history.calibrated, *history.fits))
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
 
 
 def search(
-    setting: Setting,
-    case: Case,
+    data: DiagnosisData,
+    task: EstimationTask,
     dynamics: AxisDynamics,
-    catalogue: Callable[[Stand], Sequence[Candidate]],
+    catalogue: Callable[[FittedModel], Sequence[Candidate]],
     seed: int,
-    ahead: Course | None = None,
-) -> tuple[Case, Course]:
+    ahead: SelectionHistory | None = None,
+) -> tuple[EstimationTask, SelectionHistory]:
     """Calibrate and select effects; return the case as calibrated, and the course of the selection.
 
     Which effects are tried, and at what values, may follow from the residual of the calibration: `catalogue` tells.
     Effects that a search `ahead` found in a part of the runs are fitted first.
     """
-    case.progress("predicting with the model as it is")
-    held = undetermined(case, dynamics)
-    case = replace(case, free=tuple(name for name in case.free if name not in held))
-    designed = evaluate_design(replace(case, believed=BELIEVED), dynamics)
-    case.progress("calibrating")
+    task.progress("predicting with the model as it is")
+    held = undetermined(task, dynamics)
+    task = replace(task, free=tuple(name for name in task.free if name not in held))
+    nominal = evaluate_design(replace(task, prior_bound=BELIEVED), dynamics)
+    task.progress("calibrating")
     if ahead is None:
-        stand = calibrate(case, grid_frequency(case, grid_delay(case, dynamics)), seed, designed)
+        fit = calibrate(task, grid_frequency(task, grid_delay(task, dynamics)), seed, nominal)
     else:
-        stand = fit(case, with_values(dynamics, ahead.calibrated.model))
-    if stand is not None:  # how a mode rings as a record begins follows from its calibrated numbers
-        case = with_beginnings(case, cast(AxisDynamics, stand.model), setting.rounded(stand))
-        stand = fit(case, stand.model)
-    if stand is not None and stand.exceeds_noise:
-        stand = escape(case, stand)
-    if designed is None or stand is None:
+        fit = fit_model(task, with_values(dynamics, ahead.calibrated.model))
+    if fit is not None:  # how a mode rings as a record begins follows from its calibrated numbers
+        task = with_beginnings(task, cast(AxisDynamics, fit.model), data.rounded(fit))
+        fit = fit_model(task, fit.model)
+    if fit is not None and fit.exceeds_noise:
+        fit = escape(task, fit)
+    if nominal is None or fit is None:
         raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
-    rise = stand.held_cost - designed.held_cost
+    rise = fit.validation_chi2 - nominal.validation_chi2
     is_refused = (
-        bool(case.validate.records)
-        and setting.error(stand) > WORSE * setting.error(designed)
-        and rise > INDISTINGUISHABLE * stand.discrepancy
+        bool(task.validate.records)
+        and data.error(fit) > WORSE * data.error(nominal)
+        and rise > INDISTINGUISHABLE * fit.discrepancy
     )
-    if is_refused or stand.scale > GROSS:
-        kept = evaluate_design(with_beginnings(case, dynamics, setting.rounded(designed)), designed.model)
-        designed = kept or designed
-    calibrated = designed if is_refused else stand
+    if is_refused or fit.scale > GROSS:
+        kept = evaluate_design(with_beginnings(task, dynamics, data.rounded(nominal)), nominal.model)
+        nominal = kept or nominal
+    calibrated = nominal if is_refused else fit
     every = catalogue(calibrated)
-    steps, stands = _confirm(case, calibrated, ahead.steps if ahead else ())
+    steps, fits = _confirm(task, calibrated, ahead.steps if ahead else ())
     more = select(
-        case,
-        stands[-1] if stands else calibrated,
+        task,
+        fits[-1] if fits else calibrated,
         every,
-        MOST if setting.runs else MOST_OF_LINES,
+        MOST if data.runs else MOST_OF_LINES,
         # Beside a gross misfit calibrated numbers may have moved far to imitate an effect.
-        origins=(designed,) if stand.scale > GROSS and not is_refused and not stands else (),
-        vary_step=partial(vary_step, case, candidates=every),
-        vary=partial(vary_by_run, case),
+        origins=(nominal,) if fit.scale > GROSS and not is_refused and not fits else (),
+        vary_step=partial(vary_step, task, candidates=every),
+        vary=partial(vary_by_run, task),
     )
-    if not setting.runs:  # simulations of small sines cost little
-        more = select_otherwise(case, more, every, MOST_OF_LINES)
-    steps, stands = [*steps, *more[0]], [*stands, *more[1]]
-    return case, Course(designed, calibrated, tuple(stands), tuple(steps), held, is_refused)
+    if not data.runs:  # simulations of small sines cost little
+        more = select_otherwise(task, more, every, MOST_OF_LINES)
+    steps, fits = [*steps, *more[0]], [*fits, *more[1]]
+    return task, SelectionHistory(nominal, calibrated, tuple(fits), tuple(steps), held, is_refused)
 
 
-def _confirm(case: Case, stand: Stand, steps: Sequence[Step]) -> tuple[list[Step], list[Stand]]:
+def _confirm(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> tuple[list[Step], list[FittedModel]]:
     """Return the steps of a selection in a part of the runs that all of them accept, and the fits after these."""
-    confirmed, stands = list[Step](), list[Stand]()
+    confirmed, fits = list[Step](), list[FittedModel]()
     for step in steps:
         if step.chosen is None:
             break
         names = step.chosen.names
-        case.progress(f"fitting with {' and '.join((*stand.names, *names))}, the whole runs")
-        added = tuple(effect for effect in step.chosen.stand.effects if effect.name in names)
-        model = with_values(with_effects(stand.model, added), step.chosen.stand.model)
-        made = fit(case, case.fine(model), (*stand.effects, *added))
-        trial = None if made is None else compare(case, stand, made, names, step.chosen.score)
+        task.progress(f"fitting with {' and '.join((*fit.names, *names))}, the whole runs")
+        added = tuple(effect for effect in step.chosen.fit.effects if effect.name in names)
+        model = with_values(with_effects(fit.model, added), step.chosen.fit.model)
+        made = fit_model(task, task.fine(model), (*fit.effects, *added))
+        trial = None if made is None else compare(task, fit, made, names, step.chosen.score)
         if trial is None or trial.reason:
             break
-        stand = trial.stand
-        stands.append(stand)
+        fit = trial.fit
+        fits.append(fit)
         confirmed.append(replace(step, chosen=trial))
-    return confirmed, stands
+    return confirmed, fits
 
 
-def _is_better_smooth(setting: Setting, case: Case, base: Stand, stand: Stand) -> bool:
+def _is_better_smooth(data: DiagnosisData, task: EstimationTask, base: FittedModel, fit: FittedModel) -> bool:
     """Tell whether the smooth functions of what a fit with effects leaves explain more in the place of the effects."""
-    terms = _rival(setting, case, stand).terms
+    terms = _sparse_model(data, task, fit).terms
     if not terms:
         return False
-    alone = cost_of_terms(case, base, features_of(setting, base), terms)
-    samples = base.solution.problem.suite.samples
-    return alone - samples < BETTER * (stand.seen_cost - samples)
+    alone = cost_of_terms(task, base, basis_functions_of(data, base), terms)
+    samples = base.solution.problem.dataset.samples
+    return alone - samples < BETTER * (fit.fitted_chi2 - samples)
 
 
-def _rival(setting: Setting, case: Case, stand: Stand) -> Rival:
-    seen = stand.solution.problem.suite  # records may begin in more ways in a later fit
-    case = replace(case.prepared(case, stand.model), identify=seen)
-    return rival(case, stand, features_of(setting, stand))
+def _sparse_model(data: DiagnosisData, task: EstimationTask, fit: FittedModel) -> SparseModel:
+    seen = fit.solution.problem.dataset  # records may begin in more ways in a later fit
+    task = replace(task.prepared(task, fit.model), identify=seen)
+    return sparse_model(task, fit, basis_functions_of(data, fit))

@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 Which = Literal["calibrated", "found"]
 
 
-class Judged(Protocol):
-    """What a diagnosis and an addition have in common: runs, and what is left of them before and after."""
+class ModelResiduals(Protocol):
+    """What a diagnosis and an addition have in common: runs, and their residuals before and after."""
 
     @property
     def axis(self) -> str:
@@ -49,11 +49,11 @@ class Judged(Protocol):
         """The noise floor."""
 
     @property
-    def remainders(self) -> Mapping[str, Mapping[str, object]]:
+    def residuals_by_run(self) -> Mapping[str, Mapping[str, object]]:
         """Measured less predicted by stand and run, with what the start of each record explains taken out."""
 
 
-def compared(found: Judged, which: Which) -> Comparison:
+def compared(found: ModelResiduals, which: Which) -> Comparison:
     """Return the runs beside one of the two models, as `diagnosis.comparison` does for a model as it is.
 
     Parameters
@@ -63,7 +63,7 @@ def compared(found: Judged, which: Which) -> Comparison:
     which
         ``"calibrated"`` without further effects, ``"found"`` with them.
     """
-    left = cast("Mapping[str, Array]", found.remainders[which])
+    left = cast("Mapping[str, Array]", found.residuals_by_run[which])
     model = found.before if which == "calibrated" else found.model
     responses = joined(found.responses, left, found.lines) if found.responses else ()
     if not found.runs:

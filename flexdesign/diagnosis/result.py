@@ -8,9 +8,9 @@ from typing import Literal
 
 from flexdesign.core.model import Parameter
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.model_selection.fitted_model import Stand
+from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step
-from flexdesign.estimation.model_selection.sparse_residual_model import Rival
+from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel
 from flexdesign.measurements.noise_level import LineNoise, NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
@@ -35,7 +35,7 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Named:
+class IdentifiedEffect:
     """An effect that the measurements call for.
 
     Parameters
@@ -45,7 +45,7 @@ class Named:
     values
         Its numbers; of one that differs from run to run the mean over the fitted runs.
     share
-        Of what was unexplained (in squares, above the noise) on the runs kept apart: how much it explains.
+        Of what was unexplained (in squares, above the noise) on the validation runs: how much it explains.
     by_run
         Its strength in each run, where it differs from run to run; empty where one number does for all.
     """
@@ -57,7 +57,7 @@ class Named:
 
 
 @dataclass(frozen=True)
-class Tried:
+class CandidateRecord:
     """A candidate that was fitted.
 
     Parameters
@@ -67,7 +67,7 @@ class Tried:
     beside
         The effects that were in the model then.
     error
-        Root mean square error on the runs kept apart [response].
+        Root mean square error on the validation runs [response].
     evidence
         Fall of the cost, whitened, in multiples of what chance gives.
     outcome
@@ -82,22 +82,22 @@ class Tried:
 
 
 @dataclass(frozen=True)
-class Rung:
-    """One step of the error ladder: a label, and the rms error on the runs kept apart [response]."""
+class ErrorStep:
+    """One step of the error ladder: a label, and the rms error on the validation runs [response]."""
 
     label: str
     error: float
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class SelectionHistory:
     """The course of a selection, from the design to the last effect.
 
     Parameters
     ----------
-    designed, calibrated
+    nominal, calibrated
         The design, with initial conditions fitted; and with its own numbers fitted.
-    stands
+    fits
         The fit after each step that added effects.
     steps
         What was tried at each step, the last one without success.
@@ -107,21 +107,21 @@ class Course:
         Whether calibration made the validation runs worse, so that the design values were kept.
     """
 
-    designed: Stand
-    calibrated: Stand
-    stands: tuple[Stand, ...]
+    nominal: FittedModel
+    calibrated: FittedModel
+    fits: tuple[FittedModel, ...]
     steps: tuple[Step, ...]
     undetermined: tuple[str, ...] = ()
     is_refused: bool = False
 
     @property
-    def final(self) -> Stand:
+    def final(self) -> FittedModel:
         """The last fit."""
-        return self.stands[-1] if self.stands else self.calibrated
+        return self.fits[-1] if self.fits else self.calibrated
 
-    def with_final(self, stand: Stand) -> Course:
+    def with_final(self, fit: FittedModel) -> SelectionHistory:
         """Return the course with another last fit of the same effects."""
-        return replace(self, stands=(*self.stands[:-1], stand))
+        return replace(self, fits=(*self.fits[:-1], fit))
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,20 +145,20 @@ class Diagnosis:
     candidates
         Everything that was fitted.
     ladder
-        Errors on the runs kept apart, from the model as designed to the last effect.
+        Errors on the validation runs, from the model as designed to the last effect.
     calibration
         The model's own numbers after the fit.
     conflicts
-        Numbers that had to move by more than three standard deviations of what was known, in words.
+        Numbers that had to move by more than three standard deviations of the prior, in words.
     noise
         The noise floor, by run and in words.
     noise_floor, validation_error
-        Root mean squares over the runs kept apart [response].
-    rival
+        Root mean squares over the validation runs [response].
+    sparse_model
         What smooth functions would explain of the rest.
     remainder
         What stays above the noise, in words; empty if nothing does.
-    remainders
+    residuals_by_run
         The residual of each run by name, as calibrated without effects and with what was found [response].
     runs
         The runs with their roles.
@@ -180,19 +180,19 @@ class Diagnosis:
     axis: str
     before: StageModel
     model: StageModel
-    effects: tuple[Named, ...]
+    effects: tuple[IdentifiedEffect, ...]
     confusable: tuple[tuple[str, ...], ...]
     near: tuple[str, ...]
-    candidates: tuple[Tried, ...]
-    ladder: tuple[Rung, ...]
+    candidates: tuple[CandidateRecord, ...]
+    ladder: tuple[ErrorStep, ...]
     calibration: tuple[Value, ...]
     conflicts: tuple[str, ...]
     noise: NoiseFloor
     noise_floor: float
     validation_error: float
-    rival: Rival
+    sparse_model: SparseModel
     remainder: str
-    remainders: Mapping[str, Mapping[str, object]]
+    residuals_by_run: Mapping[str, Mapping[str, object]]
     runs: tuple[Run, ...]
     confidence: str
     evaluations: int

@@ -11,12 +11,20 @@ from numpy.typing import NDArray
 
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
 from flexdesign.diagnosis.effect_selection.prior_conflicts import LARGE, Conflict
-from flexdesign.diagnosis.preparation.dataset import Setting
-from flexdesign.diagnosis.result import Course, Diagnosis, Named, Rung, Tried, Value, Verdict
+from flexdesign.diagnosis.preparation.dataset import DiagnosisData
+from flexdesign.diagnosis.result import (
+    CandidateRecord,
+    Diagnosis,
+    ErrorStep,
+    IdentifiedEffect,
+    SelectionHistory,
+    Value,
+    Verdict,
+)
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.estimation.model_selection.fitted_model import Stand
+from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial
-from flexdesign.estimation.model_selection.sparse_residual_model import Rival
+from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel
 from flexdesign.estimation.uncertainty.intervals import intervals
 from flexdesign.measurements.noise_level import allowed_excess
 
@@ -30,19 +38,19 @@ GAUSSIAN = 1.4826
 
 @dataclass(frozen=True)
 class Remainder:
-    """How a stand's remainder compares with the noise.
+    """How a fitted model's remainder compares with the noise.
 
     Parameters
     ----------
     excess
-        Mean square of what is left, whitened, less that of noise, of the runs that were fitted and of those kept apart:
-        the larger one.
+        Mean square of the residual, whitened, less that of noise: the larger one of fitted and
+        validation runs.
     allowed
         What counts as none.
     raw
         What is left above the noise on the runs that judge, rms [response].
     jumps
-        Sudden changes in what is left, whitened, of the runs that were fitted.
+        Sudden changes in the residual, whitened, of the runs that were fitted.
     """
 
     excess: float
@@ -56,63 +64,66 @@ class Remainder:
         return self.excess <= self.allowed and self.jumps < JUMPS
 
 
-def remainder(setting: Setting, stand: Stand) -> Remainder:
-    """Return how what a stand leaves compares with the noise."""
-    margins = [(ratio - 1, allowed_excess(count, level)) for ratio, count, level in _ratios(setting, stand)]
+def remainder(data: DiagnosisData, fit: FittedModel) -> Remainder:
+    """Return how what a fitted model leaves compares with the noise."""
+    margins = [(ratio - 1, allowed_excess(count, level)) for ratio, count, level in _ratios(data, fit)]
     excess, allowed = max(margins, key=lambda pair: pair[0] - pair[1])
-    left = setting.error(stand) ** 2 - setting.floor**2
-    return Remainder(excess, allowed, math.sqrt(max(left, 0.0)), _jumps(setting, stand))
+    left = data.error(fit) ** 2 - data.floor**2
+    return Remainder(excess, allowed, math.sqrt(max(left, 0.0)), _jumps(data, fit))
 
 
-def _ratios(setting: Setting, stand: Stand) -> Iterator[tuple[float, int, float]]:
-    """Yield mean squares of what is left, whitened, with their counts and twice the relative error of the noise.
+def _ratios(data: DiagnosisData, fit: FittedModel) -> Iterator[tuple[float, int, float]]:
+    """Yield mean squares of the residual, whitened, with their counts and twice the relative error of the noise.
 
     Runs and frequency responses are judged apart: these have so few values that they would drown among those.
     """
-    level = 2 * setting.noise.relative_error
-    pairs = list(zip(stand.solution.problem.suite.records, stand.solution.residuals, strict=True))
-    kinds = [(level, [pair for pair in pairs if pair[0].observation.name not in setting.lines])]
-    kinds += [(_line_level(setting), [pair for pair in pairs if pair[0].observation.name in setting.lines])]
+    level = 2 * data.noise.relative_error
+    pairs = list(zip(fit.solution.problem.dataset.records, fit.solution.residuals, strict=True))
+    kinds = [(level, [pair for pair in pairs if pair[0].observation.name not in data.lines])]
+    kinds += [(_line_level(data), [pair for pair in pairs if pair[0].observation.name in data.lines])]
     for error, seen in kinds:
         if count := int(sum(record.present.sum() for record, _ in seen)):
             yield sum(float(part @ part) for _, part in seen) / count, count, error
     held = 0.0
-    judging = [each for each in setting.responses if each.role == "validate"]
-    if judging:
-        left = [(stand.remainders[e.name] / setting.lines[e.name].of_values)[np.tile(e.present, 2)] for e in judging]
+    scored = [each for each in data.responses if each.role == "validate"]
+    if scored:
+        left = [(fit.residuals_by_run[e.name] / data.lines[e.name].of_values)[np.tile(e.present, 2)] for e in scored]
         held = float(sum(part @ part for part in left))
         values = sum(len(part) for part in left)
-        yield held / values, values, _line_level(setting)
-    if kept := sum(int(np.isfinite(run.measured()).sum()) for run in setting.of("validate")):
-        yield (stand.held_cost - held) / kept, kept, level
+        yield held / values, values, _line_level(data)
+    if kept := sum(int(np.isfinite(run.measured()).sum()) for run in data.of("validate")):
+        yield (fit.validation_chi2 - held) / kept, kept, level
 
 
-def _line_level(setting: Setting) -> float:
+def _line_level(data: DiagnosisData) -> float:
     """Return twice the relative error of the noise of frequency responses."""
-    return max((math.sqrt(2 / noise.dof) if noise.dof else math.inf for noise in setting.lines.values()), default=0.0)
+    return max((math.sqrt(2 / noise.dof) if noise.dof else math.inf for noise in data.lines.values()), default=0.0)
 
 
-def _jumps(setting: Setting, stand: Stand) -> int:
-    """Count the jumps in what is left; a reading in coarse steps has them by itself."""
-    if setting.coarse_step is not None:
+def _jumps(data: DiagnosisData, fit: FittedModel) -> int:
+    """Count the jumps in the residual; a reading in coarse steps has them by itself."""
+    if data.coarse_step is not None:
         return 0
     count = 0
-    for record, part in zip(stand.solution.problem.suite.records, stand.solution.residuals, strict=True):
-        if record.observation.name in setting.lines:  # neighbouring lines are no neighbours in time
+    for record, part in zip(fit.solution.problem.dataset.records, fit.solution.residuals, strict=True):
+        if record.observation.name in data.lines:  # neighbouring lines are no neighbours in time
             continue
         left = np.abs(part[: len(record.measured)][record.present])
         count += int((left > JUMP * GAUSSIAN * np.median(left)).sum())
     return count
 
 
-def levels(course: Course) -> list[Stand]:
+def levels(history: SelectionHistory) -> list[FittedModel]:
     """Return the fits from the calibrated model on, each with further effects."""
-    return [course.calibrated, *course.stands]
+    return [history.calibrated, *history.fits]
 
 
 def decide(
-    setting: Setting, course: Course, left: Rival, is_better_smooth: Callable[[Stand, Stand], bool]
-) -> tuple[Verdict, Stand]:
+    data: DiagnosisData,
+    history: SelectionHistory,
+    left: SparseModel,
+    is_better_smooth: Callable[[FittedModel, FittedModel], bool],
+) -> tuple[Verdict, FittedModel]:
     """Return the verdict, and the fit whose effects are named.
 
     Beside an adequate model all effects are. Else each must explain `LARGE` times what remains unexplained after the
@@ -122,37 +133,37 @@ def decide(
 
     Parameters
     ----------
-    setting, course, left
+    data, history, left
         What was diagnosed, how it went, and what smooth functions explain of the residual of the last fit.
     is_better_smooth
         Tells for the calibrated model and one with effects whether smooth functions do better than these.
     """
-    every = levels(course)
-    if is_adequate(setting, course.final, left) and not course.final.at_bound():
-        return ("effects-found", course.final) if course.final.effects else ("nothing-missing", course.calibrated)
-    rests = np.array([_unexplained_squares(setting, stand) for stand in every])
-    added = np.maximum(np.diff([[len(stand.effects)] for stand in every], axis=0), 1)
+    every = levels(history)
+    if is_adequate(data, history.final, left) and not history.final.at_bound():
+        return ("effects-found", history.final) if history.final.effects else ("nothing-missing", history.calibrated)
+    rests = np.array([_unexplained_squares(data, fit) for fit in every])
+    added = np.maximum(np.diff([[len(fit.effects)] for fit in every], axis=0), 1)
     for named in range(len(every) - 1, 0, -1):
         is_large = np.all(-np.diff(rests[: named + 1], axis=0) >= LARGE * added[:named] * rests[named])
         if is_large and not every[named].at_bound() and not is_better_smooth(every[0], every[named]):
             return "effects-found", every[named]
-    return "unknown", course.calibrated
+    return "unknown", history.calibrated
 
 
-def _unexplained_squares(setting: Setting, stand: Stand) -> tuple[float, float]:
+def _unexplained_squares(data: DiagnosisData, fit: FittedModel) -> tuple[float, float]:
     """Return what remains of the validation runs above the noise: mean square [response^2], and whitened chi^2."""
-    count = sum(int(np.isfinite(run.measured()).sum()) for run in setting.of("validate"))
-    held = stand.held_cost - count if count else stand.seen_cost - stand.solution.problem.suite.samples
-    return max(setting.error(stand) ** 2 - setting.known_floor**2, 0.0), max(held, 0.0)
+    count = sum(int(np.isfinite(run.measured()).sum()) for run in data.of("validate"))
+    held = fit.validation_chi2 - count if count else fit.fitted_chi2 - fit.solution.problem.dataset.samples
+    return max(data.error(fit) ** 2 - data.known_floor**2, 0.0), max(held, 0.0)
 
 
 def conclude(
     model: StageModel,
-    setting: Setting,
-    course: Course,
-    left: Rival,
+    data: DiagnosisData,
+    history: SelectionHistory,
+    left: SparseModel,
     verdict: Verdict,
-    ladder: Sequence[Stand],
+    ladder: Sequence[FittedModel],
     groups: tuple[tuple[str, ...], ...],
     moved: Sequence[Conflict],
     implied: Sequence[Conflict],
@@ -163,7 +174,7 @@ def conclude(
 
     Parameters
     ----------
-    model, setting, course
+    model, data, history
         What was diagnosed, and how it went.
     left
         What smooth functions explain of the residual of the last fit.
@@ -172,76 +183,76 @@ def conclude(
     groups
         Effects that the runs cannot tell apart, one of each among those that are named.
     moved, implied
-        Numbers that moved beyond what was known of them, and those among them that stand for an effect.
+        Numbers that moved beyond their prior, and those among them that stand for an effect.
     alone
         Residual of the runs that errors are stated of, if nothing is fitted but their offsets [response].
     by_run
         Numbers of the effects that are named which differ from run to run, by their names.
     """
     final, (_, calibrated, *_) = ladder[-1], ladder
-    is_noise = is_adequate(setting, course.final, left)
-    doubt = "" if is_noise else _in_words(setting, remainder(setting, course.final), left)
-    effects = tuple(with_runs(_named(setting, ladder[1:], name), by_run or {}) for name in final.names)
+    is_noise = is_adequate(data, history.final, left)
+    doubt = "" if is_noise else _in_words(data, remainder(data, history.final), left)
+    effects = tuple(with_runs(_named(data, ladder[1:], name), by_run or {}) for name in final.names)
     if implied:
         verdict = "effects-found"
         effects = (*effects, *(conflict.named for conflict in implied if conflict.named))
         groups = (*groups, *(conflict.group for conflict in implied if len(conflict.group) > 1))
     return Diagnosis(
         verdict=verdict,
-        axis=setting.name,
+        axis=data.name,
         before=model,
-        model=model_of(model, setting, final, implied),
+        model=model_of(model, data, final, implied),
         effects=effects,
         confusable=groups,
-        near=tuple(name for name in course.final.names if name not in final.names),
-        candidates=_tried(course.steps),
-        ladder=(*_offset_rung(alone), *_rungs(setting, ladder)),
+        near=tuple(name for name in history.final.names if name not in final.names),
+        candidates=_tried(history.steps),
+        ladder=(*_offset_step(alone), *_error_steps(data, ladder)),
         calibration=values_of(final, own_numbers(final)),
         conflicts=tuple(conflict.words for conflict in moved),
-        noise=setting.noise,
-        noise_floor=setting.floor,
-        validation_error=setting.test_error(final),
-        rival=left,
+        noise=data.noise,
+        noise_floor=data.floor,
+        validation_error=data.test_error(final),
+        sparse_model=left,
         remainder=doubt,
-        remainder_rms=0.0 if is_noise else _unexplained_on_tests(setting, final),
-        stroke=setting.stroke,
-        tolerance=setting.tolerance,
-        undetermined=course.undetermined,
-        remainders={"calibrated": calibrated.remainders, "found": final.remainders},
-        runs=setting.runs,
-        confidence=_confidence(setting, course),
+        remainder_rms=0.0 if is_noise else _unexplained_on_tests(data, final),
+        stroke=data.stroke,
+        tolerance=data.tolerance,
+        undetermined=history.undetermined,
+        residuals_by_run={"calibrated": calibrated.residuals_by_run, "found": final.residuals_by_run},
+        runs=data.runs,
+        confidence=_confidence(data, history),
         evaluations=0,
         seconds=0.0,
-        responses=setting.responses,
-        lines=setting.lines,
+        responses=data.responses,
+        lines=data.lines,
     )
 
 
-def unexplained(setting: Setting, stand: Stand) -> float:
+def unexplained(data: DiagnosisData, fit: FittedModel) -> float:
     """Return the rms residual above the noise of the runs that judge [response]; all of it where that is unknown."""
-    return math.sqrt(max(setting.error(stand) ** 2 - setting.known_floor**2, 0.0))
+    return math.sqrt(max(data.error(fit) ** 2 - data.known_floor**2, 0.0))
 
 
-def is_adequate(setting: Setting, stand: Stand, left: Rival) -> bool:
+def is_adequate(data: DiagnosisData, fit: FittedModel, left: SparseModel) -> bool:
     """Tell whether no more than noise remains, or no more than what matters to the user."""
-    if (setting.is_asked or not setting.noise.known) and unexplained(setting, stand) <= setting.tolerance:
+    if (data.is_asked or not data.noise.known) and unexplained(data, fit) <= data.tolerance:
         return True
     # Smooth functions that explain something show that there is something, however small it is beside the noise.
-    explainable = left.held_gain > 0 and left.moved > setting.tolerance and left.gain > 0
-    if not setting.noise.known:  # a white residual may be noise, whatever its size
-        return stand.is_white and not explainable
-    return remainder(setting, stand).is_noise and not explainable
+    explainable = left.held_gain > 0 and left.moved > data.tolerance and left.gain > 0
+    if not data.noise.known:  # a white residual may be noise, whatever its size
+        return fit.is_white and not explainable
+    return remainder(data, fit).is_noise and not explainable
 
 
-def _confidence(setting: Setting, course: Course) -> str:
+def _confidence(data: DiagnosisData, history: SelectionHistory) -> str:
     """Return what weakens the verdict, in words."""
     said = []
-    if not setting.noise.known:
+    if not data.noise.known:
         said.append(
             "the noise of these runs is unknown: evidence is weighed by the share that is explained, and nothing says "
             "how much of the residual is noise"
         )
-    if course.is_refused:
+    if history.is_refused:
         said.append(
             "calibration makes the validation runs worse, so that the structure of the model is wrong for these runs; "
             "the design values were kept"
@@ -249,9 +260,9 @@ def _confidence(setting: Setting, course: Course) -> str:
     return "; ".join(said)
 
 
-def _in_words(setting: Setting, final: Remainder, left: Rival) -> str:
+def _in_words(data: DiagnosisData, final: Remainder, left: SparseModel) -> str:
     share = f"{math.sqrt(1 + max(final.excess, 0.0)):.3g} times the noise remains"
-    if not setting.noise.known:
+    if not data.noise.known:
         share = "the residual remains"
     if final.jumps >= JUMPS:
         share += f", with {final.jumps} sudden jumps"
@@ -261,72 +272,72 @@ def _in_words(setting: Setting, final: Remainder, left: Rival) -> str:
     return f"{share}; of smooth functions these explain most: {', '.join(best)}"
 
 
-def ladder_of(course: Course, final: Stand) -> list[Stand]:
+def ladder_of(history: SelectionHistory, final: FittedModel) -> list[FittedModel]:
     """Return the fits from the calibrated one to the one whose effects are named."""
-    every = levels(course)
-    place = next(i for i, stand in enumerate(every) if {*final.names} <= {*stand.names})
+    every = levels(history)
+    place = next(i for i, fit in enumerate(every) if {*final.names} <= {*fit.names})
     return [*every[:place], final]
 
 
-def _unexplained_on_tests(setting: Setting, stand: Stand) -> float:
+def _unexplained_on_tests(data: DiagnosisData, fit: FittedModel) -> float:
     """Return the rms residual above the noise of what errors are stated of [response]."""
-    floor = setting.floor if setting.noise.known else 0.0
-    return math.sqrt(max(setting.test_error(stand) ** 2 - floor**2, 0.0))
+    floor = data.floor if data.noise.known else 0.0
+    return math.sqrt(max(data.test_error(fit) ** 2 - floor**2, 0.0))
 
 
-def _named(setting: Setting, ladder: Sequence[Stand], name: str) -> Named:
+def _named(data: DiagnosisData, ladder: Sequence[FittedModel], name: str) -> IdentifiedEffect:
     final = ladder[-1]
     effect = next(effect for effect in final.effects if effect.name == name)
-    shares = [_share(setting, ladder, name, setting.judging, setting.floor if setting.noise.known else 0.0)]
-    if setting.runs and (judging := [each.name for each in setting.responses if each.role != "identify"]):
-        floor = math.sqrt(float(np.mean([setting.noise.rms[each] ** 2 for each in judging])))
-        shares.append(_share(setting, ladder, name, judging, floor))  # what runs do not show a response may
-    return Named(name, values_of(final, effect.free), max(shares))
+    shares = [_share(data, ladder, name, data.scored, data.floor if data.noise.known else 0.0)]
+    if data.runs and (scored := [each.name for each in data.responses if each.role != "identify"]):
+        floor = math.sqrt(float(np.mean([data.noise.rms[each] ** 2 for each in scored])))
+        shares.append(_share(data, ladder, name, scored, floor))  # what runs do not show a response may
+    return IdentifiedEffect(name, values_of(final, effect.free), max(shares))
 
 
-def _share(setting: Setting, ladder: Sequence[Stand], name: str, judging: Sequence[str], floor: float) -> float:
+def _share(data: DiagnosisData, ladder: Sequence[FittedModel], name: str, scored: Sequence[str], floor: float) -> float:
     """Return the share of the mean square that calibration leaves unexplained which an effect explains."""
-    errors = [stand.rms(judging, setting.scales) for stand in ladder]
-    place = next((i for i, stand in enumerate(ladder) if name in stand.names), len(ladder) - 1)
+    errors = [fit.rms(scored, data.scales) for fit in ladder]
+    place = next((i for i, fit in enumerate(ladder) if name in fit.names), len(ladder) - 1)
     before, after = errors[place - 1] ** 2, errors[place] ** 2
     return float(np.clip((before - after) / max(errors[0] ** 2 - floor**2, 1e-300), 0.0, 1.0))
 
 
-def values_of(stand: Stand, names: Sequence[str], known_variance: float | None = 1.0) -> tuple[Value, ...]:
+def values_of(fit: FittedModel, names: Sequence[str], known_variance: float | None = 1.0) -> tuple[Value, ...]:
     """Return fitted numbers with their 95 % intervals, by the profile likelihood.
 
     Parameters
     ----------
-    stand, names
+    fit, names
         The fit, and its numbers that are asked for.
     known_variance
         Of the whitened residual where the noise is known; None where it is not.
     """
-    where, x = stand.solution.problem.where, stand.solution.x
+    where, x = fit.solution.problem.where, fit.solution.x
     present = where.values(x)
     shown = [name for name in where.names if name in names]
-    found = intervals(stand.solution, shown, known_variance=known_variance)
+    found = intervals(fit.solution, shown, known_variance=known_variance)
     return tuple(Value(e.parameter, present[e.name], e.interval or e.parameter.plausible) for e in found)
 
 
-def own_numbers(stand: Stand) -> list[str]:
+def own_numbers(fit: FittedModel) -> list[str]:
     """Return the free numbers that belong to the model itself."""
-    of_effects = {name for effect in stand.effects for name in effect.free}
-    return [p.name for p in stand.solution.problem.where.parameters if not p.run and p.name not in of_effects]
+    of_effects = {name for effect in fit.effects for name in effect.free}
+    return [p.name for p in fit.solution.problem.where.parameters if not p.run and p.name not in of_effects]
 
 
-def _tried(steps: Sequence[Step]) -> tuple[Tried, ...]:
+def _tried(steps: Sequence[Step]) -> tuple[CandidateRecord, ...]:
     found = []
     for step in steps:
         for trial in step.trials:
-            beside = trial.stand.names[: len(trial.stand.names) - len(trial.names)]
+            beside = trial.fit.names[: len(trial.fit.names) - len(trial.names)]
             outcome = (
                 "added"
                 if step.chosen and trial.names == step.chosen.names
                 else trial.reason or _not_chosen(step, trial)
             )
             evidence = trial.gain / trial.needed if trial.needed else 0.0
-            found.append(Tried(trial.names, beside, trial.error, evidence, outcome))
+            found.append(CandidateRecord(trial.names, beside, trial.error, evidence, outcome))
     return tuple(found)
 
 
@@ -335,34 +346,34 @@ def _not_chosen(step: Step, trial: Trial) -> str:
     return "these runs cannot tell it from what was added" if is_alike else "explains less"
 
 
-def _offset_rung(alone: Array | None) -> tuple[Rung, ...]:
+def _offset_step(alone: Array | None) -> tuple[ErrorStep, ...]:
     """Return the first step of the ladder, which shows what the initial conditions of the runs explain."""
-    return () if alone is None else (Rung("as designed, offsets alone", float(np.sqrt(np.nanmean(alone**2)))),)
+    return () if alone is None else (ErrorStep("as designed, offsets alone", float(np.sqrt(np.nanmean(alone**2)))),)
 
 
-def _rungs(setting: Setting, ladder: Sequence[Stand]) -> tuple[Rung, ...]:
-    designed, calibrated, *added = ladder
+def _error_steps(data: DiagnosisData, ladder: Sequence[FittedModel]) -> tuple[ErrorStep, ...]:
+    nominal, calibrated, *added = ladder
     rungs = [
-        Rung("as designed", setting.test_error(designed)),
-        Rung("recalibrated", setting.test_error(calibrated)),
+        ErrorStep("as designed", data.test_error(nominal)),
+        ErrorStep("recalibrated", data.test_error(calibrated)),
     ]
     before: tuple[str, ...] = ()
-    for stand in added:
-        label = [f"+ {name}" for name in stand.names if name not in before]
-        label += [f"- {name}" for name in before if name not in stand.names]
-        rungs.append(Rung(" ".join(label), setting.test_error(stand)))
-        before = stand.names
+    for fit in added:
+        label = [f"+ {name}" for name in fit.names if name not in before]
+        label += [f"- {name}" for name in before if name not in fit.names]
+        rungs.append(ErrorStep(" ".join(label), data.test_error(fit)))
+        before = fit.names
     return tuple(rungs)
 
 
-def model_of(model: StageModel, setting: Setting, stand: Stand, implied: Sequence[Conflict] = ()) -> StageModel:
+def model_of(model: StageModel, data: DiagnosisData, fit: FittedModel, implied: Sequence[Conflict] = ()) -> StageModel:
     """Return the stage model with what was fitted, and with what its numbers stand for that moved too far."""
-    dynamics = with_means(stand)
+    dynamics = with_means(fit)
     for conflict in implied:
         dynamics = conflict.written(dynamics)
     axis = dynamics.axis
-    rested = setting.axis.effects.get("bouc_wen", {}).get("rest")
+    rested = data.axis.effects.get("bouc_wen", {}).get("rest")
     if rested:  # where a stage rests in simulations is not for records to say, each of which begins elsewhere
         axis = replace(axis, effects={**axis.effects, "bouc_wen": {**axis.effects["bouc_wen"], "rest": rested}})
-    axes = {**model.axes, setting.name: axis}
+    axes = {**model.axes, data.name: axis}
     return replace(model, axes=axes, controller=replace(model.controller, delay=dynamics.delay))

@@ -135,7 +135,7 @@ def simulate(
 ) -> Response:
     """Run a stage from rest at zero volts.
 
-    The number of steps in a sample is doubled until the motion changes by less than the tolerance; what is left is
+    The number of steps in a sample is doubled until the motion changes by less than the tolerance; the residual is
     estimated from the last changes.
 
     Parameters
@@ -299,9 +299,9 @@ class _Inputs:
     def response(self, substeps: int, error: float) -> Response:
         """Run once with a number of steps in a sample."""
         from flexdesign.dynamics.signal_chain import engine  # compiles: only where something is run
-        from flexdesign.dynamics.signal_chain.chain import Keeper, program
+        from flexdesign.dynamics.signal_chain.chain import Arena, program
 
-        stage, axes, keep = self.stage, len(self.stage.axes), Keeper()
+        stage, axes, keep = self.stage, len(self.stage.axes), Arena()
         laid_out = program(
             keep,
             stage.axes,

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 #: The effects that act on commands and readings without being blocks of the chain.
 DELAYS = ("transport_delay", "sensor_delay")
-#: Images of a held command that are counted to each side: what is left falls with the square of their number.
+#: Images of a held command that are counted to each side: the residual falls with the square of their number.
 IMAGES = 6
 #: Newton's steps to the position at which forces and drive are in balance, and the share of it below which one is last.
 STEPS, BALANCED = 50, 1e-12

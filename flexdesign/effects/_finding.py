@@ -8,7 +8,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
-from flexdesign.core.errors import suggest
+from flexdesign.core.errors import import_remedy, suggest
 from flexdesign.core.model import Effect
 from flexdesign.core.toml_files import is_file
 
@@ -94,4 +94,4 @@ def _from_file(path: Path) -> object:
         spec.loader.exec_module(module)
         return module.EFFECT
     except Exception as error:
-        raise ValueError(f"cannot be loaded: {type(error).__name__}: {error}") from error
+        raise ValueError(import_remedy(error) or f"cannot be loaded: {type(error).__name__}: {error}") from error

@@ -135,5 +135,6 @@ EFFECT = Effect(
     faces=(
         Block(Socket.HYSTERESIS, states=("g", "v"), constants=constants, move=move, transfer=transfer, settled=settled),
     ),
+    is_hysteresis=True,
     confused_with=("bouc_wen", "electrostriction", "prandtl_ishlinskii"),
 )

@@ -246,6 +246,7 @@ EFFECT = Effect(
     faces=(
         Block(Socket.HYSTERESIS, states=("h", "v"), constants=constants, move=move, transfer=transfer, settled=settled),
     ),
+    is_hysteresis=True,
     confused_with=("creep", "driver_bandwidth", "prandtl_ishlinskii", "coulomb_friction"),
     cautions=cautions,
 )

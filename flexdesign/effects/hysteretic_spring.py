@@ -60,5 +60,6 @@ EFFECT = Effect(
         Parameter("nu", "1", "", "sharpness of the bend", None, 1.0, (1.0, 5.0)),
     ),
     faces=(Block(Socket.FORCE, states=("z",), constants=constants, flow=flow, transfer=transfer),),
+    is_hysteresis=True,
     confused_with=("coulomb_friction", "structural_damping", "bouc_wen"),
 )

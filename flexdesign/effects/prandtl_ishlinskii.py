@@ -171,5 +171,6 @@ EFFECT = Effect(
             settled=settled,
         ),
     ),
+    is_hysteresis=True,
     confused_with=("bouc_wen", "rate_dependent_hysteresis", "asymmetric_hysteresis"),
 )

@@ -154,5 +154,6 @@ EFFECT = Effect(
     faces=(
         Block(Socket.HYSTERESIS, states=("z", "v"), constants=constants, move=move, transfer=transfer, settled=settled),
     ),
+    is_hysteresis=True,
     confused_with=("bouc_wen", "prandtl_ishlinskii", "driver_bandwidth", "structural_damping"),
 )

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Model, Observation
-from flexdesign.estimation.least_squares.dataset import Shapes, Suite, channels
+from flexdesign.estimation.least_squares.dataset import Dataset, Shapes, channels
 from flexdesign.estimation.least_squares.levenberg_marquardt import Effort, Solution, solve
 from flexdesign.estimation.least_squares.multistart import Starts, multistart
-from flexdesign.estimation.least_squares.parallel_map import sharing
+from flexdesign.estimation.least_squares.parallel_map import shared_pool
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
 from flexdesign.estimation.least_squares.residual_function import Problem
 from flexdesign.estimation.noise.whitening import Noise, White, Whitening
@@ -66,7 +66,7 @@ class Fit:
     matches
         How well each observation is matched.
     cost
-        Sum of squares of whitened residuals and of what was known.
+        Sum of squares of whitened residuals and of the prior.
     reduced_chi2
         None where the noise was not given.
     dof
@@ -162,16 +162,16 @@ def fit(
         raise InputError("fit", "starts", starts, "a fit needs at least one start")
     where = coordinates(model, free, known or {})
     _check(observations)
-    suite = Suite(observations, _whitening(noise), _offsets(offsets))
-    count = sum(record.columns.shape[1] for record in suite.records)
-    if suite.samples <= len(free) + count:
+    dataset = Dataset(observations, _whitening(noise), _offsets(offsets))
+    count = sum(record.columns.shape[1] for record in dataset.records)
+    if dataset.samples <= len(free) + count:
         asked = f"{len(free)} parameters and {count} offsets need more samples than that"
-        raise InputError("fit", "observations", f"{suite.samples} samples", asked)
-    with sharing(_counted(threads)) as each:
-        problem = Problem(suite, model, where, each)
+        raise InputError("fit", "observations", f"{dataset.samples} samples", asked)
+    with shared_pool(_counted(threads)) as each:
+        problem = Problem(dataset, model, where, each)
         first, ended, minima = multistart(problem, starts, seed, progress)
         progress("checking the intervals")
-        refine = partial(_converged, suite, noise is not None)
+        refine = partial(_converged, dataset, noise is not None)
         best, found, intervals, is_better = checked(first, range(len(free)), refine, profiles)
         return Fit(
             model=problem.at(best.x),
@@ -187,7 +187,7 @@ def fit(
         )
 
 
-def _converged(suite: Suite, noise_is_known: bool, solution: Solution) -> tuple[Solution, Uncertainty]:
+def _converged(dataset: Dataset, noise_is_known: bool, solution: Solution) -> tuple[Solution, Uncertainty]:
     """Return the minimum to full accuracy and its uncertainty, prior knowledge weighed against the residual.
 
     Where the noise is unknown, or correlated samples count as fewer, the weight follows from the residual of the fit
@@ -195,9 +195,9 @@ def _converged(suite: Suite, noise_is_known: bool, solution: Solution) -> tuple[
     """
     scale = 1.0
     for _ in range(6):
-        problem = solution.problem.anew(suite.scaled(scale) if scale != 1 else suite, central=True)
+        problem = solution.problem.fresh(dataset.scaled(scale) if scale != 1 else dataset, central=True)
         # To a thousandth of a standard deviation for 10 000 samples; without noise to where values are rounded.
-        solution = solve(problem, solution.x, Effort(30, 1e-10), small=1e-6 * problem.suite.floor) or solution
+        solution = solve(problem, solution.x, Effort(30, 1e-10), small=1e-6 * problem.dataset.floor) or solution
         found = uncertainty(solution, scale**-2 if noise_is_known else None)
         factor = math.sqrt(found.variance * float(np.mean(found.inflation)))
         if not problem.where.known or not factor or abs(factor - 1) < 0.02:  # 95 % intervals show no 2 %
@@ -214,11 +214,11 @@ def _advised(estimate: Estimate, reveal: Mapping[str, str]) -> Estimate:
 
 
 def _matches(solution: Solution, found: Uncertainty) -> tuple[Match, ...]:
-    suite, model, made = solution.problem.suite, solution.problem.at(solution.x), []
-    for record, inflation in zip(suite.records, found.inflation, strict=True):
+    dataset, model, made = solution.problem.dataset, solution.problem.at(solution.x), []
+    for record, inflation in zip(dataset.records, found.inflation, strict=True):
         predicted = np.asarray(model.predict(record.observation))
-        offset = tuple(float(o) for o in suite.amounts(record, record.difference(predicted)))
-        residual = suite.remainder(record, predicted)
+        offset = tuple(float(o) for o in dataset.amounts(record, record.difference(predicted)))
+        residual = dataset.remainder(record, predicted)
         rms = math.sqrt(float(np.nanmean(residual**2)))
         name, shaped = record.observation.name, record.restored(residual)
         made.append(Match(name, shaped, offset or (0.0,) * record.channels, rms, inflation))

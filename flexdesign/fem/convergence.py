@@ -11,7 +11,7 @@ value. Where rounded roots leave little that is singular, three meshes may still
 meshes were refined alike everywhere. They are not: how many triangles meet at a root, and how many layers or elements
 fit, changes from mesh to mesh, and with it what a mesh leaves open. Over refinements of one section the error of K_in
 fell by factors between 1.7 and 2.5 where 2.1 is the mean; on forty parts (`studies.error_bars`) an estimate that left
-this out held no more than 4 truths of 5. Each mesh therefore has a `Scatter`, part of which is a share of what it
+this out held no more than 4 truths of 5. Each mesh therefore has a `MeshNoise`, part of which is a share of what it
 leaves open, and extrapolation magnifies it.
 """
 
@@ -31,7 +31,7 @@ SMOOTH = 4.0
 
 
 @dataclass(frozen=True)
-class Scatter:
+class MeshNoise:
     """How far results lie apart on meshes made alike.
 
     Parameters
@@ -47,7 +47,7 @@ class Scatter:
 
 
 #: That of a mesher that does not repeat itself: the spread of K_in over runs with the same input.
-SCATTER = Scatter(2e-3)
+SCATTER = MeshNoise(2e-3)
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def extrapolate(
     values: Sequence[float],
     sizes: Sequence[float],
     orders: tuple[float, float] = ORDERS,
-    scatter: Scatter = SCATTER,
+    scatter: MeshNoise = SCATTER,
     beside: Sequence[float] | None = None,
 ) -> Extrapolated:
     """Extrapolate the values found on two or more meshes, coarse to fine.
@@ -123,7 +123,7 @@ def extrapolate(
     return Extrapolated(value, math.hypot(max(doubts), scattered), values[-1], observed, gci)
 
 
-def described(scatter: Scatter) -> str:
+def described(scatter: MeshNoise) -> str:
     """Return in words how limits and their errors are found."""
     share = f" and of {100 * scatter.share:g} % of what each mesh leaves open" if scatter.share else ""
     return (

@@ -91,7 +91,7 @@ class LargeStroke:
             The linear stroke with its discretisation error.
         """
         ratio, here = self.full_stroke / self.linear_stroke, self.linear_stroke / linear.value - 1
-        own = abs(linear.sigma or 0.0)
+        own = abs(linear.half_width or 0.0)
         sigma = math.hypot(ratio * own, (ratio - 1) * max(abs(here * linear.value), own))
         source = f"{linear.source}, times the effect of large displacements on the coarsest mesh".removeprefix(", ")
         return Quantity("stroke", ratio * linear.value, "m", "um", "output free, large displacements", source, sigma)

@@ -21,7 +21,7 @@ from flexdesign.design import part as parts
 from flexdesign.design.study import Study
 from flexdesign.fem import analysis, convergence, quantities
 from flexdesign.fem.analysis import Solution
-from flexdesign.fem.convergence import Scatter
+from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.meshing import methods, resolution_gate
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
@@ -35,7 +35,7 @@ Progress = Callable[[str], None]
 LIBRARIES = ("cadquery", "pytetwild", "scikit-fem", "numpy", "scipy", "pypardiso", "pyvista", "meshio")
 #: Modules of `flexdesign.fem` that make neither meshes nor solutions.
 AFTERWARDS = (
-    "assembled",
+    "assembled_stage",
     "convergence",
     "corotated",
     "monolithic",
@@ -44,6 +44,8 @@ AFTERWARDS = (
     "plane_stress",
     "second_order",
 )
+#: Quantities of which an accuracy is asked.
+JUDGED = ("K_in", "lambda", "K_out")
 #: Where an accuracy is asked for there are no more meshes than these.
 MOST_LEVELS = 5
 
@@ -93,8 +95,9 @@ def refined(
     Raises
     ------
     InputError
-        If there are none, or memory does not suffice.
+        If there are none, one would be too large, or memory does not suffice.
     """
+    require_room(study, method, omit, study.design.file)
     asked, finest = study.mesh.accuracy, MOST_LEVELS - study.mesh.levels if study.mesh.accuracy else 0
     levels: list[Level] = []
     refused: InputError | None = None
@@ -117,16 +120,33 @@ def refined(
     return levels
 
 
+def require_room(study: Study, method: Method, omit: int, file: Path) -> None:
+    """Refuse meshes that would be too large before the first is made.
+
+    Of as many as an accuracy takes, the first two are always needed.
+
+    Raises
+    ------
+    InputError
+        If one would be, about the file.
+    """
+    needed = study.mesh.levels - 2 if study.mesh.accuracy else omit
+    try:
+        method.require_room(study.mesh.refinement**needed)
+    except MeshError as error:
+        raise InputError(file, "mesh", None, str(error)) from error
+
+
 def estimated_error(found: Sequence[Quantity]) -> float:
     """Return the largest relative error of stiffnesses and amplification, as estimated."""
     worst = least_certain(found)
-    return abs((worst.sigma or 0.0) / worst.value)
+    return abs((worst.half_width or 0.0) / worst.value)
 
 
 def least_certain(found: Sequence[Quantity]) -> Quantity:
     """Return the stiffness or amplification whose relative error is the largest, as estimated."""
-    judged = [quantity for quantity in found if quantity.name in ("K_in", "lambda", "K_out") and quantity.value]
-    return max(judged, key=lambda quantity: abs((quantity.sigma or 0.0) / quantity.value))
+    judged = [quantity for quantity in found if quantity.name in JUDGED and quantity.value]
+    return max(judged, key=lambda quantity: abs((quantity.half_width or 0.0) / quantity.value))
 
 
 def is_reached(asked: float, found: Sequence[Quantity], progress: Progress) -> bool:
@@ -202,6 +222,7 @@ def meshed(
     if stored is not None:
         tagged = TaggedMesh(**stored[0])
         return tagged, resolution_gate.check(tagged, body, hinges)
+    method.require_room(coarseness)
     for left in reversed(range(method.tries)):
         progress(f"meshing with {method.finest_edge(coarseness) * 1e3:.3g} mm at the hinge roots ({method.name})")
         try:
@@ -230,7 +251,7 @@ def method_of(study: Study, part: parts.Piece, body: Domain) -> Method:
     return Extruded(grading) if extruded else Wild(grading, asked.envelope)
 
 
-def gathered(study: Study, levels: Sequence[Level], scatter: Scatter) -> list[Quantity]:
+def gathered(study: Study, levels: Sequence[Level], scatter: MeshNoise) -> list[Quantity]:
     """Extrapolate every quantity over the meshes that know it; peaks of stress are judged by rules of their own."""
     found = [by_key(quantities.of_solution(study, level.solution)) for level in levels]
     gathered = []
@@ -241,7 +262,7 @@ def gathered(study: Study, levels: Sequence[Level], scatter: Scatter) -> list[Qu
     return gathered + quantities.peak_stresses(study, [lv.solution for lv in levels], [lv.size for lv in levels])
 
 
-def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scatter: Scatter) -> list[Quantity]:
+def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scatter: MeshNoise) -> list[Quantity]:
     """Extrapolate every quantity that the first mesh knows over all meshes that know it.
 
     Parameters
@@ -261,7 +282,7 @@ def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scat
         limit = convergence.extrapolate(
             values, [sizes[i] for i in known], scatter=scatter, beside=[beside[i] for i in known]
         )
-        extrapolated.append(replace(quantity, value=limit.value, sigma=limit.error))
+        extrapolated.append(replace(quantity, value=limit.value, half_width=limit.error))
     return extrapolated
 
 

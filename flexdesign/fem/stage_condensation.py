@@ -20,7 +20,7 @@ from flexdesign.design.materials import Material
 from flexdesign.design.part import Piece
 from flexdesign.design.study import Study
 from flexdesign.fem import mesh_refinement
-from flexdesign.fem.convergence import SCATTER, Scatter
+from flexdesign.fem.convergence import SCATTER, MeshNoise
 from flexdesign.fem.mesh_refinement import LIBRARIES, MOST_LEVELS, Progress
 from flexdesign.fem.meshing import domain
 from flexdesign.fem.meshing.domain import Domain
@@ -205,6 +205,9 @@ def refined(
     """
     asked, count = study.mesh.accuracy, study.mesh.levels
     kinds, levels = drawn(study, assembly, progress), list[StageLevel]()
+    for kind in kinds:
+        method = mesh_refinement.method_of(study, kind.piece, kind.body)
+        mesh_refinement.require_room(study, method, 0, parts.file_of(type(kind.piece)))
     for number in range(1, (MOST_LEVELS if asked else count) + 1):
         coarseness, words = study.mesh.refinement ** (count - number), f"mesh {number}" + f" of {count}" * (not asked)
         say = labelled(progress, words)
@@ -223,7 +226,7 @@ def gathered(levels: Sequence[StageLevel]) -> list[Quantity]:
     return [replace(quantity, source=source) for quantity in limits]
 
 
-def scatter(levels: Sequence[StageLevel]) -> Scatter:
+def scatter(levels: Sequence[StageLevel]) -> MeshNoise:
     """Return that of extruded meshes, unless a part was meshed the other way, whose scatter is larger."""
     return SCATTER if any("wild" in kind.method for kind in levels[0].kinds) else Extruded.scatter
 

@@ -100,6 +100,8 @@ class StaticTable:
         The stem of its file.
     rows
         One for each measurement.
+    role
+        Whether the table is fitted or used for validation.
     """
 
     name: str
@@ -163,7 +165,7 @@ def to_csv(found: Sequence[Quantity], design: Design | None = None) -> str:
         port = QUANTITIES.get(quantity.name, ("", "", ""))[1]
         if bool(axis) == of_stage and boundary in (STAGE_BOUNDARIES if axis else BOUNDARIES).get(port, {}).values():
             scale = units.factor(quantity.unit or "1", quantity.si)
-            sigma = "" if quantity.sigma is None else f"{quantity.sigma / scale:.6g}"
+            sigma = "" if quantity.half_width is None else f"{quantity.half_width / scale:.6g}"
             value = f"{quantity.value / scale:.8g}"
             cells = [quantity.name, value, quantity.unit or "1", sigma, boundary]
             writer.writerow([*cells, *([axis] if of_stage else []), *dimensions.values()])

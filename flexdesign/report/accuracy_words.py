@@ -2,23 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from flexdesign.core.model import Quantity
 from flexdesign.fem import mesh_refinement
 from flexdesign.report.wording import name_of
 
 
-def not_reached(asked: float | None, found: Sequence[Quantity]) -> str:
+def not_reached(asked: float | None, found: Sequence[Quantity], where: str = "on the finest mesh that is tried") -> str:
     """Say for the headline that an accuracy (relative) was not reached, and by which quantity; nothing if it was."""
     worst = mesh_refinement.least_certain(found)
-    reached = abs((worst.sigma or 0.0) / worst.value)
+    reached = abs((worst.half_width or 0.0) / worst.value)
     if asked is None or reached <= asked:
         return ""
     return (
         f"The accuracy that was asked for is NOT reached: {_percent(asked)} was asked for in every stiffness and "
-        f"amplification, and the estimated error of the {name_of(worst)}, {worst.boundary}, is {_percent(reached)} on "
-        "the finest mesh that is tried."
+        f"amplification, and the estimated error of the {name_of(worst)}, {worst.boundary}, is {_percent(reached)} "
+        f"{where}."
+    )
+
+
+def not_reached_by(asked: float | None, missed: Mapping[str, float], count: int) -> str:
+    """Say for the headline of a sweep how many of its cases miss an accuracy (relative), and by how much at worst.
+
+    Parameters
+    ----------
+    asked
+        The accuracy.
+    missed
+        The cases that miss it, in words, with the largest estimated error of each.
+    count
+        How many cases have an answer.
+    """
+    if asked is None or not missed:
+        return ""
+    worst = max(missed, key=lambda words: missed[words])
+    return (
+        f"The accuracy that was asked for is NOT reached in {len(missed)} of {count} cases: {_percent(asked)} was "
+        "asked for in every stiffness and amplification, and the largest estimated error of one is "
+        f"{_percent(missed[worst])}, with {worst}."
     )
 
 

@@ -39,7 +39,7 @@ def sentences(found: Comparison) -> list[str]:
             names = listed([p.label for p in worst[:3]] + (["others"] if len(worst) > 3 else []))
             said.append(f"It fails mostly in {names}: {percent(sum(p.share for p in worst))} of the unexplained error.")
     by_frequency = found.by("frequency")
-    if by_frequency and (band := by_frequency.mostly()):
+    if by_frequency and (band := by_frequency.dominant()):
         mode = found.model.axes[found.axis].natural_frequency
         near = f", where the main mode is ({mode:.4g} Hz)" if band[0].lower <= mode < band[-1].upper else ""
         share = percent(sum(p.share for p in band))

@@ -96,7 +96,7 @@ def _verdict(simulation: Simulation, case: Case, compared: Compared) -> str:
 
 def _difference(off: float, ours: Quantity) -> str:
     """Write a difference as its uncertainty is written, which it is judged by; of two shares in points."""
-    written = replace(ours, value=abs(off), sigma=None).shown(3)
+    written = replace(ours, value=abs(off), half_width=None).shown(3)
     return f"{'-' if off < 0 else '+'}{written.removesuffix(' %')}{' points' if written.endswith(' %') else ''}"
 
 

@@ -13,8 +13,8 @@ from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, select_autoescape
 
-from flexdesign import __version__
 from flexdesign.core.errors import InputError
+from flexdesign.core.versions import __version__
 from flexdesign.report import origin
 from flexdesign.report.document import Document, Figure
 

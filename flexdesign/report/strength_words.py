@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 from flexdesign.core import units
 from flexdesign.design.materials import Material
 from flexdesign.fem import quantities
 from flexdesign.fem.post_processing.stress import SINGULAR, growth
 from flexdesign.report.document import Table
-from flexdesign.report.wording import REGIONS
+from flexdesign.report.wording import REGIONS, cycles
 from flexdesign.workflows.validation import Validation
 
 #: What the load cases of the energies are called.
@@ -51,17 +49,6 @@ def _fatigue(material: Material) -> str:
         "preload stays; the safety is the factor by which amplitude and mean can grow together. The data hold for "
         "smooth specimens: what roughness and the recast layer of spark erosion take is not in them."
     )
-
-
-def cycles(number: float) -> str:
-    """Write a number of cycles.
-
-    >>> cycles(5e8), cycles(1e7)
-    ('5 x 10^8', '10^7')
-    """
-    power = math.floor(math.log10(number) + 1e-9)
-    leading = number / 10**power
-    return f"10^{power}" if math.isclose(leading, 1.0) else f"{leading:.3g} x 10^{power}"
 
 
 def peak(validation: Validation) -> str:

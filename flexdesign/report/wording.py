@@ -87,3 +87,14 @@ def shown(quantity: Quantity) -> str:
     if quantity.value == 0:
         return "0 (by symmetry)"
     return quantity.shown()
+
+
+def cycles(number: float) -> str:
+    """Write a number of cycles.
+
+    >>> cycles(5e8), cycles(1e7)
+    ('5 x 10^8', '10^7')
+    """
+    power = math.floor(math.log10(number) + 1e-9)
+    leading = number / 10**power
+    return f"10^{power}" if math.isclose(leading, 1.0) else f"{leading:.3g} x 10^{power}"

@@ -29,10 +29,8 @@ from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Quantity, by_key
 from flexdesign.core.printed_numbers import Printed
 from flexdesign.core.result_cache import Cache
-from flexdesign.core.toml_files import Table, in_si, whole
 from flexdesign.design import study as studies
 from flexdesign.design.design import Design
-from flexdesign.design.study import MeshSettings, Study
 from flexdesign.fem import stage_condensation
 from flexdesign.workflows.sweeps.evaluators import MODELS, by_formulas, version
 
@@ -53,20 +51,20 @@ UNBUILDABLE = 1e3
 # --- the file
 
 
-class _Arms(Table):
-    input_stroke: in_si("m", 1e-9, 1e-2)  # type: ignore[valid-type]
+class _Arms(toml_files.Table):
+    input_stroke: toml_files.in_si("m", 1e-9, 1e-2)  # type: ignore[valid-type]
     y_from_x: str
     z_from_x: str
 
 
-class _Targets(Table):
+class _Targets(toml_files.Table):
     model: str
     formulas: dict[str, str]
     arms: _Arms
     elements: dict[str, str]
 
 
-class _File(Table):
+class _File(toml_files.Table):
     format: int
     title: str = ""
     provenance: str = ""
@@ -74,9 +72,9 @@ class _File(Table):
     design: str
     free: tuple[str, ...] = Field(examples=['free = ["width", "hinge_length"]'])
     start: dict[str, Any] = Field(default_factory=dict)
-    prior: in_si("1", 1e-2, 1e2) = 1.0  # type: ignore[valid-type]
-    iterations: whole(1, MOST) = MOST  # type: ignore[valid-type]
-    mesh: MeshSettings = MeshSettings()
+    prior: toml_files.in_si("1", 1e-2, 1e2) = 1.0  # type: ignore[valid-type]
+    iterations: toml_files.whole(1, MOST) = MOST  # type: ignore[valid-type]
+    mesh: studies.MeshSettings = studies.MeshSettings()
     targets: _Targets
     sources: dict[str, str] = Field(default_factory=dict)
 
@@ -102,7 +100,7 @@ class Target:
     @property
     def tolerance(self) -> float:
         """How closely it is to be met, relative."""
-        return max(CLOSEST, (self.quantity.sigma or 0.0) / abs(self.quantity.value))
+        return max(CLOSEST, (self.quantity.half_width or 0.0) / abs(self.quantity.value))
 
 
 @dataclass(frozen=True)
@@ -120,7 +118,7 @@ class Row:
     @property
     def met(self) -> bool:
         """Whether the difference is within the tolerance and the error of finite elements together."""
-        error = (self.found.sigma or 0.0) / abs(self.target.quantity.value)
+        error = (self.found.half_width or 0.0) / abs(self.target.quantity.value)
         return bool(abs(self.off) <= self.target.tolerance + error)
 
 
@@ -246,7 +244,7 @@ class _Problem:
     """Targets, and the models that say how far a design is from them."""
 
     checked: _File
-    study: Study
+    study: studies.Study
     start: tuple[str, ...]
     path: Path
 
@@ -355,7 +353,7 @@ def _rounded(problem: _Problem, logs: NDArray[np.float64]) -> Design:
     return version(problem.study.design.file, problem.start, rounded)
 
 
-def _elements(study: Study, cache: Cache, progress: Progress) -> Solver:
+def _elements(study: studies.Study, cache: Cache, progress: Progress) -> Solver:
     """Return finite elements of a whole stage, extrapolated over the meshes of a study."""
 
     def solve(design: Design) -> Mapping[str, Quantity]:
@@ -381,7 +379,7 @@ def _asked(text: str, like: Quantity, path: Path, place: str) -> Quantity:
         raise InputError(path, place, text, str(error)) from None
     if value <= 0:
         raise InputError(path, place, text, "must be positive")
-    return replace(like, value=value, sigma=sigma)
+    return replace(like, value=value, half_width=sigma)
 
 
 def _key(target: Target) -> str:

@@ -40,8 +40,8 @@ FIRST_USE = """
 import time
 import numpy as np
 from flexdesign import effects
-from flexdesign.control.pid import PID, controller
-from flexdesign.dynamics.chain import AxisChain, Oscillator
+from flexdesign.dynamics.control.pid import PID, controller
+from flexdesign.dynamics.signal_chain.chain import AxisChain, Oscillator
 from flexdesign.dynamics.simulate import Loop, Stage, simulate
 
 def run(*names):

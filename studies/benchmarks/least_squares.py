@@ -27,23 +27,22 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from tests.evidence.toys import OSCILLATION, TRUTH, Toy, ar1, parameter, run
 
 from flexdesign.core.model import Model
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import case_of, simulating, undetermined, with_beginnings
 from flexdesign.diagnosis.preparation import periodic_disturbances
-from flexdesign.diagnosis.preparation.dataset import settle
+from flexdesign.diagnosis.preparation.dataset import prepare
 from flexdesign.diagnosis.preparation.initial_conditions import grid_delay, grid_frequency
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import reading
 from flexdesign.estimation.least_squares import levenberg_marquardt
 from flexdesign.estimation.least_squares.levenberg_marquardt import MINIMUM, SMALL, Columns, Effort
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
-from flexdesign.estimation.least_squares.residual_function import Problem, Suite
+from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
 from flexdesign.estimation.model_selection.calibration import STARTED, calibrate
-from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import fit
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import fit_model
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.whitening import White
 from flexdesign.measurements import recordings
@@ -51,6 +50,7 @@ from flexdesign.report import render
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.terminal import plain
 from studies.hidden_effect_trial import cases, folder
+from tests.estimation.toys import OSCILLATION, TRUTH, Toy, ar1, parameter, run
 
 Array = NDArray[np.float64]
 #: Cases of the trial, each of another kind of effect: friction and loops, lags, statics, slow ones, and none.
@@ -129,26 +129,26 @@ def own(problem: Problem, manner: Manner, old: Columns) -> float:
 def scipys(problem: Problem, manner: Manner, old: Columns) -> float:
     """Return the cost that SciPy's method reaches; its last Jacobian is that of where it ends."""
     where, places = problem.where, problem.places
-    rows = [record.rows for record in problem.suite.records]
+    rows = [record.rows for record in problem.dataset.records]
     last, known = dict[bytes, list[Array] | None](), [old]
 
     def residuals(x: Array) -> Array:
         last.clear()
         last[x.tobytes()] = parts = problem.residuals(x)
         # A point at which the model fails is no step for SciPy.
-        return np.concatenate([*(parts or [np.full(n, np.nan) for n in rows]), problem.before(x)])
+        return np.concatenate([*(parts or [np.full(n, np.nan) for n in rows]), problem.prior_residual(x)])
 
     def jacobian(x: Array) -> Array:
         parts = last.get(x.tobytes()) or problem.residuals(x)
         assert parts is not None  # SciPy takes no step to where it is
-        slopes = problem.slopes(x, parts, known.pop() if known else None)
-        problem.even(slopes)
+        jacobian = problem.jacobian(x, parts, known.pop() if known else None)
+        problem.symmetrise(jacobian)
         blocks = [np.zeros((n, len(x))) for n in rows]
-        for block, columns, part in zip(blocks, places, slopes, strict=True):
+        for block, columns, part in zip(blocks, places, jacobian, strict=True):
             block[:, columns] = part.matrix
-        return np.vstack([*blocks, problem.before_slopes(x)])
+        return np.vstack([*blocks, problem.prior_jacobian(x)])
 
-    ends = max(manner.effort.share, SMALL / problem.suite.samples)
+    ends = max(manner.effort.share, SMALL / problem.dataset.samples)
     bounds = (where.lower, where.upper)
     found = least_squares(
         residuals, where.start, jacobian, bounds, "trf", x_scale="jac", ftol=ends, xtol=TIGHT, gtol=TIGHT
@@ -170,7 +170,7 @@ def compared(task: Task, manner: Manner) -> dict[str, Ended]:
             cost = solver(problem, manner, task.old if manner.begins else {})
             seconds = time.perf_counter() - began
             before = found[name].seconds if name in found else math.inf
-            simulations = problem.evaluations / len(problem.suite.records)
+            simulations = problem.evaluations / len(problem.dataset.records)
             found[name] = Ended(cost, simulations, min(seconds, before))
     return found
 
@@ -182,48 +182,48 @@ def of_case(number: int, seed: int) -> Iterator[Task]:
     """Yield the calibration of a case of the trial, and the fit with what is hidden, if a fit can show it."""
     with tempfile.TemporaryDirectory() as scratch, simulating(1) as each:
         here = Path(scratch)
-        case = cases.make(number, seed)
-        folder.write(case, here, here / "answer.toml")
+        task = cases.make(number, seed)
+        folder.write(task, here, here / "answer.toml")
         model = reading.read(here / folder.MODEL)
-        setting = settle(model, recordings.read_runs([here / folder.RUNS]), None, None)
-        dynamics, task = case_of(model, setting, each, lambda _: None)
+        data = prepare(model, recordings.read_runs([here / folder.RUNS]), None, None)
+        dynamics, task = case_of(model, data, each, lambda _: None)
         held = undetermined(task, dynamics)
         task = replace(task, free=tuple(name for name in task.free if name not in held))
         start = grid_frequency(task, grid_delay(task, dynamics))
-        yield Task(f"{case.name}: calibration", _making(task, start, ()))
-        stand = calibrate(task, start)
-        if stand is None:
+        yield Task(f"{task.name}: calibration", _making(task, start, ()))
+        fit = calibrate(task, start)
+        if fit is None:
             return
-        task = with_beginnings(task, cast(AxisDynamics, stand.model), setting.rounded(stand))
-        if (stand := fit(task, stand.model)) is None:
+        task = with_beginnings(task, cast(AxisDynamics, fit.model), data.rounded(fit))
+        if (fit := fit_model(task, fit.model)) is None:
             return
-        every = candidates(dynamics, (), periodic_disturbances.frequencies(setting, stand))
-        for effect in (each for each in every if each.name in case.effects):
-            making = _making(task, _begun(task, stand.model, effect), (effect,))
-            yield Task(f"{case.name}: with {effect.name}", making, _known(stand.solution.columns(), making()))
+        every = candidates(dynamics, (), periodic_disturbances.frequencies(data, fit))
+        for effect in (each for each in every if each.name in task.effects):
+            making = _making(task, _begun(task, fit.model, effect), (effect,))
+            yield Task(f"{task.name}: with {effect.name}", making, _known(fit.solution.columns(), making()))
 
 
 def _known(columns: Columns, problem: Problem) -> Columns:
     """Return columns of a Jacobian if they have the rows of a problem: effects may add initial conditions."""
-    rows = [record.rows for record in problem.suite.records]
+    rows = [record.rows for record in problem.dataset.records]
     fits = all(c is None or len(c) == n for parts in columns.values() for c, n in zip(parts, rows, strict=True))
     return columns if fits else {}
 
 
-def _begun(case: Case, model: Model, effect: Candidate) -> Model:
+def _begun(task: EstimationTask, model: Model, effect: Candidate) -> Model:
     """Return a model with an effect at the trial that fits best."""
     added = effect.add(model)
     tried = [added.replace(values) for values in effect.trials]
-    problems = [_making(case, each, (effect,))() for each in tried]
+    problems = [_making(task, each, (effect,))() for each in tried]
     costs = [problem.cost(problem.where.start, problem.residuals(problem.where.start)) for problem in problems]
     return tried[int(np.argmin(costs))]
 
 
-def _making(case: Case, model: Model, effects: Sequence[Candidate]) -> Callable[[], Problem]:
+def _making(task: EstimationTask, model: Model, effects: Sequence[Candidate]) -> Callable[[], Problem]:
     """Return what makes the problem of a fit, as `fitted_model.solve_case` does."""
-    case = case.prepared(case, model)
-    where = case.coordinates(model, [*case.free, *(n for effect in effects for n in effect.free)], case.identify)
-    return lambda: case.problem(case.identify, model, where)
+    task = task.prepared(task, model)
+    where = task.coordinates(model, [*task.free, *(n for effect in effects for n in effect.free)], task.identify)
+    return lambda: task.problem(task.identify, model, where)
 
 
 def formulas() -> Iterator[Task]:
@@ -246,8 +246,8 @@ def formulas() -> Iterator[Task]:
 
 def _formula(model: Toy, seen: Any, sigma: float, known: dict[str, tuple[float, float]]) -> Callable[[], Problem]:
     where = coordinates(model, [p.name for p in model.every], known)
-    suite = Suite([seen], White(sigma), lambda each: (np.zeros((len(each.measured()), 0)), np.zeros(0)))
-    return lambda: Problem(suite, model, where)
+    dataset = Dataset([seen], White(sigma), lambda each: (np.zeros((len(each.measured()), 0)), np.zeros(0)))
+    return lambda: Problem(dataset, model, where)
 
 
 # --- the table ------------------------------------------------------------------------------------------------------

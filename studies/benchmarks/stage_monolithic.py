@@ -23,7 +23,7 @@ from flexdesign.fem.meshing import domain, methods
 from flexdesign.fem.stage_condensation import DEGREE, HINGE_MODES, MODES
 from flexdesign.fem.superelements import superelement
 from flexdesign.fem.superelements.assembled_stage import AssembledStage
-from flexdesign.fem.superelements.monolithic import MonolithicStage, WholePart, mirrored
+from studies.benchmarks.monolithic import MonolithicStage, WholePart, mirrored
 
 Array = NDArray[np.float64]
 #: How many modes, and the edge length of the elements of the bodies [m].

@@ -120,7 +120,7 @@ def evaluators(anew: int, count: int) -> None:
         truths.append(truth := {q.key: q.value for q in lean(designs[index], TRUTH)})
         answers = {q.key: q for q in found[index]}
         errors.append([answers[key].value / truth[key] - 1 for key in KEYS])
-        estimates.append([answers[key].sigma / abs(answers[key].value) for key in KEYS])  # type: ignore[operator]
+        estimates.append([answers[key].half_width / abs(answers[key].value) for key in KEYS])  # type: ignore[operator]
         print(
             f"  anew {whole[-1]:.1f} s, lean {alone[-1]:.1f} s; error of K_in {100 * errors[-1][0]:+.2f} %", flush=True
         )
@@ -147,7 +147,7 @@ def flat(
     for given, truth in zip(chosen, truths, strict=True):
         answers = {q.key: q for q in correction.apply(given, planar.evaluate(given))}
         errors.append([answers[key].value / truth[key] - 1 for key in KEYS])
-        estimates.append([answers[key].sigma / abs(answers[key].value) for key in KEYS])  # type: ignore[operator]
+        estimates.append([answers[key].half_width / abs(answers[key].value) for key in KEYS])  # type: ignore[operator]
     print(
         f"planar: {1e3 * each:.0f} ms a design; solid anew takes {np.mean(whole) / each:.0f} times as long as validate "
         f"does it, {np.mean(alone) / each:.0f} times lean; correction of order {correction.order} from {SAMPLES} solids"

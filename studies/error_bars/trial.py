@@ -158,7 +158,7 @@ def judged_anew(answer: Answered, method: Method, accuracy: float) -> Answered |
         )
         if mesh_refinement.estimated_error(list(limits.values())) <= accuracy or count == mesh_refinement.MOST_LEVELS:
             values = {key: limit.value for key, limit in limits.items()}
-            estimates = {key: limit.sigma or 0.0 for key, limit in limits.items()}
+            estimates = {key: limit.half_width or 0.0 for key, limit in limits.items()}
             return replace(answer, values=values, estimates=estimates) if count == len(answer.sizes) else None
     return None
 
@@ -193,7 +193,7 @@ def _solved(study: Study, cache: Cache, keys: Sequence[str]) -> Answered:
     by_level = [by_key(quantities.of_solution(study, level.solution)) for level in levels]
     return Answered(
         values={key: quantity.value for key, quantity in found.items()},
-        estimates={key: quantity.sigma or 0.0 for key, quantity in found.items()},
+        estimates={key: quantity.half_width or 0.0 for key, quantity in found.items()},
         sizes=[level.size for level in levels],
         raw={key: [on_level[key].value for on_level in by_level] for key in keys},
         unknowns=[level.solution.facts["unknowns"] for level in levels],

@@ -33,7 +33,7 @@ SHOWN, HIDDEN, STRANGE = (1.0, 30.0), (0.02, 0.1), (3.0, 30.0)
 NOISE = (1e-4, 1e-3)
 #: Resolution of the sensor where it is no matter, in strokes.
 FINEST = 1e-6
-#: How many standard deviations a resonance that is a finding lies from what was known.
+#: How many standard deviations a resonance that is a finding lies from the prior.
 FINDING = (4.0, 8.0)
 #: A common delay shows if it is longer than triggers are uncertain [s].
 DELAYS = (0.7e-3, 4e-3)

@@ -1,4 +1,4 @@
-"""Which effects can stand for one another: what is left after another effect took the place of the hidden one.
+"""Which effects can stand for one another: the residual after another effect took the place of the hidden one.
 
 An effect can stand for the hidden one if the readings, with it fitted in its place together with the base and
 everything else that is hidden, are met to within three tenths of the noise. That is the measure by which the package

@@ -165,7 +165,7 @@ class Complement:
         return np.asarray(signal - self.basis @ (self.basis.T @ signal))
 
     def left(self, signal: Array, more: Array | None = None) -> tuple[float, Array, Array]:
-        """Return what is left of a signal.
+        """Return the residual of a signal.
 
         Parameters
         ----------
@@ -226,7 +226,7 @@ def strength_for(
     Parameters
     ----------
     wanted
-        Root mean square of what is left [m].
+        Root mean square of the residual [m].
     name, constants
         The effect, and its numbers beside the strength.
     stage, others, runs
@@ -240,7 +240,7 @@ def strength_for(
         values = hidden.at(amount, constants, stage)
         return complement.left(State(stage, {**others, name: values}, runs).seen() - plain)[0]
 
-    # Regula falsi on logarithms: what is left grows about as a power of the strength.
+    # Regula falsi on logarithms: the residual grows about as a power of the strength.
     tried: list[tuple[float, float]] = []
     amount = 0.1
     for _ in range(12):

@@ -14,7 +14,7 @@ from studies.hidden_effect_trial.report import in_words, interval, of_seed, perc
 from studies.hidden_effect_trial.scoring import Diagnosed
 from studies.hidden_effect_trial.trial import Outcome, described
 
-Judged = Sequence[tuple[Answer, Diagnosed]]
+JudgedCases = Sequence[tuple[Answer, Diagnosed]]
 #: Columns of a rate.
 RATE = ("cases", "rate", "95 % interval (Wilson)")
 
@@ -35,7 +35,7 @@ def write(outcomes: Sequence[Outcome], out: Path, seed: int) -> list[str]:
     return [f"{row[0]}: {row[1]} ({row[3]})" for row in rates.rows]
 
 
-def _summary(outcomes: Sequence[Outcome], judged: Judged) -> list[str]:
+def _summary(outcomes: Sequence[Outcome], judged: JudgedCases) -> list[str]:
     said = [
         f"{len(outcomes)} cases on benches with a structural error of 0.01 to 0.3 % of stroke, rms, that no effect of "
         "the catalogue describes. The hidden effect is at least four times as large. It counts as named whether or not "
@@ -49,7 +49,7 @@ def _summary(outcomes: Sequence[Outcome], judged: Judged) -> list[str]:
     return said
 
 
-def _rates(judged: Judged) -> Table:
+def _rates(judged: JudgedCases) -> Table:
     single = [(answer, found) for answer, found in judged if answer.effects]
     none = [(answer, found) for answer, found in judged if not answer.effects]
     asked = [
@@ -63,7 +63,7 @@ def _rates(judged: Judged) -> Table:
     return Table(["", *RATE, "asked for"], rows)
 
 
-def _rate(judged: Judged, counts: Callable[[Answer, Diagnosed], bool]) -> list[str]:
+def _rate(judged: JudgedCases, counts: Callable[[Answer, Diagnosed], bool]) -> list[str]:
     hits = sum(counts(answer, found) for answer, found in judged)
     if not judged:
         return ["–", "–", "–"]
@@ -74,7 +74,7 @@ def _invented(answer: Answer, found: Diagnosed) -> bool:
     return bool(scoring.invented(answer, found))
 
 
-def _by(what: str, judged: Judged, key: Callable[[Answer], str]) -> Table:
+def _by(what: str, judged: JudgedCases, key: Callable[[Answer], str]) -> Table:
     rows = []
     for name in _unique(key(answer) for answer, _ in judged):
         chosen = [(answer, found) for answer, found in judged if key(answer) == name]

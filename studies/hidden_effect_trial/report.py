@@ -17,7 +17,7 @@ from studies.hidden_effect_trial.folder import Answer
 from studies.hidden_effect_trial.scoring import Diagnosed, is_right, wilson
 from studies.hidden_effect_trial.trial import Outcome, described, source
 
-Judged = Sequence[tuple[Answer, Diagnosed]]
+JudgedCases = Sequence[tuple[Answer, Diagnosed]]
 #: What is asked of the diagnosis: kind, words, what counts, and the bound of the rate.
 ASKED: tuple[tuple[tuple[str, ...], str, Callable[[Answer, Diagnosed], bool], str], ...] = (
     (("single",), "one effect: right verdict", is_right, "at least 97 %"),
@@ -69,7 +69,7 @@ def of_seed(seed: int) -> str:
     return f"Seed {seed}. Constants of the package were chosen on seed {SEED}; these are rates on other cases."
 
 
-def _summary(outcomes: Sequence[Outcome], judged: Judged) -> list[str]:
+def _summary(outcomes: Sequence[Outcome], judged: JudgedCases) -> list[str]:
     kinds = Counter(outcome.answer.kind for outcome in outcomes)
     right = sum(is_right(answer, found) for answer, found in judged)
     seconds = sorted(found.seconds for _, found in judged)
@@ -89,7 +89,7 @@ def _summary(outcomes: Sequence[Outcome], judged: Judged) -> list[str]:
     return said
 
 
-def _rates(judged: Judged) -> Table:
+def _rates(judged: JudgedCases) -> Table:
     rows = []
     for kinds, words, counts, asked in ASKED:
         chosen = [(answer, found) for answer, found in judged if answer.kind in kinds]
@@ -134,7 +134,7 @@ def _matrix_text() -> list[str]:
     ]
 
 
-def _order(judged: Judged) -> tuple[list[str], list[str], dict[str, dict[str, int]]]:
+def _order(judged: JudgedCases) -> tuple[list[str], list[str], dict[str, dict[str, int]]]:
     counts = scoring.matrix(judged)
     known = [effect.name for effect in CATALOGUE]
     rows = [name for name in ("none", "faint", *known, "pair", "outside") if name in counts]
@@ -144,7 +144,7 @@ def _order(judged: Judged) -> tuple[list[str], list[str], dict[str, dict[str, in
     return rows, columns, counts
 
 
-def _matrix(judged: Judged) -> Table:
+def _matrix(judged: JudgedCases) -> Table:
     """Return the rows of the matrix in words: its columns are as many as the catalogue has effects."""
     rows, columns, counts = _order(judged)
     texts = []
@@ -161,7 +161,7 @@ def in_words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _picture(judged: Judged) -> Figure:
+def _picture(judged: JudgedCases) -> Figure:
     """Draw the matrix: each row's shares as squares that are the fuller the larger they are."""
     from matplotlib.figure import Figure as Canvas
 
@@ -196,7 +196,7 @@ def _square(x: float, y: float, side: float, colour: str) -> Any:
 # --- numbers --------------------------------------------------------------------------------------------------------
 
 
-def _errors(judged: Judged) -> Table:
+def _errors(judged: JudgedCases) -> Table:
     rows = []
     for row in dict.fromkeys(scoring.row_of(answer) for answer, _ in judged):
         chosen = [(answer, found) for answer, found in judged if scoring.row_of(answer) == row]
@@ -213,7 +213,7 @@ def _errors(judged: Judged) -> Table:
     return Table(head, rows, f"Error on {on} with what was named, over the error that no model can go below.")
 
 
-def _intervals(judged: Judged) -> Table:
+def _intervals(judged: JudgedCases) -> Table:
     numbers = sorted({name for _, found in judged for name in found.inside})
     rows = []
     for name in numbers:

@@ -28,8 +28,8 @@ from flexdesign.dynamics.control import (
     tune,
     ultimate,
 )
-from flexdesign.dynamics.control.implied import Candidate as Implied
-from flexdesign.dynamics.control.implied import Comparison, compare, plants_for_delays, plants_for_frequency
+from flexdesign.dynamics.control.plants_from_gains import Candidate as Implied
+from flexdesign.dynamics.control.plants_from_gains import Comparison, compare, plants_for_delays, plants_for_frequency
 from flexdesign.dynamics.control.sampled_loop import Matrices, Response, matrices
 from flexdesign.dynamics.control.ziegler_nichols import from_rule
 from studies.lin2019_gains.printed import Axis

@@ -221,7 +221,7 @@ class _Telling(NamedTuple):
     per_tenth: float
 
 
-def _telling(found: Findings) -> _Telling:
+def _proposal(found: Findings) -> _Telling:
     at = 1 / found.axis.target.period
     phases = [float(c.plant.phase(at)) for c in found.stable]
     widest = sorted(found.comparison.phase[:, int(np.argmax(np.ptp(found.comparison.phase, axis=0)))])
@@ -237,7 +237,7 @@ def _coherence(deviation: float) -> float:
 
 
 def _measurement(findings: Sequence[Findings]) -> Section:
-    told = [_telling(found) for found in findings]
+    told = [_proposal(found) for found in findings]
     rows, figures = [], []
     for found, one in zip(findings, told, strict=True):
         comparison = found.comparison

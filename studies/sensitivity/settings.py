@@ -25,7 +25,7 @@ FACTORS = (0.5, 2.0)
 #: How many of twelve cases miss nothing, one effect, and one that no catalogue holds.
 NOTHING, SINGLE, STRANGE = 4, 6, 2
 #: Effects and mechanisms outside the catalogue in turn: of every socket, those that are quickly diagnosed; a payload is
-#: found by what was known before.
+#: found by the prior.
 SINGLES = ("creep", "payload_mass", "stress_stiffening", "driver_bandwidth", "sensor_drift", "electrostriction")
 OUTSIDES = ("quadratic_sensor", "telegraph_jump", "contact_spring", "backlash")
 

@@ -3,7 +3,7 @@
 The fine steering mirror of CubeSpec was recorded by Floren et al. (ISMA-USD 2024, pages 2042-2052): three piezo inputs,
 three displacements, orthogonal multisines at three levels, CC BY 4.0. Every input moves every output, so that no raw
 channel is an axis. Here the three strongest modes are made axes: what a linear response of all channels says of
-everything else is taken out, what is left is turned into modal coordinates, each mode is diagnosed by itself, and the
+everything else is taken out, the residual is turned into modal coordinates, each mode is diagnosed by itself, and the
 predictions are turned back::
 
     python -m studies.steering_mirror FOLDER [--out DIR]

@@ -32,7 +32,7 @@ class Findings:
     diagnoses
         By modal axis.
     left
-        Root mean square of what is left over that of the output, by stand and level: one number per channel, on the
+        Root mean square of the residual over that of the output, by stand and level: one number per channel, on the
         realisation that no fit has seen.
     own
         The same of the modal coordinates, by stand (`MODAL`), axis and level.
@@ -59,35 +59,35 @@ def investigate(recordings: Recordings, folder: Path, progress: Callable[[str], 
 
 def together(recordings: Recordings, decoupled: Decoupled, diagnoses: Mapping[str, Diagnosis]) -> Findings:
     """Return what the diagnoses of the modal axes leave of the outputs."""
-    left: dict[str, dict[int, Array]] = {stand: {} for stand in LINEAR + MODAL}
+    left: dict[str, dict[int, Array]] = {fit: {} for fit in LINEAR + MODAL}
     for level in LEVELS:
         u, y = (np.moveaxis(each, 2, 0) for each in recordings.record(level, JUDGING))
         scale = np.concatenate(y).T
-        for stand, levels in zip(LINEAR, (LEVELS, (level,)), strict=True):
+        for fit, levels in zip(LINEAR, (LEVELS, (level,)), strict=True):
             response = linear(recordings, levels)
             predicted = np.concatenate([filtered(response, period) for period in u]).T
-            left[stand][level] = share(scale - predicted, scale)
-        for stand in MODAL:
-            modal = np.stack([remainder(diagnoses[axis], stand, level) for axis in AXES])
-            left[stand][level] = share(decoupled.modes.outputs(modal), scale[:, : modal.shape[1]])
-    return Findings(decoupled, diagnoses, left, {stand: _own(diagnoses, stand) for stand in MODAL})
+            left[fit][level] = share(scale - predicted, scale)
+        for fit in MODAL:
+            modal = np.stack([remainder(diagnoses[axis], fit, level) for axis in AXES])
+            left[fit][level] = share(decoupled.modes.outputs(modal), scale[:, : modal.shape[1]])
+    return Findings(decoupled, diagnoses, left, {fit: _own(diagnoses, fit) for fit in MODAL})
 
 
-def remainder(found: Diagnosis, stand: str, level: int) -> Array:
-    """Return what a stand leaves of the judging run of a level [m], n values."""
-    return np.asarray(found.remainders[stand][name_of(level, JUDGING)], dtype=np.float64)
+def remainder(found: Diagnosis, fit: str, level: int) -> Array:
+    """Return what a fitted model leaves of the judging run of a level [m], n values."""
+    return np.asarray(found.residuals_by_run[fit][name_of(level, JUDGING)], dtype=np.float64)
 
 
 def share(left: Array, of: Array) -> Array:
-    """Return the root mean square of what is left, over the standard deviation of what it is left of, row by row."""
+    """Return the root mean square of the residual, over the standard deviation of the measured signal, row by row."""
     return np.asarray(np.sqrt(np.nanmean(left**2, axis=-1)) / np.nanstd(of, axis=-1))
 
 
-def _own(diagnoses: Mapping[str, Diagnosis], stand: str) -> dict[str, dict[int, float]]:
+def _own(diagnoses: Mapping[str, Diagnosis], fit: str) -> dict[str, dict[int, float]]:
     own: dict[str, dict[int, float]] = {}
     for axis, found in diagnoses.items():
         measured = {run.name: run.measured() for run in found.runs}
         own[axis] = {
-            level: float(share(remainder(found, stand, level), measured[name_of(level, JUDGING)])) for level in LEVELS
+            level: float(share(remainder(found, fit, level), measured[name_of(level, JUDGING)])) for level in LEVELS
         }
     return own

@@ -46,8 +46,8 @@ def of(findings: Findings) -> dict[str, Any]:
         "left": {
             "unit": "1",
             **{
-                stand: {f"{level} mV": [float(value) for value in left] for level, left in by_level.items()}
-                for stand, by_level in findings.left.items()
+                fit: {f"{level} mV": [float(value) for value in left] for level, left in by_level.items()}
+                for fit, by_level in findings.left.items()
             },
         },
         "published": {
@@ -67,7 +67,7 @@ def of(findings: Findings) -> dict[str, Any]:
                 "effects": _names(found),
                 "left": {
                     "unit": "1",
-                    **{stand: [own[axis][level] for level in LEVELS] for stand, own in findings.own.items()},
+                    **{fit: [own[axis][level] for level in LEVELS] for fit, own in findings.own.items()},
                 },
                 "noise_floor": {"value": found.noise_floor, "unit": "m"},
                 "seconds": round(found.seconds, 1),
@@ -79,7 +79,7 @@ def of(findings: Findings) -> dict[str, Any]:
 
 
 def _summary(findings: Findings) -> list[str]:
-    means = {stand: _percents([float(np.mean(left[level])) for level in LEVELS]) for stand, left in _lefts(findings)}
+    means = {fit: _percents([float(np.mean(left[level])) for level in LEVELS]) for fit, left in _lefts(findings)}
     published = {name: _percents([value / 100 for value in values]) for name, values in PUBLISHED.items()}
     verdicts = "; ".join(f"{axis} {found.verdict}" for axis, found in findings.diagnoses.items())
     return [
@@ -95,10 +95,10 @@ def _summary(findings: Findings) -> list[str]:
 
 def _outputs(findings: Findings) -> Section:
     rows = []
-    for stand, left in _lefts(findings):
+    for fit, left in _lefts(findings):
         for level in LEVELS:
             cells = _cells(left[level])
-            rows.append([CALLED[stand], f"{level} mV", *cells, f"{100 * np.mean(left[level]):.1f}"])
+            rows.append([CALLED[fit], f"{level} mV", *cells, f"{100 * np.mean(left[level]):.1f}"])
     for name, values in PUBLISHED.items():
         rows += [[name, level, "–", "–", "–", f"{value:.1f}"] for level, value in zip(_levels(), values, strict=True)]
     text = [
@@ -111,7 +111,7 @@ def _outputs(findings: Findings) -> Section:
         "largest level weighs most. Offsets and what rings as a record begins are fitted, too, and taken out of what "
         "is left.",
     ]
-    caption = "Root mean square of what is left, in percent of the standard deviation of the output"
+    caption = "Root mean square of the residual, in percent of the standard deviation of the output"
     head = ["stand", "level", "channel 1", "channel 2", "channel 3", "mean"]
     return Section("What is left of the outputs", text, [Table(head, rows, caption)])
 
@@ -147,13 +147,13 @@ def _verdicts(findings: Findings) -> Section:
         rows.append(
             [axis, found.verdict, _names(found), _percents(calibrated), _percents(with_effects), floor, found.remainder]
         )
-    head = ["axis", "verdict", "effects", "calibrated, left %", "with effects, left %", "noise", "what is left"]
+    head = ["axis", "verdict", "effects", "calibrated, left %", "with effects, left %", "noise", "the residual"]
     caption = f"Modal coordinates at {', '.join(_levels())}; effects of an unknown verdict come near and are not named"
     return Section("What each axis' diagnosis says", (), [Table(head, rows, caption)])
 
 
 def _lefts(findings: Findings) -> list[tuple[str, Any]]:
-    return [(stand, findings.left[stand]) for stand in LINEAR + MODAL]
+    return [(fit, findings.left[fit]) for fit in LINEAR + MODAL]
 
 
 def _names(found: Diagnosis) -> str:

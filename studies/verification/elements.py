@@ -10,9 +10,10 @@ from skfem import Basis, ElementTetP2, ElementVector, Functional
 from skfem.helpers import ddot, sym_grad
 
 from flexdesign.design.part import Port
-from flexdesign.fem.solving import loads, port_compliance, statics
+from flexdesign.fem.solving import port_compliance, statics
 from flexdesign.fem.solving.elasticity import Elasticity
 from flexdesign.fem.solving.solver import factorize, times
+from studies.verification import loads
 from studies.verification.finding import Finding
 from studies.verification.solids import METAL, Array, Bent, Solid, at, lattice, tagged
 

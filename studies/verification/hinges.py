@@ -25,8 +25,9 @@ from flexdesign.design.materials import Material
 from flexdesign.fem import convergence
 from flexdesign.fem.meshing import domain, resolution_gate
 from flexdesign.fem.meshing.methods import EXTRUDED_GRADING, Extruded, Grading
-from flexdesign.fem.solving import loads, port_compliance, statics
+from flexdesign.fem.solving import port_compliance, statics
 from flexdesign.fem.solving.elasticity import Elasticity
+from studies.verification import loads
 from studies.verification.finding import Finding, around
 from studies.verification.solids import Array, Bent, graded, lattice
 

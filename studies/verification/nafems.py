@@ -12,9 +12,10 @@ from flexdesign.design.materials import Material
 from flexdesign.design.part import Port, SymmetryPlane
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.post_processing import stress
-from flexdesign.fem.solving import loads, modes, port_compliance
+from flexdesign.fem.solving import modes, port_compliance
 from flexdesign.fem.solving.solver import factorize
 from flexdesign.fem.solving.statics import ClassSystem
+from studies.verification import loads
 from studies.verification.finding import Finding, around
 from studies.verification.solids import Array, Bent, at, graded, lattice
 

@@ -138,7 +138,7 @@ def test_exact_for_elastic_hinges_and_rods(dimensions: dict[str, float], rod: di
     frame = frame_compliance(3, **dimensions, **rod)
     assert frame[0, 1] * dimensions["arm_offset"] > 0  # a convex bridge draws its output in, a concave one does not
     bridge = TextbookBridge.of_leaves(**dimensions, **rod)
-    # Same theory on both sides: what is left is rounding, and the frame's condition number is 1e6 to 1e8.
+    # Same theory on both sides: the residual is rounding, and the frame's condition number is 1e6 to 1e8.
     np.testing.assert_allclose(bridge.port_compliance(), frame, rtol=1e-8)
     assert bridge.amplification == pytest.approx(frame[1, 0] / frame[0, 0], rel=1e-8)
     assert bridge.input_stiffness == pytest.approx(1 / frame[0, 0], rel=1e-8)
@@ -234,7 +234,7 @@ def test_the_reciprocal_rod_makes_good_the_defect(
 ) -> None:
     """C12 differs from the paper's C21 by the reciprocity defect, up to the rod's own rotation under moment.
 
-    With x = c K_theta what is left is at most x / (2 + x) of both of C12's terms, whatever the dimensions; the lever
+    With x = c K_theta the residual is at most x / (2 + x) of both of C12's terms, whatever the dimensions; the lever
     between rod and hinge, which the paper's model does not know, is left out.
     """
     assume(length >= -dimensions["arm_offset"])

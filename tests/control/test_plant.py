@@ -100,7 +100,7 @@ def test_lags_with_fractional_delay_and_between_samples_against_partial_fraction
     moments = np.arange(len(ours)) * PERIOD / 5
     jumps = np.arange(len(commands)) * PERIOD + delay
     theirs = sum(u * _step(plant, moments - at) for at, u in zip(jumps, np.diff(commands, prepend=0.0), strict=True))
-    # Both are exact; what is left is rounding over 60 moments.
+    # Both are exact; the residual is rounding over 60 moments.
     np.testing.assert_allclose(ours, theirs, atol=1e-11 * np.ptp(theirs))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from flexdesign import effects
-from flexdesign.core.model import OTHER, Adjust, Block, Disturbance, Resonance
+from flexdesign.core.model import OTHER, Adjust, Block, Disturbance, Resonance, Socket
 from flexdesign.dynamics.stage_model import fields
 from tests.effects.bench import Array, reading, start, strengths
 
@@ -144,6 +144,16 @@ def test_every_face_is_one_that_the_chain_knows() -> None:
     assert all(isinstance(face, (Adjust, Block, Disturbance, Resonance)) for face in faces)
 
 
+def test_what_makes_loops_in_the_stack_is_declared_as_hysteresis() -> None:
+    """A block in the socket of hysteresis that remembers where it came from; a spring of the stage stands for it."""
+
+    def remembers(face: object) -> bool:
+        return isinstance(face, Block) and face.socket is Socket.HYSTERESIS and bool(face.states or face.memory)
+
+    declared = {name for name in NAMES if effects.find(name).is_hysteresis}
+    assert declared == {name for name in NAMES if any(map(remembers, effects.find(name).faces))} | {"hysteretic_spring"}
+
+
 def test_columns_are_those_that_runs_have() -> None:
     needed = {
         column
@@ -201,5 +211,5 @@ def test_an_installed_package_adds_effects(installed: Path) -> None:
         effects.find("other_name")
     with pytest.raises(ValueError, match="cannot be loaded from their_effects:NOTHING: AttributeError"):
         effects.find("gone")
-    with pytest.raises(ValueError, match=r"no flexdesign\.model\.Effect"):
+    with pytest.raises(ValueError, match=r"no flexdesign\.Effect"):
         effects.find("no_effect")

@@ -10,14 +10,14 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
-from tests.evidence.toys import Array, Run, parameter
 
 from flexdesign.core.model import Effect, Observation, Parameter
-from flexdesign.estimation.least_squares.dataset import Suite
-from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import Stand, fit, with_effects
+from flexdesign.estimation.least_squares.dataset import Dataset
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, with_effects
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.whitening import White, Whitening
+from tests.estimation.toys import Array, Run, parameter
 
 Shape = Callable[[Mapping[str, float], Any], Array]
 N = 60
@@ -129,16 +129,18 @@ def recorded(truth: Mapping[str, float], seed: int = 0, names: Sequence[str] = N
     return [Run(name, np.arange(N) / N, data(name)) for name in names]
 
 
-def case(truth: Mapping[str, float], seed: int = 0, tolerance: float = 1e-3, held: Any = None, **known: Any) -> Case:
+def task(
+    truth: Mapping[str, float], seed: int = 0, tolerance: float = 1e-3, held: Any = None, **known: Any
+) -> EstimationTask:
     """Three runs for the fit and two kept apart, in which the truth may be another."""
     noise = White(SIGMA)
     kept = recorded(truth if held is None else held, seed, HELD)
-    identify, validate = Suite(recorded(truth, seed), noise, offset), Suite(kept, noise, offset)
-    return Case(identify, validate, ("p", "q"), lambda _: known, lambda _: stage(), tolerance)
+    identify, validate = Dataset(recorded(truth, seed), noise, offset), Dataset(kept, noise, offset)
+    return EstimationTask(identify, validate, ("p", "q"), lambda _: known, lambda _: stage(), tolerance)
 
 
-def calibrated_stand(about: Case) -> Stand:
-    found = fit(about, stage())
+def calibrated_stand(about: EstimationTask) -> FittedModel:
+    found = fit_model(about, stage())
     assert found is not None
     return found
 
@@ -147,7 +149,7 @@ def effects(**more: Candidate) -> list[Candidate]:
     return [more.get(name, candidate(name, signed=True)) for name in EFFECTS]
 
 
-def fit_with(about: Case, added: Sequence[Candidate]) -> Stand:
-    found = fit(about, with_effects(stage(), added), tuple(added))
+def fit_with(about: EstimationTask, added: Sequence[Candidate]) -> FittedModel:
+    found = fit_model(about, with_effects(stage(), added), tuple(added))
     assert found is not None
     return found

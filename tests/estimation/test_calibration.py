@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.evidence.sums import HELD, NAMES, SIGMA, N, Sum, offset
-from tests.evidence.toys import Array, Run, parameter
 
-from flexdesign.estimation.least_squares.residual_function import Suite
+from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection.calibration import STARTS, calibrate
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.noise.whitening import White
+from tests.estimation.sums import HELD, NAMES, SIGMA, N, Sum, offset
+from tests.estimation.toys import Array, Run, parameter
 
 
-def tone(start: float) -> tuple[Sum, Case]:
+def tone(start: float) -> tuple[Sum, EstimationTask]:
     """A tone of five periods: the cost has a false minimum for every period more or less."""
 
     def shape(v: Mapping[str, float], run: Any) -> Array:
@@ -28,12 +28,12 @@ def tone(start: float) -> tuple[Sum, Case]:
     model = Sum().plus(shape, parameter("size", 1.0, 0.1, 3.0), parameter("f", start, 4.0, 8.0), *own)
     truth, rng = model.replace({"size": 1.5, "f": 5.3}), np.random.default_rng(0)
 
-    def suite(names: Sequence[str]) -> Suite:
+    def dataset(names: Sequence[str]) -> Dataset:
         blank = [Run(name, np.arange(N) / N, None) for name in names]
         made = [dataclasses.replace(r, data=truth.predict(r) + SIGMA * rng.standard_normal(N)) for r in blank]
-        return Suite(made, White(SIGMA), offset)
+        return Dataset(made, White(SIGMA), offset)
 
-    return model, Case(suite(NAMES), suite(HELD), ("size", "f"), lambda _: {}, lambda _: model, 1e-3)
+    return model, EstimationTask(dataset(NAMES), dataset(HELD), ("size", "f"), lambda _: {}, lambda _: model, 1e-3)
 
 
 @pytest.mark.parametrize(("start", "starts"), [(5.2, 1), (7.3, 1 + STARTS)])
@@ -41,9 +41,9 @@ def test_calibration_finds_the_best_minimum(start: float, starts: int) -> None:
     """A first start that leaves noise alone is enough; else the best of all counts."""
     model, about = tone(start)
     said = list[str]()
-    stand = calibrate(dataclasses.replace(about, progress=said.append), model)
-    assert stand is not None and not stand.exceeds_noise
-    assert stand.solution.problem.where.values(stand.solution.x)["f"] == pytest.approx(5.3, abs=0.01)
+    fit = calibrate(dataclasses.replace(about, progress=said.append), model)
+    assert fit is not None and not fit.exceeds_noise
+    assert fit.solution.problem.where.values(fit.solution.x)["f"] == pytest.approx(5.3, abs=0.01)
     assert 1 + len(said) == starts
 
 
@@ -56,5 +56,5 @@ def test_calibration_of_a_model_that_always_fails_is_none() -> None:
 def test_without_numbers_of_its_own_there_is_one_start() -> None:
     model, about = tone(7.3)
     said = list[str]()
-    stand = calibrate(dataclasses.replace(about, free=(), progress=said.append), model)
-    assert stand is not None and stand.exceeds_noise and not said
+    fit = calibrate(dataclasses.replace(about, free=(), progress=said.append), model)
+    assert fit is not None and fit.exceeds_noise and not said

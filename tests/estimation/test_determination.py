@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.evidence.sums import Sum, as_sum, candidate, case, column, fit_with, strength
-from tests.evidence.toys import Array, parameter
 
 from flexdesign.estimation.model_selection.determination import hold_undetermined
-from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import Stand
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.score_test import Candidate
+from tests.estimation.sums import Sum, as_sum, candidate, column, fit_with, strength, task
+from tests.estimation.toys import Array, parameter
 
 #: The noise is 0.1, of 180 values: an amount of a column is known to 0.0075, its 95 % interval is 0.03 wide.
 STRENGTH = 0.3
@@ -32,12 +32,12 @@ def effect(share: float, default: float, low: float, high: float) -> Candidate:
     return Candidate("d", add, "d", ("d", "d.more"), ({"d": 0.1, "d.more": default},), signed=True)
 
 
-def stand(added: Candidate, **truth: float) -> tuple[Case, Stand]:
-    about = case({"d": STRENGTH, **truth})
+def fit(added: Candidate, **truth: float) -> tuple[EstimationTask, FittedModel]:
+    about = task({"d": STRENGTH, **truth})
     return about, fit_with(about, [added])
 
 
-def number(of: Stand, name: str) -> float:
+def number(of: FittedModel, name: str) -> float:
     return next(p.start or 0.0 for p in of.model.parameters() if p.name == name)
 
 
@@ -45,7 +45,7 @@ def test_a_number_known_to_no_half_of_its_range_is_held() -> None:
     """Of 0.3 times a share of a column each unit moves the prediction by 0.3 shares: known to 0.03 over 0.3 shares."""
     for share, is_held in ((0.05, True), (5.0, False)):  # intervals of 2 and 0.02, in a range of 2
         added = effect(share, 0.5, 0.0, 2.0)
-        about, found = stand(added, other=STRENGTH * share * 0.7)
+        about, found = fit(added, other=STRENGTH * share * 0.7)
         held, names = hold_undetermined(about, found)
         assert names == (("d.more",) if is_held else ())
         assert (held is not found) is is_held
@@ -60,7 +60,7 @@ def test_a_number_known_to_no_half_of_its_range_is_held() -> None:
 def test_a_number_that_may_be_zero_stays_zero_where_the_catalogue_has_it_so() -> None:
     """However narrow its interval is in its range."""
     for truth, is_held in ((0.0, True), (0.5, False)):
-        about, found = stand(effect(1.0, 0.0, -100.0, 100.0), other=STRENGTH * truth)
+        about, found = fit(effect(1.0, 0.0, -100.0, 100.0), other=STRENGTH * truth)
         held, names = hold_undetermined(about, found)
         assert names == (("d.more",) if is_held else ())
         assert (number(held, "d.more") == 0.0) is is_held
@@ -69,14 +69,14 @@ def test_a_number_that_may_be_zero_stays_zero_where_the_catalogue_has_it_so() ->
 def test_a_default_that_contradicts_the_runs_is_not_held() -> None:
     """An interval of 2 in a range of 3; the catalogue has the truth, or six standard deviations less."""
     for default, names in ((2.8, ("d.more",)), (0.0, ())):
-        about, found = stand(effect(0.05, default, 0.0, 3.0), other=STRENGTH * 0.05 * 2.8)
+        about, found = fit(effect(0.05, default, 0.0, 3.0), other=STRENGTH * 0.05 * 2.8)
         held, named = hold_undetermined(about, found)
         assert named == names and (held is found) is not bool(names)
 
 
 def test_a_strength_is_never_held() -> None:
     """Whether it is there at all was decided when the effect was added."""
-    about = case({})
+    about = task({})
     alone = candidate("d")
     found = fit_with(about, [alone])
     assert hold_undetermined(about, found) == (found, ())

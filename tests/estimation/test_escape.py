@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import differential_evolution
-from tests.evidence.sums import NAMES, Sum, as_sum, offset, strength
-from tests.evidence.toys import Array, Run, parameter
 
-from flexdesign.estimation.least_squares.residual_function import Suite
-from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import escape, fit
+from flexdesign.estimation.least_squares.residual_function import Dataset
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import escape, fit_model
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.whitening import White
+from tests.estimation.sums import NAMES, Sum, as_sum, offset, strength
+from tests.estimation.toys import Array, Run, parameter
 
 HELD, VALUES, SEEDS = "kept", 120, 20
 #: A minimum is missed if chi^2 is larger by this.
@@ -52,7 +52,7 @@ def voltage(name: str, seed: int) -> Array:
 class Problem:
     """Runs of a known truth, and the model of which they lack nothing; it begins with a wrong threshold."""
 
-    case: Case
+    task: EstimationTask
     model: Sum
     effect: Candidate
     voltages: dict[str, Array]
@@ -62,7 +62,7 @@ class Problem:
         """Return the global minimum of chi^2, and the threshold there; what is linear is projected out."""
         offsets = np.kron(np.eye(len(NAMES)), np.ones((VALUES, 1)))
         q = np.linalg.qr(np.column_stack([offsets, np.concatenate([self.voltages[name] for name in NAMES])]))[0]
-        data = np.concatenate([record.observation.measured() for record in self.case.identify.records]) / self.sigma
+        data = np.concatenate([record.observation.measured() for record in self.task.identify.records]) / self.sigma
         data = data - q @ (q.T @ data)
 
         def chi_squared(x: Array) -> Array:
@@ -107,16 +107,16 @@ def problem(seed: int, sigma: float) -> Problem:
     states = {f"{name}:state": rng.uniform(-0.8, 0.8) for name in voltages}
     truth = full.replace({"p": 2.0, "w": 0.5, "r": threshold, **states})
 
-    def suite(*names: str) -> Suite:
+    def dataset(*names: str) -> Dataset:
         blank = [Run(name, np.arange(VALUES) / VALUES, None) for name in names]
         noise = [rng.normal() + sigma * rng.standard_normal(VALUES) for _ in names]
         made = [dataclasses.replace(r, data=truth.predict(r) + e) for r, e in zip(blank, noise, strict=True)]
-        return Suite(made, White(sigma), offset)
+        return Dataset(made, White(sigma), offset)
 
-    case = Case(suite(*NAMES), suite(HELD), ("p",), lambda _: {}, lambda _: full, 1e-3)
+    task = EstimationTask(dataset(*NAMES), dataset(HELD), ("p",), lambda _: {}, lambda _: full, 1e-3)
     # Up to a factor of two off, as a screening with thresholds at every factor of four would leave it.
     begun = full.replace({"w": 0.3, "r": threshold * 2 ** rng.uniform(-1, 1)})
-    return Problem(case, as_sum(begun), effect, voltages, sigma)
+    return Problem(task, as_sum(begun), effect, voltages, sigma)
 
 
 @cache
@@ -129,9 +129,9 @@ def ends(sigma: float) -> Array:
     for seed in range(SEEDS):
         about = problem(seed, sigma)
         least, threshold = about.least(seed)
-        once = fit(about.case, about.model, (about.effect,))
+        once = fit_model(about.task, about.model, (about.effect,))
         assert once is not None
-        last = escape(about.case, once)
+        last = escape(about.task, once)
         reached = last.solution.problem.where.values(last.solution.x)["r"]
         found.append([once.cost - least, last.cost - least, reached / threshold])
     return np.array(found)

@@ -13,10 +13,10 @@ import pytest
 from scipy.optimize import curve_fit
 from scipy.stats import norm
 from scipy.stats import t as student
-from tests.evidence.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, oscillation, parameter, run
 
 from flexdesign.core.errors import InputError
 from flexdesign.estimation import Fit, White, fit
+from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, oscillation, parameter, run
 
 T = np.linspace(0, 3, 400)
 
@@ -94,11 +94,11 @@ def test_a_single_start_gets_stuck_where_several_do_not() -> None:
     observed = noisy(tone, {"a": 2.0, "f": 5.3}, 0.1)
     stuck = fit(tone, [observed], ["a", "f"], starts=1)
     assert abs(stuck.model.values()["f"] - 5.3) > 1.0  # type: ignore[attr-defined]
-    assert stuck.starts.is_stuck and "nothing confirms" in str(stuck.starts)
+    assert stuck.starts.is_unconfirmed and "nothing confirms" in str(stuck.starts)
     found = fit(tone, [observed], ["a", "f"])
     assert found["f"].value == pytest.approx(5.3, abs=4 * found.sigmas["f"])
     assert found.cost < 0.1 * stuck.cost
-    assert found.starts.agreed >= 2 and not found.starts.is_stuck
+    assert found.starts.agreed >= 2 and not found.starts.is_unconfirmed
     assert f"{found.starts.agreed} of {found.starts.polished} starts" in str(found.starts)
 
 
@@ -116,7 +116,7 @@ def test_a_better_point_met_while_checking_intervals_is_taken() -> None:
     found = fit(wells, observed, ["x"], **settings)
     assert stuck.model.values()["x"] == pytest.approx(-1.0, abs=0.1)  # type: ignore[attr-defined]
     assert found.model.values()["x"] == pytest.approx(1.0, abs=1e-5)  # type: ignore[attr-defined]
-    assert found.starts.is_stuck
+    assert found.starts.is_unconfirmed
 
 
 # --- intervals ----------------------------------------------------------------------------------------------------
@@ -282,13 +282,13 @@ def test_what_is_known_breaks_an_entanglement() -> None:
     observed = noisy(toy, {"gain": 2.0, "a": 0.7}, 0.05)
     found = fit(toy, [observed], ["gain", "a"], known={"a": (0.7, 0.07)})
     assert found.undetermined == ("a",)
-    assert "add nothing to what was known, 700000 ± 70000 um/V" in found["a"].reason
+    assert "add nothing to the prior, 700000 ± 70000 um/V" in found["a"].reason
     ends = np.array([1.0, -1.0]) * norm.ppf(0.975) * 0.1
     assert found["gain"].interval == pytest.approx(1.4 / 0.7 / (1 + ends), rel=0.02)  # noise and search: 1 % each
 
 
 def test_what_is_known_is_combined_by_its_weight() -> None:
-    """A level of 400 samples ± 0.2, so 1 ± 0.01, and what was known, 1.03 ± 0.01: the middle, ± 0.01 / sqrt(2)."""
+    """A level of 400 samples ± 0.2, so 1 ± 0.01, and the prior, 1.03 ± 0.01: the middle, ± 0.01 / sqrt(2)."""
     level = Toy(lambda v, t: np.full(len(t), v["x"]), (parameter("x", 0.0, -10.0, 10.0),))
     noise = np.random.default_rng(0).standard_normal(len(T))
     noise = 0.2 * (noise - noise.mean()) / noise.std(ddof=1)

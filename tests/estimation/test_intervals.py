@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import norm
-from tests.evidence.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, parameter, run
 
 from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL, Solution, solve
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
-from flexdesign.estimation.least_squares.residual_function import Problem, Shapes, Suite
+from flexdesign.estimation.least_squares.residual_function import Dataset, Problem, Shapes
 from flexdesign.estimation.noise.whitening import White
 from flexdesign.estimation.uncertainty.covariance import uncertainty
 from flexdesign.estimation.uncertainty.intervals import intervals
+from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, ar1, parameter, run
 
 T = np.linspace(0, 3, 400)
 Z = float(norm.ppf(0.975))
@@ -35,7 +35,7 @@ def solved(
     model: Toy, runs: Sequence[Run], sigma: float, shapes: Shapes = nothing, small: float = SMALL, **known: Any
 ) -> Solution:
     where = coordinates(model, [p.name for p in model.every], known)
-    problem = Problem(Suite(runs, White(sigma), shapes), model, where)
+    problem = Problem(Dataset(runs, White(sigma), shapes), model, where)
     found = solve(problem, where.start, small=small)
     assert found is not None
     return found
@@ -55,7 +55,7 @@ def test_a_white_residual_of_the_noise_has_classical_intervals() -> None:
     assert estimate.determined and estimate.reason == "" and estimate.interval
     assert (estimate.interval[1] - estimate.interval[0]) / 2 == pytest.approx(half, rel=1e-6)
     assert estimate.sigma == pytest.approx(math.sqrt(covariance[0, 0]), rel=1e-6)
-    best = np.polyfit(T, found.problem.suite.records[0].measured, 1)[0]
+    best = np.polyfit(T, found.problem.dataset.records[0].measured, 1)[0]
     assert estimate.value == pytest.approx(best, abs=0.05 * half)
 
 
@@ -130,7 +130,7 @@ def test_a_crooked_likelihood_gets_the_interval_of_its_profile() -> None:
 
 
 def test_prior_knowledge_is_part_of_the_profile() -> None:
-    """Nothing but the prior: an interval as wide as it states, which adds nothing to what was known."""
+    """Nothing but the prior: an interval as wide as it states, which adds nothing to the prior."""
     noise = 0.1 * np.random.default_rng(2).standard_normal(len(T))
     model = Toy(
         lambda v, t: v["a"] * np.sin(5 * t) + v["b"] * 1e-9 * t,
@@ -139,7 +139,7 @@ def test_prior_knowledge_is_part_of_the_profile() -> None:
     found = solved(model, [run(model, {"a": 2.0}, T, noise)], 0.1, b=(3.0, 0.5))
     a, b = intervals(found, ["a", "b"])
     assert a.determined and not b.determined
-    assert "add nothing to what was known" in b.reason
+    assert "add nothing to the prior" in b.reason
     free = intervals(solved(model, [run(model, {"a": 2.0}, T, noise)], 0.1), ["b"])[0]
     assert not free.determined and free.value is None
 

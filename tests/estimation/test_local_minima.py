@@ -9,23 +9,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.evidence.sums import NAMES, N, Sum, base, column, least, offset
-from tests.evidence.toys import Array, Run, parameter
 
 from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, Effort
 from flexdesign.estimation.least_squares.local_minima import BETTER, grid_initial_states
-from flexdesign.estimation.least_squares.residual_function import Suite
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.least_squares.residual_function import Dataset
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
-    Stand,
+    FittedModel,
     escape,
-    fit,
     fit_initial_states,
+    fit_model,
     search_initial_states,
     solve_case,
 )
 from flexdesign.estimation.noise.whitening import White
+from tests.estimation.sums import NAMES, N, Sum, base, column, least, offset
+from tests.estimation.toys import Array, Run, parameter
 
 SIGMA = 0.1
 HELD = ("kept", "apart")
@@ -48,7 +48,7 @@ def model() -> Sum:
     return base("p", "q").plus(from_turn, *own)
 
 
-def suite(names: Sequence[str], more: Mapping[str, float] | None = None) -> Suite:
+def dataset(names: Sequence[str], more: Mapping[str, float] | None = None) -> Dataset:
     truth = model().replace({"p": 2.0, "q": -1.0, **{f"{n}:turn": turn for n, turn in TRUTH.items()}})
     rng = np.random.default_rng(len(names))
 
@@ -57,23 +57,23 @@ def suite(names: Sequence[str], more: Mapping[str, float] | None = None) -> Suit
         return np.asarray(truth.predict(run) + added + SIGMA * rng.standard_normal(N))
 
     blank = [Run(name, np.arange(N) / N, None) for name in names]
-    return Suite([dataclasses.replace(run, data=data(run)) for run in blank], White(SIGMA), offset)
+    return Dataset([dataclasses.replace(run, data=data(run)) for run in blank], White(SIGMA), offset)
 
 
-def about(more: Mapping[str, float] | None = None) -> Case:
-    return Case(suite(NAMES, more), suite(HELD, more), ("p", "q"), lambda _: {}, lambda _: model(), 1e-3)
+def about(more: Mapping[str, float] | None = None) -> EstimationTask:
+    return EstimationTask(dataset(NAMES, more), dataset(HELD, more), ("p", "q"), lambda _: {}, lambda _: model(), 1e-3)
 
 
 def turns_of(model: Model) -> dict[str, float]:
     return {p.run: p.start or 0.0 for p in model.parameters() if p.run}
 
 
-def turns(stand: Stand) -> dict[str, float]:
-    return turns_of(stand.model)
+def turns(fit: FittedModel) -> dict[str, float]:
+    return turns_of(fit.model)
 
 
 def test_a_part_of_a_suite_has_the_records_of_the_whole() -> None:
-    whole = suite(NAMES)
+    whole = dataset(NAMES)
     part = whole.part(["three", "one"])
     assert part.names == ["one", "three"] and whole.names == list(NAMES)
     assert part.records == (whole.records[0], whole.records[2])
@@ -87,22 +87,22 @@ def begun() -> Sum:
 
 def test_a_run_in_a_wrong_minimum_begins_elsewhere() -> None:
     """Only its own number moves: of the others no point of the grid is better by the share that counts."""
-    case, start = about(), begun()
-    found = turns_of(search_initial_states(case, case.identify, start))
+    task, start = about(), begun()
+    found = turns_of(search_initial_states(task, task.identify, start))
     # The ripple is known to SIGMA over the root of N.
     assert ripple(found.pop("two")) == pytest.approx(ripple(0.82), abs=0.05)
     assert found == {run: turn for run, turn in turns_of(start).items() if run != "two"}
-    assert search_initial_states(case, case.identify.part(["one", "three"]), start) is start
+    assert search_initial_states(task, task.identify.part(["one", "three"]), start) is start
 
 
 def test_without_a_fit_the_best_point_of_the_grid_is_taken() -> None:
-    case, start = about(), begun()
-    found = turns_of(grid_initial_states(case.identify, start))
+    task, start = about(), begun()
+    found = turns_of(grid_initial_states(task.identify, start))
     # The ripple at the points 0, 0.3, 0.6 and 0.9, beside 0.82.
     nearest = min((0.0, 0.3, 0.6, 0.9), key=lambda turn: abs(ripple(turn) - ripple(0.82)))
     assert found == {**turns_of(start), "two": nearest}
     there = start.replace({"two:turn": 0.82})
-    assert grid_initial_states(case.identify, there) is there  # no point is better
+    assert grid_initial_states(task.identify, there) is there  # no point is better
 
 
 @pytest.mark.parametrize(("share", "moves"), [(BETTER + 0.005, False), (BETTER - 0.005, True)])
@@ -118,7 +118,7 @@ def test_a_run_moves_only_where_that_is_much_better(share: float, moves: bool) -
     length = float(basis[:, 0] @ column(run, "start"))
     part = 1 - share / 2
     data = length * basis @ [part, math.sqrt(1 - part**2)]
-    whole = Suite([dataclasses.replace(run, data=data)], White(SIGMA), offset)
+    whole = Dataset([dataclasses.replace(run, data=data)], White(SIGMA), offset)
     assert (grid_initial_states(whole, toy) is not toy) is moves
 
 
@@ -134,7 +134,7 @@ def test_numbers_without_a_grid_are_tried_as_they_are_in_the_median_run() -> Non
     toy = Sum().plus(late, *own)
     truth = toy.replace({"two:turn": -1.0})
     observed = [Run(name, np.arange(N) / N, None) for name in NAMES]
-    whole = Suite([dataclasses.replace(r, data=truth.predict(r)) for r in observed], White(SIGMA), offset)
+    whole = Dataset([dataclasses.replace(r, data=truth.predict(r)) for r in observed], White(SIGMA), offset)
     # Its delay went astray with its turn.
     found = grid_initial_states(whole, toy.replace({"two:late": 0.1}))
     assert {p.name: p.start for p in found.parameters()} == {p.name: p.start for p in truth.parameters()}
@@ -146,9 +146,11 @@ def test_a_run_is_fitted_alone_while_all_other_numbers_stay() -> None:
     start = base("p").plus(lambda v, run: v[f"{run.name}:own"] * column(run, "own"), *own).replace({"p": 0.7})
     rng = np.random.default_rng(0)
     observed = [Run(name, np.arange(N) / N, rng.standard_normal(N)) for name in NAMES]
-    case = Case(Suite(observed, White(SIGMA), offset), suite([]), ("p",), lambda _: {}, lambda _: start, 1e-3)
+    task = EstimationTask(
+        Dataset(observed, White(SIGMA), offset), dataset([]), ("p",), lambda _: {}, lambda _: start, 1e-3
+    )
     for run in observed:
-        made = fit_initial_states(case, case.identify.part([run.name]), start)
+        made = fit_initial_states(task, task.identify.part([run.name]), start)
         assert made is not None
         misfit, found = made.misfit, made.problem.where.values(made.x)
         matrix = np.column_stack([column(run, "own"), np.ones(N)])
@@ -161,33 +163,33 @@ def test_a_run_is_fitted_alone_while_all_other_numbers_stay() -> None:
 
 
 def test_fits_go_on_no_further_than_is_asked() -> None:
-    case, start = about(), model().replace({"p": 2.0, "q": -1.0})
-    exact, rough = (solve_case(case, start, effort=Effort(20, share)) for share in (1e-6, 0.5))
+    task, start = about(), model().replace({"p": 2.0, "q": -1.0})
+    exact, rough = (solve_case(task, start, effort=Effort(20, share)) for share in (1e-6, 0.5))
     assert exact is not None and rough is not None
     assert exact.cost < rough.cost < 2 * exact.cost
     assert rough.problem.evaluations < exact.problem.evaluations
 
 
 def test_a_fit_escapes_with_a_run_that_begins_elsewhere() -> None:
-    case = about()
-    caught = fit(case, model())
+    task = about()
+    caught = fit_model(task, model())
     assert caught is not None and 1.5 < caught.scale < 30
-    found = escape(case, caught)
+    found = escape(task, caught)
     assert found.scale == pytest.approx(1.0, abs=4 * math.sqrt(2 / (3 * N)))
     assert all(ripple(turn) == pytest.approx(ripple(TRUTH[run]), abs=0.05) for run, turn in turns(found).items())
-    assert escape(case, found) is found
+    assert escape(task, found) is found
 
 
 def test_validation_runs_begin_where_each_fits_best() -> None:
     """Both from zero: one is found from there, the other one from the grid."""
-    case, right = about(), {"p": 2.0, "q": -1.0, **{f"{name}:turn": TRUTH[name] for name in NAMES}}
-    found = fit(case, model().replace(right))
+    task, right = about(), {"p": 2.0, "q": -1.0, **{f"{name}:turn": TRUTH[name] for name in NAMES}}
+    found = fit_model(task, model().replace(right))
     assert found is not None
-    assert found.held_cost < 2 * N + 4 * math.sqrt(4 * N)
+    assert found.validation_chi2 < 2 * N + 4 * math.sqrt(4 * N)
     assert ripple(turns(found)["apart"]) == pytest.approx(ripple(TRUTH["apart"]), abs=0.05)
     # Fitted from where the model begins it stays in the wrong minimum.
-    made = fit_initial_states(case, case.validate, found.model.replace({"apart:turn": 0.0}))
-    assert made is not None and made.cost > 1.5 * found.held_cost
+    made = fit_initial_states(task, task.validate, found.model.replace({"apart:turn": 0.0}))
+    assert made is not None and made.cost > 1.5 * found.validation_chi2
 
 
 def test_a_run_begins_where_it_fits_best() -> None:
@@ -205,10 +207,10 @@ def test_a_run_begins_where_it_fits_best() -> None:
     truth = model.replace({"one:turn": 0.5, "two:turn": 0.4, "three:turn": 0.9})
     observed = [Run(name, np.arange(N) / N, None) for name in NAMES]
     observed = [dataclasses.replace(run, data=truth.predict(run)) for run in observed]
-    suite = Suite(observed, White(SIGMA), offset)
-    begun = grid_initial_states(suite, model)
+    dataset = Dataset(observed, White(SIGMA), offset)
+    begun = grid_initial_states(dataset, model)
     assert {p.name: p.start for p in begun.parameters()} == {"one:turn": 0.5, "two:turn": 0.45, "three:turn": 0.9}
-    assert grid_initial_states(suite, truth) is truth
+    assert grid_initial_states(dataset, truth) is truth
 
 
 def test_strong_data_do_not_tell_twins_apart() -> None:
@@ -229,9 +231,9 @@ def test_strong_data_do_not_tell_twins_apart() -> None:
     blank = [Run(name, np.arange(N) / N, None) for name in NAMES]
     made = [dataclasses.replace(r, data=truth.predict(r) + SIGMA * rng.standard_normal(N)) for r in blank]
     known = {f"{name}:late": (0.0, spread) for name in NAMES}
-    identify = Suite(made, White(SIGMA), offset)
-    case = Case(identify, suite([]), ("p", "q", "delay"), lambda _: known, lambda _: toy, 1e-3)
-    found = fit(case, toy)
+    identify = Dataset(made, White(SIGMA), offset)
+    task = EstimationTask(identify, dataset([]), ("p", "q", "delay"), lambda _: known, lambda _: toy, 1e-3)
+    found = fit_model(task, toy)
     assert found is not None
     j = found.solution.problem.where.names.index("delay")
     assert math.sqrt(found.solution.covariance[j, j]) == pytest.approx(spread / math.sqrt(3), rel=1e-3)

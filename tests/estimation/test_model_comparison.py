@@ -13,30 +13,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
-from tests.evidence.sums import (
-    EFFECTS,
-    HELD,
-    NAMES,
-    SIGMA,
-    N,
-    as_sum,
-    calibrated_stand,
-    candidate,
-    case,
-    column,
-    effects,
-    linear,
-    offset,
-    recorded,
-    stage,
-    strength,
-)
-from tests.evidence.toys import Array, Run, parameter
 
 from flexdesign.estimation.least_squares.levenberg_marquardt import linearise
-from flexdesign.estimation.least_squares.residual_function import Suite
-from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import difference, fit
+from flexdesign.estimation.least_squares.residual_function import Dataset
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import difference, fit_model
 from flexdesign.estimation.model_selection.model_comparison import (
     LEVEL,
     SHARE,
@@ -51,6 +32,25 @@ from flexdesign.estimation.model_selection.model_comparison import (
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.stepwise_selection import GROSS, forward
 from flexdesign.estimation.noise.whitening import White
+from tests.estimation.sums import (
+    EFFECTS,
+    HELD,
+    NAMES,
+    SIGMA,
+    N,
+    as_sum,
+    calibrated_stand,
+    candidate,
+    column,
+    effects,
+    linear,
+    offset,
+    recorded,
+    stage,
+    strength,
+    task,
+)
+from tests.estimation.toys import Array, Run, parameter
 
 
 def reasons(step: Step) -> dict[tuple[str, ...], str]:
@@ -61,21 +61,21 @@ def reasons(step: Step) -> dict[tuple[str, ...], str]:
 
 
 def test_a_value_at_the_end_of_what_is_plausible_is_refused() -> None:
-    about = case({"d": 0.3})
+    about = task({"d": 0.3})
     step = forward(about, calibrated_stand(about), effects(d=candidate("d", between=(0.0, 0.2))))
     assert step.chosen is None
     assert reasons(step)["d",] == "d at the end of what is plausible"
 
 
 def test_what_does_not_help_on_runs_kept_apart_is_refused() -> None:
-    about = case({"d": 0.3}, held={"d": -0.3})
+    about = task({"d": 0.3}, held={"d": -0.3})
     step = forward(about, calibrated_stand(about), effects())
     assert step.chosen is None
     assert reasons(step)["d",] == "does not help on the validation runs"
 
 
 def test_what_moves_less_than_the_tolerance_is_refused() -> None:
-    about = case({"d": 0.3}, tolerance=0.5)
+    about = task({"d": 0.3}, tolerance=0.5)
     step = forward(about, calibrated_stand(about), effects())
     assert step.chosen is None
     assert reasons(step)["d",] == "moves the prediction by less than the tolerance"
@@ -83,10 +83,10 @@ def test_what_moves_less_than_the_tolerance_is_refused() -> None:
 
 def test_what_only_lets_a_number_stay_where_it_was_known_to_be_is_refused() -> None:
     """The gain is 2 and was known to be 1: an effect that is the gain over again explains no data."""
-    about = case({}, p=(1.0, 0.1))
+    about = task({}, p=(1.0, 0.1))
     before = calibrated_stand(about)
     assert before.solution.problem.where.values(before.solution.x)["p"] == pytest.approx(2.0, abs=0.1)
-    assert before.cost - before.seen_cost > 80
+    assert before.cost - before.fitted_chi2 > 80
     step = forward(about, before, effects(d=candidate("d", {"p": 1.0, "d": 0.05})))
     assert step.chosen is None or "d" not in step.chosen.names
 
@@ -99,7 +99,7 @@ def test_what_explains_a_small_share_is_refused() -> None:
             others = np.column_stack([np.ones(N), *(column(run, name) for name in ("own", "p", "q", *EFFECTS))])
             more = column(run, "unknown") - others @ np.linalg.lstsq(others, column(run, "unknown"))[0]
             kept.append(dataclasses.replace(run, data=run.data + unknown * more / np.std(more)))
-        about = dataclasses.replace(case({"d": 0.3}), validate=Suite(kept, White(SIGMA), offset), floor=SIGMA)
+        about = dataclasses.replace(task({"d": 0.3}), validate=Dataset(kept, White(SIGMA), offset), floor=SIGMA)
         step = forward(about, calibrated_stand(about), effects())
         share = 0.3**2 / (0.3**2 + unknown**2)
         assert (share < SHARE) is is_small
@@ -122,7 +122,7 @@ def test_a_strength_that_another_number_can_take_the_place_of_is_refused() -> No
             trials=({"d": 0.1, "d.more": 0.0},),
         )
 
-    about = case({"d": 0.3})
+    about = task({"d": 0.3})
     before = calibrated_stand(about)
     refused, accepted = (forward(about, before, effects(d=entangled(apart))) for apart in (0.01, 3.0))
     assert refused.chosen is None
@@ -139,28 +139,28 @@ def test_a_limit_is_determined_where_its_interval_excludes_none_at_all(truth: fl
 
     limit = parameter("limit", 20.0, 1.0, 1e3, scale="inverse", null=math.inf)
     effect = Candidate("d", lambda model: as_sum(model).plus(shape, limit), "limit", ("limit",), ({"limit": 20.0},))
-    about = case({"d": truth})
-    made = fit(about, effect.add(stage()), (effect,))
+    about = task({"d": truth})
+    made = fit_model(about, effect.add(stage()), (effect,))
     assert made is not None and is_determined(made, effect) is is_one
 
 
 def test_an_effect_that_only_helps_a_fit_that_is_caught_is_refused() -> None:
     """One of the model's own numbers is far from its best, which the fit with an effect finds that looks like it."""
-    about = case({}, tolerance=0.05)
-    caught = fit(dataclasses.replace(about, free=()), stage().replace({"p": 1.0}))
+    about = task({}, tolerance=0.05)
+    caught = fit_model(dataclasses.replace(about, free=()), stage().replace({"p": 1.0}))
     assert caught is not None and caught.scale > GROSS
     step = forward(about, caught, effects(e=candidate("e", {"p": 0.5, "e": 1.0}, signed=True)))
     assert step.chosen is None and step.trials
     best = max(step.trials, key=lambda trial: trial.gain)
     assert best.gain > 100 * best.needed
-    assert difference(about.validate, caught.model, best.stand.model) > 0.05
+    assert difference(about.validate, caught.model, best.fit.model) > 0.05
     assert best.reason == "itself moves the prediction by less than the tolerance" and not best.is_small
 
 
 def test_what_is_explained_as_well_by_an_effect_that_hardly_moves_anything_needs_no_other() -> None:
     """The same column in the runs for the fit; in those kept apart the other effect is 1.9 times as large."""
     tolerance = 0.1
-    about = case({"d": 0.07}, tolerance=tolerance)
+    about = task({"d": 0.07}, tolerance=tolerance)
     louder = Candidate(
         "loud",
         lambda model: stage().plus(
@@ -171,7 +171,7 @@ def test_what_is_explained_as_well_by_an_effect_that_hardly_moves_anything_needs
     before = calibrated_stand(about)
     alone = forward(about, before, [louder])
     assert alone.chosen is not None
-    assert difference(about.validate, before.model, alone.chosen.stand.model) > tolerance
+    assert difference(about.validate, before.model, alone.chosen.fit.model) > tolerance
     step = forward(about, before, [louder, candidate("d", signed=True)])
     assert step.chosen is None
     assert reasons(step) == {("d",): "moves the prediction by less than the tolerance", ("loud",): ""}
@@ -187,8 +187,8 @@ def test_a_strength_of_a_log_scale_is_determined_where_its_interval_is_smaller_t
     shape = lambda v, run: size * v["d"] * column(run, "d")  # noqa: E731
     number = parameter("d", 1.0, 1e-3, 1e3, scale="log", null=0.0)
     effect = Candidate("d", lambda model: as_sum(model).plus(shape, number), "d", ("d",), ({"d": 1.0},))
-    about = case({})
-    made = fit(about, effect.add(stage()), (effect,))
+    about = task({})
+    made = fit_model(about, effect.add(stage()), (effect,))
     assert made is not None
     at_one = np.where(np.array(made.solution.problem.where.names) == "d", 0.0, made.solution.x)
     there = linearise(made.solution.problem, at_one)
@@ -202,8 +202,8 @@ LONG, RHO, SIZE = 500, 0.9, 0.5
 
 def wandering(seed: int, name: str, rho: float) -> Array:
     """A series in which each value remembers a share of the one before, of variance one (independent of the fit)."""
-    drawn = np.random.default_rng([seed, crc32(name.encode())]).standard_normal(LONG + 200)
-    return np.asarray(lfilter([math.sqrt(1 - rho**2)], [1.0, -rho], drawn)[200:])
+    null_errors = np.random.default_rng([seed, crc32(name.encode())]).standard_normal(LONG + 200)
+    return np.asarray(lfilter([math.sqrt(1 - rho**2)], [1.0, -rho], null_errors)[200:])
 
 
 def slow_effect(name: str = "s") -> Candidate:
@@ -212,19 +212,19 @@ def slow_effect(name: str = "s") -> Candidate:
     return Candidate(name, lambda m: as_sum(m).plus(added, strength(name)), name, (name,), ({name: 0.1},), signed=True)
 
 
-def imperfect(seed: int, rho: float, effect: float = 0.0) -> Case:
+def imperfect(seed: int, rho: float, effect: float = 0.0) -> EstimationTask:
     """Runs with noise of size SIGMA, beside a discrepancy of SIZE that no effect describes."""
 
-    def suite(names: Sequence[str]) -> Suite:
+    def dataset(names: Sequence[str]) -> Dataset:
         made = []
         for name in names:
             run = Run(name, np.arange(LONG) / LONG, np.zeros(LONG))
             data = SIZE * wandering(seed, name, rho) + effect * wandering(99, name + "s", RHO)
             noise = SIGMA * np.random.default_rng([seed, 7, crc32(name.encode())]).standard_normal(LONG)
             made.append(dataclasses.replace(run, data=data + noise + 2.0 * column(run, "p")))
-        return Suite(made, White(SIGMA), offset)
+        return Dataset(made, White(SIGMA), offset)
 
-    return Case(suite(NAMES), suite(HELD), ("p", "q"), lambda _: {}, lambda _: stage(), 1e-3)
+    return EstimationTask(dataset(NAMES), dataset(HELD), ("p", "q"), lambda _: {}, lambda _: stage(), 1e-3)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.6, RHO])
@@ -242,10 +242,10 @@ def test_discrepancy_is_its_variance_times_the_samples_that_count_as_one(rho: fl
 def test_white_noise_alone_is_no_discrepancy() -> None:
     """Nor is a white misfit coloured: it counts by its size alone, in nine cases of ten and in the median."""
     for truth in ({}, {"d": 0.3}):
-        found = [calibrated_stand(case(truth, seed)) for seed in range(10)]
-        ratios = sorted(stand.discrepancy / max(stand.scale, 1.0) for stand in found)
+        found = [calibrated_stand(task(truth, seed)) for seed in range(10)]
+        ratios = sorted(fit.discrepancy / max(fit.scale, 1.0) for fit in found)
         assert ratios[:8] == pytest.approx([1.0] * 8, rel=0.01) and ratios[-1] < 1.3
-    assert calibrated_stand(case({})).discrepancy < 1 + 4 * math.sqrt(2 / (3 * N))
+    assert calibrated_stand(task({})).discrepancy < 1 + 4 * math.sqrt(2 / (3 * N))
 
 
 def test_correlated_samples_are_no_proofs() -> None:
@@ -257,7 +257,7 @@ def test_correlated_samples_are_no_proofs() -> None:
     for seed in range(60):
         about, effect = imperfect(seed, RHO), slow_effect()
         before = calibrated_stand(about)
-        after = fit(about, effect.add(before.model), (effect,))
+        after = fit_model(about, effect.add(before.model), (effect,))
         assert after is not None
         score = float(chi2.isf(LEVEL, 1))
         trial = compare(about, before, after, ("s",), score)
@@ -280,7 +280,7 @@ def test_a_large_effect_is_found_beside_a_discrepancy() -> None:
 def test_intervals_are_wider_beside_a_discrepancy() -> None:
     """Two standard deviations count, of a discrepancy that makes each four times as large as white noise would."""
     about, effect = imperfect(3, RHO), slow_effect()
-    after = fit(about, effect.add(calibrated_stand(about).model), (effect,))
+    after = fit_model(about, effect.add(calibrated_stand(about).model), (effect,))
     assert after is not None
     j = after.solution.problem.where.names.index("s")
     sigma = math.sqrt(float(after.solution.covariance[j, j]) * after.discrepancy)
@@ -304,23 +304,23 @@ def test_every_further_number_has_a_quantile_of_its_own() -> None:
 
 def test_freedom_of_further_initial_conditions_is_no_evidence() -> None:
     """With the effect come five columns for each run, which explain what chance gives: as much as there are."""
-    about, more = case({}), 5
+    about, more = task({}), 5
 
     def shapes(observation: Any) -> tuple[Array, Array]:
         free = np.random.default_rng(len(observation.name)).standard_normal((N, more))
         return np.column_stack([np.ones(N), free]), np.full(1 + more, math.inf)
 
-    def prepared(of: Case, model: Any) -> Case:
+    def prepared(of: EstimationTask, model: Any) -> EstimationTask:
         if "d" not in {p.name for p in model.parameters()}:
             return of
         return dataclasses.replace(of, identify=of.identify.with_shapes(shapes, None))
 
     about = dataclasses.replace(about, prepared=prepared)
     before, effect = calibrated_stand(about), candidate("d", signed=True)
-    after = fit(about, effect.add(before.model), (effect,))
+    after = fit_model(about, effect.add(before.model), (effect,))
     assert after is not None
     trial = compare(about, before, after, ("d",), 20.0)
-    fall = before.seen_cost - after.seen_cost
+    fall = before.fitted_chi2 - after.fitted_chi2
     assert fall == pytest.approx(3 * more, abs=4 * math.sqrt(2 * 3 * more))
     assert trial.gain == pytest.approx(fall - 3 * more, abs=1e-6)
 
@@ -330,30 +330,30 @@ def test_freedom_of_further_initial_conditions_is_no_evidence() -> None:
 
 def trial_of(names: tuple[str, ...], total: float, error: float) -> Any:
     """What is asked of a trial when the best is chosen."""
-    stand = SimpleNamespace(bic=lambda discrepancy: total, discrepancy=1.0)
-    return SimpleNamespace(names=names, stand=stand, error=error, needed=20.0, reason="", is_small=False)
+    fit = SimpleNamespace(bic=lambda discrepancy: total, discrepancy=1.0)
+    return SimpleNamespace(names=names, fit=fit, error=error, needed=20.0, reason="", is_small=False)
 
 
 def test_trials_are_ranked_at_one_discrepancy() -> None:
     """A trial that explains more is not behind because its residual drifts and its own discrepancy is large."""
 
     def made(cost: float, discrepancy: float) -> Any:
-        return SimpleNamespace(stand=SimpleNamespace(bic=lambda c: cost + 3 * math.log(N) * c, discrepancy=discrepancy))
+        return SimpleNamespace(fit=SimpleNamespace(bic=lambda c: cost + 3 * math.log(N) * c, discrepancy=discrepancy))
 
     drifting, rough = made(2.48e6, 77_000.0), made(3.36e6, 3_600.0)
-    assert drifting.stand.bic(77_000.0) > rough.stand.bic(3_600.0)  # each at its own: the other way round
+    assert drifting.fit.bic(77_000.0) > rough.fit.bic(3_600.0)  # each at its own: the other way round
     assert rank([rough, drifting]) == [drifting, rough]
 
 
 def test_a_pair_must_beat_the_best_single_on_both_kinds_of_runs() -> None:
-    about, single = dataclasses.replace(case({}), floor=1.0), trial_of(("a",), 1000.0, 3.0)
+    about, single = dataclasses.replace(task({}), floor=1.0), trial_of(("a",), 1000.0, 3.0)
     # Mean squares above the floor: 8 with the single one; 5 % less is 7.6.
     for total, error, wins in ((970.0, 2.9, True), (970.0, 2.95, False), (990.0, 2.0, False), (970.0, 3.1, False)):
         pair = trial_of(("a", "b"), total, error)
         assert (explained_share(about, 3.0, error) >= SHARE) is (error <= 2.9)
         assert best_of(about, [single, pair]) is (pair if wins else single)
     assert best_of(about, [pair]) is pair
-    none = dataclasses.replace(about, validate=Suite([], White(SIGMA), offset))
+    none = dataclasses.replace(about, validate=Dataset([], White(SIGMA), offset))
     assert best_of(none, [single, trial_of(("a", "b"), 970.0, 3.1)]).names == ("a", "b")  # type: ignore[union-attr]
 
 
@@ -361,7 +361,7 @@ def test_a_second_effect_that_only_the_fitted_runs_show_comes_with_no_first() ->
     """Both act on the runs that were fitted, and only one on those kept apart: it is added alone."""
     both = {"d": 0.4, "e": 0.25}
     for held, names in ((both, {"d", "e"}), ({"d": 0.4}, {"d"})):
-        about = case(both, held=held)
+        about = task(both, held=held)
         step = forward(about, calibrated_stand(about), effects())
         assert ("d", "e") in reasons(step) or ("e", "d") in reasons(step)
         assert step.chosen is not None and {*step.chosen.names} == names

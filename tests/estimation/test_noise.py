@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 from scipy.linalg import toeplitz
-from tests.evidence.toys import Run, ar1
 
 from flexdesign.estimation.noise.autoregressive import Colour, colour
 from flexdesign.estimation.noise.whitening import White
+from tests.estimation.toys import Run, ar1
 
 
 @pytest.mark.parametrize("rho", [-0.5, 0.3, 0.9])

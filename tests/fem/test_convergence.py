@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from flexdesign.fem.convergence import ORDERS as BRACKET
-from flexdesign.fem.convergence import SCATTER, SMOOTH, Scatter, extrapolate, observed_order
+from flexdesign.fem.convergence import SCATTER, SMOOTH, MeshNoise, extrapolate, observed_order
 
 ORDERS = st.floats(0.8, 4.0)
 LIMITS = st.floats(0.5, 2e6)
@@ -116,7 +116,7 @@ def test_error_bar_holds_the_truth_where_meshes_are_irregular(count: int) -> Non
     """
     rng = np.random.default_rng(11)
     sizes = (1.35**4, 1.35**2, 1.0)[-count:]
-    scatter, ratios = Scatter(1e-4, 0.25), []
+    scatter, ratios = MeshNoise(1e-4, 0.25), []
     for _ in range(1000):
         order = rng.uniform(*BRACKET)
         values = [1 + 0.005 * size**order * (1 + 0.25 * rng.uniform(-1, 1)) for size in sizes]
@@ -128,7 +128,7 @@ def test_error_bar_holds_the_truth_where_meshes_are_irregular(count: int) -> Non
 
 def test_error_bar_of_a_ratio_knows_of_what_cancels() -> None:
     """Two meshes that agree by chance say nothing; a quarter of the 2 % and 1 % beside them does: sizes 2 and 1."""
-    scatter = Scatter(0.0, 0.25)
+    scatter = MeshNoise(0.0, 0.25)
     assert extrapolate([3.0, 3.0], [2.0, 1.0], (1.0, 1.0), scatter).error == 0.0
     found = extrapolate([3.0, 3.0], [2.0, 1.0], (1.0, 1.0), scatter, beside=[0.02, 0.01])
     assert found.error == pytest.approx(3 * 0.25 * math.hypot(2 * 0.01, 0.02))  # value = 2 f_fine - f_coarse

@@ -152,8 +152,8 @@ def assert_contains(found: dict[str, Any], part: Any, material: Any) -> None:
     )
     for key, value in fine.items():
         truth = value + 0.8 * (value - coarse[key])
-        assert abs(found[key].value - truth) <= found[key].sigma, key
-        assert found[key].sigma < 0.02 * abs(found[key].value)
+        assert abs(found[key].value - truth) <= found[key].half_width, key
+        assert found[key].half_width < 0.02 * abs(found[key].value)
 
 
 def test_error_bars_of_a_lever_hold(solved: Any) -> None:
@@ -216,7 +216,7 @@ def test_wild_meshes_of_a_notch_agree(tmp_path: Path) -> None:
     wild = gathered(levels_of(tmp_path, narrow, "mesh.method=wild"))
     known = gathered(levels_of(tmp_path, narrow))
     for key in ("K_in_output_free", "lambda_output_free", "K_out_input_free", "hinge_stress_1_N_of_actuator_force"):
-        assert abs(wild[key].value - known[key].value) <= math.hypot(wild[key].sigma, known[key].sigma), key
+        assert abs(wild[key].value - known[key].value) <= math.hypot(wild[key].half_width, known[key].half_width), key
 
 
 def test_tessellation_of_a_notch_has_no_needles(extruded: Any) -> None:

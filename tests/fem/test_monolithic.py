@@ -10,9 +10,9 @@ import pytest
 from flexdesign.design.assembly import Assembly, Body, Box, Element, Placement
 from flexdesign.fem.meshing.mesh import signed_volumes
 from flexdesign.fem.solving.elasticity import Elasticity
-from flexdesign.fem.superelements import monolithic
-from flexdesign.fem.superelements.monolithic import MonolithicStage, WholePart, box_mesh, mirrored
 from flexdesign.fem.superelements.superelement import Superelement
+from studies.benchmarks import monolithic
+from studies.benchmarks.monolithic import MonolithicStage, WholePart, box_mesh, mirrored
 from tests.fem.test_superelement import ALLOY, FRAME, TURNED, coarse, leaf, parallelogram
 
 

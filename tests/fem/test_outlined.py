@@ -96,7 +96,7 @@ def test_outlines_that_cannot_be_are_refused(changes: dict[str, Any], remedy: st
 def test_outlines_that_are_none_are_refused_before_anything_is_built(method: str, answer: Any) -> None:
     part = amplifier("bridge_amplifier")
     other = type("Other", (type(part),), {method: lambda self: answer, "__module__": type(part).__module__})
-    with pytest.raises(InputError, match=r"Other\.outline\(\).*must return a flexdesign\.part\.Outline or None"):
+    with pytest.raises(InputError, match=r"Other\.outline\(\).*must return a flexdesign\.Outline or None"):
         parts.examine(other(**vars(part)))
 
 

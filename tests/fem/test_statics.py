@@ -162,7 +162,7 @@ def test_stroke_and_actuator_force(spring: PortCompliance, actuator: float) -> N
     stroke = 40e-6
     extended, moved = network(spring, actuator, stroke)
     assert spring.stroke(stroke, actuator) == pytest.approx(moved, rel=NETWORK)
-    force = actuator * (stroke - extended)  # what is left of the free stroke squeezes the actuator
+    force = actuator * (stroke - extended)  # the rest of the free stroke squeezes the actuator
     assert spring.actuator_force(stroke, actuator) == pytest.approx(force, rel=1e-6)
 
 

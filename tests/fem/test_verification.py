@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexdesign.fem.solving import loads, port_compliance
+from flexdesign.fem.solving import port_compliance
 from studies.verification import __main__ as command
-from studies.verification import beams, elements, finding, hinges, large, nafems, report
+from studies.verification import beams, elements, finding, hinges, large, loads, nafems, report
 from studies.verification.finding import Finding, around, failures
 from studies.verification.solids import CORK, METAL, Array, Bent, beam, lattice
 

@@ -13,7 +13,7 @@ from flexdesign.core.model import Adjust, Block, Effect, Linkage, Member, Parame
 
 # --- quantities ---------------------------------------------------------------------------------------------------
 
-K_OUT = Quantity("K_out", 209.1e3, "N/m", "N/mm", "input held", "FEM", sigma=1.25e3)
+K_OUT = Quantity("K_out", 209.1e3, "N/m", "N/mm", "input held", "FEM", half_width=1.25e3)
 
 
 def test_key_joins_name_and_boundary() -> None:
@@ -37,7 +37,7 @@ def test_shown_in_the_display_unit(quantity: Quantity, text: str) -> None:
 
 
 def test_digits_can_be_chosen() -> None:
-    assert dataclasses.replace(K_OUT, sigma=None).shown(6) == "209.100 N/mm"
+    assert dataclasses.replace(K_OUT, half_width=None).shown(6) == "209.100 N/mm"
 
 
 def test_text_names_the_boundary() -> None:
@@ -49,9 +49,9 @@ def test_json_is_in_the_display_unit_and_survives() -> None:
     table = K_OUT.to_json()
     assert json.loads(json.dumps(table)) == table
     assert table["unit"] == "N/mm" and table["name"] == "K_out" and table["source"] == "FEM"
-    assert table["value"] == pytest.approx(209.1, rel=1e-15) and table["sigma"] == pytest.approx(1.25, rel=1e-15)
+    assert table["value"] == pytest.approx(209.1, rel=1e-15) and table["half_width"] == pytest.approx(1.25, rel=1e-15)
     ratio = Quantity("lambda", 4.0, "1", "").to_json()
-    assert ratio["unit"] == "1" and ratio["sigma"] is None and ratio["value"] == 4.0
+    assert ratio["unit"] == "1" and ratio["half_width"] is None and ratio["value"] == 4.0
 
 
 def test_a_display_unit_of_another_kind_is_refused() -> None:

@@ -30,7 +30,7 @@ class Law:
     sigma: float | None = None
 
     def evaluate(self, given: Design) -> list[Quantity]:
-        return [Quantity("K_in", self.of(dict(given.dimensions)), "N/m", "N/mm", "output free", sigma=self.sigma)]
+        return [Quantity("K_in", self.of(dict(given.dimensions)), "N/m", "N/mm", "output free", half_width=self.sigma)]
 
 
 def designs(count: int, seed: int = 0, within: float = 0.3) -> list[Design]:
@@ -109,9 +109,9 @@ def test_the_solids_own_errors_are_carried_along() -> None:
 def test_outside_of_the_samples_the_error_grows() -> None:
     found = Correction.fit(designs(12), Law(flat), Law(curved))
     inside, outside = (value(found, scaled({"width": scale})) for scale in (1.1, 1.8))
-    assert inside.sigma is not None and outside.sigma is not None
-    assert inside.sigma / inside.value == pytest.approx(found.errors["K_in_output_free"])
-    assert outside.sigma / outside.value > 3 * inside.sigma / inside.value
+    assert inside.half_width is not None and outside.half_width is not None
+    assert inside.half_width / inside.value == pytest.approx(found.errors["K_in_output_free"])
+    assert outside.half_width / outside.value > 3 * inside.half_width / inside.value
 
 
 @pytest.mark.parametrize(

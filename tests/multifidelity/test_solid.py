@@ -59,8 +59,8 @@ def within(found: list[Quantity], truth: dict[str, Quantity]) -> None:
     """Both have errors of their own, and of meshes that have nothing in common."""
     for one in found:
         other = truth[one.key]
-        assert one.sigma is not None and other.sigma is not None
-        assert abs(one.value - other.value) <= np.hypot(one.sigma, other.sigma), (one, other)
+        assert one.half_width is not None and other.half_width is not None
+        assert abs(one.value - other.value) <= np.hypot(one.half_width, other.half_width), (one, other)
 
 
 def test_at_an_anchor_the_answer_is_the_limit(fast: FastSolid) -> None:
@@ -140,11 +140,11 @@ def test_quantities_inherit_the_errors_of_three_numbers() -> None:
     numbers, sigma = np.array([1e-6, -5.5, 5e-5]), np.array([0.01, 0.002, 0.03])
     found = {q.key: q for q in FastSolid()._told(MIDDLE, numbers, sigma, "morphed")}
     k_in, stroke = found["K_in_output_free"], found["stroke_output_free"]
-    assert k_in.sigma == pytest.approx(0.01 * k_in.value, rel=0.02)
+    assert k_in.half_width == pytest.approx(0.01 * k_in.value, rel=0.02)
     assert MIDDLE.actuator is not None
     share = 1 / (MIDDLE.actuator.installed_stiffness * numbers[0] + 1)  # d ln s / d ln C11 of lambda C11 / (C11 + 1/k)
     expected = np.hypot(0.01 * share, 0.002) * abs(stroke.value)
-    assert stroke.sigma == pytest.approx(expected, rel=0.02)
+    assert stroke.half_width == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.parametrize("evaluator", [FastSolid(), Planar()])
@@ -196,19 +196,19 @@ def test_modes_and_stress_come_along_if_asked_for(monkeypatch: pytest.MonkeyPatc
     keys = {q.key for q in found}
     assert len(fast.families[0].anchors) == 1 and keys == truth.keys() and len(keys) == len(found)
     assert {"first_frequency_input_free", "drive_frequency_actuator_installed", "hinge_stress_full_voltage"} <= keys
-    judged = [q for q in found if q.sigma is not None]
+    judged = [q for q in found if q.half_width is not None]
     within(judged, truth)
-    assert all(abs(q.value) < 1e-9 for q in found if q.sigma is None and q.name.startswith("table_u_x"))
+    assert all(abs(q.value) < 1e-9 for q in found if q.half_width is None and q.name.startswith("table_u_x"))
 
 
 def test_corrections_beside_stiffness_are_those_of_the_anchors() -> None:
     """Two anchors of equal weight: the geometric mean of their corrections; what one does not know stays as it is."""
 
     def one(name: str, value: float, sigma: float | None = None) -> Quantity:
-        return Quantity(name, value, "Hz", "Hz", sigma=sigma)
+        return Quantity(name, value, "Hz", "Hz", half_width=sigma)
 
     coarse = {"f": one("f", 100.0), "zero": one("zero", 0.0), "K_in": one("K_in", 1.0)}
-    asked, scatter = Further(1), convergence.Scatter(0.0)
+    asked, scatter = Further(1), convergence.MeshNoise(0.0)
     known = [
         asked.known(
             coarse, [{"f": one("f", v), "zero": one("zero", 0.0), "K_in": one("K_in", 1.0)}] * 2, [2, 1], scatter
@@ -217,8 +217,8 @@ def test_corrections_beside_stiffness_are_those_of_the_anchors() -> None:
     ]
     rest = {key: coarse[key] for key in ("f", "zero")}
     frequency, zero = asked.corrected(rest, known, [0.5, 0.5], 0.003)
-    assert frequency.value == pytest.approx(np.sqrt(98.0 * 96.0)) and frequency.sigma is not None
-    assert frequency.sigma / frequency.value == pytest.approx(np.hypot(0.003, np.log(100 / frequency.value) / 2))
-    assert (zero.value, zero.sigma) == (0.0, None)
+    assert frequency.value == pytest.approx(np.sqrt(98.0 * 96.0)) and frequency.half_width is not None
+    assert frequency.half_width / frequency.value == pytest.approx(np.hypot(0.003, np.log(100 / frequency.value) / 2))
+    assert (zero.value, zero.half_width) == (0.0, None)
     (at_anchor,) = asked.corrected({"f": coarse["f"]}, known, [1.0, 0.0], 0.0)
-    assert at_anchor.value == pytest.approx(98.0) and at_anchor.sigma == pytest.approx(0.0, abs=1e-12)
+    assert at_anchor.value == pytest.approx(98.0) and at_anchor.half_width == pytest.approx(0.0, abs=1e-12)

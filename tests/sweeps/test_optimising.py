@@ -15,6 +15,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.model import Quantity
 from flexdesign.design import design
 from flexdesign.design.design import Design
+from flexdesign.report.sweeps import optimum_report
 from flexdesign.workflows import sweeps
 from flexdesign.workflows.sweeps import evaluators, optimising
 from tests.conftest import FOUR_SIDED, Ended
@@ -69,6 +70,25 @@ def test_materials_are_tried_one_by_one(tmp_path: Path) -> None:
     }
     assert found.last.values["material"] == max(stiffness, key=lambda metal: stiffness[metal])
     assert found.found["K_out_actuator_installed"].value == pytest.approx(max(stiffness.values()), rel=1e-4)
+
+
+def test_a_headline_says_that_an_optimum_misses_the_accuracy_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the place of finite elements: formulas whose K_in is known to 2 %."""
+
+    def unsure(made: design.Design, *_: object) -> list[Quantity]:
+        found = evaluators.by_formulas(made, "PRB")
+        return [replace(q, half_width=0.02 * abs(q.value)) if q.name == "K_in" else q for q in found]
+
+    monkeypatch.setattr(optimising, "by_elements", unsure)
+    monkeypatch.setattr(optimising, "beside", lambda *_: [])
+    plan(tmp_path)
+    for asked, is_said in (('mesh.accuracy="1 %"', True), ('mesh.accuracy="3 %"', False)):
+        found = optimising.optimise(sweeps.read(tmp_path / "study.toml", [asked]))
+        said = [line for line in optimum_report.summary(found) if "NOT reached" in line]
+        assert len(said) == is_said
+        assert all("1 % was asked for" in line and line.endswith("is 2 % at the optimum.") for line in said)
 
 
 def test_formulas_that_are_off_are_corrected_until_both_agree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -154,7 +174,7 @@ def test_the_terminal_says_what_stands_at_its_limit_and_what_the_optimum_is_like
     quantities = {q["name"]: q["value"] for q in values["further"]}
     strength = found.design.material.yield_strength
     assert strength is not None
-    # Both are extrapolated, each by itself: their product is that of the meshes but for the square of what is left.
+    # Both are extrapolated, each by itself: their product is that of the meshes but for the square of the remainder.
     assert quantities["safety_against_yield"] == pytest.approx(strength / quantities["hinge_stress"] / 1e6, rel=1e-3)
 
 

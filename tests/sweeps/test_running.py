@@ -22,6 +22,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.result_cache import Cache
 from flexdesign.design import design
 from flexdesign.design.assembly import Element
+from flexdesign.fem import mesh_refinement
 from flexdesign.workflows import sweeps
 from flexdesign.workflows.sweeps import running
 from flexdesign.workflows.sweeps.store import STAGE, Store
@@ -184,6 +185,15 @@ def test_what_changes_an_answer_changes_its_key(study: Path, monkeypatch: pytest
     assert running.asked(sweeps.read(study, ["sample.seed=7"]), cases)[0].key == first
     monkeypatch.setitem(running.ANSWERING, "analytic", ("analytic/*.py",))
     assert running.asked(plan, cases)[0].key != first
+
+
+def test_the_sources_of_an_answer_are_files_that_are_there() -> None:
+    """A place that names no file would let answers of other code pass for those of this one."""
+    package = Path(running.__file__).parents[2]
+    places = {place for named in running.ANSWERING.values() for place in named}
+    assert [place for place in places if not any(package.glob(place))] == []
+    stems = {path.stem for path in (package / "fem").rglob("*.py")}
+    assert set(mesh_refinement.AFTERWARDS) <= stems
 
 
 def test_a_case_that_cannot_be_built_is_recorded_and_stops_nothing(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from flexdesign.measurements.static_table import Row, StaticTable, measurable
 CHANGED = (0.7, 1.4)
 
 
-class Telling(NamedTuple):
+class Proposal(NamedTuple):
     """A measurement that would tell models apart, and what each expects of it, in the row's unit."""
 
     row: Row
@@ -28,7 +28,7 @@ class Telling(NamedTuple):
         return (max(self.expected) - min(self.expected)) / abs(float(np.mean(self.expected)))
 
 
-def tellings(models: Sequence[StaticModel], table: StaticTable, most: int = 3) -> tuple[Telling, ...]:
+def proposals(models: Sequence[StaticModel], table: StaticTable, most: int = 3) -> tuple[Proposal, ...]:
     """Return measurements that no table holds yet on which models of a design differ, the best first.
 
     They are of the part itself, and of parts with one dimension changed. A difference smaller than the uncertainty that
@@ -49,6 +49,6 @@ def tellings(models: Sequence[StaticModel], table: StaticTable, most: int = 3) -
         except InputError:  # cannot be built
             continue
         finite = zip(rows, expected.T, np.isfinite(expected).all(axis=0), strict=True)
-        found += [Telling(row, tuple(map(float, column))) for row, column, is_finite in finite if is_finite]
+        found += [Proposal(row, tuple(map(float, column))) for row, column, is_finite in finite if is_finite]
     found.sort(key=lambda telling: (-round(telling.apart, 2), len(telling.row.dimensions)))
     return tuple(telling for telling in found[:most] if telling.apart > UNSAID)

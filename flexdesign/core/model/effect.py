@@ -276,6 +276,9 @@ class Effect:
         ``cautions(values)`` says what is physically doubtful about values in SI; nothing if they are sound.
     remedies
         What one can do about it with an actuator of one of the classes `ACTUATORS`, where that differs.
+    is_hysteresis
+        Whether it is the hysteresis that every piezo stack has, or stands for it: rising and falling voltage make a
+        loop, however slow. A stage model of a stack without such an effect is said to assume none.
 
     Raises
     ------
@@ -294,6 +297,7 @@ class Effect:
     confused_with: tuple[str, ...] = ()
     cautions: Callable[[Values], tuple[str, ...]] = lambda values: ()
     remedies: Mapping[str, str] = field(default_factory=dict, hash=False)
+    is_hysteresis: bool = False
 
     def __post_init__(self) -> None:
         if unknown := [actuator for actuator in self.remedies if actuator not in ACTUATORS]:

@@ -28,7 +28,7 @@ class Quantity:
         The conditions at the ports, e.g. ``output free``.
     source
         What produced it: an equation, a mesh, a paper, an instrument.
-    sigma
+    half_width
         Half-width of the stated uncertainty in SI, or None when none is known.
     """
 
@@ -38,7 +38,7 @@ class Quantity:
     unit: str
     boundary: str = ""
     source: str = ""
-    sigma: float | None = None
+    half_width: float | None = None
 
     @property
     def key(self) -> str:
@@ -49,13 +49,13 @@ class Quantity:
         """Write the value in the display unit with `digits` digits, or with those its uncertainty leaves meaning."""
         scale = units.factor(self.unit or "1", self.si)
         value = self.value / scale
-        if not self.sigma:
+        if not self.half_width:
             return f"{units.significant(value, digits)} {self.unit}".rstrip()
-        sigma = self.sigma / scale
-        decimals = 1 - math.floor(math.log10(float(f"{sigma:.1e}")))  # two digits of the uncertainty
+        half_width = self.half_width / scale
+        decimals = 1 - math.floor(math.log10(float(f"{half_width:.1e}")))  # two digits of the uncertainty
         if decimals < 0 or decimals > 9:
-            return f"{units.significant(value, 6)} ± {units.significant(sigma, 2)} {self.unit}".rstrip()
-        return f"{value:.{decimals}f} ± {sigma:.{decimals}f} {self.unit}".rstrip()
+            return f"{units.significant(value, 6)} ± {units.significant(half_width, 2)} {self.unit}".rstrip()
+        return f"{value:.{decimals}f} ± {half_width:.{decimals}f} {self.unit}".rstrip()
 
     def to_json(self) -> dict[str, Any]:
         """Return the quantity in its display unit, as result.json holds it."""
@@ -64,7 +64,7 @@ class Quantity:
             "name": self.name,
             "boundary": self.boundary,
             "value": self.value / scale,
-            "sigma": None if self.sigma is None else self.sigma / scale,
+            "half_width": None if self.half_width is None else self.half_width / scale,
             "unit": self.unit or "1",
             "source": self.source,
         }

@@ -87,7 +87,7 @@ class Breakdown:
         """How unevenly the error lies, 0 to 1: what these parts hold beyond their weight (total variation)."""
         return sum(p.share - p.weight for p in self.concentrated)
 
-    def mostly(self) -> tuple[Part, ...]:
+    def dominant(self) -> tuple[Part, ...]:
         """Return the fewest neighbours that hold most of the error; none where there is no error."""
         ends = [(a, b) for a in range(len(self.parts)) for b in range(a + 1, len(self.parts) + 1)]
         held = {(a, b): sum(p.share for p in self.parts[a:b]) for a, b in ends}

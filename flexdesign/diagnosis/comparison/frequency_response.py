@@ -41,7 +41,7 @@ class ResponseComparison:
     coherence
         n numbers; None if it was not recorded.
     judging
-        Which lines judge: those that no fit has seen, or all.
+        Which lines judge: validation lines, or all.
     known
         Whether the noise is known.
     remarks

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from flexdesign.core.model import Observation
-from flexdesign.diagnosis.preparation.dataset import Setting
+from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.signal_chain import exact_step
-from flexdesign.estimation.model_selection.fitted_model import Stand
+from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.measurements.recordings.frequency_response import parts, whole
 
@@ -30,7 +30,7 @@ BUMPS, FEWEST_LINES, BROAD = (6, 12, 24, 48), 4, 0.6
 
 
 @dataclass(frozen=True, eq=False)
-class Features:
+class BasisFunctions:
     """Functions of position, velocity, voltage and time that add to the reading, or to the force on the table.
 
     Parameters
@@ -127,8 +127,8 @@ class Features:
         return np.asarray(lfilter([0.0, b1, b2], [1.0, -trace, determinant], force - force[0]))
 
 
-def features_of(setting: Setting, stand: Stand) -> Features:
+def basis_functions_of(data: DiagnosisData, fit: FittedModel) -> BasisFunctions:
     """Return the smooth functions that recordings of a kind may show."""
-    lines = [int(each.present.sum()) for each in setting.taught]
-    band = (*setting.band, max(lines)) if lines else None
-    return Features(cast(AxisDynamics, stand.model), band, bool(setting.runs))
+    lines = [int(each.present.sum()) for each in data.taught]
+    band = (*data.band, max(lines)) if lines else None
+    return BasisFunctions(cast(AxisDynamics, fit.model), band, bool(data.runs))

@@ -19,7 +19,7 @@ from flexdesign.dynamics.axis.axis_run import acts_ahead_of_stack
 from flexdesign.dynamics.stage_model import fields
 from flexdesign.estimation.model_selection.score_test import Candidate
 
-#: Effects that only move a number of the model itself: a recalibration beyond what was known names them.
+#: Effects that only move a number of the model itself: a recalibration beyond the prior names them.
 IMITATED = ("payload_mass", "stiffness_loss", "sensor_gain")
 #: The one among them that a known mass tells from the others.
 LOADED = "payload_mass"

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from flexdesign.core.model import Model
 from flexdesign.diagnosis.identify import HYSTERESIS, LINEAR
-from flexdesign.diagnosis.preparation.dataset import Setting, line_weights
+from flexdesign.diagnosis.preparation.dataset import DiagnosisData, line_weights
 from flexdesign.diagnosis.preparation.initial_conditions import (
     InitialConditions,
     known_of_start,
@@ -23,11 +23,11 @@ from flexdesign.diagnosis.preparation.initial_conditions import (
 )
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
-from flexdesign.estimation.least_squares.dataset import Suite
-from flexdesign.estimation.least_squares.parallel_map import Shared, sharing
+from flexdesign.estimation.least_squares.dataset import Dataset
+from flexdesign.estimation.least_squares.parallel_map import ParallelMap, shared_pool
 from flexdesign.estimation.model_selection.calibration import STARTED
-from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import Stand, difference, fit
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model
 from flexdesign.estimation.model_selection.model_comparison import INDISTINGUISHABLE
 from flexdesign.estimation.noise.whitening import Whitening
 from flexdesign.measurements.recordings import Run
@@ -35,7 +35,7 @@ from flexdesign.measurements.recordings import Run
 Array = NDArray[np.float64]
 #: Error that a prediction may have, in shares of the noise; and in shares of the stroke, at least and at most.
 EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
-#: Most steps in a sample for fits, most of them for their slopes, and steps for screening; no step of any of them is
+#: Most steps in a sample for fits, most of them for their Jacobian, and steps for screening; no step of any of them is
 #: longer than this [s], which the fastest relaxations of the catalogue bear.
 STEPS, STEPS_SLOPES, STEPS_SCREENING, LONGEST_STEP = 16, 6, 4, 4e-4
 #: The same for the values that are told in the end: many samples determine them far better than their noise.
@@ -56,31 +56,33 @@ FITS_BETTER = {
 
 
 @contextmanager
-def simulating(threads: int) -> Iterator[Shared]:
+def simulating(threads: int) -> Iterator[ParallelMap]:
     """Give a map shared among so many threads; those of linear algebra would fight with them, on small matrices."""
-    with threadpool_limits(1), sharing(threads) as each:
+    with threadpool_limits(1), shared_pool(threads) as each:
         yield each
 
 
-def choose_interpolation(model: StageModel, setting: Setting, each: Any, progress: Callable[[str], None]) -> Setting:
-    """Return the setting with what fits better between the samples of commands, where nobody said what they do.
+def choose_interpolation(
+    model: StageModel, data: DiagnosisData, each: Any, progress: Callable[[str], None]
+) -> DiagnosisData:
+    """Return the data set with what fits better between the samples of commands, where nobody said what they do.
 
     A measured command is smooth: straight lines make a sine of frequency w smaller by (w h)^2 / 12, which would pass
     for a lag or a further mode. A command that was sent is often held: straight lines are half a sample early, which
     would pass for a delay.
     """
-    unsaid = [run for run in setting.runs if not run.between_is_stated]
+    unsaid = [run for run in data.runs if not run.between_is_stated]
     if not unsaid:
-        return setting
+        return data
     progress("asking what commands do between their samples")
-    other, found = replace(setting, runs=tuple(map(_otherwise, setting.runs))), list[Stand]()
-    for tried in (setting, other):
-        dynamics, case = case_of(model, tried, each, lambda _: None)
-        if (stand := fit(case, dynamics, effort=STARTED)) is None:
-            return setting
-        found.append(stand)
+    other, found = replace(data, runs=tuple(map(_otherwise, data.runs))), list[FittedModel]()
+    for tried in (data, other):
+        dynamics, task = case_of(model, tried, each, lambda _: None)
+        if (fit := fit_model(task, dynamics, effort=STARTED)) is None:
+            return data
+        found.append(fit)
     needed = INDISTINGUISHABLE * max(found[0].scale, 1.0)
-    return other if found[1].cost < found[0].cost - needed else setting
+    return other if found[1].cost < found[0].cost - needed else data
 
 
 def _otherwise(run: Run) -> Run:
@@ -99,84 +101,84 @@ def _from_rest(axis: AxisModel) -> AxisModel:
 
 
 def case_of(
-    model: StageModel, setting: Setting, each: Any, progress: Callable[[str], None]
-) -> tuple[AxisDynamics, Case]:
+    model: StageModel, data: DiagnosisData, each: Any, progress: Callable[[str], None]
+) -> tuple[AxisDynamics, EstimationTask]:
     """Return the model of the axis, with numbers of its own for each run, and what it is confronted with."""
-    volts = setting.volts
-    stroke = abs(setting.axis.gain * setting.axis.driver.gain) * volts
-    least = math.ceil(max(setting.periods) / LONGEST_STEP)
-    screening, sloping, fine = max(STEPS_SCREENING, least), max(STEPS_SLOPES, least), max(STEPS, 2 * least)
-    exact = float(np.clip(EXACT * setting.floor / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
+    volts = data.volts
+    stroke = abs(data.axis.gain * data.axis.driver.gain) * volts
+    least = math.ceil(max(data.periods) / LONGEST_STEP)
+    screening, jacobian_model, fine = max(STEPS_SCREENING, least), max(STEPS_SLOPES, least), max(STEPS, 2 * least)
+    exact = float(np.clip(EXACT * data.floor / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
     at_last = EXACT_AT_LAST / EXACT * exact
     dynamics = AxisDynamics(
-        setting.name,
-        _from_rest(setting.axis),
+        data.name,
+        _from_rest(data.axis),
         volts,
         tolerance=exact,
         delay=model.controller.delay,
         finest=fine,
         margin=1,  # the values that are told in the end are found with far more steps
-        apart=tuple(run.name for run in setting.runs),
-        highest=max(0.5 / max(setting.periods), *(float(each.frequencies[-1]) for each in setting.responses), 0.0),
-        bipolar=any(bool(np.min(run.command()) < -0.05 * volts) for run in setting.runs),
+        apart=tuple(run.name for run in data.runs),
+        highest=max(0.5 / max(data.periods), *(float(each.frequencies[-1]) for each in data.responses), 0.0),
+        bipolar=any(bool(np.min(run.command()) < -0.05 * volts) for run in data.runs),
     )
     # Small sines do not show how a loop bends.
-    free = LINEAR + (HYSTERESIS[:-1] if "bouc_wen" in setting.axis.effects and setting.runs else ())
-    noise, shapes = setting.whitening, InitialConditions(setting.axis, stroke)
+    free = LINEAR + (HYSTERESIS[:-1] if "bouc_wen" in data.axis.effects and data.runs else ())
+    noise, shapes = data.whitening, InitialConditions(data.axis, stroke)
 
     def known(of: Model) -> Mapping[str, tuple[float, float]]:
-        own = {p.name: known_of_start(p, setting.runs, volts, of) for p in of.parameters() if p.run}
-        return {**setting.known, **{name: about for name, about in own.items() if about}}
+        own = {p.name: known_of_start(p, data.runs, volts, of) for p in of.parameters() if p.run}
+        return {**data.known, **{name: about for name, about in own.items() if about}}
 
-    return dynamics, Case(
-        identify=Suite(setting.observed("identify"), noise, shapes),
-        validate=Suite(setting.observed("validate"), noise, shapes),
-        test=Suite(kept, noise, shapes) if (kept := setting.observed("test")) else None,
+    return dynamics, EstimationTask(
+        identify=Dataset(data.observed("identify"), noise, shapes),
+        validate=Dataset(data.observed("validate"), noise, shapes),
+        test=Dataset(kept, noise, shapes) if (kept := data.observed("test")) else None,
         free=free,
         known=known,
         bare=lambda of: replace(dynamics, by_run=cast(AxisDynamics, of).by_run),
-        tolerance=setting.tolerance,
+        tolerance=data.tolerance,
         coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=True),
         fine=lambda of: cast(AxisDynamics, of).with_steps(fine),
         finest=lambda of: cast(AxisDynamics, of).refined(at_last).with_steps(STEPS_AT_LAST),
-        sloping=lambda of: cast(AxisDynamics, of).no_finer(sloping),
+        jacobian_model=lambda of: cast(AxisDynamics, of).no_finer(jacobian_model),
         each=each,
         progress=progress,
-        floor=setting.known_floor,
-        designed={name: setting.axis.numbers[name] for name in LINEAR},
-        believed=BELIEVED if setting.is_one_record or not setting.noise.known else math.inf,
-        drawn=setting.drawn,
-        weights=line_weights(setting),
-        scales=setting.scales,
-        judging=tuple(setting.choosing) if setting.responses else (),
+        floor=data.known_floor,
+        nominal={name: data.axis.numbers[name] for name in LINEAR},
+        prior_bound=BELIEVED if data.is_one_record or not data.noise.known else math.inf,
+        null_errors=data.null_errors,
+        weights=line_weights(data),
+        scales=data.scales,
+        scored=tuple(data.selecting) if data.responses else (),
     )
 
 
-def undetermined(case: Case, dynamics: AxisDynamics) -> tuple[str, ...]:
+def undetermined(task: EstimationTask, dynamics: AxisDynamics) -> tuple[str, ...]:
     """Return the free numbers that the runs cannot show: a plausible change moves no prediction by the tolerance.
 
     A change is plausible within one standard deviation of the prior, or `CHANGE` without one. Numbers of hysteresis are
     not asked: they act together.
     """
-    known, found = case.known(dynamics), list[str]()
+    known, found = task.known(dynamics), list[str]()
     for name in LINEAR:
         value = dynamics.axis.numbers[name]
         relative = min(known[name][1] / abs(value), CHANGE) if name in known else CHANGE
         after = dynamics.replace({name: value * (1 + relative)})
-        if difference(case.identify, dynamics, after, case.weights) < case.tolerance:
+        if difference(task.identify, dynamics, after, task.weights) < task.tolerance:
             found.append(name)
     return tuple(found)
 
 
-def with_beginnings(case: Case, model: AxisDynamics, noise: Whitening | None = None) -> Case:
+def with_beginnings(task: EstimationTask, model: AxisDynamics, noise: Whitening | None = None) -> EstimationTask:
     """Return the case with the initial conditions of a calibrated model, and of slow effects that are added to it."""
     calibrated_axis = model.axis
 
-    def prepared(own: Case, other: Model) -> Case:
+    def prepared(own: EstimationTask, other: Model) -> EstimationTask:
         its = cast(AxisDynamics, other)
         if not relaxing(its.axis):
             return own
         axis = replace(calibrated_axis, effects=its.axis.effects)
         return with_initial_conditions(own, replace(its, axis=axis), noise)
 
-    return replace(with_initial_conditions(case, model, noise), prepared=prepared)
+    return replace(with_initial_conditions(task, model, noise), prepared=prepared)

@@ -24,11 +24,11 @@ from scipy.special import chdtri
 from flexdesign import effects
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Disturbance, Model, Parameter
-from flexdesign.diagnosis.result import Named, Value
+from flexdesign.diagnosis.result import IdentifiedEffect, Value
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
-from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import Stand, fit
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.model_selection.model_comparison import (
     HALF_WIDTH,
     LEVEL,
@@ -65,65 +65,65 @@ class ByRun:
 # --- selection ------------------------------------------------------------------------------------------------------
 
 
-def vary_by_run(case: Case, stand: Stand, names: Sequence[str] | None = None) -> Stand:
+def vary_by_run(task: EstimationTask, fit: FittedModel, names: Sequence[str] | None = None) -> FittedModel:
     """Return the fit in which strengths differ from run to run where the runs call for that; itself where they do not.
 
     Parameters
     ----------
-    case
+    task
         The runs; without two that are fitted and one for validation, nothing can be said.
-    stand
+    fit
         A fit with effects.
     names
         Effects that are asked about; by default all.
     """
-    runs, tested = _runs(case, stand), _varying(stand, stand.names if names is None else names)
+    runs, tested = _runs(task, fit), _varying(fit, fit.names if names is None else names)
     level = LEVEL / max(len(tested), 1)
     for effect in tested if runs else ():
-        score = _score_of(stand, effect.strength, runs)
-        if score.promise > max(float(chdtri(len(runs) - 1, level)), SHARE * stand.excess):
-            made = _fit(case, stand, stand.model, stand.effects, effect.strength, score)
-            if made is not None and _is_needed(case, stand, made, effect.strength, level):
-                stand = made
-    return stand
+        score = _score_of(fit, effect.strength, runs)
+        if score.predicted_gain > max(float(chdtri(len(runs) - 1, level)), SHARE * fit.excess):
+            made = _fit(task, fit, fit.model, fit.effects, effect.strength, score)
+            if made is not None and _is_needed(task, fit, made, effect.strength, level):
+                fit = made
+    return fit
 
 
-def vary_step(case: Case, before: Stand, step: Step, *, candidates: Sequence[Candidate]) -> Step:
+def vary_step(task: EstimationTask, before: FittedModel, step: Step, *, candidates: Sequence[Candidate]) -> Step:
     """Return a step of the selection in which strengths may differ from run to run, chosen anew where one does.
 
     An effect whose numbers differ explains less than it can while it has one for all runs, next to nothing where their
     mean is next to nothing, and another may be taken for it.
     """
-    runs, varied = _runs(case, before), list[Trial]()
-    if not (before if step.chosen is None else step.chosen.stand).exceeds_noise:
+    runs, varied = _runs(task, before), list[Trial]()
+    if not (before if step.chosen is None else step.chosen.fit).exceeds_noise:
         return step
     for trial in step.trials if runs else ():
-        promised = sum(
-            _score_of(trial.stand, each.strength, runs).promise for each in _varying(trial.stand, trial.names)
+        predicted_reduction = sum(
+            _score_of(trial.fit, each.strength, runs).predicted_gain for each in _varying(trial.fit, trial.names)
         )
-        if step.chosen is not None and trial.stand.cost - promised > step.chosen.stand.cost:
+        if step.chosen is not None and trial.fit.cost - predicted_reduction > step.chosen.fit.cost:
             continue  # it cannot win
-        stand = vary_by_run(case, trial.stand, trial.names)
-        if stand is not trial.stand:
-            varied.append(compare(case, before, stand, trial.names, trial.score))
+        fit = vary_by_run(task, trial.fit, trial.names)
+        if fit is not trial.fit:
+            varied.append(compare(task, before, fit, trial.names, trial.score))
     least = step.trials[0].score if step.trials else float(chdtri(1, LEVEL))
     known = {name for trial in (*step.trials, *varied) for name in trial.names if not trial.reason}
     for candidate in candidates if runs else ():
         if candidate.name not in known and candidate.name not in before.names and _adds(candidate):
-            made = _with(case, before, candidate, runs, LEVEL / len(candidates))
-            varied += [] if made is None else [compare(case, before, made, (candidate.name,), least)]
+            made = _with(task, before, candidate, runs, LEVEL / len(candidates))
+            varied += [] if made is None else [compare(task, before, made, (candidate.name,), least)]
     if not varied:
         return step
     names = [trial.names for trial in varied]
     trials = rank([*varied, *(t for t in step.trials if t.names not in names)])
-    return Step(best_of(case, trials), tuple(trials))
+    return Step(best_of(task, trials), tuple(trials))
 
 
-def _varying(stand: Stand, names: Sequence[str]) -> list[Candidate]:
+def _varying(fit: FittedModel, names: Sequence[str]) -> list[Candidate]:
     """Return the effects whose strength may differ from run to run: one that adds up, and that no run has already."""
     found = []
-    for effect in (effect for effect in stand.effects if effect.name in names and not effect.is_limit):
-        parameter = _parameter(stand.model, effect.strength)
+    for effect in (effect for effect in fit.effects if effect.name in names and not effect.is_limit):
+        parameter = _parameter(fit.model, effect.strength)
         if parameter.scale == "linear" and not parameter.twin:
             found.append(effect)
     return found
@@ -141,10 +141,10 @@ def _parameter(model: Model, name: str) -> Parameter:
     return next(parameter for parameter in model.parameters() if parameter.name == name)
 
 
-def _runs(case: Case, stand: Stand) -> list[str]:
+def _runs(task: EstimationTask, fit: FittedModel) -> list[str]:
     """Return the fitted runs, which may have numbers of their own; none where there are too few, or none to judge."""
-    apart = cast(AxisDynamics, stand.model).apart
-    seen, kept = ([name for name in suite.names if name in apart] for suite in (case.identify, case.validate))
+    apart = cast(AxisDynamics, fit.model).apart
+    seen, kept = ([name for name in dataset.names if name in apart] for dataset in (task.identify, task.validate))
     return seen if len(seen) > 1 and kept else []
 
 
@@ -152,11 +152,11 @@ def _runs(case: Case, stand: Stand) -> list[str]:
 class _Score:
     """By how much chi^2 would fall if each run had a value of its own (Rao 1948), and these values."""
 
-    promise: float
+    predicted_gain: float
     values: Mapping[str, float]
 
 
-def _score(stand: Stand, columns: Sequence[Array | None], runs: Sequence[str], common: float) -> _Score:
+def _score(fit: FittedModel, columns: Sequence[Array | None], runs: Sequence[str], common: float) -> _Score:
     """Return the score of deviations from a common value.
 
     Parameters
@@ -164,13 +164,13 @@ def _score(stand: Stand, columns: Sequence[Array | None], runs: Sequence[str], c
     columns
         Derivative of the residual of each record by the number; that by a run's deviation is the same in that run.
     """
-    solution, size = stand.solution, len(runs)
+    solution, size = fit.solution, len(runs)
     moves, own, gradient = np.zeros((size, len(solution.x))), np.zeros(size), np.zeros(size)
-    records = solution.problem.suite.records
-    for record, column, slopes, residual in zip(records, columns, solution.slopes, solution.residuals, strict=True):
+    records = solution.problem.dataset.records
+    for record, column, jacobian, residual in zip(records, columns, solution.jacobian, solution.residuals, strict=True):
         if column is not None and record.observation.name in runs:
             k = runs.index(record.observation.name)
-            moves[k, slopes.places] = slopes.matrix.T @ column
+            moves[k, jacobian.places] = jacobian.matrix.T @ column
             own[k], gradient[k] = column @ column, column @ residual
     curvature = np.diag(own) - moves @ solution.covariance @ moves.T
     # The mean is among the numbers that are fitted already; rounding of it would pass for a deviation.
@@ -178,75 +178,77 @@ def _score(stand: Stand, columns: Sequence[Array | None], runs: Sequence[str], c
     return _Score(-float(gradient @ deviations), dict(zip(runs, (common + deviations).tolist(), strict=True)))
 
 
-def _score_of(stand: Stand, name: str, runs: Sequence[str]) -> _Score:
-    return _score(stand, stand.solution.columns()[name], runs, _parameter(stand.model, name).start or 0.0)
+def _score_of(fit: FittedModel, name: str, runs: Sequence[str]) -> _Score:
+    return _score(fit, fit.solution.columns()[name], runs, _parameter(fit.model, name).start or 0.0)
 
 
-def _with(case: Case, stand: Stand, candidate: Candidate, runs: Sequence[str], level: float) -> Stand | None:
+def _with(
+    task: EstimationTask, fit: FittedModel, candidate: Candidate, runs: Sequence[str], level: float
+) -> FittedModel | None:
     """Return the fit with an effect that differs from run to run; None where that is not called for."""
-    solution, values = stand.solution, candidate.trials[0]
-    model = candidate.add(stand.model)
+    solution, values = fit.solution, candidate.trials[0]
+    model = candidate.add(fit.model)
     try:
-        at, suite = model.replace(values), solution.problem.suite
-        pairs = [(r, np.asarray(at.predict(r.observation)) - stand.model.predict(r.observation)) for r in suite.records]
+        at, dataset = model.replace(values), solution.problem.dataset
+        pairs = [(r, np.asarray(at.predict(r.observation)) - fit.model.predict(r.observation)) for r in dataset.records]
     except InputError:  # it needs a column that was not recorded
         return None
-    moves = [suite.whitened(record, np.where(record.present, moved, 0.0)) for record, moved in pairs]
-    score = _score(stand, [-move / values[candidate.strength] for move in moves], runs, 0.0)
-    if score.promise < max(float(chdtri(len(runs), level)), SHARE * stand.excess):
+    moves = [dataset.whitened(record, np.where(record.present, moved, 0.0)) for record, moved in pairs]
+    score = _score(fit, [-move / values[candidate.strength] for move in moves], runs, 0.0)
+    if score.predicted_gain < max(float(chdtri(len(runs), level)), SHARE * fit.excess):
         return None
-    made = _fit(case, stand, case.fine(model), (*stand.effects, candidate), candidate.strength, score)
-    return made if made is not None and _is_needed(case, stand, made, candidate.strength, level) else None
+    made = _fit(task, fit, task.fine(model), (*fit.effects, candidate), candidate.strength, score)
+    return made if made is not None and _is_needed(task, fit, made, candidate.strength, level) else None
 
 
 def _fit(
-    case: Case, stand: Stand, model: Model, together: tuple[Candidate, ...], name: str, score: _Score
-) -> Stand | None:
+    task: EstimationTask, fit: FittedModel, model: Model, together: tuple[Candidate, ...], name: str, score: _Score
+) -> FittedModel | None:
     """Return the fit in which a number differs from run to run, by about its own size: a weak prior."""
-    case.progress(f"asking whether {name} differs from run to run")
+    task.progress(f"asking whether {name} differs from run to run")
     values = np.array(list(score.values.values()))
     mean, size = float(values.mean()), float(np.sqrt(np.mean(values**2)))
     model = cast(AxisDynamics, model)
     low, high = _parameter(model, name).plausible
     start = {f"{run}:{name}": value - mean for run, value in score.values.items()}
     varied = replace(model.replace({name: min(max(mean, low), high)}), by_run={**model.by_run, name: size})
-    return fit(case, varied.replace(start), together)
+    return fit_model(task, varied.replace(start), together)
 
 
-def _is_needed(case: Case, before: Stand, after: Stand, name: str, level: float) -> bool:
+def _is_needed(task: EstimationTask, before: FittedModel, after: FittedModel, name: str, level: float) -> bool:
     """Tell whether fitted and validation runs call for values of their own."""
-    judges = case.judging or case.validate.names
-    errors = [stand.rms(judges, case.scales) for stand in (before, after)]
+    judges = task.scored or task.validate.names
+    errors = [fit.rms(judges, task.scales) for fit in (before, after)]
     own = [p.run for p in after.model.parameters() if p.name.endswith(f":{name}")]
-    dof = [len({*own} & {*suite.names}) for suite in (case.identify, case.validate)]
+    dof = [len({*own} & {*dataset.names}) for dataset in (task.identify, task.validate)]
     return (
-        before.seen_cost - after.seen_cost > float(chdtri(dof[0], level)) * after.discrepancy
-        and explained_share(case, *errors) > SHARE
-        and math.sqrt(max(errors[0] ** 2 - errors[1] ** 2, 0.0)) > case.tolerance
-        and _foretold(case, after, name) > float(chdtri(dof[1], level)) * after.discrepancy
+        before.fitted_chi2 - after.fitted_chi2 > float(chdtri(dof[0], level)) * after.discrepancy
+        and explained_share(task, *errors) > SHARE
+        and math.sqrt(max(errors[0] ** 2 - errors[1] ** 2, 0.0)) > task.tolerance
+        and _foretold(task, after, name) > float(chdtri(dof[1], level)) * after.discrepancy
     )
 
 
 # --- cross-validation -----------------------------------------------------------------------------------------------
 
 
-def _foretold(case: Case, stand: Stand, name: str) -> float:
+def _foretold(task: EstimationTask, fit: FittedModel, name: str) -> float:
     """Return by how much chi^2 of a half of each validation run falls with the deviation that its other half has.
 
     Each half with the offset of the other one; all other numbers of the run are as they were fitted to it.
     """
-    gain, model = 0.0, cast(AxisDynamics, stand.model)
+    gain, model = 0.0, cast(AxisDynamics, fit.model)
     size = model.by_run[name]
     deviations = {p.run: p.start or 0.0 for p in model.parameters() if p.name == f"{p.run}:{name}"}
-    for record in case.validate.records:
+    for record in task.validate.records:
         run = cast(Run, record.observation)
         if run.name not in deviations:
             continue
         there = deviations[run.name]
         moved = np.asarray(model.replace({f"{run.name}:{name}": there + size}).predict(run)) - model.predict(run)
-        left = np.where(record.present, stand.remainders[run.name] + moved * there / size, 0.0)
+        left = np.where(record.present, fit.residuals_by_run[run.name] + moved * there / size, 0.0)
         table = np.column_stack([np.ones_like(moved), moved, left])
-        halves = [_whitened(case, run, model.name, table, half) for half in _halves(moved, record.present)]
+        halves = [_whitened(task, run, model.name, table, half) for half in _halves(moved, record.present)]
         for taught, asked in (halves, reversed(halves)):
             known = np.vstack([taught, [0.0, 1.0, 0.0]])  # of a deviation its size is known
             both = np.linalg.lstsq(known[:, :2], known[:, 2], rcond=None)[0]
@@ -262,62 +264,62 @@ def _halves(moved: Array, present: NDArray[np.bool_]) -> list[NDArray[np.bool_]]
     return [present & (energy <= energy[-1] / 2), present & (energy > energy[-1] / 2)]
 
 
-def _whitened(case: Case, run: Run, axis: str, table: Array, kept: NDArray[np.bool_]) -> Array:
+def _whitened(task: EstimationTask, run: Run, axis: str, table: Array, kept: NDArray[np.bool_]) -> Array:
     """Return columns whitened as a record of a run with gaps wherever nothing is kept."""
     part = replace(run, columns={**run.columns, axis: np.where(kept, run.measured(), np.nan)})
-    return np.asarray(case.validate.noise.whiten(part, table * kept[:, None]))
+    return np.asarray(task.validate.noise.whiten(part, table * kept[:, None]))
 
 
 # --- values ---------------------------------------------------------------------------------------------------------
 
 
-def of_runs(case: Case, stand: Stand) -> dict[str, ByRun]:
+def of_runs(task: EstimationTask, fit: FittedModel) -> dict[str, ByRun]:
     """Return the numbers that differ from run to run, by name, with 95 % intervals.
 
     Those of validation and test runs hold where all numbers that runs share are as they were fitted.
     """
-    names = [name for name in cast(AxisDynamics, stand.model).by_run if name in stand.solution.problem.where.names]
+    names = [name for name in cast(AxisDynamics, fit.model).by_run if name in fit.solution.problem.where.names]
     if not names:
         return {}
-    solutions = [stand.solution]
-    for suite in (case.validate, case.test):
-        if suite is not None and suite.records:
-            where = case.coordinates(stand.model, (), suite)
-            ended = solve(case.problem(suite, stand.model, where), where.start)
+    solutions = [fit.solution]
+    for dataset in (task.validate, task.test):
+        if dataset is not None and dataset.records:
+            where = task.coordinates(fit.model, (), dataset)
+            ended = solve(task.problem(dataset, fit.model, where), where.start)
             solutions += [ended] if ended is not None else []
-    return {name: _by_run(stand, solutions, name) for name in names}
+    return {name: _by_run(fit, solutions, name) for name in names}
 
 
-def _by_run(stand: Stand, solutions: Sequence[Solution], name: str) -> ByRun:
+def _by_run(fit: FittedModel, solutions: Sequence[Solution], name: str) -> ByRun:
     def own(solution: Solution) -> list[str]:
         return [each for each in solution.problem.where.names if each.endswith(f":{name}")]
 
     places = [(solution, each) for solution in solutions for each in own(solution)]
-    runs = {each.rpartition(":")[0]: _value(stand, solution, name, {each: 1.0}) for solution, each in places}
-    all_fitted = own(stand.solution)
-    return ByRun(_value(stand, stand.solution, name, {each: 1 / len(all_fitted) for each in all_fitted}), runs)
+    runs = {each.rpartition(":")[0]: _value(fit, solution, name, {each: 1.0}) for solution, each in places}
+    all_fitted = own(fit.solution)
+    return ByRun(_value(fit, fit.solution, name, {each: 1 / len(all_fitted) for each in all_fitted}), runs)
 
 
-def _value(stand: Stand, solution: Solution, name: str, weights: Mapping[str, float]) -> Value:
+def _value(fit: FittedModel, solution: Solution, name: str, weights: Mapping[str, float]) -> Value:
     """Return a number plus weighted deviations from it; the number itself may be one of the fit or as it is."""
-    where, parameter = solution.problem.where, _parameter(stand.model, name)
+    where, parameter = solution.problem.where, _parameter(fit.model, name)
     weights = {**weights, **({name: 1.0} if name in where.names else {})}
     contrast = np.array([weights.get(each, 0.0) for each in where.names])
     value = float(contrast @ solution.x) + (0.0 if name in weights else float(parameter.start or 0.0))
-    variance = float(contrast @ solution.covariance @ contrast) * stand.discrepancy
+    variance = float(contrast @ solution.covariance @ contrast) * fit.discrepancy
     half = HALF_WIDTH * math.sqrt(max(variance, 0.0))
     return Value(parameter, value, (value - half, value + half))
 
 
-def with_means(stand: Stand) -> AxisDynamics:
+def with_means(fit: FittedModel) -> AxisDynamics:
     """Return a fitted model with the means over the fitted runs, from which a weak prior may keep it a little."""
-    model = cast(AxisDynamics, stand.model)
-    where = stand.solution.problem.where
+    model = cast(AxisDynamics, fit.model)
+    where = fit.solution.problem.where
     names = [name for name in model.by_run if name in where.names]
-    return model.replace({name: _by_run(stand, [], name).mean.value for name in names})
+    return model.replace({name: _by_run(fit, [], name).mean.value for name in names})
 
 
-def with_runs(named: Named, by_run: Mapping[str, ByRun]) -> Named:
+def with_runs(named: IdentifiedEffect, by_run: Mapping[str, ByRun]) -> IdentifiedEffect:
     """Return an effect with the mean and the values of its strength, if that differs from run to run."""
     for value in named.values:
         if (found := by_run.get(value.parameter.name)) is not None:
@@ -326,7 +328,7 @@ def with_runs(named: Named, by_run: Mapping[str, ByRun]) -> Named:
     return named
 
 
-def of_further_run(named: Named) -> tuple[Value, ...]:
+def of_further_run(named: IdentifiedEffect) -> tuple[Value, ...]:
     """Return an effect's numbers with the intervals that a further run's are in: about a mean those of the runs."""
     spread = (
         HALF_WIDTH * float(np.std([value.value for value in named.by_run.values()], ddof=1)) if named.by_run else 0.0

@@ -1,8 +1,8 @@
-"""Numbers that the runs move beyond what was known of them, and the physics that such a move stands for.
+"""Numbers that the runs move beyond their prior, and the physics that such a move stands for.
 
 A natural frequency that is far below what mass and stiffness give, each known to a few percent, is a payload or a soft
 support; a gain beyond its uncertainty is a sensor out of calibration; runs that all begin late share a delay. The
-prediction is the same either way: what was known decides, and not the runs.
+prediction is the same either way: the prior decides, and not the runs.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from flexdesign import effects
 from flexdesign.core.model import Parameter
 from flexdesign.diagnosis.effect_selection.candidates import LOADED
 from flexdesign.diagnosis.preparation import quantisation_noise
-from flexdesign.diagnosis.preparation.dataset import Setting
-from flexdesign.diagnosis.result import Named, Value
+from flexdesign.diagnosis.preparation.dataset import DiagnosisData
+from flexdesign.diagnosis.result import IdentifiedEffect, Value
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, TRIGGER
 from flexdesign.estimation.least_squares.parameter_transforms import value
 from flexdesign.estimation.model_selection.calibration import STARTED
-from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import Stand, fit
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.model_selection.model_comparison import HALF_WIDTH
 
-#: A number that the fit moves by more standard deviations of what was known than this is a finding.
+#: A number that the fit moves by more standard deviations of the prior than this is a finding.
 CONFLICT = 3.0
 #: Beside a remainder an effect is named that explains this many times as much as remains, in mean squares: two thirds
 #: of what both are together.
@@ -58,24 +58,24 @@ class Conflict:
 
     words: str
     group: tuple[str, ...]
-    named: Named | None
+    named: IdentifiedEffect | None
     written: Callable[[AxisDynamics], AxisDynamics]
     number: str = ""
 
 
-def conflicts(setting: Setting, stand: Stand) -> tuple[Conflict, ...]:
-    """Return the numbers that moved beyond what was known of them."""
-    where, covariance = stand.solution.problem.where, stand.solution.covariance
-    values, found = where.values(stand.solution.x), []
-    free = {name: about for name, about in setting.known.items() if name in where.names}
+def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
+    """Return the numbers that moved beyond their prior."""
+    where, covariance = fit.solution.problem.where, fit.solution.covariance
+    values, found = where.values(fit.solution.x), []
+    free = {name: about for name, about in data.known.items() if name in where.names}
     for name, (middle, sigma) in free.items():
         j = where.names.index(name)
         ratio, far = values[name] / middle, (values[name] - middle) / sigma
         if abs(far) <= CONFLICT:
             continue
-        words = f"{name} {100 * (ratio - 1):+.1f} %, {abs(far):.1f} standard deviations of what was known"
-        spread = HALF_WIDTH * math.sqrt(max(float(covariance[j, j]) * stand.discrepancy, 0.0))
-        x = float(stand.solution.x[j])
+        words = f"{name} {100 * (ratio - 1):+.1f} %, {abs(far):.1f} standard deviations of the prior"
+        spread = HALF_WIDTH * math.sqrt(max(float(covariance[j, j]) * fit.discrepancy, 0.0))
+        x = float(fit.solution.x[j])
         # What it was before is known no better than that, whatever the runs say of what it is now.
         fitted = [abs(value(where.parameters[j], end) / middle - ratio) for end in (x - spread, x + spread)]
         wide = math.hypot(max(fitted), HALF_WIDTH * sigma / abs(middle) * ratio)
@@ -83,47 +83,47 @@ def conflicts(setting: Setting, stand: Stand) -> tuple[Conflict, ...]:
         if ends[0] <= 1 <= ends[1]:  # then the runs do not determine by how much it moved
             found.append(Conflict(words, (), None, lambda model: model, name))
         elif name == "natural_frequency" and far < 0:
-            found.append(_softer(setting, words, ratio, sorted(ends), is_stiffness=_follows(setting, values, ratio)))
-        elif name == "gain" and _follows(setting, values, _ratio(setting, values)):
+            found.append(_frequency_shift(data, words, ratio, sorted(ends), is_stiffness=_follows(data, values, ratio)))
+        elif name == "gain" and _follows(data, values, _ratio(data, values)):
             continue  # the softer support moved the gain as well
         elif name == "gain":
-            found.append(_louder(setting, words, ratio, sorted(ends)))
+            found.append(_gain_shift(data, words, ratio, sorted(ends)))
         else:
             found.append(Conflict(words, (), None, lambda model: model, name))
-    more = (_late(setting, stand), _stepped(setting))
+    more = (_delay_shift(data, fit), _quantised(data))
     return (*found, *(conflict for conflict in more if conflict is not None))
 
 
-def explains(setting: Setting, case: Case, stand: Stand, conflict: Conflict) -> bool:
+def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, conflict: Conflict) -> bool:
     """Tell whether a number that moved beyond its prior explains much beside what remains, as an effect must.
 
     The fit is made again with the number held where it was known to be.
     """
     if not conflict.number:
         return True
-    model = cast(AxisDynamics, stand.model)
+    model = cast(AxisDynamics, fit.model)
     if conflict.number == TRIGGER:
-        case = replace(case, believed=1.0)
+        task = replace(task, prior_bound=1.0)
         held = model.replace({f"{run}:{TRIGGER}": 0.0 for run in model.apart})
     else:
-        case = replace(case, free=tuple(name for name in case.free if name != conflict.number))
-        held = model.replace({conflict.number: setting.known[conflict.number][0]})
-    without = fit(case, held, stand.effects, effort=STARTED)
-    rest = setting.error(stand) ** 2 - setting.known_floor**2
-    return without is None or setting.error(without) ** 2 - setting.error(stand) ** 2 >= LARGE * rest
+        task = replace(task, free=tuple(name for name in task.free if name != conflict.number))
+        held = model.replace({conflict.number: data.known[conflict.number][0]})
+    without = fit_model(task, held, fit.effects, effort=STARTED)
+    rest = data.error(fit) ** 2 - data.known_floor**2
+    return without is None or data.error(without) ** 2 - data.error(fit) ** 2 >= LARGE * rest
 
 
-def _ratio(setting: Setting, values: Mapping[str, float]) -> float:
+def _ratio(data: DiagnosisData, values: Mapping[str, float]) -> float:
     """Return the natural frequency over that of the design."""
-    return values.get("natural_frequency", setting.axis.natural_frequency) / setting.axis.natural_frequency
+    return values.get("natural_frequency", data.axis.natural_frequency) / data.axis.natural_frequency
 
 
-def _follows(setting: Setting, values: Mapping[str, float], ratio: float) -> bool:
+def _follows(data: DiagnosisData, values: Mapping[str, float], ratio: float) -> bool:
     """Tell whether the gain rose as it does with a stiffness that lowers the natural frequency to this ratio.
 
-    Only a gain beyond what was known of it speaks for that: k falls with the frequency's square, and x = F / k grows.
+    Only a gain beyond its prior speaks for that: k falls with the frequency's square, and x = F / k grows.
     """
-    known = setting.known
+    known = data.known
     if not {"gain", "natural_frequency"} <= known.keys():
         return False
     if ratio > 1 - CONFLICT * known["natural_frequency"][1] / known["natural_frequency"][0]:
@@ -135,15 +135,17 @@ def _follows(setting: Setting, values: Mapping[str, float], ratio: float) -> boo
     )
 
 
-def _softer(setting: Setting, words: str, ratio: float, ends: list[float], *, is_stiffness: bool) -> Conflict:
+def _frequency_shift(
+    data: DiagnosisData, words: str, ratio: float, ends: list[float], *, is_stiffness: bool
+) -> Conflict:
     """Return what a lower natural frequency stands for: more mass, or less stiffness."""
     # A known mass would have shown that the table's own is another.
-    if setting.is_loaded or is_stiffness:
+    if data.is_loaded or is_stiffness:
         name, numbers = "stiffness_loss", [1 - r**2 for r in (ratio, *reversed(ends))]
     else:
         name, numbers = LOADED, [r**-2 - 1 for r in (ratio, *reversed(ends))]
-    group = (name,) if setting.is_loaded or is_stiffness else (LOADED, "stiffness_loss")
-    axis = setting.axis
+    group = (name,) if data.is_loaded or is_stiffness else (LOADED, "stiffness_loss")
+    axis = data.axis
 
     def written(model: AxisDynamics) -> AxisDynamics:
         faster = {
@@ -157,9 +159,9 @@ def _softer(setting: Setting, words: str, ratio: float, ends: list[float], *, is
     return Conflict(words, group, _named(name, "ratio", numbers), written, "natural_frequency")
 
 
-def _louder(setting: Setting, words: str, ratio: float, ends: list[float]) -> Conflict:
+def _gain_shift(data: DiagnosisData, words: str, ratio: float, ends: list[float]) -> Conflict:
     """Return what another gain stands for: that of the sensor, the amplifier, or the stack."""
-    numbers, axis = [r - 1 for r in (ratio, *ends)], setting.axis
+    numbers, axis = [r - 1 for r in (ratio, *ends)], data.axis
 
     def written(model: AxisDynamics) -> AxisDynamics:
         return _with(model.replace({"gain": axis.gain}), "sensor_gain", {"error": numbers[0]})
@@ -167,15 +169,15 @@ def _louder(setting: Setting, words: str, ratio: float, ends: list[float]) -> Co
     return Conflict(words, ("sensor_gain",), _named("sensor_gain", "error", numbers), written, "gain")
 
 
-def _late(setting: Setting, stand: Stand) -> Conflict | None:
+def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
     """Return what it means that all runs began late: a delay that none of them has of its own."""
-    where = stand.solution.problem.where
-    sigma = np.sqrt(np.maximum(np.diag(stand.solution.covariance), 0.0))
+    where = fit.solution.problem.where
+    sigma = np.sqrt(np.maximum(np.diag(fit.solution.covariance), 0.0))
     late, places, jitter = [], list[int](), 0.0
     for j, parameter in enumerate(where.parameters):
         before = where.known.get(parameter.name, (0.0, math.inf))[1]
         if parameter.name.endswith(f":{TRIGGER}") and sigma[j] < SHOWN * before:
-            late.append(float(stand.solution.x[j]))
+            late.append(float(fit.solution.x[j]))
             places.append(j)
             jitter = max(jitter, before)
     if len(late) < 2:
@@ -187,28 +189,28 @@ def _late(setting: Setting, stand: Stand) -> Conflict | None:
     error = float(np.std(late, ddof=1)) / math.sqrt(len(late))
     half = float(stats.t.ppf(0.975, len(late) - 1)) * error  # of a few runs the scatter itself is hardly known
     # What they have in common, such as the error of the natural frequency, does not scatter.
-    variance = float(stand.solution.covariance[np.ix_(places, places)].mean()) * stand.discrepancy
+    variance = float(fit.solution.covariance[np.ix_(places, places)].mean()) * fit.discrepancy
     half = max(half, HALF_WIDTH * math.sqrt(max(variance, 0.0)))
     words = f"all runs began late, by {1e3 * mean:.3g} ms in the mean"
     # Behind the stack only the sensor can be late.
-    effect, number = ("sensor_delay", SENSOR_DELAY) if setting.is_at_stack else ("transport_delay", DELAY)
-    parameter = next(p for p in stand.model.parameters() if p.name == number)
+    effect, number = ("sensor_delay", SENSOR_DELAY) if data.is_at_stack else ("transport_delay", DELAY)
+    parameter = next(p for p in fit.model.parameters() if p.name == number)
     total = (parameter.start or 0.0) + mean
     interval = (total - half, total + half)
     if mean <= half:
         return None
-    named = Named(effect, (Value(parameter, total, interval),), 0.0)
+    named = IdentifiedEffect(effect, (Value(parameter, total, interval),), 0.0)
     return Conflict(words, (effect,), named, lambda model: model.replace({number: total}), TRIGGER)
 
 
-def _stepped(setting: Setting) -> Conflict | None:
+def _quantised(data: DiagnosisData) -> Conflict | None:
     """Return what it means that readings come in coarse steps."""
-    step = setting.coarse_step
+    step = data.coarse_step
     if step is None:
         return None
     p = effects.find("quantisation").parameters[0]
-    error = quantisation_noise.ON_THE_GRID * step / max(_levels(setting), 1)
-    named = Named("quantisation", (Value(p, step, (step - error, step + error)),), 0.0)
+    error = quantisation_noise.ON_THE_GRID * step / max(_levels(data), 1)
+    named = IdentifiedEffect("quantisation", (Value(p, step, (step - error, step + error)),), 0.0)
 
     def written(model: AxisDynamics) -> AxisDynamics:
         return replace(model, axis=replace(model.axis, sensor=replace(model.axis.sensor, resolution=step)))
@@ -216,9 +218,9 @@ def _stepped(setting: Setting) -> Conflict | None:
     return Conflict("readings come in whole steps", ("quantisation",), named, written)
 
 
-def _levels(setting: Setting) -> int:
+def _levels(data: DiagnosisData) -> int:
     """Return the number of levels that readings take."""
-    seen = np.concatenate([run.measured() for run in setting.runs])
+    seen = np.concatenate([run.measured() for run in data.runs])
     return len(np.unique(seen[np.isfinite(seen)]))
 
 
@@ -227,7 +229,7 @@ def _with(model: AxisDynamics, name: str, values: Mapping[str, float]) -> AxisDy
     return replace(model, axis=replace(model.axis, effects=acting))
 
 
-def _named(name: str, key: str, numbers: list[float]) -> Named:
+def _named(name: str, key: str, numbers: list[float]) -> IdentifiedEffect:
     parameter: Parameter = next(p for p in effects.find(name).parameters if p.name == key)
     low, high = sorted(numbers[1:])
-    return Named(name, (Value(replace(parameter, name=f"{name}.{key}"), numbers[0], (low, high)),), 0.0)
+    return IdentifiedEffect(name, (Value(replace(parameter, name=f"{name}.{key}"), numbers[0], (low, high)),), 0.0)

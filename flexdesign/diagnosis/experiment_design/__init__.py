@@ -2,16 +2,16 @@
 
 from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.discrimination import NOISE, Resolved, Separation, needed, resolve_effects
-from flexdesign.diagnosis.experiment_design.effect_strength import Acting, on, reading
+from flexdesign.diagnosis.experiment_design.effect_strength import EffectAtStrength, on, reading
 from flexdesign.diagnosis.experiment_design.experiments import elsewhere, suite_of
 from flexdesign.diagnosis.experiment_design.limits import Asked, Limits, axis, dynamics, of_axis, refuse_unlimited
 from flexdesign.diagnosis.experiment_design.signature import Seen, Signature, signature_of
 
 __all__ = [
     "NOISE",
-    "Acting",
     "Asked",
     "Command",
+    "EffectAtStrength",
     "Limits",
     "Resolved",
     "Seen",

@@ -12,7 +12,7 @@ from flexdesign import effects
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.experiment_design import signature
 from flexdesign.diagnosis.experiment_design.commands import Array, Command
-from flexdesign.diagnosis.experiment_design.effect_strength import Acting, fitted, on, reading, rms
+from flexdesign.diagnosis.experiment_design.effect_strength import EffectAtStrength, fitted, on, reading, rms
 from flexdesign.diagnosis.experiment_design.experiments import SAME_WITH_MASS
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 
@@ -73,7 +73,7 @@ class Resolved:
         Of every experiment, the best first.
     """
 
-    effects: tuple[Acting, Acting]
+    effects: tuple[EffectAtStrength, EffectAtStrength]
     strengths: tuple[float, float]
     alike: float
     noise: float
@@ -157,7 +157,7 @@ def _rank(each: Separation, reveal: str) -> tuple[float, bool, float]:
     return place, signature.named(reveal, each.command.kind), seen
 
 
-def _visible(effect: Acting, standard: Command, experiments: Sequence[Command]) -> float:
+def _visible(effect: EffectAtStrength, standard: Command, experiments: Sequence[Command]) -> float:
     """Return the strength at which an effect changes the standard multisine visibly, or what shows it best.
 
     No more than a share of the response itself: a stage without a resonance answers a multisine by little.
@@ -175,7 +175,7 @@ def _visible(effect: Acting, standard: Command, experiments: Sequence[Command]) 
     return signature.signature_of(effect, experiments).strength
 
 
-def _alike(effect: Acting, standard: Command, target: Array, experiments: Sequence[Command]) -> float:
+def _alike(effect: EffectAtStrength, standard: Command, target: Array, experiments: Sequence[Command]) -> float:
     """Return the strength at which an effect comes closest to a target on the standard multisine.
 
     From its visible strength on, of either sign where both are plausible, by golden section over the logarithm.

@@ -24,7 +24,7 @@ CLOSE = 0.03
 
 
 @dataclass(frozen=True)
-class Acting:
+class EffectAtStrength:
     """An effect on an axis.
 
     Parameters
@@ -100,7 +100,7 @@ class Acting:
         return math.log(low if low > 1e-9 * largest else 1e-9 * largest), math.log(largest)
 
 
-def on(model: AxisDynamics, name: str) -> Acting:
+def on(model: AxisDynamics, name: str) -> EffectAtStrength:
     """Return an effect on an axis, at its start values.
 
     Raises
@@ -120,10 +120,10 @@ def on(model: AxisDynamics, name: str) -> Acting:
     if elsewhere:
         cleared = model.replace({elsewhere: 0.0 if own.null is None else own.null})
         without, key, known = _fresh(cleared, cleared.axis), elsewhere, own
-        return Acting(name, without, without.with_effect(effect, name), known, key)
+        return EffectAtStrength(name, without, without.with_effect(effect, name), known, key)
     without = _fresh(model, _cleared(model.axis, effect, name))
     added, key = without.with_effect(effect, name), f"{name}.{own.name}"
-    return Acting(name, without, added, next(p for p in added.parameters() if p.name == key), key)
+    return EffectAtStrength(name, without, added, next(p for p in added.parameters() if p.name == key), key)
 
 
 def _fresh(model: AxisDynamics, axis: AxisModel) -> AxisDynamics:

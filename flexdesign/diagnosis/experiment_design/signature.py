@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from flexdesign import effects
 from flexdesign.core.model import Disturbance
 from flexdesign.diagnosis.experiment_design.commands import Array, Command
-from flexdesign.diagnosis.experiment_design.effect_strength import Acting, fitted, reading, rms
+from flexdesign.diagnosis.experiment_design.effect_strength import EffectAtStrength, fitted, reading, rms
 
 #: The strength is such that the response changes by this share of the stroke, where it changes most.
 VISIBLE = 0.01
@@ -76,7 +76,7 @@ class Signature:
         Every experiment; those first that show it most.
     """
 
-    effect: Acting
+    effect: EffectAtStrength
     strength: float
     stroke: float
     seen: tuple[Seen, ...]
@@ -88,7 +88,7 @@ class Signature:
         return tuple(each for each in self.seen if each.change >= max(SHOWN * best, INVISIBLE * self.stroke))
 
 
-def signature_of(effect: Acting, experiments: Sequence[Command]) -> Signature:
+def signature_of(effect: EffectAtStrength, experiments: Sequence[Command]) -> Signature:
     """Return the signature of an effect at a strength that can be seen.
 
     Parameters

@@ -19,7 +19,7 @@ from flexdesign.dynamics.axis import axis_response
 from flexdesign.dynamics.axis.axis_choice import choose_axis
 from flexdesign.dynamics.axis.axis_run import is_at_stack, of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
-from flexdesign.estimation.model_selection.fitted_model import Stand
+from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.noise.autoregressive import Process
 from flexdesign.estimation.noise.whitening import Coloured, Whitening
 from flexdesign.measurements.noise_level import LineNoise, Mixed, NoiseFloor, line_noise
@@ -39,7 +39,7 @@ UNLIMITED = 100.0
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
+class DiagnosisData:
     """What is diagnosed, with what, and how well things are known.
 
     Parameters
@@ -58,7 +58,7 @@ class Setting:
         Frequency responses with roles, seen by this axis.
     lines
         The noise of each of these, by name.
-    usual
+    default_limit
         What `tolerance` is where nobody said [response].
     is_asked
         Whether somebody said what matters: then a residual below the tolerance counts as none.
@@ -72,7 +72,7 @@ class Setting:
     known: Mapping[str, tuple[float, float]]
     responses: tuple[FrequencyResponse, ...] = ()
     lines: Mapping[str, LineNoise] = field(default_factory=dict)
-    usual: float = 0.0
+    default_limit: float = 0.0
     is_asked: bool = False
 
     @property
@@ -110,21 +110,21 @@ class Setting:
         readings = np.concatenate([run.measured() for run in self.runs])
         return quantisation_noise.coarse_step(readings, self.noise.rms[self.runs[0].name], self.axis.sensor.resolution)
 
-    def rounded(self, stand: Stand) -> Whitening | None:
+    def rounded(self, fit: FittedModel) -> Whitening | None:
         """Return the noise with the rounding of what is predicted, where readings come in coarse steps.
 
         Test runs, which no fit predicts before the end, keep the noise as it was read.
         """
         if self.coarse_step is None:
             return None
-        seen = {run.name: run for run in self.runs if run.name in stand.remainders}
-        made = quantisation_noise.rounded(seen, self.noise.whitening, stand.remainders, self.coarse_step)
+        seen = {run.name: run for run in self.runs if run.name in fit.residuals_by_run}
+        made = quantisation_noise.rounded(seen, self.noise.whitening, fit.residuals_by_run, self.coarse_step)
         noise = Coloured(
             {run.name: (made if run.name in seen else self.noise.whitening).process(run.name) for run in self.runs}
         )
         return Mixed(noise, self.lines) if self.lines else noise
 
-    def drawn(self, residuals: Mapping[str, Array]) -> Iterator[Mapping[str, Array]]:
+    def null_errors(self, residuals: Mapping[str, Array]) -> Iterator[Mapping[str, Array]]:
         """Yield errors of rounding beside the residuals of a fit, where readings come in coarse steps; else nothing."""
         if self.coarse_step is None:
             return
@@ -154,29 +154,29 @@ class Setting:
         return min(low for low, _ in ends), max(high for _, high in ends)
 
     @property
-    def choosing(self) -> list[str]:
+    def selecting(self) -> list[str]:
         """Names of what the model is chosen by: validation runs, or all if there are none; else of responses."""
         every = self.runs or self.responses
         return [each.name for each in every if each.role == "validate"] or [each.name for each in every]
 
     @property
-    def judging(self) -> list[str]:
+    def scored(self) -> list[str]:
         """Names of what errors are stated of: test runs, which chose nothing, or else what the model is chosen by."""
         every = self.runs or self.responses
-        return [each.name for each in every if each.role == "test"] or self.choosing
+        return [each.name for each in every if each.role == "test"] or self.selecting
 
     @property
     def scales(self) -> dict[str, Array]:
         """What the values of frequency responses are multiplied with, so that each line counts by its noise."""
         return {e.name: self.noise.rms[e.name] / self.lines[e.name].of_values for e in self.responses}
 
-    def error(self, stand: Stand) -> float:
+    def error(self, fit: FittedModel) -> float:
         """Return the rms residual of what the model is chosen by [response]."""
-        return stand.rms(self.choosing, self.scales)
+        return fit.rms(self.selecting, self.scales)
 
-    def test_error(self, stand: Stand) -> float:
+    def test_error(self, fit: FittedModel) -> float:
         """Return the rms residual of what errors are stated of [response]."""
-        return stand.rms(self.judging, self.scales)
+        return fit.rms(self.scored, self.scales)
 
     @property
     def volts(self) -> float:
@@ -196,7 +196,7 @@ class Setting:
     @property
     def known_floor(self) -> float:
         """Rms noise of what the model is chosen by; zero where the noise is a guess [response]."""
-        return self._rms_noise(self.choosing) if self.noise.known else 0.0
+        return self._rms_noise(self.selecting) if self.noise.known else 0.0
 
     @property
     def stroke(self) -> float:
@@ -206,7 +206,7 @@ class Setting:
     @property
     def floor(self) -> float:
         """Rms noise of what errors are stated of [response]."""
-        return self._rms_noise(self.judging)
+        return self._rms_noise(self.scored)
 
     def _rms_noise(self, names: Sequence[str]) -> float:
         sizes = {each.name: np.isfinite(each.measured()).sum() for each in self.recorded}
@@ -214,13 +214,13 @@ class Setting:
         return float(np.sqrt(sum(squares) / sum(sizes[name] for name in names)))
 
 
-def settle(
+def prepare(
     model: StageModel,
     recorded: Sequence[Run | FrequencyResponse],
     axis: str | None,
     tolerance: float | None,
     stated: float | None = None,
-) -> Setting:
+) -> DiagnosisData:
     """Return what is to be diagnosed, with its noise floor.
 
     Parameters
@@ -244,7 +244,10 @@ def settle(
     lines = {each.name: whole.get(each.name) or whole[each.name.rpartition(":")[0]] for each in responses}
     if not seen:
         return _of_responses(
-            Setting(name, its, (), noise_of_lines(responses, lines), 0.0, _known(its)), responses, lines, tolerance
+            DiagnosisData(name, its, (), noise_of_lines(responses, lines), 0.0, _known(its)),
+            responses,
+            lines,
+            tolerance,
         )
     noise = noise_of_axis(runs, name, its)
     if stated is not None:
@@ -252,42 +255,42 @@ def settle(
         white = Coloured(Process(np.zeros(0), stated))
         noise = NoiseFloor(white, level, "as stated", known=True, lines=noise.lines, dof=math.inf)
     noise = _of_blocks(noise, seen)
-    first = Setting(name, its, seen, noise, 0.0, _known(its))
+    first = DiagnosisData(name, its, seen, noise, 0.0, _known(its))
     if (step := first.coarse_step) is not None:  # a quiet record may show nothing of it
         at_least = {run: max(rms, step / math.sqrt(12)) for run, rms in noise.rms.items()}
         first = replace(first, noise=replace(noise, rms=at_least))
     least = min(OF_NOISE * first.floor, OF_STROKE * first.stroke) if noise.known else TOLERANCE * first.stroke
     asked = tolerance is not None
-    setting = replace(first, tolerance=least if tolerance is None else tolerance, usual=least, is_asked=asked)
-    return replace(setting, noise=with_lines(setting.noise, responses, lines), responses=responses, lines=lines)
+    data = replace(first, tolerance=least if tolerance is None else tolerance, default_limit=least, is_asked=asked)
+    return replace(data, noise=with_lines(data.noise, responses, lines), responses=responses, lines=lines)
 
 
 def _of_responses(
-    setting: Setting,
+    data: DiagnosisData,
     responses: tuple[FrequencyResponse, ...],
     lines: Mapping[str, LineNoise],
     tolerance: float | None,
-) -> Setting:
-    """Return the setting of frequency responses alone, whose unit is the response to one volt."""
-    setting = replace(setting, responses=responses, lines=lines)
-    least = min(OF_NOISE * setting.floor, OF_STROKE * setting.stroke)
-    least = least if setting.noise.known else TOLERANCE * setting.stroke
+) -> DiagnosisData:
+    """Return the data set of frequency responses alone, whose unit is the response to one volt."""
+    data = replace(data, responses=responses, lines=lines)
+    least = min(OF_NOISE * data.floor, OF_STROKE * data.stroke)
+    least = least if data.noise.known else TOLERANCE * data.stroke
     asked = tolerance is not None
-    return replace(setting, tolerance=least if tolerance is None else tolerance, usual=least, is_asked=asked)
+    return replace(data, tolerance=least if tolerance is None else tolerance, default_limit=least, is_asked=asked)
 
 
-def line_weights(setting: Setting) -> dict[str, Array]:
+def line_weights(data: DiagnosisData) -> dict[str, Array]:
     """Return what the values of frequency responses count beside the tolerance.
 
     As in time an effect must move a line by a share of its noise, or of its size if that is less; by so many times as
     much as somebody asks for a tolerance that is larger than the usual one.
     """
     found = {}
-    for each in setting.responses:
-        sigma = setting.lines[each.name].of_values
+    for each in data.responses:
+        sigma = data.lines[each.name].of_values
         size = np.hypot(np.tile(np.abs(np.nan_to_num(each.response)), 2), sigma)
-        known = setting.noise.known or bool(setting.runs)
-        found[each.name] = setting.usual / (
+        known = data.noise.known or bool(data.runs)
+        found[each.name] = data.default_limit / (
             np.minimum(OF_NOISE * sigma, OF_STROKE * size) if known else TOLERANCE * size
         )
     return found

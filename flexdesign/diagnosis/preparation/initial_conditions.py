@@ -15,7 +15,7 @@ from flexdesign.core.model import Block, Model, Observation, Parameter
 from flexdesign.dynamics.axis.axis_model import CAME_FROM, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import TRIGGER
 from flexdesign.dynamics.stage_model import AxisModel
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.noise.whitening import Whitening
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 LATE, TURNED, SWINGS = 0.3, 0.4, 0.1
 #: Before the first fit, delays are tried up to this one [s], at so many periods of the mode from each other.
 LATEST, IN_TIME = 0.012, 0.125
-#: And natural frequencies this far away, relative, at such steps: from farther than a resonance is wide, slopes lead
-#: nowhere. A payload or a loose part may have changed it by so much.
+#: And natural frequencies this far away, relative, at such steps: from farther than a resonance is wide, derivatives
+#: lead nowhere. A payload or a loose part may have changed it by so much.
 OUT_OF_TUNE, IN_TUNE = 0.24, 0.03
 
 
@@ -86,10 +86,12 @@ def relaxing(axis: AxisModel) -> list[tuple[float, float]]:
     return found
 
 
-def with_initial_conditions(task: Case, model: AxisDynamics, noise: Whitening | None = None) -> Case:
+def with_initial_conditions(
+    task: EstimationTask, model: AxisDynamics, noise: Whitening | None = None
+) -> EstimationTask:
     """Return the task with the initial conditions that a model has, and perhaps with other noise."""
     shapes = InitialConditions(model.axis, model.stroke)
-    identify, validate = (suite.with_shapes(shapes, noise) for suite in (task.identify, task.validate))
+    identify, validate = (dataset.with_shapes(shapes, noise) for dataset in (task.identify, task.validate))
     test = task.test.with_shapes(shapes, noise) if task.test else None
     return replace(task, identify=identify, validate=validate, test=test)
 
@@ -100,38 +102,38 @@ def offset_residual(dynamics: AxisDynamics, run: Run) -> Array:
     return np.asarray(left - np.nanmean(left))
 
 
-def grid_delay(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
+def grid_delay(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:
     """Return the model with the common trigger delay that fits best on a grid, if that is more than one step.
 
     From half a period of the mode on, a fit that begins without delay goes the wrong way.
     """
-    if not math.isinf(case.believed):
+    if not math.isinf(task.prior_bound):
         return dynamics
 
     def late_by(late: float) -> AxisDynamics:
         return dynamics.replace({f"{run}:{TRIGGER}": late for run in dynamics.apart})
 
     step = IN_TIME / dynamics.first.natural_frequency
-    best = min(np.arange(0.0, LATEST, step).tolist(), key=lambda late: _cost(case, late_by(late)))
+    best = min(np.arange(0.0, LATEST, step).tolist(), key=lambda late: _cost(task, late_by(late)))
     return late_by(best) if best > step else dynamics
 
 
-def grid_frequency(case: Case, dynamics: AxisDynamics) -> AxisDynamics:
+def grid_frequency(task: EstimationTask, dynamics: AxisDynamics) -> AxisDynamics:
     """Return the model with the natural frequency that fits best on a grid, if that is more than one step away."""
-    if "natural_frequency" not in case.free:  # the runs do not show it
+    if "natural_frequency" not in task.free:  # the runs do not show it
         return dynamics
-    designed = dynamics.first.natural_frequency
+    nominal = dynamics.first.natural_frequency
 
     def tuned(factor: float) -> AxisDynamics:
-        return dynamics.replace({"natural_frequency": factor * designed})
+        return dynamics.replace({"natural_frequency": factor * nominal})
 
     factors = (1 + np.arange(-OUT_OF_TUNE, OUT_OF_TUNE + IN_TUNE / 2, IN_TUNE)).tolist()
-    best = min(factors, key=lambda factor: _cost(case, tuned(factor)))
+    best = min(factors, key=lambda factor: _cost(task, tuned(factor)))
     return tuned(best) if abs(best - 1) > 1.5 * IN_TUNE else dynamics
 
 
-def _cost(case: Case, model: AxisDynamics) -> float:
+def _cost(task: EstimationTask, model: AxisDynamics) -> float:
     """Return chi^2 of the fitted runs, of which only what enters linearly is fitted."""
-    where = case.coordinates(model, (), case.identify)
-    residuals = case.problem(case.identify, model, where).residuals(where.start)
+    where = task.coordinates(model, (), task.identify)
+    residuals = task.problem(task.identify, model, where).residuals(where.start)
     return math.inf if residuals is None else float(sum(part @ part for part in residuals))

@@ -11,53 +11,53 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.signal import find_peaks
 
-from flexdesign.estimation.model_selection.fitted_model import Stand
+from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.noise.restricted_likelihood import Stretch
 from flexdesign.estimation.noise.sinusoids import remove_sinusoids
 
 if TYPE_CHECKING:
-    from flexdesign.diagnosis.preparation.dataset import Setting
+    from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 
-#: A line in what is left is sought in records of at least so many samples without a gap.
+#: A line in the residual is sought in records of at least so many samples without a gap.
 FEWEST = 200
 #: So many peaks of what frequency responses leave are frequencies at which modes are tried.
 PEAKS = 6
 
 
-def frequencies(setting: Setting, stand: Stand) -> tuple[float, ...]:
+def frequencies(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
     """Return the frequencies of lines [Hz]: those of quiet records, and those of remainders where these show nothing.
 
     Parameters
     ----------
-    setting
+    data
         What is diagnosed.
-    stand
+    fit
         The calibrated model, without effects.
     """
-    seen = tuple(line.frequency for line in setting.noise.lines)
-    if setting.noise.known and setting.coarse_step is None:
+    seen = tuple(line.frequency for line in data.noise.lines)
+    if data.noise.known and data.coarse_step is None:
         return seen
-    periods = {run.name: run.period for run in setting.of("identify")}
+    periods = {run.name: run.period for run in data.of("identify")}
     found = set(seen)
     for period in sorted(set(periods.values())):
-        parts = [_longest(name, stand.remainders[name]) for name, own in periods.items() if own == period]
+        parts = [_longest(name, fit.residuals_by_run[name]) for name, own in periods.items() if own == period]
         stretches = [part for part in parts if len(part.values) >= FEWEST and np.ptp(part.values) > 0]
         if stretches:
             found |= {line.frequency for line in remove_sinusoids(stretches, period)[0]}
     return tuple(sorted(found))
 
 
-def peaks(setting: Setting, stand: Stand) -> tuple[float, ...]:
+def peaks(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
     """Return the frequencies [Hz] where measured frequency responses rise most above what a calibrated model predicts.
 
     There a mode may be that the model lacks; beside one, where the response is small, the residual is large over the
     noise as well.
     """
     found = list[tuple[float, float]]()
-    for each in setting.responses:
+    for each in data.responses:
         if each.role == "identify":
-            left = np.hypot(*stand.remainders[each.name].reshape(2, -1)[:, each.present])
-            predicted = np.hypot(*(each.measured() - stand.remainders[each.name]).reshape(2, -1)[:, each.present])
+            left = np.hypot(*fit.residuals_by_run[each.name].reshape(2, -1)[:, each.present])
+            predicted = np.hypot(*(each.measured() - fit.residuals_by_run[each.name]).reshape(2, -1)[:, each.present])
             places, about = find_peaks(left / predicted, prominence=0.0)
             there = each.frequencies[each.present][places]
             found += zip(about["prominences"].tolist(), there.tolist(), strict=True)

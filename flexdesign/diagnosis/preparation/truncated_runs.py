@@ -12,17 +12,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexdesign.diagnosis.preparation.dataset import Setting
+from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.measurements.recordings import Run
 
 #: Number of values that are searched; runs of more than `LONG` values in all are cut.
 ENOUGH, LONG = 12_000, 40_000
 
 
-def opening(setting: Setting) -> Setting | None:
-    """Return the setting with its runs cut after a number of values, the same for all; None if they are not cut."""
-    lengths = sorted(len(run.time) for run in setting.runs)
-    if sum(lengths) < LONG or not setting.noise.known:
+def truncated(data: DiagnosisData) -> DiagnosisData | None:
+    """Return the data set with its runs cut after a number of values, the same for all; None if they are not cut."""
+    lengths = sorted(len(run.time) for run in data.runs)
+    if sum(lengths) < LONG or not data.noise.known:
         return None
     cut, left = 0, ENOUGH
     for count, length in zip(range(len(lengths), 0, -1), lengths, strict=True):
@@ -30,7 +30,7 @@ def opening(setting: Setting) -> Setting | None:
         if cut <= length:
             break
         left -= length
-    return replace(setting, runs=tuple(_part(run, cut) for run in setting.runs))
+    return replace(data, runs=tuple(_part(run, cut) for run in data.runs))
 
 
 def _part(run: Run, cut: int) -> Run:

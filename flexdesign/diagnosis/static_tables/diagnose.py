@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.analytic.static_model import StaticModel, StaticTable
-from flexdesign.analytic.static_model.separability import Telling, tellings
+from flexdesign.analytic.static_model.separability import Proposal, proposals
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.comparison.static_table import compare
-from flexdesign.diagnosis.result import Rung, Verdict
+from flexdesign.diagnosis.result import ErrorStep, Verdict
 from flexdesign.diagnosis.static_tables.fit import Cases, Trial, cases, fitted
 from flexdesign.effects import statics
 from flexdesign.estimation.model_selection.model_comparison import INDISTINGUISHABLE
@@ -48,7 +48,7 @@ class TableDiagnosis:
         Other answers that the table cannot tell from `found`.
     tried
         Everything that was fitted, best first.
-    tellings
+    proposals
         Measurements that would tell `found` from `alike`, the best first.
     ladder
         Relative errors, rms: of the design, with what was found, and so of each row left out of the fit in turn.
@@ -63,8 +63,8 @@ class TableDiagnosis:
     found: Trial
     alike: tuple[Trial, ...]
     tried: tuple[Trial, ...]
-    tellings: tuple[Telling, ...]
-    ladder: tuple[Rung, ...]
+    proposals: tuple[Proposal, ...]
+    ladder: tuple[ErrorStep, ...]
     remarks: tuple[str, ...]
     asked: bool = False
 
@@ -119,7 +119,7 @@ def diagnose(
     verdict: Verdict = "effects-found" if answers else "nothing-missing" if before.is_adequate else "unknown"
     progress("leaving out each row in turn")
     ladder, remarks = _ladder(before, best), (*remarks, *_contradictions(before, answers))
-    apart = tellings([trial.model for trial in answers], before.table) if alike else ()
+    apart = proposals([trial.model for trial in answers], before.table) if alike else ()
     return TableDiagnosis(verdict, before, best, tuple(alike), tuple(tried), apart, ladder, remarks)
 
 
@@ -196,22 +196,22 @@ def _contradictions(before: Trial, answers: Sequence[Trial]) -> tuple[str, ...]:
     return tuple(f"a modulus off by {100 * e:+.1f} % contradicts the design, {said}" for e in excess if e)[:1]
 
 
-def _ladder(before: Trial, best: Trial) -> tuple[Rung, ...]:
+def _ladder(before: Trial, best: Trial) -> tuple[ErrorStep, ...]:
     """Return relative errors, rms: as designed, with what was found, and of rows that the fit then did not see."""
     table, measured = before.table, before.table.measured()
 
-    def rung(label: str, difference: Array) -> Rung:
-        return Rung(label, float(np.sqrt(np.mean((difference / measured) ** 2))))
+    def step_of_ladder(label: str, difference: Array) -> ErrorStep:
+        return ErrorStep(label, float(np.sqrt(np.mean((difference / measured) ** 2))))
 
-    rungs = [rung("as designed", before.difference)]
+    rungs = [step_of_ladder("as designed", before.difference)]
     if best.names:
         label = f"+ {' + '.join(statics.find(name).name for name in best.names)}"
-        rungs.append(rung(label, best.difference))
+        rungs.append(step_of_ladder(label, best.difference))
         unseen = np.zeros(len(measured))
         for i in range(len(measured)):
             seen = replace(before, table=table.without(i), noise=before.noise.without(i))
             if (again := fitted(seen, best.cases, near=best)) is None:
                 return tuple(rungs)  # with one row less there are none to fit
             unseen[i] = again.model.predict(table)[i] - measured[i]
-        rungs.append(rung(f"{label}, rows that the fit did not see", unseen))
+        rungs.append(step_of_ladder(f"{label}, rows that the fit did not see", unseen))
     return tuple(rungs)

@@ -19,7 +19,7 @@ from flexdesign.core.model import Member, Observation, Parameter, Reshape
 from flexdesign.diagnosis.comparison.static_table import compare
 from flexdesign.diagnosis.result import Value
 from flexdesign.effects import statics
-from flexdesign.estimation.least_squares.dataset import Suite
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.levenberg_marquardt import MINIMUM, Solution, solve
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate, coordinates, value
 from flexdesign.estimation.least_squares.residual_function import Problem
@@ -153,7 +153,7 @@ def fitted(before: Trial, cases: Cases, near: Trial | None = None) -> Trial | No
     if len(free) >= len(before.table.rows):
         return None
     problem = Problem(
-        Suite([before.table], before.noise, _exact), with_them, coordinates(with_them, [p.name for p in free], {})
+        Dataset([before.table], before.noise, _exact), with_them, coordinates(with_them, [p.name for p in free], {})
     )
     start = near.solution.x if near and near.solution else _start(problem)
     found = solve(problem, start, MINIMUM, small=1e-4)  # a hundredth of a standard deviation

@@ -146,6 +146,8 @@ def command_of(run: Run, name: str, amplifier: float) -> Array:
 
     Parameters
     ----------
+    run, name
+        The run, and the name of the axis.
     amplifier
         Voltage at the stack per command [V/V].
     """

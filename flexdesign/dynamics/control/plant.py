@@ -191,8 +191,8 @@ class Plant:
         for j in range(substeps + 1):
             time = period * j / substeps
             until, since = min(time, late), max(time - late, 0.0)  # before and after the next command takes over
-            first, old = _passage(a, b, until)
-            second, new = _passage(a, b, since)
+            first, old = _step_matrices(a, b, until)
+            second, new = _step_matrices(a, b, since)
             rows[j, :, :n] = second @ first
             rows[j, :, n] = second @ old
             rows[j, :, n + oldest] += new
@@ -276,7 +276,7 @@ class Plant:
         return whole, rest if rest > 1e-9 * period else 0.0
 
 
-def _passage(a: Array, b: Array, time: float) -> tuple[Array, Array]:
+def _step_matrices(a: Array, b: Array, time: float) -> tuple[Array, Array]:
     """Return exp(a t) and the integral of exp(a s) b over 0 ... t."""
     n = len(a)
     big = np.zeros((n + 1, n + 1))

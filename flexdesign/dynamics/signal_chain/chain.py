@@ -113,7 +113,7 @@ class Program:
 
 
 def program(
-    keep: Keeper,
+    keep: Arena,
     axes: Sequence[AxisChain],
     controllers: Mapping[str, Sequence[Controller]],
     period: float,
@@ -168,7 +168,7 @@ def program(
         Modes(
             len(modes),
             keep.ints(list(accumulate((len(axis.modes) for axis in axes), initial=0))),
-            keep.reals([number for step in lengths for mode in modes for number in _passage(mode, step)]),
+            keep.reals([number for step in lengths for mode in modes for number in _step_matrices(mode, step)]),
         ),
         _ticks(keep, [_block_ticks(axis, Socket.SENSOR, period) for axis in axes]),
         _ticks(keep, [_control_ticks(controllers.get(axis.name, ()), every * period) for axis in axes]),
@@ -205,7 +205,7 @@ def _within(shares: Sequence[float], steps: Sequence[int]) -> list[float]:
 
 
 @lru_cache(maxsize=4096)
-def _passage(mode: Oscillator, step: float) -> tuple[float, ...]:
+def _step_matrices(mode: Oscillator, step: float) -> tuple[float, ...]:
     """Return the 16 numbers of a mode's passage over a step, see `memory_layout.Modes`."""
     w = 2 * math.pi * mode.frequency
     # In position and velocity over w, where the matrix is balanced; then in position and velocity.
@@ -217,12 +217,15 @@ def _passage(mode: Oscillator, step: float) -> tuple[float, ...]:
     return tuple(map(float, (*(both * half.transition).flat, *held, *(both * whole.transition).flat, *weights.flat)))
 
 
-class Keeper:
+class Arena:
     """Keeps numbers and gives their addresses; most fit into two arrays, filled in one go when all are there."""
 
     def __init__(self) -> None:
         self.kept: list[NDArray[Any]] = []
-        self._reals, self._ints = _Room(np.zeros(ROOM), self.kept), _Room(np.zeros(ROOM, dtype=np.int64), self.kept)
+        self._reals, self._ints = (
+            _Allocation(np.zeros(ROOM), self.kept),
+            _Allocation(np.zeros(ROOM, dtype=np.int64), self.kept),
+        )
 
     def reals(self, numbers: Sequence[float]) -> int:
         """Keep numbers, at least one; return their address."""
@@ -238,7 +241,7 @@ class Keeper:
         self._ints.fill()
 
 
-class _Room:
+class _Allocation:
     """An array that is filled from its beginning; what does not fit gets an array of its own."""
 
     def __init__(self, array: NDArray[Any], kept: list[NDArray[Any]]) -> None:
@@ -266,7 +269,7 @@ class _Room:
 class _Moves:
     """Collects what happens to the signals in a step."""
 
-    def __init__(self, keep: Keeper, steps: Sequence[float]) -> None:
+    def __init__(self, keep: Arena, steps: Sequence[float]) -> None:
         self.keep, self.steps = keep, steps
         self.slots = 0
         #: hook, input, output, state, base, constants
@@ -336,11 +339,11 @@ class _Moves:
         )
 
 
-def _state(keep: Keeper, block: Block) -> int:
+def _state(keep: Arena, block: Block) -> int:
     return keep.reals([0.0] * (len(block.states) + block.memory))
 
 
-def _forces(keep: Keeper, axes: Sequence[AxisChain], step: float) -> Forces:
+def _forces(keep: Arena, axes: Sequence[AxisChain], step: float) -> Forces:
     first, hooks, by_path, place, constants = [0], list[int](), list[int](), [0], list[int]()
     for axis in axes:
         blocks = axis.blocks(Socket.FORCE)
@@ -373,7 +376,7 @@ def _control_ticks(controllers: Sequence[Controller], period: float) -> list[Tic
     return [(kernels.address(c.tick, "control"), len(c.states), c.constants(c.values, period)) for c in controllers]
 
 
-def _ticks(keep: Keeper, by_axis: Sequence[Sequence[Tick]]) -> Ticks:
+def _ticks(keep: Arena, by_axis: Sequence[Sequence[Tick]]) -> Ticks:
     flat = [tick for ticks in by_axis for tick in ticks]
     entries = [number for hook, states, c in flat for number in (hook, keep.reals([0.0] * states), keep.reals(c))]
     return Ticks(keep.ints(list(accumulate(map(len, by_axis), initial=0))), keep.ints(entries))

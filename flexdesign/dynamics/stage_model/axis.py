@@ -6,21 +6,13 @@ import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 
+from flexdesign import effects
 from flexdesign.core.model import PIEZO
 from flexdesign.dynamics.stage_model.shown import Shown
 
 #: How far a stated natural frequency may be from that of mass and stiffness, relative: each may be off by half a unit
 #: in the third digit, 0.5 %, and half of mass's and stiffness's errors add to the frequency's own.
 AGREEMENT = 0.01
-
-#: Effects of the catalogue that make a loop between rising and falling voltage.
-HYSTERESES = (
-    "bouc_wen",
-    "prandtl_ishlinskii",
-    "asymmetric_hysteresis",
-    "rate_dependent_hysteresis",
-    "hysteretic_spring",
-)
 
 
 class Contradiction(ValueError):
@@ -243,7 +235,7 @@ class AxisModel:
         if self.driven_by != PIEZO:
             return ()
         there = {
-            "hysteresis": any(name in self.effects for name in HYSTERESES),
+            "hysteresis": any(effects.find(name).is_hysteresis for name in self.effects),
             "creep": "creep" in self.effects,
             "sensor noise": self.sensor.noise > 0,
             "driver bandwidth": math.isfinite(self.driver.bandwidth) or "driver_bandwidth" in self.effects,

@@ -238,6 +238,10 @@ def effect(name: str, response: str, exponent: float = 1.0) -> dict[str, Number]
 
     Parameters
     ----------
+    name
+        Name or path of the effect.
+    response
+        SI unit of the response of the axis.
     exponent
         Of a hysteresis law dh = a dv - b |dv| h |h|^(n-1) - c dv |h|^n: the unit of b and c is 1/(V um^(n-1)).
 

@@ -49,7 +49,7 @@ class Record:
         Orthonormal basis of these columns, whitened, with a row for what is known of each: n + k by k or fewer.
     amounts
         Takes a vector of length n + k to the k amounts of the columns that it holds.
-    freedom
+    log_volume
         Logarithm of the volume, in units of the noise, of what the columns may add: the price of their freedom in the
         marginal likelihood, but for columns of which nothing is known.
     given
@@ -65,7 +65,7 @@ class Record:
     sizes: Array
     basis: Array
     amounts: Array
-    freedom: float
+    log_volume: float
     given: NDArray[Any]
     channels: int
 
@@ -104,7 +104,7 @@ class Record:
         return table.reshape(self.given.shape)
 
 
-class Suite:
+class Dataset:
     """Records with their noise.
 
     Parameters
@@ -131,17 +131,17 @@ class Suite:
         #: Costs that differ by less differ by rounding.
         self.floor = (ROUNDING * self.size) ** 2
 
-    def with_shapes(self, shapes: Shapes, noise: Whitening | None = None) -> Suite:
-        """Return the suite with other columns that may add to its observations, and perhaps with other noise."""
-        return Suite([record.observation for record in self.records], noise or self.noise, shapes)
+    def with_shapes(self, shapes: Shapes, noise: Whitening | None = None) -> Dataset:
+        """Return the data set with other columns that may add to its observations, and perhaps with other noise."""
+        return Dataset([record.observation for record in self.records], noise or self.noise, shapes)
 
-    def scaled(self, factor: float) -> Suite:
-        """Return the suite with noise so many times as large."""
+    def scaled(self, factor: float) -> Dataset:
+        """Return the data set with noise so many times as large."""
         own = {record.observation.name: (record.columns, record.sizes) for record in self.records}
         return self.with_shapes(lambda observation: own[observation.name], Scaled(self.noise, factor))
 
-    def part(self, names: Sequence[str]) -> Suite:
-        """Return the suite of some of its observations."""
+    def part(self, names: Sequence[str]) -> Dataset:
+        """Return the data set of some of its observations."""
         part = copy(self)
         part.records = tuple(record for record in self.records if record.observation.name in names)
         return part
@@ -157,9 +157,9 @@ class Suite:
         return int(sum(record.present.sum() for record in self.records))
 
     @property
-    def freedom(self) -> float:
+    def log_volume(self) -> float:
         """What the freedom of the columns costs, in the units of the sum of squares: twice the sum over the records."""
-        return 2 * sum(record.freedom for record in self.records)
+        return 2 * sum(record.log_volume for record in self.records)
 
     def whitened(self, record: Record, difference: Array) -> Array:
         """Return a difference (n, SI) whitened, what may add to it taken out: a vector of `record.rows`."""
@@ -201,11 +201,11 @@ class Suite:
         kept = singular > HIDDEN * singular.max(initial=0.0)
         basis = left[:, kept]
         amounts = (right[kept].T / singular[kept]) @ basis.T / np.where(lengths > 0, lengths, 1.0)[:, None]
-        freedom = (
+        log_volume = (
             np.log(singular[kept]).sum() + np.log(lengths[lengths > 0]).sum() + np.log(sizes[np.isfinite(sizes)]).sum()
         )
         filled = np.where(present, measured, 0.0)
-        return Record(observation, filled, present, columns, sizes, basis, amounts, float(freedom), given, count)
+        return Record(observation, filled, present, columns, sizes, basis, amounts, float(log_volume), given, count)
 
     def _whitened(self, observation: Observation, present: NDArray[np.bool_], difference: Array, count: int) -> Array:
         return np.asarray(self.noise.whiten(observation, difference.reshape(count, -1).T).T.ravel() * present)

@@ -1,8 +1,8 @@
-"""Least squares for a suite: Marquardt's method on normal equations that are filled record by record.
+"""Least squares for a data set: Marquardt's method on normal equations that are filled record by record.
 
 Marquardt (1963), SIAM J. Appl. Math. 11, 431-441, with the damping of each coordinate in proportion to its own
-curvature; bounds are kept by holding what would leave them. Slopes are dear and residuals cheap, so that slopes are
-carried along from step to step (Broyden 1965, Math. Comp. 19, 577-593) while they still predict what happens.
+curvature; bounds are kept by holding what would leave them. A Jacobian costs many residuals, so that it is updated
+from step to step (Broyden 1965, Math. Comp. 19, 577-593) as long as it predicts what happens.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.estimation.least_squares.residual_function import Problem, Slopes
+from flexdesign.estimation.least_squares.residual_function import JacobianBlock, Problem
 
 Array = NDArray[np.float64]
 #: A step that promises to lower chi^2 by less than this is the last: it moves no number by a third of its deviation.
 SMALL = 0.1
 #: Slopes that were carried along serve while a step lowers the cost by this share of what they promise, and for so many
 #: steps; they say that nothing is left to be gained if the last one kept its promise so closely.
-LEAST_KEPT, LONGEST, KEPT_PROMISE = 0.1, 12, (0.7, 1.5)
+LEAST_KEPT, LONGEST, SMALLEST_GAIN_RATIO = 0.1, 12, (0.7, 1.5)
 #: Damping: where it begins, and what it is multiplied with after a good and a bad step.
-DAMPING, EASED, RAISED, LARGEST_DAMPING = 1e-3, 0.2, 8.0, 1e8
+DAMPING, DAMPING_DECREASE, DAMPING_INCREASE, LARGEST_DAMPING = 1e-3, 0.2, 8.0, 1e8
 #: Damping that no longer matters.
 UNDAMPED = 1e-9
-#: Where slopes that were found so often at one point lead nowhere, the search ends.
+#: The search ends where the Jacobian was computed so often at one point without success.
 TWICE = 2
 
 
@@ -66,19 +66,19 @@ class Solution:
         The point; coordinates.
     cost
         Sum of squares there.
-    residuals, slopes
-        Of each record; slopes may have been found a short step before.
+    residuals, jacobian
+        Of each record; the Jacobian may be that of a point one short step away.
     normal
-        J'J with what was known, coordinates by coordinates.
+        J'J with the prior, coordinates by coordinates.
     is_settled
-        Whether it ended because nothing more was to be gained, and not for want of trials or where no slopes led on.
+        Whether it ended because nothing more was to be gained, and not for want of trials or where no Jacobian led on.
     """
 
     problem: Problem
     x: Array
     cost: float
     residuals: tuple[Array, ...]
-    slopes: tuple[Slopes, ...]
+    jacobian: tuple[JacobianBlock, ...]
     normal: Array
     is_settled: bool
 
@@ -89,25 +89,25 @@ class Solution:
 
     @property
     def misfit(self) -> float:
-        """Sum of squares of the residuals alone, what was known of the numbers left out."""
+        """Sum of squares of the residuals alone, the prior of the numbers left out."""
         return sum(float(part @ part) for part in self.residuals)
 
     def columns(self) -> dict[str, list[Array | None]]:
-        """Return the slopes by the name of the number: a column for each record, or None where it does not act."""
+        """Return the Jacobian by the name of the number: a column for each record, or None where it does not act."""
         found: dict[str, list[Array | None]] = {}
         for j, name in enumerate(self.problem.where.names):
-            places = [np.flatnonzero(part.places == j) for part in self.slopes]
+            places = [np.flatnonzero(part.places == j) for part in self.jacobian]
             found[name] = [
                 part.matrix[:, place[0]] if len(place) else None
-                for part, place in zip(self.slopes, places, strict=True)
+                for part, place in zip(self.jacobian, places, strict=True)
             ]
         return found
 
     def project(self, parts: Sequence[Array]) -> Array:
         """Return J'v for a vector v in parts, one for each record."""
         total = np.zeros(len(self.x))
-        for slopes, part in zip(self.slopes, parts, strict=True):
-            total[slopes.places] += slopes.matrix.T @ part
+        for jacobian, part in zip(self.jacobian, parts, strict=True):
+            total[jacobian.places] += jacobian.matrix.T @ part
         return total
 
 
@@ -128,7 +128,7 @@ def solve(
     effort
         When the search ends.
     old
-        Columns of the Jacobian of a fit nearby, see `Problem.slopes`; the search begins with them.
+        Columns of the Jacobian of a fit nearby, see `Problem.jacobian`; the search begins with them.
     small
         A step that promises to lower the cost by less than this is the last, too.
     """
@@ -145,7 +145,7 @@ def solve(
             return search.solution(True)
         if search.looked == TWICE:
             break
-        search.look()
+        search.update_jacobian()
     return search.solution(False)
 
 
@@ -164,84 +164,84 @@ def polish(solution: Solution, small: float) -> Solution:
 
 
 class _Search:
-    """Where a search stands: a point, its residuals, and slopes that were found there or carried along."""
+    """Where a search stands: a point, its residuals, and a Jacobian that was computed there or updated."""
 
     def __init__(self, problem: Problem, x: Array, residuals: list[Array], old: Columns | None, small: float) -> None:
         self.problem, self.x, self.residuals, self.small = problem, x, residuals, small
         self.cost, self.damping, self.kept = problem.cost(x, residuals), DAMPING, 0.0
         self.looked = 0
-        self.look(old)
+        self.update_jacobian(old)
         self.fresh = not old
 
-    def look(self, old: Columns | None = None) -> None:
-        """Find the slopes here."""
-        self.slopes = self.problem.slopes(self.x, self.residuals, old)
-        self.problem.even(self.slopes)
-        self.normal = _normal(self.problem, self.x, self.slopes)
+    def update_jacobian(self, old: Columns | None = None) -> None:
+        """Compute the Jacobian here."""
+        self.jacobian = self.problem.jacobian(self.x, self.residuals, old)
+        self.problem.symmetrise(self.jacobian)
+        self.normal = _normal(self.problem, self.x, self.jacobian)
         self.fresh, self.eased, self.looked = True, False, self.looked + 1
 
     def descend(self, share: float) -> bool:
-        """Take steps while the slopes serve; tell whether less than this share of the cost is left to be gained."""
+        """Take steps while the Jacobian serves; tell whether less than this share of the cost is left to be gained."""
         for _ in range(LONGEST):
             enough = max(self.small, share * self.cost)
-            gradient = _gradient(self.problem, self.x, self.slopes, self.residuals)
+            gradient = _gradient(self.problem, self.x, self.jacobian, self.residuals)
             step = _step(self.normal, gradient, self.damping, self.x, self.problem)
-            promised = -float(2 * gradient @ step + step @ self.normal @ step)
-            if promised < 0 and self.damping < LARGEST_DAMPING:
+            predicted_reduction = -float(2 * gradient @ step + step @ self.normal @ step)
+            if predicted_reduction < 0 and self.damping < LARGEST_DAMPING:
                 # A step that was clipped to the bounds is no minimum of the bounded parabola.
-                self.damping = max(self.damping, 1e-6) * RAISED
+                self.damping = max(self.damping, 1e-6) * DAMPING_INCREASE
                 continue
-            if promised <= enough and not self.eased:
+            if predicted_reduction <= enough and not self.eased:
                 # Damping itself may keep promises small along a valley.
                 self.damping, self.eased = UNDAMPED, True
                 continue
-            if promised <= enough:
-                return self.fresh or KEPT_PROMISE[0] < self.kept < KEPT_PROMISE[1]
+            if predicted_reduction <= enough:
+                return self.fresh or SMALLEST_GAIN_RATIO[0] < self.kept < SMALLEST_GAIN_RATIO[1]
             tried = self.problem.residuals(self.x + step)
             reached = self.problem.cost(self.x + step, tried)
             if tried is not None and reached < self.cost:
-                self._go(step, tried, reached, promised)
+                self._go(step, tried, reached, predicted_reduction)
                 if self.kept < LEAST_KEPT:
                     return False
             elif not self.fresh:
                 return False
             else:
-                self.damping = max(self.damping, 1e-6) * RAISED
+                self.damping = max(self.damping, 1e-6) * DAMPING_INCREASE
                 if self.damping > LARGEST_DAMPING:
                     return True
         return False
 
-    def _go(self, step: Array, tried: list[Array], reached: float, promised: float) -> None:
-        """Take a step, and carry the slopes along so that they explain what it did (Broyden 1965)."""
+    def _go(self, step: Array, tried: list[Array], reached: float, predicted_reduction: float) -> None:
+        """Take a step, and update the Jacobian by Broyden's formula (1965)."""
         weighted = np.diag(self.normal) * step
         weighted = weighted / max(float(weighted @ step), 1e-300)
-        for part, before, after in zip(self.slopes, self.residuals, tried, strict=True):
+        for part, before, after in zip(self.jacobian, self.residuals, tried, strict=True):
             missed = after - before - part.matrix @ step[part.places]
             part.matrix[:] += np.outer(weighted[part.places], missed).T  # its columns are what lies together
-        self.problem.even(self.slopes)
-        self.kept = (self.cost - reached) / promised
+        self.problem.symmetrise(self.jacobian)
+        self.kept = (self.cost - reached) / predicted_reduction
         self.x, self.residuals, self.cost = self.x + step, tried, reached
-        self.damping = max(self.damping * (EASED if self.kept > 0.5 else 1.0), UNDAMPED)
-        self.normal = _normal(self.problem, self.x, self.slopes)
+        self.damping = max(self.damping * (DAMPING_DECREASE if self.kept > 0.5 else 1.0), UNDAMPED)
+        self.normal = _normal(self.problem, self.x, self.jacobian)
         self.fresh, self.eased, self.looked = False, False, 0
 
     def solution(self, is_settled: bool) -> Solution:
         """Return where the search stands."""
-        residuals, slopes = tuple(self.residuals), tuple(self.slopes)
-        return Solution(self.problem, self.x, self.cost, residuals, slopes, self.normal, is_settled)
+        residuals, jacobian = tuple(self.residuals), tuple(self.jacobian)
+        return Solution(self.problem, self.x, self.cost, residuals, jacobian, self.normal, is_settled)
 
 
-def _normal(problem: Problem, x: Array, slopes: Sequence[Slopes]) -> Array:
-    before = problem.before_slopes(x)
-    total = before.T @ before
-    for part in slopes:
+def _normal(problem: Problem, x: Array, jacobian: Sequence[JacobianBlock]) -> Array:
+    prior = problem.prior_jacobian(x)
+    total = prior.T @ prior
+    for part in jacobian:
         total[np.ix_(part.places, part.places)] += part.matrix.T @ part.matrix
     return np.asarray(total)
 
 
-def _gradient(problem: Problem, x: Array, slopes: Sequence[Slopes], residuals: Sequence[Array]) -> Array:
-    total = problem.before_slopes(x).T @ problem.before(x)
-    for part, residual in zip(slopes, residuals, strict=True):
+def _gradient(problem: Problem, x: Array, jacobian: Sequence[JacobianBlock], residuals: Sequence[Array]) -> Array:
+    total = problem.prior_jacobian(x).T @ problem.prior_residual(x)
+    for part, residual in zip(jacobian, residuals, strict=True):
         total[part.places] += part.matrix.T @ residual
     return np.asarray(total)
 

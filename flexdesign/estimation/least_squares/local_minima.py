@@ -10,7 +10,7 @@ from statistics import median
 import numpy as np
 
 from flexdesign.core.model import Model, Parameter
-from flexdesign.estimation.least_squares.dataset import Record, Suite
+from flexdesign.estimation.least_squares.dataset import Dataset, Record
 from flexdesign.estimation.least_squares.residual_function import Map
 
 #: A run begins elsewhere where that lowers its chi^2 to less than this share: less is no other minimum.
@@ -21,14 +21,14 @@ FITTED = 4
 FitState = Callable[[Model, Record], tuple[float, Model]]
 
 
-def grid_initial_states(suite: Suite, model: Model, each: Map = map, fit_state: FitState | None = None) -> Model:
+def grid_initial_states(dataset: Dataset, model: Model, each: Map = map, fit_state: FitState | None = None) -> Model:
     """Return a model whose runs begin where each fits best: where they do, or at a point of the grid of initial states.
 
     Numbers of a run that have no grid are tried at their median over the runs.
 
     Parameters
     ----------
-    suite, model
+    dataset, model
         The runs, and the model; all its other numbers stay.
     each
         Maps simulations.
@@ -36,7 +36,7 @@ def grid_initial_states(suite: Suite, model: Model, each: Map = map, fit_state: 
         Fits the initial state of one run from the best points of the grid; by default the best point is taken.
     """
     own = _by_run(model)
-    records = [record for record in suite.records if record.observation.name in own]
+    records = [record for record in dataset.records if record.observation.name in own]
     grids = {_number(p): p.screen for parameters in own.values() for p in parameters if p.screen}
     if not grids or not records:
         return model
@@ -44,7 +44,7 @@ def grid_initial_states(suite: Suite, model: Model, each: Map = map, fit_state: 
     points = [{**usual, **dict(zip(grids, values, strict=True))} for values in itertools.product(*grids.values())]
     changed = dict[str, float]()
     trials = [(record, values) for record in records for values in ({}, *(_of_run(own, record, p) for p in points))]
-    costs = list(each(lambda trial: _cost(suite, model.replace(trial[1]), trial[0]), trials))
+    costs = list(each(lambda trial: _cost(dataset, model.replace(trial[1]), trial[0]), trials))
     for k, record in enumerate(records):
         first, last = k * (len(points) + 1), (k + 1) * (len(points) + 1)
         best = sorted(range(first + 1, last), key=costs.__getitem__)[: FITTED if fit_state else 1]
@@ -83,6 +83,6 @@ def _medians(parameters: list[Parameter]) -> dict[str, float]:
     return {number: median(values) for number, values in starts.items()}
 
 
-def _cost(suite: Suite, model: Model, record: Record) -> float:
-    residual = suite.residual(record, np.asarray(model.predict(record.observation)))
+def _cost(dataset: Dataset, model: Model, record: Record) -> float:
+    residual = dataset.residual(record, np.asarray(model.predict(record.observation)))
     return math.inf if residual is None else float(residual @ residual)

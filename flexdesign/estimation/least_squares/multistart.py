@@ -39,7 +39,7 @@ class Starts:
     agreed: int
 
     @property
-    def is_stuck(self) -> bool:
+    def is_unconfirmed(self) -> bool:
         """Tell whether nothing confirms that the minimum is the best: no second start ended there."""
         return self.agreed < 2
 
@@ -47,7 +47,7 @@ class Starts:
         if self.polished == 1:
             return "one start only: nothing confirms that this minimum is the best"
         text = f"{self.agreed} of {self.polished} starts ended at the best minimum"
-        return text + ("; the fit may be stuck: ask for more starts" if self.is_stuck else "")
+        return text + ("; the fit may be stuck: ask for more starts" if self.is_unconfirmed else "")
 
 
 def multistart(
@@ -67,7 +67,7 @@ def multistart(
     found: list[Solution] = []
     ended = Starts(starts, 0, 0)
     for point in _points(problem, starts, seed):
-        if (minimum := solve(problem.anew(), point, MINIMUM, small=problem.suite.floor)) is not None:
+        if (minimum := solve(problem.fresh(), point, MINIMUM, small=problem.dataset.floor)) is not None:
             found.append(minimum)
         ended = Starts(starts, len(found), _agreed(problem, found))
         progress(f"start {len(found)} of {starts}: {ended.agreed} at the best minimum")
@@ -82,9 +82,9 @@ def multistart(
 def _agreed(problem: Problem, found: list[Solution]) -> int:
     """Return how many minima are as good as the best: to a tenth of the noise's variance, a third of its sigma."""
     best = min((solution.cost for solution in found), default=0.0)
-    fitted = len(problem.where.names) + sum(record.columns.shape[1] for record in problem.suite.records)
-    variance = best / max(problem.suite.samples - fitted, 1)
-    return sum(solution.cost <= best + 0.1 * variance + problem.suite.floor for solution in found)
+    fitted = len(problem.where.names) + sum(record.columns.shape[1] for record in problem.dataset.records)
+    variance = best / max(problem.dataset.samples - fitted, 1)
+    return sum(solution.cost <= best + 0.1 * variance + problem.dataset.floor for solution in found)
 
 
 def _points(problem: Problem, starts: int, seed: int) -> Iterator[Array]:
@@ -94,7 +94,7 @@ def _points(problem: Problem, starts: int, seed: int) -> Iterator[Array]:
         yield first
         others -= 1
     else:  # a model that refuses the observations says why
-        for record in problem.suite.records:
+        for record in problem.dataset.records:
             with suppress(ArithmeticError, np.linalg.LinAlgError), np.errstate(all="ignore"):
                 record.difference(np.asarray(problem.at(first).predict(record.observation)))
     if others:

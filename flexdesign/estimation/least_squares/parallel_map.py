@@ -17,7 +17,7 @@ Of = TypeVar("Of")
 Made = TypeVar("Made")
 
 
-class Shared:
+class ParallelMap:
     """A `map` in order for several threads, which may be called from what it calls; it returns a list.
 
     Parameters
@@ -77,10 +77,10 @@ class Shared:
 
 
 @contextmanager
-def sharing(threads: int) -> Iterator[Shared]:
+def shared_pool(threads: int) -> Iterator[ParallelMap]:
     """Yield a map that is shared among so many threads, at least one."""
     pool = ThreadPoolExecutor(threads)
     try:
-        yield Shared(pool, threads)
+        yield ParallelMap(pool, threads)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)

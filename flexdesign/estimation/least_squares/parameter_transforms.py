@@ -51,7 +51,7 @@ class Coordinates:
         """Return the values in SI at the point `x`."""
         return {p.name: value(p, float(c)) for p, c in zip(self.parameters, x, strict=True)}
 
-    def slopes(self, x: Array) -> Array:
+    def jacobian(self, x: Array) -> Array:
         """Return the derivative of each value in SI by its coordinate."""
         return np.array([_slope(p, float(c)) for p, c in zip(self.parameters, x, strict=True)])
 

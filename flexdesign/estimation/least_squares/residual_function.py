@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Model
-from flexdesign.estimation.least_squares.dataset import Record, Shapes, Suite
+from flexdesign.estimation.least_squares.dataset import Dataset, Record, Shapes
 from flexdesign.estimation.least_squares.parameter_transforms import Coordinates, value
 
-__all__ = ["Problem", "Record", "Shapes", "Slopes", "Suite"]
+__all__ = ["Dataset", "JacobianBlock", "Problem", "Record", "Shapes"]
 
 Array = NDArray[np.float64]
 #: Applies a function to each item of a list, over threads perhaps.
@@ -36,7 +36,7 @@ Made = Callable[[Model], Model]
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
+class JacobianBlock:
     """Derivative of the residual of one record: rows by some of the coordinates, whose places are `places`."""
 
     places: NDArray[np.intp]
@@ -60,11 +60,11 @@ class _Count:
 
 
 class Problem:
-    """A model with free numbers, to be laid beside a suite.
+    """A model with free numbers, to be laid beside a data set.
 
     Parameters
     ----------
-    suite
+    dataset
         The records.
     model
         The model.
@@ -72,29 +72,30 @@ class Problem:
         Its free numbers as coordinates; those that act on one run alone carry its name.
     each
         Maps simulations, over threads perhaps.
-    sloping
-        Makes a model whose slopes serve in the place of a model's own: how far a number moves what is predicted need
-        not be known as exactly as where it is.
+    jacobian_model
+        Makes a model whose Jacobian replaces the model's own, which need not be as exact as the prediction.
     central
         Whether differences are central, at twice the price of forward ones: their error is then far below that of the
         simulator.
+    count
+        Counter of predictions, shared with the problem that this one is made from; None for a new one.
     """
 
     def __init__(
         self,
-        suite: Suite,
+        dataset: Dataset,
         model: Model,
         where: Coordinates,
         each: Map = map,
-        sloping: Made = _itself,
+        jacobian_model: Made = _itself,
         central: bool = False,
         count: _Count | None = None,
     ) -> None:
-        self.suite, self.model, self.where, self.each = suite, model, where, each
-        self.sloping, self.central = sloping, central
+        self.dataset, self.model, self.where, self.each = dataset, model, where, each
+        self.jacobian_model, self.central = jacobian_model, central
         self._count = count or _Count()
         runs = [parameter.run for parameter in where.parameters]
-        names = [record.observation.name for record in suite.records]
+        names = [record.observation.name for record in dataset.records]
         self.places = [
             np.array([j for j, run in enumerate(runs) if run in ("", name)], dtype=np.intp) for name in names
         ]
@@ -111,10 +112,12 @@ class Problem:
         """Number of these that gave no numbers."""
         return self._count.made["failed"]
 
-    def anew(self, suite: Suite | None = None, central: bool | None = None) -> Problem:
+    def fresh(self, dataset: Dataset | None = None, central: bool | None = None) -> Problem:
         """Return the problem with steps of its own for differences; perhaps beside another suite, or with another."""
         central = self.central if central is None else central
-        return Problem(suite or self.suite, self.model, self.where, self.each, self.sloping, central, self._count)
+        return Problem(
+            dataset or self.dataset, self.model, self.where, self.each, self.jacobian_model, central, self._count
+        )
 
     def fixed(self, j: int, coordinate: float, x: Array) -> Problem:
         """Return the problem of the other coordinates, which start from `x`, with one of them held."""
@@ -129,19 +132,19 @@ class Problem:
             x[left],
         )
         model = self.model.replace({held.name: value(held, coordinate)})
-        return Problem(self.suite, model, others, self.each, self.sloping, self.central, self._count)
+        return Problem(self.dataset, model, others, self.each, self.jacobian_model, self.central, self._count)
 
     def at(self, x: Array) -> Model:
         """Return the model at a point."""
         return self.model.replace(self.where.values(x))
 
-    def even(self, slopes: Sequence[Slopes]) -> None:
-        """Make the slopes of a number and of its twin in each run the same, as they are but for rounding.
+    def symmetrise(self, jacobian: Sequence[JacobianBlock]) -> None:
+        """Make the derivatives of a number and of its twin in each run equal, as they are but for rounding.
 
         What tells them apart is known of them beforehand; beside strong data the rounding would seem to know better.
         """
         for parameter in self.where.parameters:
-            for record, part in zip(self.suite.records, slopes, strict=True) if parameter.twin else ():
+            for record, part in zip(self.dataset.records, jacobian, strict=True) if parameter.twin else ():
                 name = f"{record.observation.name}:{parameter.twin}"
                 if name not in self.where.names:
                     continue
@@ -155,51 +158,51 @@ class Problem:
         return self._residuals(self.at(x))
 
     def _residuals(self, model: Model) -> list[Array] | None:
-        found = list(self.each(lambda record: self._residual(model, record), self.suite.records))
+        found = list(self.each(lambda record: self._residual(model, record), self.dataset.records))
         return None if any(part is None for part in found) else found
 
     def _residual(self, model: Model, record: Record) -> Array | None:
         try:
             with np.errstate(all="ignore"):
-                found = self.suite.residual(record, np.asarray(model.predict(record.observation)))
+                found = self.dataset.residual(record, np.asarray(model.predict(record.observation)))
         except (ArithmeticError, np.linalg.LinAlgError, InputError):
             found = None
         self._count.add(found is None)
         return found
 
-    def before(self, x: Array) -> Array:
-        """Return how many standard deviations each known number is from what was known."""
+    def prior_residual(self, x: Array) -> Array:
+        """Return how many standard deviations each known number is from the prior."""
         values = self.where.values(x)
         names = self.where.names
         return np.array([(values[names[j]] - middle) / sigma for j, middle, sigma in self._known])
 
-    def before_slopes(self, x: Array) -> Array:
-        """Return the derivative of `before`: known numbers by coordinates."""
-        slopes, rows = self.where.slopes(x), np.zeros((len(self._known), len(x)))
+    def prior_jacobian(self, x: Array) -> Array:
+        """Return the derivative of `prior_residual`: known numbers by coordinates."""
+        jacobian, rows = self.where.jacobian(x), np.zeros((len(self._known), len(x)))
         for row, (j, _, sigma) in enumerate(self._known):
-            rows[row, j] = slopes[j] / sigma
+            rows[row, j] = jacobian[j] / sigma
         return rows
 
     def cost(self, x: Array, residuals: list[Array] | None) -> float:
         """Return the sum of squares; infinite where the model fails."""
         if residuals is None:
             return np.inf
-        before = self.before(x)
-        return float(sum(part @ part for part in residuals) + before @ before)
+        prior_residual = self.prior_residual(x)
+        return float(sum(part @ part for part in residuals) + prior_residual @ prior_residual)
 
-    def _sloping_at(self, x: Array, residuals: Sequence[Array]) -> tuple[Made, Sequence[Array]]:
-        """Return what makes models to take slopes from, and their residuals: a model's own where another one fails."""
+    def _jacobian_model_at(self, x: Array, residuals: Sequence[Array]) -> tuple[Made, Sequence[Array]]:
+        """Return what makes models for the Jacobian, and their residuals: a model's own where another one fails."""
         own = self.at(x)
-        if (other := self.sloping(own)) is own or (found := self._residuals(other)) is None:
+        if (other := self.jacobian_model(own)) is own or (found := self._residuals(other)) is None:
             return _itself, residuals
-        return self.sloping, found
+        return self.jacobian_model, found
 
     def _moved(
         self, x: Array, pairs: Sequence[tuple[int, int]], forward: Array, make: Made
     ) -> dict[tuple[int, int], Array | None]:
         """Return the residual of each record with one coordinate moved by its step; None where the model fails."""
         models = self._moved_models(x, sorted({j for _, j in pairs}), forward * self.steps, make)
-        found = self.each(lambda pair: self._residual(models[pair[1]], self.suite.records[pair[0]]), pairs)
+        found = self.each(lambda pair: self._residual(models[pair[1]], self.dataset.records[pair[0]]), pairs)
         return dict(zip(pairs, found, strict=True))
 
     def _moved_models(self, x: Array, places: Sequence[int], steps: Array, make: Made) -> dict[int, Model]:
@@ -216,9 +219,9 @@ class Problem:
             models |= dict.fromkeys(together, make(self.at(to)))
         return models
 
-    def slopes(
+    def jacobian(
         self, x: Array, residuals: Sequence[Array], old: Mapping[str, Sequence[Array | None]] | None = None
-    ) -> list[Slopes]:
+    ) -> list[JacobianBlock]:
         """Return the derivative of each record's residual at `x`, by differences, which look inwards at a bound.
 
         Parameters
@@ -232,7 +235,7 @@ class Problem:
         fresh = [j for j, name in enumerate(self.where.names) if name not in old]
         forward = np.where(x + self.steps <= self.where.upper, 1.0, -1.0)
         pairs = [(r, int(j)) for r, places in enumerate(self.places) for j in places if int(j) in fresh]
-        make, here = self._sloping_at(x, residuals) if pairs else (_itself, residuals)
+        make, here = self._jacobian_model_at(x, residuals) if pairs else (_itself, residuals)
         parts = self._moved(x, pairs, forward, make)
         if failed := {j for (_, j), part in parts.items() if part is None}:
             # On the other side the model may not fail; where it does on both, nothing is known of this slope.
@@ -256,10 +259,12 @@ class Problem:
                 if column is not None:
                     columns[r, j] = column
         # The next steps move the whitened response by a small share of it.
-        sizes, wanted = self.where.sizes(x), (MOVED_CENTRAL if self.central else MOVED) * self.suite.size
+        sizes, wanted = self.where.sizes(x), (MOVED_CENTRAL if self.central else MOVED) * self.dataset.size
         by = np.where(moved > 0, np.clip(wanted / np.maximum(np.sqrt(moved), 1e-300), 0.1, 10.0), 1.0)
         self.steps = np.clip(self.steps * by, SMALLEST * sizes, LARGEST * sizes)
         return [
-            Slopes(places, np.array([columns[r, int(j)] for j in places]).reshape(len(places), len(residuals[r])).T)
+            JacobianBlock(
+                places, np.array([columns[r, int(j)] for j in places]).reshape(len(places), len(residuals[r])).T
+            )
             for r, places in enumerate(self.places)
         ]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import Stand, fit, refit, with_effects
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, refit, with_effects
 from flexdesign.estimation.model_selection.model_comparison import HALF_WIDTH, LEVEL
 from flexdesign.estimation.uncertainty.intervals import intervals
 
@@ -14,54 +14,54 @@ from flexdesign.estimation.uncertainty.intervals import intervals
 SHARE_OF_RANGE = 0.5
 
 
-def drop_undetermined(case: Case, stand: Stand) -> tuple[Stand, tuple[str, ...]]:
+def drop_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:
     """Return the fit without effects whose strength has no interval by the profile likelihood, and the numbers held.
 
     The covariance may mislead where effects imitate each other: the interval that is stated has the last word. A number
     of the same effect that can replace the strength is held first, where the fit has it.
     """
-    for effect in reversed(stand.effects):
-        (strength,) = intervals(stand.solution, [effect.strength])
+    for effect in reversed(fit.effects):
+        (strength,) = intervals(fit.solution, [effect.strength])
         if strength.interval is not None:
             continue
         held = tuple(name for name in strength.confounded if name in effect.free)
         if held:
             less = replace(effect, free=tuple(name for name in effect.free if name not in held))
-            made = fit(case, stand.model, tuple(less if e.name == effect.name else e for e in stand.effects))
+            made = fit_model(task, fit.model, tuple(less if e.name == effect.name else e for e in fit.effects))
         else:
-            made = refit(case, stand, tuple(other for other in stand.effects if other.name != effect.name))
+            made = refit(task, fit, tuple(other for other in fit.effects if other.name != effect.name))
         if made is None:
-            return stand, ()
-        made, more = drop_undetermined(case, made)
+            return fit, ()
+        made, more = drop_undetermined(task, made)
         return made, (*held, *more)
-    return stand, ()
+    return fit, ()
 
 
-def hold_undetermined(case: Case, stand: Stand) -> tuple[Stand, tuple[str, ...]]:
+def hold_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:
     """Return the fit with undetermined numbers of its effects held, and their names; the same fit if there are none."""
-    present = {p.name: p.start for p in with_effects(case.bare(stand.model), stand.effects).parameters()}
+    present = {p.name: p.start for p in with_effects(task.bare(fit.model), fit.effects).parameters()}
     defaults = {
         name: float(present[name] or 0.0)
-        for effect in stand.effects
+        for effect in fit.effects
         for name in effect.free
-        if name != effect.strength and present.get(name) is not None and _is_open(stand, name, present[name] or 0.0)
+        if name != effect.strength and present.get(name) is not None and _is_open(fit, name, present[name] or 0.0)
     }
     if not defaults:
-        return stand, ()
-    effects = tuple(replace(e, free=tuple(n for n in e.free if n not in defaults)) for e in stand.effects)
-    made = fit(case, stand.model.replace(defaults), effects)
+        return fit, ()
+    effects = tuple(replace(e, free=tuple(n for n in e.free if n not in defaults)) for e in fit.effects)
+    made = fit_model(task, fit.model.replace(defaults), effects)
     # A default that contradicts the runs is none to hold.
-    if made is None or made.cost - stand.cost > -2.0 * math.log(LEVEL) * stand.discrepancy:
-        return stand, ()
+    if made is None or made.cost - fit.cost > -2.0 * math.log(LEVEL) * fit.discrepancy:
+        return fit, ()
     return made, tuple(defaults)
 
 
-def _is_open(stand: Stand, name: str, default: float) -> bool:
+def _is_open(fit: FittedModel, name: str, default: float) -> bool:
     """Tell whether the interval of a number holds a default of zero, or nearly all that is plausible."""
-    where, solution = stand.solution.problem.where, stand.solution
+    where, solution = fit.solution.problem.where, fit.solution
     j = where.names.index(name)
     parameter, span = where.parameters[j], float(where.span[j])
-    half = HALF_WIDTH * math.sqrt(max(float(solution.covariance[j, j]) * stand.discrepancy, 0.0))
+    half = HALF_WIDTH * math.sqrt(max(float(solution.covariance[j, j]) * fit.discrepancy, 0.0))
     if math.isfinite(span) and 2 * half > SHARE_OF_RANGE * span:
         return True
     return default == 0 and parameter.scale == "linear" and abs(float(solution.x[j])) < half

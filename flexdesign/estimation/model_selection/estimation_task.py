@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.model import Model
-from flexdesign.estimation.least_squares.dataset import Suite
+from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.parameter_transforms import Coordinates, coordinate, coordinates
 from flexdesign.estimation.least_squares.residual_function import Map, Problem
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class EstimationTask:
     """What a diagnosis fits, and to what.
 
     Parameters
@@ -36,13 +36,13 @@ class Case:
     coarse, fine, finest
         Make a model that is simulated less exactly and faster, for screening; exactly; and so exactly that its errors
         are small beside those of fitted numbers, which are far below the noise.
-    sloping
+    jacobian_model
         Makes a model whose Jacobian serves in the place of a model's own, and takes less time.
     each
         Maps simulations, over threads perhaps; and whole fits that map theirs by it, see `least_squares.parallel_map`.
     progress
         Told what is being done.
-    designed
+    nominal
         Values of the free numbers in the design, SI.
     floor
         Rms noise of the runs by which models are chosen [response]; zero where it is unknown.
@@ -50,9 +50,9 @@ class Case:
         Runs that neither fit nor choose; None if there are none.
     prepared
         Returns the case with the initial conditions that the effects of a model have.
-    believed
+    prior_bound
         How many standard deviations of its prior a number of one run may be from its mean.
-    drawn
+    null_errors
         Yields errors that readings of the runs in `identify` may have, by run [response], where these are no Gaussian
         noise; nothing where they are. It is given the residuals of a fit.
     weights
@@ -60,12 +60,12 @@ class Case:
     scales
         Factors of the values of an observation whose values are not equally noisy, by its name: typical noise over
         their own. Its rms residual is stated with them.
-    judging
+    scored
         Names of the observations whose rms residual counts; by default those of `validate`, or all if there are none.
     """
 
-    identify: Suite
-    validate: Suite
+    identify: Dataset
+    validate: Dataset
     free: tuple[str, ...]
     known: Callable[[Model], Mapping[str, tuple[float, float]]]
     bare: Callable[[Model], Model]
@@ -73,40 +73,40 @@ class Case:
     coarse: Callable[[Model], Model] = lambda model: model
     fine: Callable[[Model], Model] = lambda model: model
     finest: Callable[[Model], Model] = lambda model: model
-    sloping: Callable[[Model], Model] = lambda model: model
+    jacobian_model: Callable[[Model], Model] = lambda model: model
     each: Map = map
     progress: Callable[[str], None] = lambda _: None
-    designed: Mapping[str, float] = field(default_factory=dict)
+    nominal: Mapping[str, float] = field(default_factory=dict)
     floor: float = 0.0
-    test: Suite | None = None
-    prepared: Callable[[Case, Model], Case] = lambda case, _: case
-    believed: float = math.inf
-    drawn: Callable[[Mapping[str, Array]], Iterable[Mapping[str, Array]]] = lambda _: ()
+    test: Dataset | None = None
+    prepared: Callable[[EstimationTask, Model], EstimationTask] = lambda task, _: task
+    prior_bound: float = math.inf
+    null_errors: Callable[[Mapping[str, Array]], Iterable[Mapping[str, Array]]] = lambda _: ()
     weights: Mapping[str, Array] = field(default_factory=dict)
     scales: Mapping[str, Array] = field(default_factory=dict)
-    judging: tuple[str, ...] = ()
+    scored: tuple[str, ...] = ()
 
-    def problem(self, suite: Suite, model: Model, where: Coordinates) -> Problem:
-        """Return the least-squares problem of a model with free numbers and a suite."""
-        return Problem(suite, model, where, self.each, self.sloping)
+    def problem(self, dataset: Dataset, model: Model, where: Coordinates) -> Problem:
+        """Return the least-squares problem of a model with free numbers and a data set."""
+        return Problem(dataset, model, where, self.each, self.jacobian_model)
 
-    def coordinates(self, model: Model, free: Sequence[str], suite: Suite) -> Coordinates:
+    def coordinates(self, model: Model, free: Sequence[str], dataset: Dataset) -> Coordinates:
         """Return free numbers and those of each run as coordinates."""
-        runs = {record.observation.name for record in suite.records}
+        runs = {record.observation.name for record in dataset.records}
         own = [parameter.name for parameter in model.parameters() if parameter.run in runs]
         names = [*free, *own]
         if not names:  # frequency responses have no numbers of their own
             return Coordinates((), {}, np.zeros(0), np.zeros(0), np.zeros(0))
         known = {name: about for name, about in self.known(model).items() if name in names}
-        return _near(coordinates(model, names, known), self.believed)
+        return _near(coordinates(model, names, known), self.prior_bound)
 
 
-def _near(where: Coordinates, believed: float) -> Coordinates:
+def _near(where: Coordinates, prior_bound: float) -> Coordinates:
     """Return coordinates with numbers of one run no farther from their priors than so many standard deviations."""
     lower, upper = where.lower.copy(), where.upper.copy()
     for j, parameter in enumerate(where.parameters):
         if parameter.run and parameter.name in where.known:
             middle, sigma = where.known[parameter.name]
-            lower[j] = max(lower[j], coordinate(parameter, middle - believed * sigma))
-            upper[j] = min(upper[j], coordinate(parameter, middle + believed * sigma))
+            lower[j] = max(lower[j], coordinate(parameter, middle - prior_bound * sigma))
+            upper[j] = min(upper[j], coordinate(parameter, middle + prior_bound * sigma))
     return replace(where, lower=lower, upper=upper, start=np.clip(where.start, lower, upper))

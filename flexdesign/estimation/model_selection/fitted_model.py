@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, ROUGH, Columns, Effort, Solution, solve
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
-from flexdesign.estimation.least_squares.residual_function import Record, Suite
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.least_squares.residual_function import Dataset, Record
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.noise.autoregressive import colour
 
@@ -24,7 +24,7 @@ EXCEEDED = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Stand:
+class FittedModel:
     """A model with some effects, fitted and evaluated.
 
     Parameters
@@ -35,17 +35,17 @@ class Stand:
         The fit to the identification runs.
     model
         The fitted model, with the initial conditions of the validation runs.
-    held_cost
+    validation_chi2
         chi^2 of the validation runs.
-    remainders
+    residuals_by_run
         Residual of every run by name, offsets taken out; n values [response].
     """
 
     effects: tuple[Candidate, ...]
     solution: Solution
     model: Model
-    held_cost: float
-    remainders: Mapping[str, Array]
+    validation_chi2: float
+    residuals_by_run: Mapping[str, Array]
 
     @property
     def cost(self) -> float:
@@ -53,27 +53,27 @@ class Stand:
         return self.solution.cost
 
     @property
-    def seen_cost(self) -> float:
+    def fitted_chi2(self) -> float:
         """chi^2 of the fitted runs and of their initial conditions, without the priors of the model's own numbers."""
         problem = self.solution.problem
         of_runs = {parameter.name for parameter in problem.where.parameters if parameter.run}
-        odd = problem.before(self.solution.x)[[name in of_runs for name in problem.where.known]]
+        odd = problem.prior_residual(self.solution.x)[[name in of_runs for name in problem.where.known]]
         return float(sum(part @ part for part in self.solution.residuals) + odd @ odd)
 
     @property
     def excess(self) -> float:
         """By how much chi^2 of the fitted runs exceeds the number of samples."""
-        return max(self.seen_cost - self.solution.problem.suite.samples, 0.0)
+        return max(self.fitted_chi2 - self.solution.problem.dataset.samples, 0.0)
 
     @property
     def exceeds_noise(self) -> bool:
         """Whether chi^2 of the fitted runs is larger than white noise makes it."""
-        return self.excess > EXCEEDED * math.sqrt(2.0 * self.solution.problem.suite.samples)
+        return self.excess > EXCEEDED * math.sqrt(2.0 * self.solution.problem.dataset.samples)
 
     @property
     def scale(self) -> float:
         """Reduced chi^2 of the fitted runs."""
-        return self.cost / self.solution.problem.suite.samples
+        return self.cost / self.solution.problem.dataset.samples
 
     @cached_property
     def discrepancy(self) -> float:
@@ -81,21 +81,21 @@ class Stand:
 
         One where the residual is white noise. What no model explains is taken as coloured noise.
         """
-        pairs = zip(self.solution.problem.suite.records, self.solution.residuals, strict=True)
+        pairs = zip(self.solution.problem.dataset.records, self.solution.residuals, strict=True)
         parts = [part[: len(record.measured)] for record, part in pairs]
         weighted = sum(float(part @ part) * colour(part).inflation for part in parts)
-        return max(weighted / self.solution.problem.suite.samples, 1.0)
+        return max(weighted / self.solution.problem.dataset.samples, 1.0)
 
     @property
     def is_white(self) -> bool:
         """Whether no residual of the fitted runs is correlated from one sample to the next."""
-        pairs = zip(self.solution.problem.suite.records, self.solution.residuals, strict=True)
+        pairs = zip(self.solution.problem.dataset.records, self.solution.residuals, strict=True)
         return all(colour(part[: len(record.measured)]).is_white for record, part in pairs)
 
     @property
     def nuisance_dof(self) -> float:
         """Effective degrees of freedom of the initial conditions that enter linearly."""
-        records = self.solution.problem.suite.records
+        records = self.solution.problem.dataset.records
         return float(sum(np.sum(record.basis[: len(record.measured)] ** 2) for record in records))
 
     @property
@@ -111,9 +111,9 @@ class Stand:
         runs
             Names of observations.
         scales
-            Factors of the values of an observation, by its name; see `Case.scales`.
+            Factors of the values of an observation, by its name; see `EstimationTask.scales`.
         """
-        residual = np.concatenate([self.remainders[name] * (scales or {}).get(name, 1.0) for name in runs])
+        residual = np.concatenate([self.residuals_by_run[name] * (scales or {}).get(name, 1.0) for name in runs])
         return float(np.sqrt(np.nanmean(residual**2)))
 
     def bic(self, discrepancy: float) -> float:
@@ -124,8 +124,8 @@ class Stand:
         free = {name for effect in self.effects for name in effect.free}
         # A number that differs from run to run counts once for each run.
         numbers = sum(p.name.rpartition(":")[2] in free for p in self.solution.problem.where.parameters)
-        price = numbers * math.log(self.solution.problem.suite.samples)
-        return self.cost + self.held_cost + price * discrepancy
+        price = numbers * math.log(self.solution.problem.dataset.samples)
+        return self.cost + self.validation_chi2 + price * discrepancy
 
     def at_bound(self) -> list[str]:
         """Return the numbers of effects that the fit moved to the end of their plausible range."""
@@ -144,24 +144,24 @@ class Stand:
 # --- fits -----------------------------------------------------------------------------------------------------------
 
 
-def fit(
-    case: Case,
+def fit_model(
+    task: EstimationTask,
     model: Model,
     effects: tuple[Candidate, ...] = (),
     *,
     old: Columns | None = None,
     effort: Effort = FULL,
-) -> Stand | None:
+) -> FittedModel | None:
     """Fit a model with effects and evaluate it on the validation runs; None where it cannot be simulated.
 
     Parameters are those of `solve_case`.
     """
-    solution = solve_case(case, model, effects, old=old, effort=effort)
-    return None if solution is None else evaluate_fit(case, solution, effects)
+    solution = solve_case(task, model, effects, old=old, effort=effort)
+    return None if solution is None else evaluate_fit(task, solution, effects)
 
 
 def solve_case(
-    case: Case,
+    task: EstimationTask,
     model: Model,
     effects: tuple[Candidate, ...] = (),
     *,
@@ -172,83 +172,83 @@ def solve_case(
 
     Parameters
     ----------
-    case, model, effects
+    task, model, effects
         The runs; the model at the values from which the fit starts; and the effects that it has.
     old
         Columns of the Jacobian of a fit nearby.
     effort
         When the fit ends.
     """
-    case = case.prepared(case, model)
-    free = [*case.free, *(name for effect in effects for name in effect.free)]
-    where = case.coordinates(model, free, case.identify)
-    problem = case.problem(case.identify, model, where)
-    return solve(problem, where.start, effort, old if old and _fits(old, case.identify) else None)
+    task = task.prepared(task, model)
+    free = [*task.free, *(name for effect in effects for name in effect.free)]
+    where = task.coordinates(model, free, task.identify)
+    problem = task.problem(task.identify, model, where)
+    return solve(problem, where.start, effort, old if old and _fits(old, task.identify) else None)
 
 
-def _fits(old: Columns, suite: Suite) -> bool:
-    """Tell whether columns of a Jacobian have the rows of a suite, whose initial conditions may be others now."""
-    rows = [record.rows for record in suite.records]
+def _fits(old: Columns, dataset: Dataset) -> bool:
+    """Tell whether columns of a Jacobian have the rows of a data set, whose initial conditions may be others now."""
+    rows = [record.rows for record in dataset.records]
     return all(c is None or len(c) == n for parts in old.values() for c, n in zip(parts, rows, strict=True))
 
 
-def evaluate_fit(case: Case, solution: Solution, effects: tuple[Candidate, ...]) -> Stand | None:
+def evaluate_fit(task: EstimationTask, solution: Solution, effects: tuple[Candidate, ...]) -> FittedModel | None:
     """Predict the validation runs with a fitted model, whose initial conditions there are fitted first."""
     model, held = solution.problem.at(solution.x), 0.0
-    case = replace(case.prepared(case, model), identify=solution.problem.suite)
-    if case.validate.records:
-        begun = fit_initial_states(case, case.validate, search_initial_states(case, case.validate, model))
+    task = replace(task.prepared(task, model), identify=solution.problem.dataset)
+    if task.validate.records:
+        begun = fit_initial_states(task, task.validate, search_initial_states(task, task.validate, model))
         if begun is None:
             return None
         model, held = begun.problem.at(begun.x), begun.cost
-    records = [(suite, record) for suite in (case.identify, case.validate) for record in suite.records]
-    residuals = case.each(lambda pair: pair[0].remainder(pair[1], model.predict(pair[1].observation)), records)
+    records = [(dataset, record) for dataset in (task.identify, task.validate) for record in dataset.records]
+    residuals = task.each(lambda pair: pair[0].remainder(pair[1], model.predict(pair[1].observation)), records)
     names = [record.observation.name for _, record in records]
-    return Stand(effects, solution, model, held, dict(zip(names, residuals, strict=True)))
+    return FittedModel(effects, solution, model, held, dict(zip(names, residuals, strict=True)))
 
 
-def fit_initial_states(case: Case, suite: Suite, model: Model, effort: Effort = FULL) -> Solution | None:
-    """Fit the initial states of the runs of a suite, while all other numbers stay; None where the model fails."""
-    where = case.coordinates(model, (), suite)
+def fit_initial_states(task: EstimationTask, dataset: Dataset, model: Model, effort: Effort = FULL) -> Solution | None:
+    """Fit the initial states of the runs of a data set, while all other numbers stay; None where the model fails."""
+    where = task.coordinates(model, (), dataset)
     # These numbers are known from nowhere else, so that no Jacobian is needed at the end.
-    return solve(case.problem(suite, model, where), where.start, replace(effort, is_exact=False))
+    return solve(task.problem(dataset, model, where), where.start, replace(effort, is_exact=False))
 
 
-def search_initial_states(case: Case, suite: Suite, model: Model) -> Model:
+def search_initial_states(task: EstimationTask, dataset: Dataset, model: Model) -> Model:
     """Return a model whose runs begin where each fits best, fitted from the best points of a grid."""
 
     def fit_state(model: Model, record: Record) -> tuple[float, Model]:
-        found = fit_initial_states(case, suite.part([record.observation.name]), model, Effort(6, 1e-3))
+        found = fit_initial_states(task, dataset.part([record.observation.name]), model, Effort(6, 1e-3))
         return (math.inf, model) if found is None else (found.misfit, found.problem.at(found.x))
 
-    return grid_initial_states(suite, model, case.each, fit_state)
+    return grid_initial_states(dataset, model, task.each, fit_state)
 
 
-def predict_tests(case: Case, stand: Stand) -> Stand:
+def predict_tests(task: EstimationTask, fit: FittedModel) -> FittedModel:
     """Return a fit with the residuals of the test runs, whose initial conditions are fitted."""
-    if case.test is None:
-        return stand
-    made = evaluate_fit(replace(case, validate=case.test), stand.solution, stand.effects)
-    return stand if made is None else replace(stand, remainders={**made.remainders, **stand.remainders})
+    if task.test is None:
+        return fit
+    made = evaluate_fit(replace(task, validate=task.test), fit.solution, fit.effects)
+    return fit if made is None else replace(fit, residuals_by_run={**made.residuals_by_run, **fit.residuals_by_run})
 
 
-def refit(case: Case, stand: Stand, effects: tuple[Candidate, ...]) -> Stand | None:
+def refit(task: EstimationTask, fit: FittedModel, effects: tuple[Candidate, ...]) -> FittedModel | None:
     """Fit a model with some of the effects of a fit, from the values that it has."""
-    model = with_effects(case.bare(stand.model), effects)
-    dropped = {name for effect in stand.effects if effect not in effects for name in effect.free}
-    return fit(case, with_values(model, stand.model, dropped), effects)
+    model = with_effects(task.bare(fit.model), effects)
+    dropped = {name for effect in fit.effects if effect not in effects for name in effect.free}
+    return fit_model(task, with_values(model, fit.model, dropped), effects)
 
 
-def refine(case: Case, stand: Stand) -> Stand:
+def refine(task: EstimationTask, fit: FittedModel) -> FittedModel:
     """Return a fit whose simulations are so exact that their errors are small beside those of the fitted numbers.
 
     N samples of noise s leave an error of s / root N in a value. A prediction that is off by a small share of the noise
     everywhere moves it by as much. The Jacobian of the fit serves: it need not be so exact.
     """
-    model = case.finest(stand.model)
+    model = task.finest(fit.model)
     effort = Effort(2, FULL.share, is_exact=False)
-    made = fit(case, model, stand.effects, old=stand.solution.columns(), effort=effort)
-    return stand if made is None else made
+    made = fit_model(task, model, fit.effects, old=fit.solution.columns(), effort=effort)
+    return fit if made is None else made
 
 
 def with_effects(model: Model, effects: Sequence[Candidate]) -> Model:
@@ -271,50 +271,50 @@ def with_values(model: Model, source: Model, but: set[str] | frozenset[str] = fr
 FACTORS, WORTH = (1.1, 0.9), 1.05
 
 
-def escape(case: Case, stand: Stand) -> Stand:
+def escape(task: EstimationTask, fit: FittedModel) -> FittedModel:
     """Return the best of fits restarted near one that may be in a local minimum (multistart).
 
     Hysteresis is not differentiable where a threshold is met or a voltage turns, so that chi^2 has local minima. Fits
     restart from other initial states, then with larger and smaller thresholds, while chi^2 falls by more than one.
     """
-    moved = search_initial_states(case, stand.solution.problem.suite, stand.model)
-    if moved is not stand.model:
-        stand = _better(stand, fit(case, moved, stand.effects, old=stand.solution.columns()))
-    for name in (name for effect in stand.effects for name in effect.hidden):
-        case.progress(f"fitting with other values of {name}")
+    moved = search_initial_states(task, fit.solution.problem.dataset, fit.model)
+    if moved is not fit.model:
+        fit = _better(fit, fit_model(task, moved, fit.effects, old=fit.solution.columns()))
+    for name in (name for effect in fit.effects for name in effect.hidden):
+        task.progress(f"fitting with other values of {name}")
         before = None
-        while before is not stand:
-            before = stand
+        while before is not fit:
+            before = fit
             for factor in FACTORS:
-                stand = _better(stand, _restart(case, stand, name, factor))
-    return stand
+                fit = _better(fit, _restart(task, fit, name, factor))
+    return fit
 
 
-def _better(stand: Stand, other: Stand | None) -> Stand:
-    return other if other is not None and other.cost < stand.cost - stand.discrepancy else stand
+def _better(fit: FittedModel, other: FittedModel | None) -> FittedModel:
+    return other if other is not None and other.cost < fit.cost - fit.discrepancy else fit
 
 
-def _restart(case: Case, stand: Stand, name: str, factor: float) -> Stand | None:
+def _restart(task: EstimationTask, fit: FittedModel, name: str, factor: float) -> FittedModel | None:
     """Return the fit that starts with a number times a factor, first roughly; None where that is not worth it."""
-    value = stand.solution.problem.where.values(stand.solution.x)[name]
-    rough = solve_case(case, case.coarse(stand.model.replace({name: factor * value})), stand.effects, effort=ROUGH)
-    if rough is None or rough.cost > WORTH * stand.cost:
+    value = fit.solution.problem.where.values(fit.solution.x)[name]
+    rough = solve_case(task, task.coarse(fit.model.replace({name: factor * value})), fit.effects, effort=ROUGH)
+    if rough is None or rough.cost > WORTH * fit.cost:
         return None
-    return fit(case, case.fine(rough.problem.at(rough.x)), stand.effects, old=rough.columns())
+    return fit_model(task, task.fine(rough.problem.at(rough.x)), fit.effects, old=rough.columns())
 
 
 # --- differences of predictions -------------------------------------------------------------------------------------
 
 
-def difference(suite: Suite, before: Model, after: Model, weights: Mapping[str, Array] | None = None) -> float:
+def difference(dataset: Dataset, before: Model, after: Model, weights: Mapping[str, Array] | None = None) -> float:
     """Return by how much two models differ in their prediction of new runs, rms [response]; offsets are free.
 
-    New runs begin as the old ones did, but for their trigger delay. Observations with weights, see `Case`, count on
-    their own: the larger of both differences is returned.
+    New runs begin as the old ones did, but for their trigger delay. Observations with weights (see `EstimationTask`)
+    count alone: the larger difference is returned.
     """
     weights = weights or {}
-    weighted = [record for record in suite.records if record.observation.name in weights]
-    plain = [record for record in suite.records if record.observation.name not in weights]
+    weighted = [record for record in dataset.records if record.observation.name in weights]
+    plain = [record for record in dataset.records if record.observation.name not in weights]
     return max(_rms_difference(records, before, after, weights) for records in (plain, weighted) if records)
 
 
@@ -329,7 +329,7 @@ def _rms_difference(records: Sequence[Record], before: Model, after: Model, weig
     return math.sqrt(squares / count)
 
 
-def at_null(model: Model, effect: Candidate) -> Model:
+def without_effect(model: Model, effect: Candidate) -> Model:
     """Return a model in which an effect does nothing, in no run; all other numbers stay."""
     null = next(p.null for p in model.parameters() if p.name == effect.strength)
     assert null is not None  # that is what makes it the strength

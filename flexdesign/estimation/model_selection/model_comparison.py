@@ -23,8 +23,8 @@ from scipy.special import chdtri
 
 from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.parameter_transforms import coordinate
-from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import Stand, at_null, difference
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, without_effect
 from flexdesign.estimation.model_selection.score_test import Candidate
 
 #: Family-wise probability of a false effect in one step. Half of it or twice it moves the critical value by 1.4.
@@ -45,7 +45,7 @@ class Trial:
     ----------
     names
         Effects added at this step, one or two.
-    stand
+    fit
         The fit.
     gain
         Fall of chi^2 of the fitted runs, less what the freedom of further initial conditions explains by chance.
@@ -62,7 +62,7 @@ class Trial:
     """
 
     names: tuple[str, ...]
-    stand: Stand
+    fit: FittedModel
     gain: float
     share: float
     error: float
@@ -93,7 +93,7 @@ class Step:
         if self.chosen is None:
             return ()
         others = (trial for trial in self.trials if trial.names != self.chosen.names and not trial.reason)
-        return tuple(trial for trial in others if is_alike(self.chosen.stand, trial.stand))
+        return tuple(trial for trial in others if is_alike(self.chosen.fit, trial.fit))
 
 
 def critical_value(score: float, effects: Sequence[Candidate]) -> float:
@@ -110,25 +110,27 @@ def critical_value(score: float, effects: Sequence[Candidate]) -> float:
     return score + float(chdtri(max(free, 1), LEVEL) - chdtri(1, LEVEL))
 
 
-def compare(case: Case, before: Stand, after: Stand, names: tuple[str, ...], score: float) -> Trial:
+def compare(
+    task: EstimationTask, before: FittedModel, after: FittedModel, names: tuple[str, ...], score: float
+) -> Trial:
     """Return the trial of effects that one fit has and the one before has not; see `critical_value` for `score`."""
     # Judged by the data alone: an effect is not needed because it lets a number stay at its prior.
-    gain = before.seen_cost - after.seen_cost - max(after.nuisance_dof - before.nuisance_dof, 0.0)
-    new = case.validate if case.validate.records else case.identify
-    errors = [stand.rms(case.judging or new.names, case.scales) for stand in (before, after)]
+    gain = before.fitted_chi2 - after.fitted_chi2 - max(after.nuisance_dof - before.nuisance_dof, 0.0)
+    new = task.validate if task.validate.records else task.identify
+    errors = [fit.rms(task.scored or new.names, task.scales) for fit in (before, after)]
     added = [effect for effect in after.effects if effect.name in names]
     needed = critical_value(score, added) * after.discrepancy
-    far = _relevance(case, before.model, after.model)
-    alone = min(_relevance(case, at_null(after.model, effect), after.model) for effect in added)
-    share, is_small, reason = explained_share(case, *errors), False, ""
+    far = _relevance(task, before.model, after.model)
+    alone = min(_relevance(task, without_effect(after.model, effect), after.model) for effect in added)
+    share, is_small, reason = explained_share(task, *errors), False, ""
     if gain < needed:
         reason = "no more than chance gives"
-    elif case.validate.records and after.held_cost >= before.held_cost:
+    elif task.validate.records and after.validation_chi2 >= before.validation_chi2:
         reason = "does not help on the validation runs"
-    elif case.validate.records and share < SHARE:
+    elif task.validate.records and share < SHARE:
         reason = f"explains less than {100 * SHARE:.0f} % of what is unexplained"
-    elif min(far, alone) < case.tolerance:
-        is_small = far < case.tolerance
+    elif min(far, alone) < task.tolerance:
+        is_small = far < task.tolerance
         reason = f"{'' if is_small else 'itself '}moves the prediction by less than the tolerance"
     elif ends := [effect.strength for effect in added if effect.strength in after.at_bound()]:
         # Other numbers may come back as further effects are added.
@@ -138,18 +140,18 @@ def compare(case: Case, before: Stand, after: Stand, names: tuple[str, ...], sco
     return Trial(names, after, gain, share, errors[1], needed, score, reason, is_small)
 
 
-def _relevance(case: Case, before: Model, after: Model) -> float:
+def _relevance(task: EstimationTask, before: Model, after: Model) -> float:
     """Return how far two models differ in what they predict of the fitted or of the validation runs, the larger one."""
-    suites = [suite for suite in (case.identify, case.validate) if suite.records]
-    return max(difference(suite, before, after, case.weights) for suite in suites)
+    suites = [dataset for dataset in (task.identify, task.validate) if dataset.records]
+    return max(difference(dataset, before, after, task.weights) for dataset in suites)
 
 
-def is_determined(stand: Stand, effect: Candidate) -> bool:
+def is_determined(fit: FittedModel, effect: Candidate) -> bool:
     """Tell whether the 95 % interval of an effect's strength excludes its null, discrepancy counted.
 
     One that differs from run to run is determined where it is so in a run: its mean may be next to nothing.
     """
-    solution = stand.solution
+    solution = fit.solution
     where = solution.problem.where
     j = where.names.index(effect.strength)
     parameter = where.parameters[j]
@@ -160,7 +162,7 @@ def is_determined(stand: Stand, effect: Candidate) -> bool:
     elif parameter.scale == "linear":
         null = coordinate(parameter, null)
     deviations = [k for k, name in enumerate(where.names) if name.endswith(f":{effect.strength}")]
-    covariance = solution.covariance * stand.discrepancy
+    covariance = solution.covariance * fit.discrepancy
     for places in [[j, k] for k in deviations] or [[j]]:
         sigma = math.sqrt(max(float(covariance[np.ix_(places, places)].sum()), 0.0))
         if abs(float(solution.x[places].sum()) - null) > HALF_WIDTH * sigma:
@@ -170,17 +172,17 @@ def is_determined(stand: Stand, effect: Candidate) -> bool:
 
 def rank(trials: Sequence[Trial]) -> list[Trial]:
     """Return trials with the best one first, by BIC at the least discrepancy among them."""
-    least = min((trial.stand.discrepancy for trial in trials), default=1.0)
-    return sorted(trials, key=lambda trial: trial.stand.bic(least))
+    least = min((trial.fit.discrepancy for trial in trials), default=1.0)
+    return sorted(trials, key=lambda trial: trial.fit.bic(least))
 
 
-def bic_lead(one: Stand, other: Stand) -> float:
+def bic_lead(one: FittedModel, other: FittedModel) -> float:
     """Return by how much BIC prefers one fit to another, at the lesser discrepancy of both."""
     least = min(one.discrepancy, other.discrepancy)
     return other.bic(least) - one.bic(least)
 
 
-def best_of(case: Case, trials: Sequence[Trial]) -> Trial | None:
+def best_of(task: EstimationTask, trials: Sequence[Trial]) -> Trial | None:
     """Return the best accepted trial, or None.
 
     What explains no more than an effect that hardly moves the prediction is no finding. A pair must beat the best
@@ -195,18 +197,18 @@ def best_of(case: Case, trials: Sequence[Trial]) -> Trial | None:
     if not accepted or single is None or len(accepted[0].names) == 1:
         return accepted[0] if accepted else None
     pair = accepted[0]
-    explained = explained_share(case, single.error, pair.error) if case.validate.records else 1.0
-    is_more = bic_lead(pair.stand, single.stand) >= pair.needed and explained >= SHARE
+    explained = explained_share(task, single.error, pair.error) if task.validate.records else 1.0
+    is_more = bic_lead(pair.fit, single.fit) >= pair.needed and explained >= SHARE
     return pair if is_more else single
 
 
-def explained_share(case: Case, before: float, after: float) -> float:
+def explained_share(task: EstimationTask, before: float, after: float) -> float:
     """Return the share of the unexplained mean square that goes where an rms residual falls."""
-    return (before**2 - after**2) / max(before**2 - case.floor**2, 1e-300)
+    return (before**2 - after**2) / max(before**2 - task.floor**2, 1e-300)
 
 
-def is_alike(a: Stand, b: Stand) -> bool:
+def is_alike(a: FittedModel, b: FittedModel) -> bool:
     """Tell whether the runs cannot tell two answers apart."""
     if len(a.effects) != len(b.effects):
         return False
-    return (b.cost + b.held_cost) - (a.cost + a.held_cost) < INDISTINGUISHABLE * a.discrepancy
+    return (b.cost + b.validation_chi2) - (a.cost + a.validation_chi2) < INDISTINGUISHABLE * a.discrepancy

@@ -96,9 +96,9 @@ class Direction:
         The trial; its numbers, SI.
     move
         The move of the prediction, whitened, record after record.
-    imitated
+    projection
         J' times the move.
-    own, promise
+    projected_norm2, predicted_gain
         d'd' and d'e.
     columns
         How many columns stand behind it: two in each run for a sinusoid.
@@ -109,31 +109,31 @@ class Direction:
     candidate: Candidate
     values: Mapping[str, float]
     move: Array
-    imitated: Array
-    own: float
-    promise: float
+    projection: Array
+    projected_norm2: float
+    predicted_gain: float
     columns: int = 1
     scale: float = 1.0
 
     @property
-    def amount(self) -> float:
+    def best_step(self) -> float:
         """How many times the trial's strength the residual asks for."""
-        return self.promise / self.own
+        return self.predicted_gain / self.projected_norm2
 
     @property
     def start(self) -> dict[str, float]:
         """Values from which a fit may begin."""
         if self.candidate.is_limit:
             return dict(self.values)
-        return {**self.values, self.candidate.strength: self.values[self.candidate.strength] * self.amount}
+        return {**self.values, self.candidate.strength: self.values[self.candidate.strength] * self.best_step}
 
     @property
-    def drop(self) -> float:
+    def predicted_reduction(self) -> float:
         """By how much the cost would fall, as if one column did it; zero where the strength cannot be had."""
-        if (self.amount <= 0 and not self.candidate.signed) or abs(self.amount) * self.scale > FARTHEST:
+        if (self.best_step <= 0 and not self.candidate.signed) or abs(self.best_step) * self.scale > FARTHEST:
             return 0.0
         more = chdtri(self.columns, LEVEL) - chdtri(1, LEVEL)
-        return max(self.promise * self.amount - float(more), 0.0)
+        return max(self.predicted_gain * self.best_step - float(more), 0.0)
 
 
 class Screening:
@@ -160,7 +160,7 @@ class Screening:
         self.model = coarse(problem.at(solution.x))
         self.inverse = solution.covariance
         self.residual = np.concatenate(solution.residuals)
-        self.here = [np.asarray(self.model.predict(record.observation)) for record in problem.suite.records]
+        self.here = [np.asarray(self.model.predict(record.observation)) for record in problem.dataset.records]
         trials = [(candidate, values) for candidate in candidates for values in candidate.trials]
         found = problem.each(lambda trial: self._try(*trial), trials)
         self.directions = [direction for direction in found if direction is not None]
@@ -186,28 +186,28 @@ class Screening:
 
     def _move(self, model: Model, values: Mapping[str, float]) -> Array | None:
         """Return by how much an effect moves the prediction, whitened, record after record; None where not finite."""
-        suite, there = self.solution.problem.suite, model.replace(values)
+        dataset, there = self.solution.problem.dataset, model.replace(values)
         parts = list[Array]()
-        for record, before in zip(suite.records, self.here, strict=True):
+        for record, before in zip(dataset.records, self.here, strict=True):
             moved = np.asarray(there.predict(record.observation)) - before
             if not np.isfinite(moved).all():
                 return None
-            parts.append(suite.whitened(record, np.where(record.present, moved, 0.0)))
+            parts.append(dataset.whitened(record, np.where(record.present, moved, 0.0)))
         return np.concatenate(parts)
 
     def _direction(self, candidate: Candidate, values: Mapping[str, float], move: Array) -> Direction | None:
         """Return a direction; None where the model can imitate it."""
-        imitated = self._imitated(move[:, None])[:, 0]
+        projection = self._imitated(move[:, None])[:, 0]
         whole = float(move @ move)
-        own = whole - float(imitated @ self.inverse @ imitated)
-        if whole <= (ROUNDING * self.solution.problem.suite.size) ** 2 or own < OWN * whole:
+        projected_norm2 = whole - float(projection @ self.inverse @ projection)
+        if whole <= (ROUNDING * self.solution.problem.dataset.size) ** 2 or projected_norm2 < OWN * whole:
             return None
-        return Direction(candidate, values, move, imitated, own, float(move @ self.residual))
+        return Direction(candidate, values, move, projection, projected_norm2, float(move @ self.residual))
 
     def _sinusoid(self, candidate: Candidate, model: Model, values: Mapping[str, float]) -> Direction | None:
         """Return the direction of a sinusoid with the best phase in each run."""
-        names = [record.observation.name for record in self.solution.problem.suite.records]
-        ends = np.cumsum([record.rows for record in self.solution.problem.suite.records])
+        names = [record.observation.name for record in self.solution.problem.dataset.records]
+        ends = np.cumsum([record.rows for record in self.solution.problem.dataset.records])
         columns = []
         for phase in (0.0, math.pi / 2):
             move = self._move(model, {**values, **{f"{n}:{candidate.phase}": phase for n in names}})
@@ -218,8 +218,8 @@ class Screening:
                 column[begin:end] = move[begin:end]
                 columns.append(column)
         matrix = np.column_stack(columns)
-        imitated = self._imitated(matrix)
-        gram = matrix.T @ matrix - imitated.T @ self.inverse @ imitated
+        projection = self._imitated(matrix)
+        gram = matrix.T @ matrix - projection.T @ self.inverse @ projection
         amounts = np.linalg.pinv(gram, rcond=1e-8, hermitian=True) @ (matrix.T @ self.residual)
         sines, cosines = amounts[: len(names)], amounts[len(names) :]
         size = float(np.sqrt(np.mean(sines**2 + cosines**2)))
@@ -232,9 +232,9 @@ class Screening:
     def _imitated(self, moves: Array) -> Array:
         """Return J'd for moves (rows by k): coordinates by k."""
         total, row = np.zeros((len(self.solution.x), moves.shape[1])), 0
-        for slopes in self.solution.slopes:
-            part = moves[row : row + len(slopes.matrix)]
-            total[slopes.places] += slopes.matrix.T @ part
+        for jacobian in self.solution.jacobian:
+            part = moves[row : row + len(jacobian.matrix)]
+            total[jacobian.places] += jacobian.matrix.T @ part
             row += len(part)
         return total
 
@@ -243,9 +243,9 @@ class Screening:
         if not directions:
             return np.zeros((0, 0))
         moves = np.array([direction.move for direction in directions])
-        imitated = np.array([direction.imitated for direction in directions])
-        inner = moves @ moves.T - imitated @ self.inverse @ imitated.T
-        length = np.sqrt(np.array([direction.own for direction in directions]))
+        projection = np.array([direction.projection for direction in directions])
+        inner = moves @ moves.T - projection @ self.inverse @ projection.T
+        length = np.sqrt(np.array([direction.projected_norm2 for direction in directions]))
         return np.asarray(inner / np.outer(length, length))
 
     def critical_value(self, level: float, errors: Iterable[Mapping[str, Array]] = (), seed: int = 0) -> float:
@@ -265,32 +265,34 @@ class Screening:
         plain = [direction for direction in self.directions if direction.columns == 1]
         if not plain:
             return float(chdtri(1, level))
-        drawn = np.array([self._scaled(plain, error) for error in errors])
-        if not len(drawn):
+        null_errors = np.array([self._scaled(plain, error) for error in errors])
+        if not len(null_errors):
             values, vectors = np.linalg.eigh(self.cosines(plain))
             root = vectors * np.sqrt(np.maximum(values, 0.0))
-            drawn = np.random.default_rng(seed).standard_normal((DRAWS, len(values))) @ root.T
+            null_errors = np.random.default_rng(seed).standard_normal((DRAWS, len(values))) @ root.T
         signed = np.array([direction.candidate.signed for direction in plain])
-        largest = np.where(signed, np.abs(drawn), np.maximum(drawn, 0.0)).max(axis=1)
+        largest = np.where(signed, np.abs(null_errors), np.maximum(null_errors, 0.0)).max(axis=1)
         single = float(np.quantile(largest**2, 1 - LEVEL))
         comparisons = LEVEL / float(chdtrc(1, single))  # so many independent ones would be exceeded as often
         return float(chdtri(1, level / max(comparisons, 1.0)))
 
     def _scaled(self, directions: Sequence[Direction], error: Mapping[str, Array]) -> Array:
         """Return d'e over the length of d' for readings that are off by an error."""
-        suite = self.solution.problem.suite
+        dataset = self.solution.problem.dataset
         parts = [
-            suite.whitened(record, np.where(record.present, error[record.observation.name], 0.0))
-            for record in suite.records
+            dataset.whitened(record, np.where(record.present, error[record.observation.name], 0.0))
+            for record in dataset.records
         ]
-        whole, imitated = np.concatenate(parts), self.inverse @ self.solution.project(parts)
-        return np.array([(d.move @ whole - d.imitated @ imitated) / math.sqrt(d.own) for d in directions])
+        whole, projection = np.concatenate(parts), self.inverse @ self.solution.project(parts)
+        return np.array(
+            [(d.move @ whole - d.projection @ projection) / math.sqrt(d.projected_norm2) for d in directions]
+        )
 
     def best(self) -> list[list[Direction]]:
         """Return for each candidate its directions, best first; the candidate that promises most first."""
         by_name: dict[str, list[Direction]] = {}
-        for direction in sorted(self.directions, key=lambda direction: -direction.drop):
-            if direction.drop > 0:
+        for direction in sorted(self.directions, key=lambda direction: -direction.predicted_reduction):
+            if direction.predicted_reduction > 0:
                 by_name.setdefault(direction.candidate.name, []).append(direction)
         return list(by_name.values())
 
@@ -302,9 +304,15 @@ class Screening:
             a, b, cosine = self.directions[i], self.directions[j], float(cosines[i, j])
             if a.candidate.name == b.candidate.name or 1 - cosine**2 < OWN:
                 continue
-            p, q = a.promise / math.sqrt(a.own), b.promise / math.sqrt(b.own)
+            p, q = a.predicted_gain / math.sqrt(a.projected_norm2), b.predicted_gain / math.sqrt(b.projected_norm2)
             of_a, of_b = (p - cosine * q) / (1 - cosine**2), (q - cosine * p) / (1 - cosine**2)
-            far = max(abs(of_a) / math.sqrt(a.own) * a.scale, abs(of_b) / math.sqrt(b.own) * b.scale) > FARTHEST
+            far = (
+                max(
+                    abs(of_a) / math.sqrt(a.projected_norm2) * a.scale,
+                    abs(of_b) / math.sqrt(b.projected_norm2) * b.scale,
+                )
+                > FARTHEST
+            )
             if not far and (of_a > 0 or a.candidate.signed) and (of_b > 0 or b.candidate.signed):
                 made.append((of_a * p + of_b * q, a, b))
         made.sort(key=lambda pair: -pair[0])

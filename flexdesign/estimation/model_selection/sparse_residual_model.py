@@ -1,4 +1,4 @@
-"""A rival without physics: how much of what is left is explainable at all, as a sum of smooth functions.
+"""A model without physics: how much of the residual is explainable at all, as a sum of smooth functions.
 
 Terms are taken up one by one, each time the one that lowers the cost most (orthogonal matching pursuit: Pati, Rezaiifar
 and Krishnaprasad 1993), while they lower it by more than chance does. What the model's own numbers can imitate is taken
@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from flexdesign.core.model import Observation
-from flexdesign.estimation.least_squares.dataset import Suite
-from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import Stand, without_offset
+from flexdesign.estimation.least_squares.dataset import Dataset
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, without_offset
 
 Array = NDArray[np.float64]
 #: Functions of what a model predicts of an observation, by name: n values each, of size one.
-Features = Callable[[Observation, Array], Mapping[str, Array]]
+BasisFunctions = Callable[[Observation, Array], Mapping[str, Array]]
 #: No more terms than these, and none that chance makes in one of a thousand cases.
 MOST, LEVEL = 10, 1e-3
 #: A function of which the model's own numbers leave less than this, in squares, is one that they can imitate.
@@ -29,17 +29,17 @@ OWN = 1e-4
 
 
 @dataclass(frozen=True)
-class Rival:
-    """What smooth functions explain of what is left.
+class SparseModel:
+    """What smooth functions explain of the residual.
 
     Parameters
     ----------
     terms
         Amounts of the terms, in the order in which they were taken up [response].
     gain, held_gain
-        Fall of the cost of what the fit saw, and of the runs kept apart.
+        Fall of the cost of what the fit saw, and of the validation runs.
     moved
-        How large the sum is on the runs kept apart, rms [response].
+        How large the sum is on the validation runs, rms [response].
     shares
         Share of the fall that each term brought.
     """
@@ -51,46 +51,46 @@ class Rival:
     shares: Mapping[str, float]
 
 
-def rival(case: Case, stand: Stand, features: Features) -> Rival:
-    """Return the sum of smooth functions that explains most of what a stand leaves."""
-    names, seen = _columns(case.identify, stand, features)
-    solution = stand.solution
-    imitated, row = np.zeros((len(solution.x), len(names))), 0
-    for slopes in solution.slopes:
-        imitated[slopes.places] += slopes.matrix.T @ seen[row : row + len(slopes.matrix)]
-        row += len(slopes.matrix)
+def sparse_model(task: EstimationTask, fit: FittedModel, features: BasisFunctions) -> SparseModel:
+    """Return the sum of smooth functions that explains most of what a fitted model leaves."""
+    names, seen = _columns(task.identify, fit, features)
+    solution = fit.solution
+    projection, row = np.zeros((len(solution.x), len(names))), 0
+    for jacobian in solution.jacobian:
+        projection[jacobian.places] += jacobian.matrix.T @ seen[row : row + len(jacobian.matrix)]
+        row += len(jacobian.matrix)
     inverse = solution.covariance
-    gram = seen.T @ seen - imitated.T @ inverse @ imitated
-    promise = seen.T @ np.concatenate(solution.residuals)
+    gram = seen.T @ seen - projection.T @ inverse @ projection
+    predicted_gain = seen.T @ np.concatenate(solution.residuals)
     own = np.diag(gram) > OWN * np.sum(seen**2, axis=0)
-    chosen, gains = _pursuit(gram, promise, own, float(chdtri(1, LEVEL / max(len(names), 1))))
+    chosen, gains = _pursuit(gram, predicted_gain, own, float(chdtri(1, LEVEL / max(len(names), 1))))
     if not chosen:
-        return Rival({}, 0.0, 0.0, 0.0, {})
-    amounts = np.asarray(np.linalg.solve(gram[np.ix_(chosen, chosen)], promise[chosen]), dtype=np.float64)
-    gain = float(amounts @ promise[chosen])
-    held, moved = _held(case, stand, features, chosen, amounts, inverse @ imitated[:, chosen] @ amounts)
+        return SparseModel({}, 0.0, 0.0, 0.0, {})
+    amounts = np.asarray(np.linalg.solve(gram[np.ix_(chosen, chosen)], predicted_gain[chosen]), dtype=np.float64)
+    gain = float(amounts @ predicted_gain[chosen])
+    held, moved = _held(task, fit, features, chosen, amounts, inverse @ projection[:, chosen] @ amounts)
     terms = {names[j]: float(amount) for j, amount in zip(chosen, amounts, strict=True)}
-    return Rival(terms, gain, held, moved, {names[j]: g / sum(gains) for j, g in zip(chosen, gains, strict=True)})
+    return SparseModel(terms, gain, held, moved, {names[j]: g / sum(gains) for j, g in zip(chosen, gains, strict=True)})
 
 
-def cost_of_terms(case: Case, stand: Stand, features: Features, terms: Collection[str]) -> float:
+def cost_of_terms(task: EstimationTask, fit: FittedModel, features: BasisFunctions, terms: Collection[str]) -> float:
     """Return chi^2 of the fitted runs if smooth functions take the place of effects.
 
     Parameters
     ----------
-    case, stand
+    task, fit
         What is fitted, and the model without effects; its own numbers move along their Jacobian.
     features, terms
         Smooth functions, and the names of those that may be used.
     """
-    suite = stand.solution.problem.suite
-    names, seen = _columns(suite, stand, features)
+    dataset = fit.solution.problem.dataset
+    names, seen = _columns(dataset, fit, features)
     parts = list[Array]()
-    for part in stand.solution.slopes:
-        whole = np.zeros((len(part.matrix), len(stand.solution.x)))
+    for part in fit.solution.jacobian:
+        whole = np.zeros((len(part.matrix), len(fit.solution.x)))
         whole[:, part.places] = part.matrix
         parts.append(whole)
-    residual = np.concatenate(stand.solution.residuals)
+    residual = np.concatenate(fit.solution.residuals)
     columns = np.hstack([np.vstack(parts), seen[:, [name in terms for name in names]]])
     lengths = np.linalg.norm(columns, axis=0)
     amounts = np.linalg.lstsq(columns / np.where(lengths > 0, lengths, 1.0), residual, rcond=1e-10)[0]
@@ -98,22 +98,24 @@ def cost_of_terms(case: Case, stand: Stand, features: Features, terms: Collectio
     return float(rest @ rest)
 
 
-def _columns(suite: Suite, stand: Stand, features: Features) -> tuple[list[str], Array]:
+def _columns(dataset: Dataset, fit: FittedModel, features: BasisFunctions) -> tuple[list[str], Array]:
     names, parts = list[str](), []
-    for record in suite.records:
-        made = features(record.observation, np.asarray(stand.model.predict(record.observation)))
+    for record in dataset.records:
+        made = features(record.observation, np.asarray(fit.model.predict(record.observation)))
         names = list(made)
-        columns = [suite.whitened(record, np.where(record.present, column, 0.0)) for column in made.values()]
+        columns = [dataset.whitened(record, np.where(record.present, column, 0.0)) for column in made.values()]
         parts.append(np.column_stack(columns))
     return names, np.vstack(parts)
 
 
-def _pursuit(gram: Array, promise: Array, own: NDArray[np.bool_], needed: float) -> tuple[list[int], list[float]]:
+def _pursuit(
+    gram: Array, predicted_gain: Array, own: NDArray[np.bool_], needed: float
+) -> tuple[list[int], list[float]]:
     chosen, gains, before = list[int](), list[float](), 0.0
     size = np.diag(gram).copy()
     for _ in range(MOST):
         best, reached = -1, before
-        for j in range(len(promise)):
+        for j in range(len(predicted_gain)):
             if j in chosen or not own[j]:
                 continue
             trial = [*chosen, j]
@@ -122,7 +124,7 @@ def _pursuit(gram: Array, promise: Array, own: NDArray[np.bool_], needed: float)
             scaled = inner / np.outer(scale, scale)
             if np.linalg.cond(scaled) > 1e6:
                 continue
-            fall = float((promise[trial] / scale) @ np.linalg.solve(scaled, promise[trial] / scale))
+            fall = float((predicted_gain[trial] / scale) @ np.linalg.solve(scaled, predicted_gain[trial] / scale))
             if fall > reached:
                 best, reached = j, fall
         if best < 0 or reached - before < needed:
@@ -134,32 +136,32 @@ def _pursuit(gram: Array, promise: Array, own: NDArray[np.bool_], needed: float)
 
 
 def _held(
-    case: Case, stand: Stand, features: Features, chosen: list[int], amounts: Array, moves: Array
+    task: EstimationTask, fit: FittedModel, features: BasisFunctions, chosen: list[int], amounts: Array, moves: Array
 ) -> tuple[float, float]:
-    """Return by how much the sum lowers the cost of the runs kept apart, and how large it is there.
+    """Return by how much the sum lowers the cost of the validation runs, and how large it is there.
 
     The model's own numbers move with the sum as the fit lets them; the move of the prediction is found by a small one.
     """
-    suite = case.validate
-    if not suite.records:
+    dataset = task.validate
+    if not dataset.records:
         return 0.0, 0.0
-    where, x, step = stand.solution.problem.where, stand.solution.x, 1e-3
+    where, x, step = fit.solution.problem.where, fit.solution.x, 1e-3
     # A sum that the model's own numbers can imitate asks for moves without end: these stay where they are plausible.
     moved = np.clip(x + step * moves, np.maximum(where.lower, x - 1.0), np.minimum(where.upper, x + 1.0))
     shared = {n: v for n, v in where.values(moved).items() if ":" not in n}
-    nudged = stand.model.replace(shared)
+    nudged = fit.model.replace(shared)
     gained, sizes = 0.0, {True: (0.0, 0), False: (0.0, 0)}
-    for record in suite.records:
-        here = np.asarray(stand.model.predict(record.observation))
+    for record in dataset.records:
+        here = np.asarray(fit.model.predict(record.observation))
         made = list(features(record.observation, here).values())
         added = sum(amount * made[j] for j, amount in zip(chosen, amounts, strict=True))
         added = added + (np.asarray(nudged.predict(record.observation)) - here) / step
-        before, after = suite.residual(record, here), suite.residual(record, here + added)
+        before, after = dataset.residual(record, here), dataset.residual(record, here + added)
         if before is None or after is None:
             return 0.0, 0.0
         gained += float(before @ before - after @ after)
         whole = record.basis.shape[0] - record.columns.shape[1]
-        free = without_offset(record, added, case.weights)
-        squares, count = sizes[record.observation.name in case.weights]
-        sizes[record.observation.name in case.weights] = squares + float(free @ free), count + min(whole, len(free))
+        free = without_offset(record, added, task.weights)
+        squares, count = sizes[record.observation.name in task.weights]
+        sizes[record.observation.name in task.weights] = squares + float(free @ free), count + min(whole, len(free))
     return gained, max(float(np.sqrt(squares / count)) for squares, count in sizes.values() if count)

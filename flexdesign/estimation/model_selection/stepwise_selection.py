@@ -16,11 +16,11 @@ from scipy.special import chdtri
 
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, QUICK, ROUGH, Solution
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
-from flexdesign.estimation.model_selection.estimation_task import Case
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
-    Stand,
+    FittedModel,
     escape,
-    fit,
+    fit_model,
     refit,
     solve_case,
     with_effects,
@@ -56,7 +56,7 @@ LARGEST_GROUP = 3
 class _Start:
     """Where a fit with further effects starts: at a fit without them, in the directions of one or two trials."""
 
-    origin: Stand
+    origin: FittedModel
     directions: tuple[Direction, ...]
 
     @property
@@ -76,60 +76,67 @@ class _Entry:
     solution: Solution
 
 
-def forward(case: Case, stand: Stand, candidates: Sequence[Candidate], origins: Sequence[Stand] = ()) -> Step:
+def forward(
+    task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], origins: Sequence[FittedModel] = ()
+) -> Step:
     """Return the addition that pays best, or none.
 
     Parameters
     ----------
-    case, stand
+    task, fit
         The runs, and the present fit.
     candidates
         The catalogue.
     origins
         Fits from which additions are tried as well, such as the design where calibration led astray.
     """
-    left = [c for c in candidates if c.name not in stand.names and c.after in ("", *stand.names)]
-    case.progress("screening the catalogue" if not stand.effects else f"screening beside {', '.join(stand.names)}")
+    left = [c for c in candidates if c.name not in fit.names and c.after in ("", *fit.names)]
+    task.progress("screening the catalogue" if not fit.effects else f"screening beside {', '.join(fit.names)}")
     score, starts = 0.0, list[_Start]()
-    for origin in (stand, *origins):
-        screening = Screening(origin.solution, left, case.coarse)
-        score = score or screening.critical_value(LEVEL, case.drawn(stand.remainders))
+    for origin in (fit, *origins):
+        screening = Screening(origin.solution, left, task.coarse)
+        score = score or screening.critical_value(LEVEL, task.null_errors(fit.residuals_by_run))
         starts += _starts(origin, screening, WORTH * max(score, SHARE * origin.excess))
-    singles, pairs = _compete(case, stand, starts)
-    trials = _trials(case, stand, singles, score)
-    best = best_of(case, trials)
-    if (stand if best is None else best.stand).exceeds_noise:
+    singles, pairs = _compete(task, fit, starts)
+    trials = _trials(task, fit, singles, score)
+    best = best_of(task, trials)
+    if (fit if best is None else best.fit).exceeds_noise:
         # Fits in local minima would be refused, and call for effects that are not there.
-        trials = [_escaped(case, stand, trial) for trial in trials]
-        trials += _trials(case, stand, pairs, score)
-    return Step(best_of(case, trials), tuple(rank(trials)))
+        trials = [_escaped(task, fit, trial) for trial in trials]
+        trials += _trials(task, fit, pairs, score)
+    return Step(best_of(task, trials), tuple(rank(trials)))
 
 
-def _starts(origin: Stand, screening: Screening, enough: float) -> list[_Start]:
+def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_Start]:
     """Return where fits start: at the best trials of each candidate, and at pairs that promise more than one."""
     best = screening.best()
-    found = [_Start(origin, (each,)) for directions in best for each in directions[:STARTS] if each.drop > enough]
-    most = best[0][0].drop if best else 0.0
-    pairs = [(a, b) for promise, a, b in screening.pairs(PAIRS) if promise > most + enough]
+    found = [
+        _Start(origin, (each,))
+        for directions in best
+        for each in directions[:STARTS]
+        if each.predicted_reduction > enough
+    ]
+    most = best[0][0].predicted_reduction if best else 0.0
+    pairs = [(a, b) for predicted_gain, a, b in screening.pairs(PAIRS) if predicted_gain > most + enough]
     return found + [_Start(origin, pair) for pair in pairs]
 
 
-def _compete(case: Case, stand: Stand, starts: Sequence[_Start]) -> tuple[list[_Entry], list[_Entry]]:
+def _compete(task: EstimationTask, fit: FittedModel, starts: Sequence[_Start]) -> tuple[list[_Entry], list[_Entry]]:
     """Return the fits that are worth being carried to their end: with one further effect, and with two."""
 
     def quickly(start: _Start) -> _Entry | None:
-        case.progress(f"trying {' and '.join((*stand.names, *start.names))}")
-        return _quick_fit(case, start)
+        task.progress(f"trying {' and '.join((*fit.names, *start.names))}")
+        return _quick_fit(task, start)
 
     def roughly(entry: _Entry) -> _Entry | None:
-        case.progress(f"fitting roughly with {' and '.join((*stand.names, *entry.start.names))}")
+        task.progress(f"fitting roughly with {' and '.join((*fit.names, *entry.start.names))}")
         solution = entry.solution
-        model = grid_initial_states(solution.problem.suite, solution.problem.at(solution.x), case.each)
-        found = solve_case(case, model, entry.start.effects, old=solution.columns(), effort=ROUGH)
+        model = grid_initial_states(solution.problem.dataset, solution.problem.at(solution.x), task.each)
+        found = solve_case(task, model, entry.start.effects, old=solution.columns(), effort=ROUGH)
         return None if found is None else replace(entry, solution=found)
 
-    entries = _best_by_names(case.each(quickly, starts))
-    fitted = _best_by_names(case.each(roughly, entries[:ROUGHLY]))
+    entries = _best_by_names(task.each(quickly, starts))
+    fitted = _best_by_names(task.each(roughly, entries[:ROUGHLY]))
     singles = [entry for entry in fitted if len(entry.start.names) == 1]
     pairs = [entry for entry in fitted if len(entry.start.names) == 2]
     finalists = singles[:FINALISTS]
@@ -148,7 +155,7 @@ def _best_by_names(entries: Sequence[_Entry | None]) -> list[_Entry]:
     return list(best.values())
 
 
-def _quick_fit(case: Case, start: _Start) -> _Entry | None:
+def _quick_fit(task: EstimationTask, start: _Start) -> _Entry | None:
     """Return where the known Jacobian leads, coarsely simulated.
 
     A limit moves the prediction so far that the Jacobian without it misleads, as does that beside a gross misfit: it is
@@ -156,7 +163,7 @@ def _quick_fit(case: Case, start: _Start) -> _Entry | None:
     """
     origin, model, values = start.origin, start.origin.model, dict[str, float]()
     old = dict(origin.solution.columns())
-    ends = np.cumsum([record.rows for record in origin.solution.problem.suite.records])[:-1]
+    ends = np.cumsum([record.rows for record in origin.solution.problem.dataset.records])[:-1]
     for direction in start.directions:
         model = direction.candidate.add(model)
         values |= direction.start
@@ -167,67 +174,67 @@ def _quick_fit(case: Case, start: _Start) -> _Entry | None:
     bounds = {parameter.name: parameter.plausible for parameter in model.parameters()}
     begun = {name: float(np.clip(value, *bounds.get(name, (-math.inf, math.inf)))) for name, value in values.items()}
     is_misleading = origin.scale > GROSS or any(direction.candidate.is_limit for direction in start.directions)
-    model = case.coarse(model.replace(begun))
-    found = solve_case(case, model, start.effects, old=None if is_misleading else old, effort=QUICK)
+    model = task.coarse(model.replace(begun))
+    found = solve_case(task, model, start.effects, old=None if is_misleading else old, effort=QUICK)
     return None if found is None else _Entry(start, found)
 
 
-def _trials(case: Case, stand: Stand, entries: Sequence[_Entry], score: float) -> list[Trial]:
-    found = case.each(lambda entry: _trial(case, stand, entry, score), entries)
+def _trials(task: EstimationTask, fit: FittedModel, entries: Sequence[_Entry], score: float) -> list[Trial]:
+    found = task.each(lambda entry: _trial(task, fit, entry, score), entries)
     return [trial for trial in found if trial is not None]
 
 
-def _trial(case: Case, stand: Stand, entry: _Entry, score: float) -> Trial | None:
+def _trial(task: EstimationTask, fit: FittedModel, entry: _Entry, score: float) -> Trial | None:
     """Return the comparison of a fit carried to its end, with runs in the initial states that suit it best."""
-    case.progress(f"fitting with {' and '.join((*stand.names, *entry.start.names))}")
+    task.progress(f"fitting with {' and '.join((*fit.names, *entry.start.names))}")
     solution = entry.solution
-    model = grid_initial_states(solution.problem.suite, case.fine(solution.problem.at(solution.x)), case.each)
-    made = fit(case, model, entry.start.effects, old=solution.columns(), effort=FULL)
-    return None if made is None else compare(case, stand, made, entry.start.names, score)
+    model = grid_initial_states(solution.problem.dataset, task.fine(solution.problem.at(solution.x)), task.each)
+    made = fit_model(task, model, entry.start.effects, old=solution.columns(), effort=FULL)
+    return None if made is None else compare(task, fit, made, entry.start.names, score)
 
 
-def _escaped(case: Case, stand: Stand, trial: Trial) -> Trial:
+def _escaped(task: EstimationTask, fit: FittedModel, trial: Trial) -> Trial:
     """Return a trial with more evidence than chance gives, its fit restarted elsewhere."""
-    better = escape(case, trial.stand) if trial.gain > trial.needed else trial.stand
-    return trial if better is trial.stand else compare(case, stand, better, trial.names, trial.score)
+    better = escape(task, trial.fit) if trial.gain > trial.needed else trial.fit
+    return trial if better is trial.fit else compare(task, fit, better, trial.names, trial.score)
 
 
-def backward(case: Case, stand: Stand, tested: Sequence[str]) -> Stand:
+def backward(task: EstimationTask, fit: FittedModel, tested: Sequence[str]) -> FittedModel:
     """Return the fit without those effects of some that have lost their evidence beside the others.
 
     Parameters
     ----------
-    case, stand
+    task, fit
         The runs, and the fit.
     tested
         Names of the effects that are asked about.
     """
-    for effect in stand.effects:
-        rest = tuple(other for other in stand.effects if other.name != effect.name)
+    for effect in fit.effects:
+        rest = tuple(other for other in fit.effects if other.name != effect.name)
         if effect.name not in tested or not rest:
             continue
-        needed = critical_value(float(chdtri(1, LEVEL)), (effect,)) * stand.discrepancy
-        without = refit(case, stand, rest)
-        if without is not None and without.cost - stand.cost < needed:
-            return backward(case, without, tested)
-    return stand
+        needed = critical_value(float(chdtri(1, LEVEL)), (effect,)) * fit.discrepancy
+        without = refit(task, fit, rest)
+        if without is not None and without.cost - fit.cost < needed:
+            return backward(task, without, tested)
+    return fit
 
 
 def select(
-    case: Case,
-    stand: Stand,
+    task: EstimationTask,
+    fit: FittedModel,
     candidates: Sequence[Candidate],
     most: int,
     *,
-    origins: Sequence[Stand] = (),
-    vary_step: Callable[[Stand, Step], Step] = lambda _, step: step,
-    vary: Callable[[Stand], Stand] = lambda stand: stand,
-) -> tuple[list[Step], list[Stand]]:
+    origins: Sequence[FittedModel] = (),
+    vary_step: Callable[[FittedModel, Step], Step] = lambda _, step: step,
+    vary: Callable[[FittedModel], FittedModel] = lambda fit: fit,
+) -> tuple[list[Step], list[FittedModel]]:
     """Return the steps of a selection, and the fit after each that added an effect.
 
     Parameters
     ----------
-    case, stand
+    task, fit
         The runs, and the fit from which it starts.
     candidates
         The catalogue.
@@ -238,44 +245,44 @@ def select(
     vary_step, vary
         Return a step beside a fit, and a fit, with strengths that differ from run to run where the runs call for that.
     """
-    steps, stands = list[Step](), list[Stand]()
-    while len(stand.effects) < most:
-        steps.append(vary_step(stand, forward(case, stand, candidates, () if stands else origins)))
+    steps, fits = list[Step](), list[FittedModel]()
+    while len(fit.effects) < most:
+        steps.append(vary_step(fit, forward(task, fit, candidates, () if fits else origins)))
         if (chosen := steps[-1].chosen) is None:
             break
-        doubtful = stand.names if len(chosen.names) == 1 else chosen.stand.names
-        made = vary(backward(case, chosen.stand, doubtful))
-        if {*made.names} == {*stand.names}:  # what was added made itself superfluous
+        doubtful = fit.names if len(chosen.names) == 1 else chosen.fit.names
+        made = vary(backward(task, chosen.fit, doubtful))
+        if {*made.names} == {*fit.names}:  # what was added made itself superfluous
             steps[-1] = replace(steps[-1], chosen=None)
             break
-        stand = made
-        stands.append(stand)
-    return steps, stands
+        fit = made
+        fits.append(fit)
+    return steps, fits
 
 
 def select_otherwise(
-    case: Case, path: tuple[list[Step], list[Stand]], candidates: Sequence[Candidate], most: int
-) -> tuple[list[Step], list[Stand]]:
+    task: EstimationTask, path: tuple[list[Step], list[FittedModel]], candidates: Sequence[Candidate], most: int
+) -> tuple[list[Step], list[FittedModel]]:
     """Return the best of the selections that start with another effect accepted at the first step (beam search).
 
     Two lags may imitate a delay, and no addition beside the first lag ever shows that.
     """
-    steps, stands = path
-    if not stands:
+    steps, fits = path
+    if not fits:
         return path
-    best = stands[-1]
+    best = fits[-1]
     for trial in steps[0].trials:
         if not best.exceeds_noise:
             break
         if trial.reason or len(trial.names) > 1 or steps[0].chosen is None or trial.names == steps[0].chosen.names:
             continue
-        more, made = select(case, trial.stand, candidates, most)
+        more, made = select(task, trial.fit, candidates, most)
         if made and bic_lead(made[-1], best) > 0:
-            path, best = ([replace(steps[0], chosen=trial), *more], [trial.stand, *made]), made[-1]
+            path, best = ([replace(steps[0], chosen=trial), *more], [trial.fit, *made]), made[-1]
     return path
 
 
-def confusable(case: Case, stand: Stand, steps: Sequence[Step]) -> tuple[tuple[str, ...], ...]:
+def confusable(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> tuple[tuple[str, ...], ...]:
     """Return the groups of effects that these runs cannot tell apart, the one in the model first.
 
     Effects that did as well when one was added are fitted in its place beside all that were added later.
@@ -283,7 +290,7 @@ def confusable(case: Case, stand: Stand, steps: Sequence[Step]) -> tuple[tuple[s
     groups = list[tuple[str, ...]]()
     for step in steps:
         for name in step.chosen.names if step.chosen else ():
-            if name not in stand.names or any(name == group[0] for group in groups):
+            if name not in fit.names or any(name == group[0] for group in groups):
                 continue
             others = {*step.chosen.names} - {name} if step.chosen else set[str]()
             rivals = [trial for trial in step.alike if others <= {*trial.names} and name not in trial.names]
@@ -291,18 +298,18 @@ def confusable(case: Case, stand: Stand, steps: Sequence[Step]) -> tuple[tuple[s
                 other
                 for trial in rivals
                 for other in trial.names
-                if other not in {*others, *stand.names} and _does_as_well(case, stand, name, trial.stand, other)
+                if other not in {*others, *fit.names} and _does_as_well(task, fit, name, trial.fit, other)
             ]
             if instead:
                 groups.append((name, *instead[: LARGEST_GROUP - 1]))
     return tuple(groups)
 
 
-def _does_as_well(case: Case, stand: Stand, name: str, seen: Stand, other: str) -> bool:
+def _does_as_well(task: EstimationTask, fit: FittedModel, name: str, seen: FittedModel, other: str) -> bool:
     """Tell whether an effect in the place of another explains as much."""
     instead = next(effect for effect in seen.effects if effect.name == other)
-    effects = tuple(instead if effect.name == name else effect for effect in stand.effects)
-    case.progress(f"fitting with {other} in the place of {name}")
-    model = with_effects(case.bare(stand.model), effects)
-    made = fit(case, with_values(with_values(model, seen.model), stand.model), effects)
-    return made is not None and is_alike(stand, made)
+    effects = tuple(instead if effect.name == name else effect for effect in fit.effects)
+    task.progress(f"fitting with {other} in the place of {name}")
+    model = with_effects(task.bare(fit.model), effects)
+    made = fit_model(task, with_values(with_values(model, seen.model), fit.model), effects)
+    return made is not None and is_alike(fit, made)

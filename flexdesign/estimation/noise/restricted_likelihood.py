@@ -49,7 +49,7 @@ class Stretch:
         return np.asarray(self.values - self.trend @ (self.trend.T @ self.values))
 
     @property
-    def freedom(self) -> int:
+    def dof(self) -> int:
         """Number of samples less those that the trend takes."""
         return len(self.values) - self.trend.shape[1]
 
@@ -85,7 +85,7 @@ class _Likelihood:
     """
 
     def __init__(self, stretches: Sequence[Stretch], order: int) -> None:
-        self.order, self.freedom = order, sum(s.freedom for s in stretches)
+        self.order, self.dof = order, sum(s.dof for s in stretches)
         residuals = [s.residual for s in stretches]
         self.scale = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
         tables = [np.column_stack([r / self.scale, s.trend]) for r, s in zip(residuals, stretches, strict=True)]
@@ -113,7 +113,7 @@ class _Likelihood:
     def process(self, at: Array) -> Process:
         """Return the process at some coordinates, with the sigma at which the likelihood is largest."""
         reflections = np.tanh(at)
-        return Process(reflections, self.scale * float(np.sqrt(self._parts(reflections)[0] / self.freedom)))
+        return Process(reflections, self.scale * float(np.sqrt(self._parts(reflections)[0] / self.dof)))
 
     def effective(self, at: Array) -> float:
         """Return the effective number of samples behind the process's rms, by the curvature at the optimum."""
@@ -126,7 +126,7 @@ class _Likelihood:
             curvature[i, j] = curvature[j, i] = corners / (4 * step**2)
         values, vectors = np.linalg.eigh(0.5 * curvature)
         information = np.maximum(values, 1.0)  # no direction is less certain than one observation makes it
-        variance = float(np.sum((vectors.T @ slope) ** 2 / information)) + 0.5 / self.freedom
+        variance = float(np.sum((vectors.T @ slope) ** 2 / information)) + 0.5 / self.dof
         return 0.5 / variance
 
     def __call__(self, at: Array) -> float:
@@ -137,4 +137,4 @@ class _Likelihood:
         reflections = np.tanh(at)
         squares, determinants = self._parts(reflections)
         prior = -float(np.log1p(-(reflections**2)).sum())  # log(rms^2 / sigma^2)
-        return self.freedom * float(np.log(squares / self.freedom)) + determinants + prior
+        return self.dof * float(np.log(squares / self.dof)) + determinants + prior

@@ -107,7 +107,7 @@ def _tested(stretches: Sequence[Stretch], peak: float, period: float) -> _Fit | 
     squares = sum(float(np.sum(s.whitened(process, s.residual) ** 2)) for s in without)
     if squares == 0:
         return None
-    process = replace(process, sigma=float(np.sqrt(squares / sum(s.freedom for s in without))))
+    process = replace(process, sigma=float(np.sqrt(squares / sum(s.dof for s in without))))
     fit = _fit(stretches, frequency, period, process)
     dof = 2 * len(_runs(stretches))
     frequencies = max(s.first + len(s.values) for s in stretches) - min(s.first for s in stretches)

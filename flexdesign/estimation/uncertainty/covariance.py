@@ -121,13 +121,13 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
     """
     from scipy.special import chdtri, ndtri, stdtrit
 
-    records, given = solution.problem.suite.records, known_variance or 0.0
-    prior = solution.problem.before_slopes(solution.x)
+    records, given = solution.problem.dataset.records, known_variance or 0.0
+    prior = solution.problem.prior_jacobian(solution.x)
     data = np.zeros((len(solution.x), len(solution.x)))
-    for part in solution.slopes:
+    for part in solution.jacobian:
         data[np.ix_(part.places, part.places)] += part.matrix.T @ part.matrix
     projection, bread, null_space = _decomposed(data, prior)
-    jacobians = [part.matrix @ projection[part.places] for part in solution.slopes]
+    jacobians = [part.matrix @ projection[part.places] for part in solution.jacobian]
     channels = _channels(solution, jacobians, bread)
     inflation = np.array([channel.colour.inflation for channel in channels])
     samples = np.array([channel.samples for channel in channels])
@@ -163,7 +163,7 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
 def _channels(solution: Solution, jacobians: Sequence[Array], bread: Array) -> list[_Channel]:
     """Return the channels of all records; the Jacobians have no null directions."""
     made = []
-    for r, record in enumerate(solution.problem.suite.records):
+    for r, record in enumerate(solution.problem.dataset.records):
         for rows, present in zip(record.series(), record.present.reshape(record.channels, -1), strict=True):
             residual = solution.residuals[r][rows]
             found = colour(residual)

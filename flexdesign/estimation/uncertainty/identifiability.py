@@ -17,7 +17,7 @@ from flexdesign.estimation.uncertainty.covariance import Uncertainty
 from flexdesign.estimation.uncertainty.profile_likelihood import Profile
 
 Array = NDArray[np.float64]
-#: An interval that covers this share of the plausible range, or of what was known, says nothing new: nearly all.
+#: An interval that covers this share of the plausible range, or of the prior, says nothing new: nearly all.
 TOO_WIDE = 0.9
 #: Parameters correlated more than this are named together when one of them is undetermined: the others, if they were
 #: known, would more than halve its interval, by sqrt(1 - 0.9^2).
@@ -117,7 +117,7 @@ class _Check:
         self.parameters, self.names = self.where.parameters, self.where.names
         self.values = self.where.values(solution.x)
         self.correlation = uncertainty.correlation
-        self.floor = solution.problem.suite.floor
+        self.floor = solution.problem.dataset.floor
         self.equal_minima = [other for other in minima if self._is_equal_minimum(other)]
 
     def reason(self, j: int) -> tuple[str, tuple[float, float] | None, tuple[str, ...]]:
@@ -145,7 +145,7 @@ class _Check:
         parameter, interval = self.parameters[j], self.interval(j, profile)
         known = self.where.known.get(parameter.name)
         if known and self.sigma(j) > TOO_WIDE * known[1]:
-            return f"these runs add nothing to what was known, {_pair_text(parameter, known, ' ± ', known[1])}", None
+            return f"these runs add nothing to the prior, {_pair_text(parameter, known, ' ± ', known[1])}", None
         is_all = profile.open_low and profile.open_high
         if is_all or profile.high - profile.low > TOO_WIDE * self.where.span[j]:
             nearly, plausible = "" if is_all else "nearly ", _pair_text(parameter, parameter.plausible)
@@ -163,7 +163,7 @@ class _Check:
 
     def sigma(self, j: int) -> float:
         """Return the standard deviation in SI from the covariance."""
-        return abs(float(self.where.slopes(self.solution.x)[j])) * math.sqrt(self.uncertainty.covariance[j, j])
+        return abs(float(self.where.jacobian(self.solution.x)[j])) * math.sqrt(self.uncertainty.covariance[j, j])
 
     def interval(self, j: int, profile: Profile) -> tuple[float, float]:
         """Return the interval in SI."""

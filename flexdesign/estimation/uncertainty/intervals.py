@@ -42,7 +42,7 @@ def intervals(
     def refine(near: Solution) -> tuple[Solution, Uncertainty]:
         # The middle of an interval to 0.05 standard deviations.
         accuracy = 0.05**2 * uncertainty(near, known_variance).variance
-        polished = polish(near, accuracy + near.problem.suite.floor)
+        polished = polish(near, accuracy + near.problem.dataset.floor)
         return polished, uncertainty(polished, known_variance)
 
     places = [solution.problem.where.names.index(name) for name in names]
@@ -75,7 +75,7 @@ def checked(
         better = next((p.better for p in made.values() if p is not None and p.better is not None), None)
         if better is None or refits == 2:
             break
-        solution = solve(solution.problem.anew(), better, MINIMUM) or solution
+        solution = solve(solution.problem.fresh(), better, MINIMUM) or solution
     return solution, found, made, refits > 0
 
 

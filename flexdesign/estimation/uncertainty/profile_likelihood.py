@@ -80,7 +80,7 @@ class _Path:
             self.tangent = np.where(shared, uncertainty.bread[:, j] / variance, 0.0)
             self.half = float(uncertainty.half_width[j])
             self.expected = float(self.half**2 / variance)
-        self.floor = self.problem.suite.floor
+        self.floor = self.problem.dataset.floor
         self.columns: Columns = {k: parts for k, parts in solution.columns().items() if k != where.names[j]}
         self.better: Array | None = None
 
@@ -93,7 +93,7 @@ class _Path:
         room = abs(bound - x)
         if room == 0 or self.expected <= self.floor:  # only rounding is left to compare
             return x + side * min(self.half, room), self.half >= room, False
-        # By distance from the minimum: the root of the relative rise, less one, and the slopes of all coordinates.
+        # By distance from the minimum: the root of the relative rise, less one, and the derivatives of all coordinates.
         met = {0.0: (-1.0, side * self.tangent)}
 
         def excess(distance: float) -> float:

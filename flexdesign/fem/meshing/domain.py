@@ -1,4 +1,4 @@
-"""The fundamental domain of a part: what is left of its solid when every symmetry plane has cut it.
+"""The fundamental domain of a part: what remains of its solid when every symmetry plane has cut it.
 
 Lengths leave this module in metres; the CAD kernel's millimetres stay inside.
 """
@@ -28,6 +28,9 @@ CHORD = 1e-2
 #: kernel's triangles reach across the width; the wild mesher took ten times as long for such needles, and strayed from
 #: every third notch by more than its envelope. Fillets are smaller, and their triangles too many.
 LONGEST = 1.5
+#: Most triangles of one tessellated cylinder: some seconds and 100 MB. The notched lever of `studies.error_bars` has
+#: 3400; a hinge of some nanometres beside a large bore asks for more than any memory holds.
+MOST = 200_000
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -241,11 +244,24 @@ def _face(face: Any, chord: float, thinnest: float) -> Face:
 
 
 def _split(points: FloatArray, triangles: IntArray, longest: float) -> tuple[FloatArray, IntArray]:
-    """Halve triangles at their longest side until none is longer than asked for; neighbours share the new points."""
+    """Halve triangles at their longest side until none is longer than asked for; neighbours share the new points.
+
+    Raises
+    ------
+    InputError
+        If that takes more than `MOST` triangles.
+    """
     places = list(points)
     middles: dict[tuple[int, int], int] = {}
-    waiting, done = [tuple(corners) for corners in triangles.tolist()], []
+    waiting = [tuple(corners) for corners in triangles.tolist()]
+    done: list[tuple[int, ...]] = []
     while waiting:
+        if len(waiting) + len(done) > MOST:
+            remedy = (
+                f"a round face needs more than {MOST} triangles with edges of at most {longest / MM:.2g} mm, which the "
+                "thinnest hinge asks for; make this hinge thicker, or the face smaller"
+            )
+            raise InputError("part", "solid", None, remedy)
         corners = waiting.pop()
         sides = [float(np.linalg.norm(places[corners[i]] - places[corners[i - 2]])) for i in range(3)]
         side = int(np.argmax(sides))

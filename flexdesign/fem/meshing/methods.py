@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from flexdesign.core.model import Member
 from flexdesign.fem import convergence
-from flexdesign.fem.convergence import Scatter
-from flexdesign.fem.meshing import profile
+from flexdesign.fem.convergence import MeshNoise
+from flexdesign.fem.meshing import element_count, profile
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.extruded import Layers, drawn_out, planar_size, triangulated
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, tetrahedralize
@@ -55,6 +55,10 @@ BESIDE_LEAVES, BESIDE_NECKS = 0.4, 0.25
 #: extrapolated. The coarsest of three meshes then has chords of 0.2 % of the neck, and three elements across it.
 EXTRUDED_NECK = (0.1, 0.12, 1.8e-4)
 WILD_NECK = (0.18, 0.18, 3.5e-4)
+#: Most tetrahedra of a wild mesh, as estimated. Half a million have 2.3 million unknowns (4.5 each), whose factor takes
+#: 22 GiB: 2.6 GiB were measured for 430 000 unknowns of the bridge amplifier, and memory grows with their number to the
+#: power 1.28. That is all that a machine of 24 GiB has.
+MOST = 500_000
 #: Chord error of extruded meshes at curved faces, in hinge thicknesses: on the finest mesh, and at most.
 CHORD, LARGEST_CHORD = 1e-3, 1e-2
 
@@ -63,7 +67,7 @@ class Method(Protocol):
     """A way to mesh."""
 
     name: ClassVar[str]
-    scatter: ClassVar[Scatter]
+    scatter: ClassVar[MeshNoise]
     """Of results over meshes made alike."""
     tries: ClassVar[int]
     """How often a mesh that cannot be used is made again: more than once where no two are alike."""
@@ -73,6 +77,9 @@ class Method(Protocol):
 
     def mesh(self, coarseness: float) -> TaggedMesh:
         """Return the mesh, 1 being the finest; raise MeshError if there is none to be had."""
+
+    def require_room(self, coarseness: float) -> None:
+        """Raise MeshError if the mesh would be too large for any use; known at once, before it is made."""
 
     def finest_edge(self, coarseness: float) -> float:
         """Return the shortest edge length asked for [m]."""
@@ -166,7 +173,7 @@ class Wild:
 
     name: ClassVar[str] = "wild"
     #: Along a root there are many elements, of which no two are alike: what they leave open is their mean.
-    scatter: ClassVar[Scatter] = convergence.SCATTER
+    scatter: ClassVar[MeshNoise] = convergence.SCATTER
     #: Of coarse meshes of a whole amplifier one in sixteen was refused.
     tries: ClassVar[int] = 3
 
@@ -177,6 +184,18 @@ class Wild:
     def mesh(self, coarseness: float) -> TaggedMesh:
         """Return the mesh, 1 being the finest; raise MeshError if there is none to be had."""
         return tetrahedralize(self.grading.domain, self._sizing(coarseness), self._envelope)
+
+    def require_room(self, coarseness: float) -> None:
+        """Raise MeshError if the mesher is going to make more than `MOST` tetrahedra."""
+        domain = self.grading.domain
+        count = element_count.estimated(domain, self._sizing(coarseness))
+        if count > MOST:
+            extruded = 'mesh.method = "extruded", ' if domain.section is not None else ""
+            raise MeshError(
+                f"the wild mesh would have about {count / 1e6:.2g} million tetrahedra, and {MOST / 1e6:g} million are "
+                f"as many as 24 GiB of memory hold; ask for less: {extruded}a larger mesh.at_root or mesh.growth, or "
+                "fewer mesh.levels"
+            )
 
     def finest_edge(self, coarseness: float) -> float:
         """Return the shortest edge length asked for [m]."""
@@ -209,7 +228,7 @@ class Extruded:
     name: ClassVar[str] = "extruded"
     #: Of K_in over gradings that differ by up to 3 %, found as 1e-4 on fine and 1e-3 on coarse meshes of few layers;
     #: all layers repeat the same triangles about a root. The share is measured: `studies.error_bars`.
-    scatter: ClassVar[Scatter] = Scatter(2e-4, 0.25)
+    scatter: ClassVar[MeshNoise] = MeshNoise(2e-4, 0.25)
     tries: ClassVar[int] = 1
 
     def question(self, coarseness: float) -> tuple[object, ...]:
@@ -221,6 +240,9 @@ class Extruded:
     def mesh(self, coarseness: float) -> TaggedMesh:
         """Return the mesh, 1 being the finest; raise MeshError if there is none to be had."""
         return drawn_out(self.plan(coarseness), self.section, self.heights(coarseness))
+
+    def require_room(self, coarseness: float) -> None:
+        """Let every mesh pass: it is made in seconds, and the solver knows before it solves what memory that takes."""
 
     @property
     def section(self) -> Section:

@@ -93,7 +93,7 @@ class Correction:
             ratios = np.array([truth[key].value / flat[key].value for flat, truth in pairs])
             if not (ratios > 0).all():
                 raise InputError("correction", key, None, "has another sign in the plane than in space")
-            known = np.array([(truth[key].sigma or 0.0) / abs(truth[key].value) for _, truth in pairs])
+            known = np.array([(truth[key].half_width or 0.0) / abs(truth[key].value) for _, truth in pairs])
             coefficients[key] = np.linalg.lstsq(terms, np.log(ratios), rcond=None)[0]
             left = _left_out(terms, np.log(ratios), coefficients[key])
             errors[key] = float(np.hypot(2 * left, np.sqrt(np.mean(known**2))))
@@ -119,7 +119,7 @@ class Correction:
             value = quantity.value * float(np.exp(change))
             error = float(np.hypot(self.errors[quantity.key], beyond * abs(change)))
             source = "planar FEM, corrected to solid FEM"
-            corrected.append(replace(quantity, value=value, sigma=error * abs(value), source=source))
+            corrected.append(replace(quantity, value=value, half_width=error * abs(value), source=source))
         return corrected
 
 

@@ -22,7 +22,7 @@ from flexdesign.design.design import Design
 from flexdesign.design.part import Part
 from flexdesign.design.study import MeshSettings, ModeSettings, OutputSettings, Study
 from flexdesign.fem import analysis, mesh_refinement
-from flexdesign.fem.convergence import Scatter
+from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.mesh import TaggedMesh
 from flexdesign.fem.quantities import of_solution
@@ -77,7 +77,7 @@ class Further:
         coarse: Mapping[str, Quantity],
         fine: Sequence[Mapping[str, Quantity]],
         sizes: Sequence[float],
-        scatter: Scatter,
+        scatter: MeshNoise,
     ) -> Known:
         """Return what an anchor's fine meshes, of edge lengths `sizes` [m] at the roots, tell of the coarse one."""
         gaps, errors = {}, {}
@@ -85,7 +85,7 @@ class Further:
             here = coarse[limit.key].value if limit.key in coarse else 0.0
             if here * limit.value > 0 and abs(gap := math.log(limit.value / here)) < MOST:
                 gaps[limit.key] = gap
-                errors[limit.key] = (limit.sigma or 0.0) / abs(limit.value)
+                errors[limit.key] = (limit.half_width or 0.0) / abs(limit.value)
         return Known(gaps, errors)
 
     def corrected(
@@ -102,5 +102,5 @@ class Further:
             value = quantity.value * math.exp(gap)
             doubt = (1.0 if quantity.name.startswith(LATERAL) else 0.5) * abs(gap) if changed else 0.0
             sigma = math.hypot(error, changed, doubt) * abs(value)
-            told.append(replace(quantity, value=value, sigma=sigma, source=MORPHED))
+            told.append(replace(quantity, value=value, half_width=sigma, source=MORPHED))
         return told

@@ -315,7 +315,7 @@ class FastSolid:
         found = all_of(numbers)
         shifts = [all_of(numbers * np.where(np.arange(3) == i, 1 + sigma[i], 1.0)) for i in range(3)]
         return [
-            replace(q, sigma=float(np.hypot.reduce([s[i].value - q.value for s in shifts])), source=source)
+            replace(q, half_width=float(np.hypot.reduce([s[i].value - q.value for s in shifts])), source=source)
             for i, q in enumerate(found)
         ]
 

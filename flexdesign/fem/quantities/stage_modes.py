@@ -5,7 +5,7 @@ response t K^-1 d along an axis to its actuators' forces d; those of all modes a
 half omega_i^2, the table's motion about its centre has the part phi_i^T M_t phi_i.
 
 Where symmetry makes frequencies equal, any mixture of the modes is one, and an eigensolver returns some: they are
-turned so that the first moves the table along the first axis it can, and the others along what is left.
+turned so that the first moves the table along the first axis it can, and the others along the remaining one.
 """
 
 from __future__ import annotations

@@ -66,11 +66,11 @@ def peak_stresses(study: Study, solutions: Sequence[Solution], sizes: Sequence[f
     peaks = [largest]
     if study.design.material.crystal is not None:
         peaks.append(peak("peak_tension", [hinge_peak(solution, solution.tension) for solution in solutions]))
-    if largest.sigma is None:
+    if largest.half_width is None:
         return peaks
-    error = largest.sigma / largest.value
+    error = largest.half_width / largest.value
     margins = _margins(study, solutions[-1], largest.value / force, f"peak stress, {boundary}")
-    return [*peaks, *(replace(m, sigma=m.value * error, source=largest.source) for m in margins)]
+    return [*peaks, *(replace(m, half_width=m.value * error, source=largest.source) for m in margins)]
 
 
 def hinge_peak(solution: Solution, field: np.ndarray | None = None) -> float:

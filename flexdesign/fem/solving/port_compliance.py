@@ -86,6 +86,8 @@ class PortSpace:
         Names of those that lie in the domain.
     loads
         For each kept port the nodal forces of its six unit loads that fall on the domain, shape (n_dofs, 6).
+    planes
+        Symmetry planes that bound the domain.
     """
 
     ports: tuple[Port, ...]

@@ -333,7 +333,7 @@ def _less(matrices: FloatArray) -> FloatArray:
 def _of_angles(angles: FloatArray) -> FloatArray:
     """Return T of rotation vectors (..., 3): 1 - (theta x) / 2 + (1 / 12 + theta^2 / 720 + ...) (theta x)^2.
 
-    The series is that of (1 - theta/2 cot(theta/2)) / theta^2; what is left out is 1e-9 at 1 rad.
+    The series is that of (1 - theta/2 cot(theta/2)) / theta^2; the terms left out are 1e-9 at 1 rad.
     """
     square, cross = np.sum(angles**2, axis=-1)[..., None, None], _cross(angles)
     factor = np.polynomial.polynomial.polyval(square, [1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160])

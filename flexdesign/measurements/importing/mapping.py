@@ -199,8 +199,8 @@ class Map:
         Quantities of pint, by the names that formulas use.
     variables
         Variables of the files, by the names that formulas use.
-    said
-        What is passed on to ``measurements.toml``, as it is written: of all runs, and of each.
+    said, said_of_runs
+        Entries for ``measurements.toml``, as written in the map: for all runs, and for each run.
     per_file
         Whether the map is applied to each file by itself.
     """

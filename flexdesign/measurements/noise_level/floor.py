@@ -196,7 +196,7 @@ def _process(stretches: Sequence[Stretch], smallest: float) -> tuple[Process, Se
     """
     straight = [replace(s, trend=s.trend[:, :2]) for s in stretches]
     if max(float(np.abs(s.residual).max()) for s in straight) < smallest:
-        return Process.white(smallest), straight, float(sum(s.freedom for s in straight))
+        return Process.white(smallest), straight, float(sum(s.dof for s in straight))
     curved, effective = estimate(stretches)
     gain = sum(_squares(curved, s) - _squares(curved, bent) for s, bent in zip(straight, stretches, strict=True))
     extra = sum(s.trend.shape[1] - 2 for s in stretches)
@@ -214,12 +214,12 @@ def _squares(process: Process, stretch: Stretch) -> float:
 
 def _own_level(process: Process, own: Sequence[Stretch]) -> float:
     """Return how many times louder than the pooled noise a run is; 1 where it is so by chance."""
-    freedom = sum(s.freedom for s in own)
-    if not freedom:
+    dof = sum(s.dof for s in own)
+    if not dof:
         return 1.0
-    factor = math.sqrt(max(sum(_squares(process, s) for s in own) / freedom, 1e-12))
+    factor = math.sqrt(max(sum(_squares(process, s) for s in own) / dof, 1e-12))
     differs = abs(math.log(factor))
-    return factor if differs > math.log(DISAGREES) and differs > CHANCE * math.sqrt(0.5 / freedom) else 1.0
+    return factor if differs > math.log(DISAGREES) and differs > CHANCE * math.sqrt(0.5 / dof) else 1.0
 
 
 def resampled(process: Process, period: float, to: float) -> Process:

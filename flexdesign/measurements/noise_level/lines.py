@@ -93,8 +93,8 @@ def line_noise(response: FrequencyResponse) -> LineNoise:
         # The response itself took one measurement of n; and the logarithm of a chi-square is low on average.
         left = max(count - 1, 1)
         variance = variance * (count / left) * left / math.exp(float(digamma(left)))
-        freedom = float(2 * (count - 1) * len(size))
-        return LineNoise(np.sqrt(np.maximum(variance, floor**2)), True, max(freedom, 1.0))
+        dof = float(2 * (count - 1) * len(size))
+        return LineNoise(np.sqrt(np.maximum(variance, floor**2)), True, max(dof, 1.0))
     return LineNoise(np.maximum(_scatter(response), floor), False, 0.0)
 
 

@@ -209,8 +209,8 @@ def _decay(records: Sequence[Array], chance: float) -> bool:
     What is too small to be seen in one of them may be seen in all.
     """
     early, late, counted = np.array([_moves(values) for values in records]).T
-    freedom = counted.sum()
-    return bool(counted @ early > ratio_of_variances.isf(chance, freedom, freedom) * (counted @ late))
+    dof = counted.sum()
+    return bool(counted @ early > ratio_of_variances.isf(chance, dof, dof) * (counted @ late))
 
 
 def _moves(values: Array) -> tuple[float, float, float]:

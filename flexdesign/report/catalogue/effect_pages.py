@@ -1,22 +1,25 @@
-"""Pages of the catalogue: all effects in a table, or one in full with the picture of its signature."""
+"""Pages of the catalogue: all effects in a table, or one in full with the picture of its signature.
+
+The table needs nothing that simulates or draws; what does is imported where it is used, so that the list comes at once.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flexdesign import effects
 from flexdesign.core import units, versions
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Effect, Parameter
 from flexdesign.core.toml_files import FORMAT
-from flexdesign.diagnosis.experiment_design.signature import Seen, Signature
-from flexdesign.dynamics.stage_model import to_toml
 from flexdesign.effects import statics
-from flexdesign.report.catalogue import effect_charts
 from flexdesign.report.document import Document, Figure, Section, Table
+
+if TYPE_CHECKING:
+    from flexdesign.diagnosis.experiment_design.signature import Seen, Signature
 
 #: So many experiments are drawn, one of each kind.
 DRAWN = 3
@@ -65,6 +68,8 @@ def result(name: str, signature: Signature | None) -> dict[str, Any]:
     answer: dict[str, Any] = {"format": FORMAT, "kind": "effect", **described(effect)}
     if signature is None:
         return answer
+    from flexdesign.report.catalogue import effect_charts
+
     axis = signature.effect.without
     unit, factor = effect_charts.SHOWN[axis.axis.response]
     shown = signature.effect.values(signature.strength)
@@ -147,6 +152,8 @@ def stated(effect: Effect) -> list[Section]:
 
 
 def _signature(effect: Effect, signature: Signature, model: Mapping[str, str]) -> Section:
+    from flexdesign.report.catalogue import effect_charts
+
     axis = signature.effect.without
     unit, factor = effect_charts.SHOWN[axis.axis.response]
     stated = {p.name: p for p in effect.parameters}
@@ -164,6 +171,8 @@ def _signature(effect: Effect, signature: Signature, model: Mapping[str, str]) -
 
 
 def _figures(signature: Signature, response: str) -> list[Figure]:
+    from flexdesign.report.catalogue import effect_charts
+
     found: list[Figure] = []
     kinds: list[str] = []
     for seen in signature.visible:
@@ -243,7 +252,7 @@ def words(effect: Effect) -> list[str]:
 
 def model_file(signature: Signature) -> str:
     """Return a stage model of one axis with the effect as it is shown, ready for `flexdesign simulate`."""
-    from flexdesign.dynamics.stage_model import ControllerTiming, StageModel
+    from flexdesign.dynamics.stage_model import ControllerTiming, StageModel, to_toml
 
     shown = signature.effect.at(signature.strength)
     timing = ControllerTiming(delay=shown.delay)

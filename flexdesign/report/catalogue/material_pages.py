@@ -11,7 +11,7 @@ from flexdesign.core.toml_files import FORMAT
 from flexdesign.design import materials
 from flexdesign.design.materials import Crystal, Material
 from flexdesign.report.document import Table
-from flexdesign.report.strength_words import cycles
+from flexdesign.report.wording import cycles
 
 #: Directions of a crystal whose moduli are shown.
 DIRECTIONS = ((1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 1.0, 1.0))

@@ -11,7 +11,7 @@ import numpy as np
 from flexdesign import effects
 from flexdesign.core import units
 from flexdesign.core.toml_files import FORMAT
-from flexdesign.diagnosis.add_effect import Added, InTheLoop, variant
+from flexdesign.diagnosis.add_effect import AddedEffect, InTheLoop, variant
 from flexdesign.diagnosis.comparison import Comparison
 from flexdesign.diagnosis.residual_comparison import compared
 from flexdesign.dynamics.axis.axis_run import doubts
@@ -34,13 +34,13 @@ from flexdesign.report.simulation.simulation_charts import Curve, panels
 ROUNDING = 1e-12
 
 
-def ladder_of(found: Added) -> Table:
+def ladder_of(found: AddedEffect) -> Table:
     """Return the error ladder."""
     size = response_pages.line_size(found)
     return reports.ladder(found.ladder, found.noise, found.noise_floor, said.response(found), size)
 
 
-def summary(found: Added) -> list[str]:
+def summary(found: AddedEffect) -> list[str]:
     """Return the answer in a few sentences."""
     name = said.called(found.name)
     text = [f"{name[:1].upper()}{name[1:]}: {'; '.join(said.quantity(value, short=True) for value in found.values)}."]
@@ -52,7 +52,7 @@ def summary(found: Added) -> list[str]:
     return [*doubts(found.runs), *text]
 
 
-def document(found: Added, loop: InTheLoop) -> Document:
+def document(found: AddedEffect, loop: InTheLoop) -> Document:
     """Write the report of an addition.
 
     Parameters
@@ -66,7 +66,7 @@ def document(found: Added, loop: InTheLoop) -> Document:
     return Document(title, summary(found), partial(_sections, found, loop))
 
 
-def _sections(found: Added, loop: InTheLoop) -> list[Section]:
+def _sections(found: AddedEffect, loop: InTheLoop) -> list[Section]:
     name = said.called(found.name)
     stands = [("recalibrated", compared(found, "calibrated")), (f"with {name}", compared(found, "found"))]
     kinds, axis = figures.pictures([found.name]), found.before.axes[found.axis]
@@ -95,7 +95,7 @@ def _in_time(stands: list[tuple[str, Comparison]], kinds: list[str]) -> list[Sec
     ]
 
 
-def result(found: Added, loop: InTheLoop) -> dict[str, Any]:
+def result(found: AddedEffect, loop: InTheLoop) -> dict[str, Any]:
     """Return result.json's content: every number with its unit, and what made it."""
     si = said.response(found)
     return {
@@ -153,18 +153,18 @@ def _text(case: Case, axis: str, name: str) -> str:
     return "0" if abs(quantity.value) < (ROUNDING if quantity.si == "m" else 1e-9) else quantity.shown(3)
 
 
-def _loop(found: Added, loop: InTheLoop) -> tuple[list[str], list[Table], list[Figure]]:
+def _loop(found: AddedEffect, loop: InTheLoop) -> tuple[list[str], list[Table], list[Figure]]:
     if loop.simulation is None:
         return [f"Not simulated: {loop.reason}."], [], []
     simulation = loop.simulation
     cautions = [f"{c.controller}, {c.variant}: {text}" for c in simulation.cases for text in c.cautions]
     skipped = [f"Not run: {s.controller} on {s.variant}: {s.reason}." for s in simulation.skipped]
-    figures = [_side_by_side(found, pair) for pair in _telling(simulation, found.axis)]
+    figures = [_side_by_side(found, pair) for pair in _proposal(simulation, found.axis)]
     text = ["A step of a tenth of the stroke, and a sine of 1 Hz over most of it."]
     return [*text, *dict.fromkeys([*skipped, *cautions])], [loop_table(simulation, found.axis)], figures
 
 
-def _telling(simulation: Simulation, axis: str) -> list[tuple[Case, Case]]:
+def _proposal(simulation: Simulation, axis: str) -> list[tuple[Case, Case]]:
     """Return of each experiment the controller under which the effect moves the stage most."""
     chosen: dict[str, tuple[float, tuple[Case, Case]]] = {}
     for pair in _pairs(simulation):
@@ -177,7 +177,7 @@ def _telling(simulation: Simulation, axis: str) -> list[tuple[Case, Case]]:
     return [pair for _, pair in chosen.values()]
 
 
-def _side_by_side(found: Added, pair: tuple[Case, Case]) -> Figure:
+def _side_by_side(found: AddedEffect, pair: tuple[Case, Case]) -> Figure:
     """Draw the motion without and with the effect, and how far each is from what was asked for."""
     si = found.before.axes[found.axis].shown
     large = shown_in(si)[0]
@@ -210,7 +210,7 @@ def _loop_json(loop: InTheLoop) -> dict[str, Any] | None:
     return {"simulated": True, "cases": simulation_report.result(loop.simulation)["cases"]}
 
 
-def _caveats(found: Added) -> list[str]:
+def _caveats(found: AddedEffect) -> list[str]:
     effect = effects.find(found.name)
     doubts = effect.cautions({v.parameter.name.rpartition(".")[2]: v.value for v in found.values})
     return [effect.physics, *(f"Take care: {doubt}." for doubt in doubts)]

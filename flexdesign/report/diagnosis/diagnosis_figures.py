@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from flexdesign import effects
 from flexdesign.core import units
 from flexdesign.core.model import Block, Socket
-from flexdesign.diagnosis import Rung
+from flexdesign.diagnosis import ErrorStep
 from flexdesign.diagnosis.comparison import Comparison, RunComparison
 from flexdesign.diagnosis.experiment_design.signature import named as speaks_of
-from flexdesign.diagnosis.residual_comparison import Judged
+from flexdesign.diagnosis.residual_comparison import ModelResiduals
 from flexdesign.report import comparison_words as words
 from flexdesign.report.comparison_words import shown_in
 from flexdesign.report.diagnosis import comparison_report, response_pages
@@ -26,7 +26,7 @@ from flexdesign.report.document import Figure, Section
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-#: Pictures of what is left, by the experiments that an effect says reveal it; the first is for those that say nothing.
+#: Pictures of the residual, by the experiments that an effect says reveal it; the first is for those that say nothing.
 PICTURES = {
     "position": ("triangle", "staircase", "push"),
     "steps": ("hold", "steps", "temperature"),
@@ -63,7 +63,7 @@ def pictures(names: Sequence[str]) -> list[str]:
     return list(dict.fromkeys([*first, *(["position"] if bends else []), *PICTURES]))
 
 
-def ladder_figure(found: Judged, rungs: Sequence[Rung], floor: float) -> Figure:
+def ladder_figure(found: ModelResiduals, rungs: Sequence[ErrorStep], floor: float) -> Figure:
     """Draw the error ladder; the noise floor where the noise is known."""
     floor = floor if found.noise.known else 0.0
     caption = f"Error of {said.judged_on(said.recorded(found))}, step by step"
@@ -82,11 +82,11 @@ def ladder_figure(found: Judged, rungs: Sequence[Rung], floor: float) -> Figure:
 def where_text(stands: Sequence[tuple[str, Comparison]]) -> list[str]:
     """Return where each model fails, in a few sentences."""
     text = list[str]()
-    for name, stand in stands if stands[0][1].runs else []:
-        if stand.rms < comparison_report.NOISE * stand.floor:
+    for name, fit in stands if stands[0][1].runs else []:
+        if fit.rms < comparison_report.NOISE * fit.floor:
             text.append(f"{capital(name)}: nothing above the noise.")
         else:
-            text.append(f"{capital(name)}: {' '.join(words.sentences(stand))}")
+            text.append(f"{capital(name)}: {' '.join(words.sentences(fit))}")
     return text
 
 
@@ -98,18 +98,18 @@ def where_figures(
     if not stands[0][1].runs:
         return made
     for kind in kinds:
-        for k, (name, stand) in enumerate(stands):
-            figure = _picture(kind, stand, name, "after" if k else "before")
+        for k, (name, fit) in enumerate(stands):
+            figure = _picture(kind, fit, name, "after" if k else "before")
             made += [figure] if figure else []
         made += _loops(stands) if kind == "position" else []
     if shares:
-        name, stand = stands[0]
-        made.append(Figure("shares.svg", charts.shares(_bars(stand)), f"{capital(name)}. {SHOWS['shares']}"))
+        name, fit = stands[0]
+        made.append(Figure("shares.svg", charts.shares(_bars(fit)), f"{capital(name)}. {SHOWS['shares']}"))
     return made
 
 
 def run_figures(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
-    """Draw runs that no fit has seen, or the others if there are none, beside what each model predicts."""
+    """Draw validation runs, or the others if there are none, beside what each model predicts."""
     first = stands[0][1]
     kept = [run.name for run in first.runs if run.role == "validate"] or [run.name for run in first.runs]
     large, small = shown_in(first.response)
@@ -117,7 +117,7 @@ def run_figures(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
     labels = (f"{first.axis} [{words.sign(large)}]", f"residual [{words.sign(small)}]")
     made = []
     for name in kept[:DRAWN]:
-        runs = [next(run for run in stand.runs if run.name == name) for _, stand in stands]
+        runs = [next(run for run in fit.runs if run.name == name) for _, fit in stands]
         run = runs[0]
         there = np.logical_and.reduce([np.isfinite(each.measured) for each in runs])
         measured = run.measured[there] / scale
@@ -152,23 +152,23 @@ def _run_caption(stands: Sequence[tuple[str, Comparison]], runs: Sequence[RunCom
     return f"{runs[0].name}: residual, rms: {', '.join(errors)}; noise {floor}"
 
 
-def _picture(kind: str, stand: Comparison, name: str, suffix: str) -> Figure | None:
+def _picture(kind: str, fit: Comparison, name: str, suffix: str) -> Figure | None:
     """Draw one kind of picture of what a model leaves; None where the runs have nothing for it."""
-    large, small = (words.sign(unit) for unit in shown_in(stand.response))
-    traces, factor = [_trace(stand, run) for run in stand.runs], finer(stand.response)
+    large, small = (words.sign(unit) for unit in shown_in(fit.response))
+    traces, factor = [_trace(fit, run) for run in fit.runs], finer(fit.response)
     drawn: bytes | None
     if kind == "steps":
         drawn = charts.since_step(traces, small, factor)
     elif kind == "position":
         drawn = charts.over_position(traces, large, small, factor)
     else:
-        scale = units.factor(shown_in(stand.response)[0], stand.response)
+        scale = units.factor(shown_in(fit.response)[0], fit.response)
         frequencies = charts.octaves(traces)
         noise = [
-            np.where(frequencies <= 0.5 / run.period, stand.noise.density(run, frequencies) / scale**2, np.nan)
-            for run in stand.observed
+            np.where(frequencies <= 0.5 / run.period, fit.noise.density(run, frequencies) / scale**2, np.nan)
+            for run in fit.observed
         ]
-        mode = stand.model.axes[stand.axis].natural_frequency
+        mode = fit.model.axes[fit.axis].natural_frequency
         drawn = charts.spectrum(traces, noise, frequencies, large, mode)
     return Figure(f"{kind}_{suffix}.svg", drawn, f"{capital(name)}. {SHOWS[kind]}") if drawn else None
 
@@ -180,7 +180,7 @@ def _loops(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
     slow = next((run.name for run in first.runs if comparison_report.shows_a_loop(run, frequency)), None)
     if slow is None:
         return []
-    runs = [next(run for run in stand.runs if run.name == slow) for _, stand in stands]
+    runs = [next(run for run in fit.runs if run.name == slow) for _, fit in stands]
     there = np.logical_and.reduce([np.isfinite(run.measured) for run in runs]) & _last_turns(runs[0].command)
     small = shown_in(first.response)[1]
     scale = units.factor(small, first.response)
@@ -195,7 +195,7 @@ def _last_turns(command: Array) -> Flags:
     return np.asarray(left <= TURNS * np.ptp(command))
 
 
-def _bars(stand: Comparison) -> list[Bars]:
+def _bars(fit: Comparison) -> list[Bars]:
     return [
         Bars(
             b.by,
@@ -203,13 +203,13 @@ def _bars(stand: Comparison) -> list[Bars]:
             [p.share for p in b.parts],
             [p.weight if b.by != "frequency" else math.nan for p in b.parts],
         )
-        for b in stand.where
+        for b in fit.where
         if b.by != "run" or len(b.parts) > 1
     ]
 
 
-def _trace(stand: Comparison, run: RunComparison) -> Trace:
-    scale = units.factor(shown_in(stand.response)[0], stand.response)
+def _trace(fit: Comparison, run: RunComparison) -> Trace:
+    scale = units.factor(shown_in(fit.response)[0], fit.response)
     period = float(run.time[-1] - run.time[0]) / (len(run.time) - 1)
     return Trace(run.name, period, run.command, run.measured / scale, run.predicted / scale, run.floor / scale)
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from flexdesign import effects
 from flexdesign.core import units, versions
-from flexdesign.diagnosis import Diagnosis, Named, Rung, Value
-from flexdesign.diagnosis.discriminating_experiments import Telling
+from flexdesign.diagnosis import Diagnosis, ErrorStep, IdentifiedEffect, Value
+from flexdesign.diagnosis.discriminating_experiments import Proposal
 from flexdesign.diagnosis.experiment_design import Resolved
-from flexdesign.diagnosis.residual_comparison import Judged, compared
+from flexdesign.diagnosis.residual_comparison import ModelResiduals, compared
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -39,7 +39,7 @@ def ladder_of(found: Diagnosis) -> Table:
 
 
 def ladder(
-    rungs: Sequence[Rung], noise: NoiseFloor, floor: float, si: str, line: float = math.nan, stroke: float = 0.0
+    rungs: Sequence[ErrorStep], noise: NoiseFloor, floor: float, si: str, line: float = math.nan, stroke: float = 0.0
 ) -> Table:
     """Return the error ladder, the noise floor as its last line where the noise is known.
 
@@ -52,7 +52,7 @@ def ladder(
     stroke
         The stroke, likewise, where it is not zero and there are no lines.
     """
-    steps = [(said.label(rung), rung.error) for rung in rungs]
+    steps = [(said.label(step_of_ladder), step_of_ladder.error) for step_of_ladder in rungs]
     steps += [(f"noise floor: {noise.source}", floor)] if noise.known else []
     heads = ["model", "rms error"]
     rows = [[name, words.error(si, error, 2 if error is floor else 3)] for name, error in steps]
@@ -85,24 +85,24 @@ def candidates(found: Diagnosis) -> Table:
     return Table(["effect", "beside", error, "evidence", "outcome"], rows, caption)
 
 
-def document(found: Diagnosis, tellings: Sequence[Telling]) -> Document:
+def document(found: Diagnosis, proposals: Sequence[Proposal]) -> Document:
     """Write the report of a diagnosis.
 
     Parameters
     ----------
     found
         The diagnosis.
-    tellings
+    proposals
         For its groups the experiments that would tell them apart.
     """
     title = f"{found.before.title or found.before.name}: diagnosis of axis {found.axis}"
-    return Document(title, said.summary(found, tellings), partial(_sections, found, tellings))
+    return Document(title, said.summary(found, proposals), partial(_sections, found, proposals))
 
 
-def _sections(found: Diagnosis, tellings: Sequence[Telling]) -> list[Section]:
+def _sections(found: Diagnosis, proposals: Sequence[Proposal]) -> list[Section]:
     axis = found.before.axes[found.axis]
     before, after = compared(found, "calibrated"), compared(found, "found")
-    changed = any(rung.label.startswith("+ ") for rung in found.ladder)
+    changed = any(step_of_ladder.label.startswith("+ ") for step_of_ladder in found.ladder)
     stands = [("recalibrated", before), (_stand_name(found), after)] if changed else [("recalibrated", before)]
     names = [named.name for named in found.effects] or list(found.near)
     kinds, bars = pictures(names), ladder_figure(found, found.ladder, found.noise_floor)
@@ -112,7 +112,7 @@ def _sections(found: Diagnosis, tellings: Sequence[Telling]) -> list[Section]:
         *response_pages.section([(n, s.responses) for n, s in stands], axis.shown, axis.natural_frequency),
         *(_effect(found, named) for named in found.effects),
         Section("What was tried", _tried_text(found), [candidates(found)] if found.candidates else []),
-        *_apart(found, tellings),
+        *_apart(found, proposals),
         *_left(found),
         Section("The model's own numbers", _numbers_text(found), [numbers_table(axis, found.calibration)]),
         Section("Noise", noise_text(found.noise, found.noise_floor, said.response(found))),
@@ -187,7 +187,7 @@ def _runs_text(found: Diagnosis) -> list[str]:
     return ["Validation runs; only the initial conditions of each were fitted.", *remarks]
 
 
-def _effect(found: Diagnosis, named: Named) -> Section:
+def _effect(found: Diagnosis, named: IdentifiedEffect) -> Section:
     effect = effects.find(named.name)
     text = [
         effect.physics,
@@ -212,11 +212,11 @@ def _tried_text(found: Diagnosis) -> list[str]:
     ]
 
 
-def _apart(found: Diagnosis, tellings: Sequence[Telling]) -> list[Section]:
+def _apart(found: Diagnosis, proposals: Sequence[Proposal]) -> list[Section]:
     if not found.confusable:
         return []
-    text = [said.apart(group, tellings) for group in found.confusable]
-    pairs = [resolved for telling in tellings for resolved in telling.resolved]
+    text = [said.apart(group, proposals) for group in found.confusable]
+    pairs = [resolved for telling in proposals for resolved in telling.resolved]
     text += [
         f"Commands for the bench: flexdesign plan MODEL --resolve {' '.join(effect.name for effect in pair.effects)}"
         for pair in pairs
@@ -233,20 +233,20 @@ def _separations(pair: Resolved) -> Table:
 
 
 def _left(found: Diagnosis) -> list[Section]:
-    if not found.remainder and not found.rival.terms:
+    if not found.remainder and not found.sparse_model.terms:
         return []
     si = said.response(found)
     text = [f"{capital(found.remainder)}."] if found.remainder else ["Only noise remains."]
     rows = [
-        [name, words.percent(found.rival.shares[name]), _amount(name, amount, si)]
-        for name, amount in found.rival.terms.items()
+        [name, words.percent(found.sparse_model.shares[name]), _amount(name, amount, si)]
+        for name, amount in found.sparse_model.terms.items()
     ]
     caption = "Smooth functions that explain most of the residual, with no physics in them"
     table = Table(["function", "of what they explain", "amount"], rows, caption)
     return [Section("What remains", text, [table] if rows else [])]
 
 
-def _every(found: Judged) -> list[Run | FrequencyResponse]:
+def _every(found: ModelResiduals) -> list[Run | FrequencyResponse]:
     return [*found.runs, *found.responses]
 
 
@@ -270,7 +270,7 @@ def numbers_table(axis: AxisModel, calibration: Sequence[Value]) -> Table:
 
 def _numbers_text(found: Diagnosis) -> list[str]:
     text = ["The model's own numbers as they are with all that was found."]
-    text += [f"Beyond what was known: {conflict}." for conflict in found.conflicts]
+    text += [f"Beyond the prior: {conflict}." for conflict in found.conflicts]
     return text
 
 

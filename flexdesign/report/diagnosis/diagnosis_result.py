@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from flexdesign import effects
 from flexdesign.core import versions
 from flexdesign.core.toml_files import FORMAT
-from flexdesign.diagnosis import Diagnosis, Named, Rung, Tried, Value
-from flexdesign.diagnosis.discriminating_experiments import Telling
-from flexdesign.diagnosis.residual_comparison import Judged, Which, compared
+from flexdesign.diagnosis import CandidateRecord, Diagnosis, ErrorStep, IdentifiedEffect, Value
+from flexdesign.diagnosis.discriminating_experiments import Proposal
+from flexdesign.diagnosis.residual_comparison import ModelResiduals, Which, compared
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.report.diagnosis import comparison_report, response_pages
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-def result(found: Diagnosis, tellings: Sequence[Telling]) -> dict[str, Any]:
+def result(found: Diagnosis, proposals: Sequence[Proposal]) -> dict[str, Any]:
     """Return result.json's content: the verdict and everything behind it, every number with its unit."""
     si = said.response(found)
     return {
@@ -35,7 +35,7 @@ def result(found: Diagnosis, tellings: Sequence[Telling]) -> dict[str, Any]:
         "effects": [_named(found, named) for named in found.effects],
         "candidates": [_tried(tried, si) for tried in found.candidates],
         "confusable": [list(group) for group in found.confusable],
-        "tell_apart": [_telling(telling) for telling in tellings],
+        "tell_apart": [_proposal(telling) for telling in proposals],
         "near": list(found.near),
         "ladder": ladder_json(found.ladder, si),
         "noise_floor": noise_json(found.noise, found.noise_floor, si),
@@ -50,12 +50,12 @@ def result(found: Diagnosis, tellings: Sequence[Telling]) -> dict[str, Any]:
         "tolerance": _number(found.tolerance, si),
         "undetermined": list(found.undetermined),
         "rival": {
-            "gain": found.rival.gain,
-            "held_gain": found.rival.held_gain,
-            "moved": _number(found.rival.moved, si),
+            "gain": found.sparse_model.gain,
+            "held_gain": found.sparse_model.held_gain,
+            "moved": _number(found.sparse_model.moved, si),
             "terms": [
-                {"name": name, "amount": _number(amount, si), "share": found.rival.shares[name]}
-                for name, amount in found.rival.terms.items()
+                {"name": name, "amount": _number(amount, si), "share": found.sparse_model.shares[name]}
+                for name, amount in found.sparse_model.terms.items()
             ],
         },
         "where": where_json(found, si),
@@ -69,7 +69,7 @@ def result(found: Diagnosis, tellings: Sequence[Telling]) -> dict[str, Any]:
     }
 
 
-def where_json(found: Judged, si: str) -> dict[str, Any]:
+def where_json(found: ModelResiduals, si: str) -> dict[str, Any]:
     """Return the shares of the unexplained error of the calibrated and of the final model."""
     both: tuple[Which, Which] = ("calibrated", "found")
     return {
@@ -80,9 +80,9 @@ def where_json(found: Judged, si: str) -> dict[str, Any]:
     }
 
 
-def ladder_json(rungs: Sequence[Rung], si: str) -> list[dict[str, Any]]:
+def ladder_json(rungs: Sequence[ErrorStep], si: str) -> list[dict[str, Any]]:
     """Return the ladder: label and error of every step."""
-    return [{"label": rung.label, "error": _number(rung.error, si)} for rung in rungs]
+    return [{"label": step_of_ladder.label, "error": _number(step_of_ladder.error, si)} for step_of_ladder in rungs]
 
 
 def noise_json(noise: NoiseFloor, floor: float, si: str) -> dict[str, Any]:
@@ -116,7 +116,7 @@ def value_json(value: Value) -> dict[str, Any]:
     }
 
 
-def made_by(found: Judged) -> dict[str, Any]:
+def made_by(found: ModelResiduals) -> dict[str, Any]:
     """Return what made a result: the model, the runs with their roles, versions."""
     return {
         "model": found.before.name,
@@ -128,7 +128,7 @@ def made_by(found: Judged) -> dict[str, Any]:
     }
 
 
-def _every(found: Judged) -> list[Run | FrequencyResponse]:
+def _every(found: ModelResiduals) -> list[Run | FrequencyResponse]:
     return [*found.runs, *found.responses]
 
 
@@ -141,7 +141,7 @@ def by_run_json(by_run: Mapping[str, Value]) -> dict[str, Any]:
     return {run: value_json(value) for run, value in by_run.items()}
 
 
-def _named(found: Diagnosis, named: Named) -> dict[str, Any]:
+def _named(found: Diagnosis, named: IdentifiedEffect) -> dict[str, Any]:
     effect = effects.find(named.name)
     return {
         "name": effect.name if named.name.endswith(".py") else named.name,
@@ -152,7 +152,7 @@ def _named(found: Diagnosis, named: Named) -> dict[str, Any]:
     }
 
 
-def _tried(tried: Tried, si: str) -> dict[str, Any]:
+def _tried(tried: CandidateRecord, si: str) -> dict[str, Any]:
     return {
         "effects": list(tried.names),
         "beside": list(tried.beside),
@@ -162,7 +162,7 @@ def _tried(tried: Tried, si: str) -> dict[str, Any]:
     }
 
 
-def _telling(telling: Telling) -> dict[str, Any]:
+def _proposal(telling: Proposal) -> dict[str, Any]:
     return {
         "group": list(telling.group),
         "pairs": [

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 from flexdesign import effects
 from flexdesign.core import units
-from flexdesign.diagnosis import Diagnosis, Named, Rung, Value
-from flexdesign.diagnosis.discriminating_experiments import Telling
+from flexdesign.diagnosis import Diagnosis, ErrorStep, IdentifiedEffect, Value
+from flexdesign.diagnosis.discriminating_experiments import Proposal
 from flexdesign.diagnosis.effect_selection.estimation_setup import FITS_BETTER
 from flexdesign.diagnosis.experiment_design import Resolved
-from flexdesign.diagnosis.residual_comparison import Judged, compared
+from flexdesign.diagnosis.residual_comparison import ModelResiduals, compared
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.estimation import Estimate
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -85,7 +85,7 @@ def undetermined(found: Diagnosis) -> str:
     return f"These runs do not determine {names}; held at the value of the design or of the catalogue."
 
 
-def effect(found: Diagnosis, named: Named) -> str:
+def effect(found: Diagnosis, named: IdentifiedEffect) -> str:
     """Return an effect with its numbers, what it explains and what to do about it, in some sentences."""
     values = "; ".join(quantity(value, short=True) for value in named.values)
     name = _sentence(called(named.name))
@@ -100,13 +100,13 @@ def effect(found: Diagnosis, named: Named) -> str:
     return f"{said}. What to do about it: {remedy(found, named.name)}."
 
 
-def _between(named: Named) -> str:
+def _between(named: IdentifiedEffect) -> str:
     """Return between which values the number of an effect lies that differs from run to run."""
     ends = sorted(named.by_run.values(), key=lambda value: value.value)
     return f"from {estimated(ends[0]).value_text} to {estimated(ends[-1]).value_text}"
 
 
-def remedy(found: Judged, name: str) -> str:
+def remedy(found: ModelResiduals, name: str) -> str:
     """Return what one can do about an effect, with the actuator that the model states."""
     return effects.find(name).remedy_for(found.before.axes[found.axis].driven_by)
 
@@ -126,31 +126,31 @@ def estimated(value: Value) -> Estimate:
     return Estimate(value.parameter, value.value, sigma, value.interval, True)
 
 
-def label(rung: Rung) -> str:
+def label(step_of_ladder: ErrorStep) -> str:
     """Return what a step of the ladder is called.
 
-    >>> label(Rung("+ creep + mains_hum - bouc_wen", 1e-6))
+    >>> label(ErrorStep("+ creep + mains_hum - bouc_wen", 1e-6))
     '+ creep + mains hum - Bouc-Wen hysteresis'
     """
-    if not rung.label.startswith("+ "):
-        return rung.label
-    return " ".join(word if word in ("+", "-") else called(word) for word in rung.label.split(" "))
+    if not step_of_ladder.label.startswith("+ "):
+        return step_of_ladder.label
+    return " ".join(word if word in ("+", "-") else called(word) for word in step_of_ladder.label.split(" "))
 
 
-def apart(group: Sequence[str], tellings: Sequence[Telling]) -> str:
+def apart(group: Sequence[str], proposals: Sequence[Proposal]) -> str:
     """Return that a group cannot be told apart, and what would."""
     said = f"These runs cannot tell {either([called(name) for name in group])}."
-    for telling in tellings:
+    for telling in proposals:
         if telling.group == tuple(group):
             said += "".join(f" {_would(resolved)}" for resolved in telling.resolved)
             said += f" No experiment could be simulated: {telling.reason}." if telling.reason else ""
     return said
 
 
-def summary(found: Diagnosis, tellings: Sequence[Telling]) -> list[str]:
+def summary(found: Diagnosis, proposals: Sequence[Proposal]) -> list[str]:
     """Return the answer in a few paragraphs."""
     said = [*doubts(found.runs), verdict(found), *(effect(found, named) for named in found.effects)]
-    said += [apart(group, tellings) for group in found.confusable]
+    said += [apart(group, proposals) for group in found.confusable]
     if found.near:
         said.append(possible(found))
     if found.verdict == "unknown" or found.remainder_rms:
@@ -162,7 +162,7 @@ def summary(found: Diagnosis, tellings: Sequence[Telling]) -> list[str]:
     if found.undetermined:
         said.append(undetermined(found))
     if found.conflicts and all(named.values for named in found.effects):
-        said.append(f"Beyond what was known of the model: {'; '.join(found.conflicts)}.")
+        said.append(f"Beyond the prior of the model: {'; '.join(found.conflicts)}.")
     if found.confidence:
         said.append(f"Take care: {found.confidence}.")
     remarks = {remark for run in found.runs for remark in run.remarks}
@@ -181,19 +181,19 @@ def judged_on(runs: Sequence[Run | FrequencyResponse]) -> str:
     return "the fitted runs (there are no validation runs)"
 
 
-def response(found: Judged) -> str:
+def response(found: ModelResiduals) -> str:
     """Return the SI unit of errors: that of the response, per volt where there are frequency responses alone."""
     shown = found.before.axes[found.axis].shown
     return shown if found.runs else shown.per_volt
 
 
-def of_line(found: Judged, error: float) -> str:
+def of_line(found: ModelResiduals, error: float) -> str:
     """Return an error of frequency responses as a share of the line, as its size follows; nothing where runs judge."""
     size = response_pages.line_size(found)
     return f"{words.percent(error / size)} of the line, " if math.isfinite(size) else ""
 
 
-def recorded(found: Judged) -> Sequence[Run | FrequencyResponse]:
+def recorded(found: ModelResiduals) -> Sequence[Run | FrequencyResponse]:
     """Return what the errors of the ladder are of: the runs, or frequency responses where there are no runs."""
     return found.runs or found.responses
 

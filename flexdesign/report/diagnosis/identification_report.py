@@ -67,7 +67,7 @@ def result(found: Identification) -> dict[str, Any]:
         "axis": found.axis,
         "estimates": [_json(found, estimate) for estimate in found.estimates],
         "correlation": {"names": _fitted(found), "values": found.fit.correlation.tolist() if found.fit else []},
-        "starts": vars(found.starts) | {"is_stuck": found.starts.is_stuck},
+        "starts": vars(found.starts) | {"is_stuck": found.starts.is_unconfirmed},
         "runs": [
             {
                 "name": run.name,
@@ -119,7 +119,7 @@ def summary(found: Identification) -> list[str]:
     if found.held:
         names, verb = _listed(list(found.held)), "is" if len(found.held) == 1 else "are"
         said.append(f"{names} {verb} not determined by these runs but held; the intervals hold for the values held.")
-    if found.starts.is_stuck:
+    if found.starts.is_unconfirmed:
         said.append(f"Take care: {found.starts}.")
     return said
 

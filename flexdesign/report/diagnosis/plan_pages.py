@@ -10,7 +10,7 @@ from typing import Any
 from flexdesign import effects
 from flexdesign.core import units, versions
 from flexdesign.core.toml_files import FORMAT
-from flexdesign.diagnosis.experiment_design import Acting, Command, Limits, Resolved
+from flexdesign.diagnosis.experiment_design import Command, EffectAtStrength, Limits, Resolved
 from flexdesign.diagnosis.experiment_design.discrimination import PLAIN
 from flexdesign.diagnosis.experiment_design.signature import Seen
 from flexdesign.report.catalogue import effect_charts
@@ -113,13 +113,13 @@ def _separation(resolved: Resolved) -> Section:
     return Section(title, text, [separations(resolved)], figures)
 
 
-def _strength(effect: Acting, strength: float) -> str:
+def _strength(effect: EffectAtStrength, strength: float) -> str:
     stated = effect.strength
     name = stated.name.rpartition(".")[2]
     return f"{_called(effect)} ({name} = {units.to_text(strength, stated.unit, 3, stated.si)})"
 
 
-def _called(effect: Acting) -> str:
+def _called(effect: EffectAtStrength) -> str:
     return effects.find(effect.name).name
 
 

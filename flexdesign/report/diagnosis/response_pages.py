@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flexdesign.core import units
 from flexdesign.diagnosis.comparison import Breakdown, ResponseComparison, by_band
-from flexdesign.diagnosis.residual_comparison import Judged, compared
+from flexdesign.diagnosis.residual_comparison import ModelResiduals, compared
 from flexdesign.report import comparison_words as words
 from flexdesign.report.comparison_words import shown_in
 from flexdesign.report.diagnosis.frequency_charts import Line, measured_bode
@@ -19,12 +19,12 @@ from flexdesign.report.document import Figure, Section, Table
 
 Array = NDArray[np.float64]
 #: A model by what it is called, and what it leaves of every frequency response.
-Stand = tuple[str, Sequence[ResponseComparison]]
+FittedModel = tuple[str, Sequence[ResponseComparison]]
 #: An error below this many times the noise is noise.
 NOISE = 1.15
 
 
-def table(stands: Sequence[Stand]) -> Table:
+def table(stands: Sequence[FittedModel]) -> Table:
     """Return what models leave of every frequency response, relative to its lines."""
     rows = [
         [
@@ -54,14 +54,14 @@ def sentences(responses: Sequence[ResponseComparison], natural_frequency: float)
     if all(each.ratio < NOISE for each in responses):
         return [*said, "Nothing is above the noise of the lines."]
     bands = by_band(responses)
-    if band := bands.mostly():
+    if band := bands.dominant():
         near = band[0].lower <= natural_frequency < band[-1].upper
         mode = f", where the main mode is ({natural_frequency:.4g} Hz)" if near else ""
         said.append(f"It fails mostly {words.place(bands, band)}{mode}: {words.percent(sum(p.share for p in band))}.")
     return said
 
 
-def section(stands: Sequence[Stand], response: str, natural_frequency: float) -> list[Section]:
+def section(stands: Sequence[FittedModel], response: str, natural_frequency: float) -> list[Section]:
     """Return the section on frequency responses; none if there are none.
 
     Parameters
@@ -84,7 +84,7 @@ def section(stands: Sequence[Stand], response: str, natural_frequency: float) ->
     return [Section("Frequency responses", [*text, *remarks], tables, figures(stands, response))]
 
 
-def figures(stands: Sequence[Stand], response: str) -> list[Figure]:
+def figures(stands: Sequence[FittedModel], response: str) -> list[Figure]:
     """Draw every frequency response beside what each model predicts."""
     large = shown_in(response)[0]
     scale, made = units.factor(large, response), []
@@ -124,7 +124,7 @@ def result(responses: Sequence[ResponseComparison], response: str) -> list[dict[
     ]
 
 
-def line_size(found: Judged) -> float:
+def line_size(found: ModelResiduals) -> float:
     """Return the size of the lines that judge, each weighted by its noise as in the error ladder [response/V].
 
     Errors of the ladder over this are shares of the line, and below one where the model explains anything. NaN where
@@ -137,7 +137,7 @@ def line_size(found: Judged) -> float:
     return float(np.sqrt(np.nanmean(np.concatenate(sizes) ** 2)))
 
 
-def before_and_after(found: Judged) -> dict[str, Any]:
+def before_and_after(found: ModelResiduals) -> dict[str, Any]:
     """Return what the calibrated and the final model leave of frequency responses; nothing if there are none."""
     if not found.responses:
         return {}

@@ -101,15 +101,18 @@ def _diagnosis_sections(found: TableDiagnosis) -> list[Section]:
         Section("Measured and predicted", _uncertainty(before), tables, pictures),
         Section("What was tried", _tried_text(), [tried(found)]),
     ]
-    if found.tellings:
-        head = Table(["measurement", "what each answer expects"], words.tellings(found))
+    if found.proposals:
+        head = Table(["measurement", "what each answer expects"], words.proposals(found))
         sections.insert(2, Section("What would tell the answers apart", [], [head]))
     return [*sections, _physics(found.before.model)]
 
 
 def ladder(found: TableDiagnosis) -> Table:
     """Return the error ladder."""
-    rungs = [[rung.label.replace("_", " "), f"{100 * rung.error:.3g} %"] for rung in found.ladder]
+    rungs = [
+        [step_of_ladder.label.replace("_", " "), f"{100 * step_of_ladder.error:.3g} %"]
+        for step_of_ladder in found.ladder
+    ]
     return Table(["model", "relative error, rms"], rungs)
 
 
@@ -174,7 +177,7 @@ def diagnosis_result(found: TableDiagnosis) -> dict[str, Any]:
         "effects": _effects(found.found) if is_known else {},
         "confusable": [_own_names(group) for group in found.groups] if is_known else [],
         "near": _own_names(found.found.names) if found.verdict == "unknown" else [],
-        "ladder": [{"model": rung.label, "error": rung.error} for rung in found.ladder],
+        "ladder": [{"model": step_of_ladder.label, "error": step_of_ladder.error} for step_of_ladder in found.ladder],
         "sum_of_squares": {
             "before": found.before.cost,
             "after": found.found.cost,

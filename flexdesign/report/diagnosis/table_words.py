@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from flexdesign.analytic.static_model import Row
-from flexdesign.analytic.static_model.separability import Telling
+from flexdesign.analytic.static_model.separability import Proposal
 from flexdesign.core import units
 from flexdesign.core.model import PIEZO
 from flexdesign.diagnosis import Value
@@ -138,21 +138,21 @@ def effect(trial: Trial, name: str) -> str:
 
 
 def _would_tell(found: TableDiagnosis) -> str:
-    if not found.tellings:
+    if not found.proposals:
         return "No single measurement of this part, or of one with a dimension changed by 40 %, would."
-    best = found.tellings[0]
+    best = found.proposals[0]
     return f"Measure {measurement(best.row)}: {_expectations(found, best)}."
 
 
-def _expectations(found: TableDiagnosis, telling: Telling) -> str:
+def _expectations(found: TableDiagnosis, telling: Proposal) -> str:
     answers = (found.found, *found.alike)[: len(telling.expected)]
     expected = [number(telling.row, value, 3) for value in telling.expected]
     return ", ".join(f"with {names(a)} it is {value}" for a, value in zip(answers, expected, strict=True))
 
 
-def tellings(found: TableDiagnosis) -> list[list[str]]:
+def proposals(found: TableDiagnosis) -> list[list[str]]:
     """Return rows of measurements that would tell, and what each answer expects."""
-    return [[measurement(telling.row), _expectations(found, telling)] for telling in found.tellings]
+    return [[measurement(telling.row), _expectations(found, telling)] for telling in found.proposals]
 
 
 def shape(found: TableDiagnosis) -> str:

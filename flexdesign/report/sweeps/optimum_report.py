@@ -13,6 +13,7 @@ from flexdesign.core.model import Quantity
 from flexdesign.core.toml_files import FORMAT
 from flexdesign.design import design as designs
 from flexdesign.fem import mesh_refinement
+from flexdesign.report import accuracy_words
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.validation import design_pictures
 from flexdesign.workflows.sweeps import evaluators
@@ -54,7 +55,16 @@ def summary(found: Optimum) -> list[str]:
     elif found.plan.limits:
         text += f" It keeps {' and '.join(map(str, found.plan.limits))}."
     agreed = f"{same} of {searches} searches ended there; {_who(found)}"
-    return [text, *_ends(found), *_like(found), agreed]
+    return [text, *_inaccurate(found), *_ends(found), *_like(found), agreed]
+
+
+def _inaccurate(found: Optimum) -> list[str]:
+    """Say that finite elements do not reach the accuracy that was asked of them."""
+    elements = found.last.elements
+    if not elements:
+        return []
+    said = accuracy_words.not_reached(found.plan.mesh.accuracy, list(elements.values()), "at the optimum")
+    return [said] if said else []
 
 
 def _who(found: Optimum) -> str:

@@ -15,6 +15,7 @@ from flexdesign.core import units, versions
 from flexdesign.core.toml_files import FORMAT
 from flexdesign.design.design import Design
 from flexdesign.fem import mesh_refinement
+from flexdesign.report import accuracy_words
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.sweeps import sweep_figures
 from flexdesign.report.sweeps.sweep_figures import labelled
@@ -87,7 +88,7 @@ def summary(sweep: Sweep) -> list[str]:
     text += f"; {failed} of them could not be" if failed else ""
     known = len(sweep.cases) - sweep.computed
     text += f". {sweep.computed} were computed in {sweep.seconds:.3g} s" if sweep.computed else ". All were known"
-    said = [text + (f", {known} were known." if known and sweep.computed else ".")]
+    said = [text + (f", {known} were known." if known and sweep.computed else "."), *_inaccurate(sweep)]
     for quantity, each in _indices(sweep).items():
         order = np.argsort(-each.total)[:2]
         most = " and ".join(f"{plan.factors[i].name} ({100 * each.total[i]:.0f} %)" for i in order)
@@ -100,6 +101,13 @@ def summary(sweep: Sweep) -> list[str]:
     elif front:
         said.append(f"{len(front)} are beaten by no other in {' and '.join(map(str, plan.aims))} at once.")
     return said
+
+
+def _inaccurate(sweep: Sweep) -> list[str]:
+    """Say that the accuracy that was asked for is not reached in some cases."""
+    missed = {_words(sweep, place): error for place, error in sweep.inaccurate.items()}
+    said = accuracy_words.not_reached_by(sweep.plan.mesh.accuracy, missed, len(sweep.cases) - len(sweep.failed))
+    return [said] if said else []
 
 
 #: What evaluators are called in a sentence.
@@ -285,7 +293,7 @@ def parquet(sweep: Sweep) -> bytes | None:
 def result(sweep: Sweep) -> dict[str, Any]:
     """Return the numbers as result.json has them: the best designs; all of them are in cases.csv."""
     kept, front = chosen(sweep)
-    plan = sweep.plan
+    plan, missed = sweep.plan, sweep.inaccurate
     return {
         "format": FORMAT,
         "kind": "sweep",
@@ -293,6 +301,7 @@ def result(sweep: Sweep) -> dict[str, Any]:
         "cases": len(sweep.cases),
         "computed": sweep.computed,
         "failed": len(sweep.failed),
+        "accuracy": {"asked": plan.mesh.accuracy, "missed": len(missed), "worst": max(missed.values(), default=None)},
         "keep_limits": len(kept),
         "limits": [str(limit) for limit in plan.limits],
         "aims": [str(aim) for aim in plan.aims],

@@ -49,7 +49,7 @@ def section(validation: Validation | StageValidation, symbols: Mapping[str, str]
     return Section(
         "From the pseudo-rigid model to FEM",
         [TEXT, text],
-        [_rungs(ladder, symbols), _tolerances(validation, ladder)],
+        [_error_steps(ladder, symbols), _tolerances(validation, ladder)],
         [figure],
     )
 
@@ -58,18 +58,21 @@ def result(ladder: Ladder | None) -> dict[str, Any] | None:
     """Return the ladder as result.json has it."""
     if ladder is None:
         return None
-    rungs = [{"added": rung.effect or "pseudo-rigid", "errors": dict(rung.errors)} for rung in ladder.rungs]
+    rungs = [
+        {"added": step_of_ladder.effect or "pseudo-rigid", "errors": dict(step_of_ladder.errors)}
+        for step_of_ladder in ladder.rungs
+    ]
     return {"rungs": rungs, "tolerances_2_sigma": dict(ladder.tolerances)}
 
 
-def _rungs(ladder: Ladder, symbols: Mapping[str, str]) -> Table:
+def _error_steps(ladder: Ladder, symbols: Mapping[str, str]) -> Table:
     keys = list(ladder.rungs[0].errors)
     rows = []
-    for rung in ladder.rungs:
-        label = f"+ {called(rung.effect)}" if rung.effect else "pseudo-rigid"
-        where = statics.find(rung.effect).where if rung.effect else ""
-        errors = [f"{100 * rung.errors[key]:+.2f} %" for key in keys]
-        rows.append([label, *errors, f"{100 * math.expm1(rung.size):.2f} %", where])
+    for step_of_ladder in ladder.rungs:
+        label = f"+ {called(step_of_ladder.effect)}" if step_of_ladder.effect else "pseudo-rigid"
+        where = statics.find(step_of_ladder.effect).where if step_of_ladder.effect else ""
+        errors = [f"{100 * step_of_ladder.errors[key]:+.2f} %" for key in keys]
+        rows.append([label, *errors, f"{100 * math.expm1(step_of_ladder.size):.2f} %", where])
     head = ["model", *(symbols[key] for key in keys), "all", "where it acts"]
     return Table(head, rows, "Model over FEM, less one; K_in and λ with a free output, K_out with free inputs")
 
@@ -83,10 +86,13 @@ def _tolerances(validation: Validation | StageValidation, ladder: Ladder) -> Tab
 
 
 def _drawn(ladder: Ladder, symbols: Mapping[str, str]) -> bytes:
-    labels = [f"+ {called(rung.effect)}" if rung.effect else "pseudo-rigid" for rung in ladder.rungs]
+    labels = [
+        f"+ {called(step_of_ladder.effect)}" if step_of_ladder.effect else "pseudo-rigid"
+        for step_of_ladder in ladder.rungs
+    ]
     figure, axes = charts.drawing(7.2, 0.34 * len(labels) + 1.4)
     for index, key in enumerate(ladder.rungs[0].errors):
-        errors = [max(abs(100 * rung.errors[key]), 0.01) for rung in ladder.rungs]
+        errors = [max(abs(100 * step_of_ladder.errors[key]), 0.01) for step_of_ladder in ladder.rungs]
         axes.plot(errors, range(len(labels)), "o-", color=charts.COLOURS[index], label=symbols[key], linewidth=1.5)
     axes.set_xscale("log")
     axes.set_yticks(range(len(labels)), labels)

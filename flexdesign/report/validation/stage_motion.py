@@ -139,7 +139,7 @@ def beside_measurements(validation: StageValidation) -> Section:
         fem = comparison.fem
         for label, theirs in measured(comparison).items():
             cells = [axes.what(fem), axes.where(fem), shown(fem), written(validation, label, theirs)]
-            known = abs(theirs.value) > (theirs.sigma or 0.0)
+            known = abs(theirs.value) > (theirs.half_width or 0.0)
             off = percent(comparison.error(label)) if known else "–"
             rows.append([*cells, off, verdict(comparison, theirs)])
     columns = ["quantity", "boundary", "FEM", "measured ± uncertainty", "off by", "what it proves"]
@@ -155,9 +155,9 @@ def beside_measurements(validation: StageValidation) -> Section:
 
 def verdict(comparison: Comparison, theirs: Quantity) -> str:
     """Say what a measured number proves of a quantity."""
-    sigma = theirs.sigma or 0.0
+    sigma = theirs.half_width or 0.0
     gap = abs(theirs.value - comparison.fem.value)
-    within = gap <= sigma + (comparison.fem.sigma or 0.0)
+    within = gap <= sigma + (comparison.fem.half_width or 0.0)
     if abs(theirs.value) <= sigma:
         return "nothing: the number itself lies inside the uncertainty"
     return "agrees within the uncertainty" if within else "differs by more than the uncertainty: unexplained"

@@ -89,7 +89,7 @@ def _sections(validation: StageValidation, progress: Progress) -> list[Section]:
 def _ladder(validation: StageValidation) -> Section:
     axes, rungs = Axes(validation), validation.ladder.rungs if validation.ladder else []
     return ladder_section.section(
-        validation, {key: axes.short(validation.fem(key)) for rung in rungs for key in rung.errors}
+        validation, {key: axes.short(validation.fem(key)) for step_of_ladder in rungs for key in step_of_ladder.errors}
     )
 
 

@@ -123,9 +123,9 @@ def share(ratio: float) -> str:
 
 def measured(comparison: Comparison) -> dict[str, Quantity]:
     """Return the numbers with an uncertainty that a quantity is compared with, by whose they are."""
-    return {model: quantity for model, quantity in comparison.analytic.items() if quantity.sigma}
+    return {model: quantity for model, quantity in comparison.analytic.items() if quantity.half_width}
 
 
 def computed(comparison: Comparison) -> dict[str, Quantity]:
     """Return the numbers without an uncertainty: analytic models, and other programs."""
-    return {model: quantity for model, quantity in comparison.analytic.items() if not quantity.sigma}
+    return {model: quantity for model, quantity in comparison.analytic.items() if not quantity.half_width}

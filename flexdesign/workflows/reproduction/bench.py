@@ -13,8 +13,8 @@ from flexdesign.core.model import Quantity
 from flexdesign.core.printed_numbers import Printed, Publication
 from flexdesign.diagnosis import identify
 from flexdesign.dynamics.control import Plant
-from flexdesign.dynamics.control.implied import plants_for_delays
 from flexdesign.dynamics.control.pid import PID
+from flexdesign.dynamics.control.plants_from_gains import plants_for_delays
 from flexdesign.dynamics.control.ziegler_nichols import rule, ultimate
 from flexdesign.dynamics.experiments.simulation import Case, Simulation
 from flexdesign.measurements.recordings import Run
@@ -260,7 +260,7 @@ def _lines(paper: Publication, found: Simulation) -> Iterator[Item]:
     yield Item(
         "P19", "largest distance from the line in the plane", FIG_18, f"less than {error.text}", under.shown(3),
         "agrees" if below else "differs",
-        "feedforward and the gains of (34); what is left are the sensor's steps of 0.75 um",
+        "feedforward and the gains of (34); the remaining difference is the sensor's steps of 0.75 um",
         ((FIG_18, "error"), (FIG_18, "velocity"), *((paper("section 4.1", n).place, n) for n in (
             "sensor_range", "sensor_resolution", "sensor_linearity"))),
     )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from flexdesign.core import units
@@ -72,7 +72,8 @@ def judged(
     system, what
         See `Item`.
     theirs, ours
-        The printed number, and ours with its standard error; None where there is none of ours.
+        The printed number, and ours with its standard error, which is written in the unit of the printed one; None
+        where there is none of ours.
     built
         How ours was made to be the printed one; empty for a result.
     known
@@ -83,10 +84,12 @@ def judged(
         Further printed numbers that enter.
     """
     uses = tuple((each.place, each.name) for each in (theirs, *also))
-    shown = f"{theirs.text} ± {units.to_text(known, ours.unit, 2, si=ours.si)}" if known and ours else theirs.text
+    shown = theirs.text
+    if known and ours:
+        shown += f" ± {units.to_text(known, as_printed(ours, theirs).unit, 2, si=ours.si)}"
     if ours is None:
         return Item(system, what, theirs.place, shown, "–", "not printed", why, uses)
-    allowed = theirs.half_digit(ours.si) + known + (ours.sigma or 0.0)
+    allowed = theirs.half_digit(ours.si) + known + (ours.half_width or 0.0)
     gap = ours.value - theirs.value(ours.si)
     relative = f"{100 * gap / theirs.value(ours.si):+.2f} %"
     # Sizing and fitting meet a printed number to a percent or better, not to the last digit.
@@ -99,7 +102,12 @@ def judged(
         verdict, why = "cannot be both", f"off by {relative}: {why}"
     else:
         verdict, why = "differs", f"off by {relative}"
-    return Item(system, what, theirs.place, shown, ours.shown(), verdict, why, uses)
+    return Item(system, what, theirs.place, shown, as_printed(ours, theirs).shown(), verdict, why, uses)
+
+
+def as_printed(ours: Quantity, theirs: Printed) -> Quantity:
+    """Return a quantity that is written in the unit of a printed number."""
+    return replace(ours, unit=theirs.unit or ours.unit)
 
 
 def contradiction(

@@ -10,7 +10,7 @@ from flexdesign.analytic.lagrange import static_gain
 from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.core.printed_numbers import Publication
-from flexdesign.workflows.reproduction.items import Item, contradiction, judged, unprinted
+from flexdesign.workflows.reproduction.items import Item, as_printed, contradiction, judged, unprinted
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
 MODEL, FEA = "Table 1, model", "Table 1, FEA"
@@ -146,12 +146,13 @@ def _ceiling(paper: Publication, found: StageValidation) -> str:
         ).value
         for name, k in (("own", own), ("left", load))
     }  # fmt: skip
-    stiffness = paper(FEA, "K_out_xy").text
+    k_out, k_in = paper(FEA, "K_out_xy"), paper(FEA, "K_in_xy")
+    body, beside = (units.to_text(k, k_out.unit, digits, si="N/m") for k, digits in ((own, 3), (load, 2)))
+    at_body, at_beside = (units.to_text(k, k_in.unit, 4, si="N/m") for k in (at["own"], at["left"]))
     return (
-        f"K_in rises with what the output pushes against. (17) makes it {at['own'] / 1e3:.4g} N/mm against K_b = "
-        f"{own / 1e3:.3g} N/mm. A stage of K_out = {stiffness} leaves {load / 1e3:.2g} N/mm beside the "
-        f"amplifier, against which (17) makes it {at['left'] / 1e3:.4g} N/mm; elasticity that (17) leaves out only "
-        "softens it. No stage of this kind has 2000 N/mm"
+        f"K_in rises with what the output pushes against. (17) makes it {at_body} against K_b = {body}. A stage of "
+        f"K_out = {k_out.text} leaves {beside} beside the amplifier, against which (17) makes it {at_beside}; "
+        f"elasticity that (17) leaves out only softens it. No stage of this kind has {k_in.text}"
     )
 
 
@@ -175,7 +176,8 @@ def _couplings(paper: Publication, found: StageValidation) -> Iterator[Item]:
     stack, k_in = paper("section 4.1", "actuator_stiffness"), found.fem("K_in_x_table_free")
     yield Item(
         "P7", "K_in below the stiffness of the actuator", "section 3; section 4.1", f"less than {stack.text}",
-        k_in.shown(), "agrees" if k_in.value < stack.value("N/m") else "differs", "", ((stack.place, stack.name),),
+        as_printed(k_in, stack).shown(), "agrees" if k_in.value < stack.value("N/m") else "differs", "",
+        ((stack.place, stack.name),),
     )  # fmt: skip
     z = paper("Figs 4 and 5", "input_z")
     yield unprinted("P7", "input in Z of Fig 5", z.place, units.to_text(found.inputs["z"], "um", si="m"), "", [z])

@@ -60,8 +60,10 @@ class Answers:
             for quantity in quantities:
                 key = quantity.key
                 if key not in kinds:
-                    kinds[key], rows[key] = replace(quantity, value=math.nan, sigma=None), []
-                rows[key].append((place, quantity.value, math.nan if quantity.sigma is None else quantity.sigma))
+                    kinds[key], rows[key] = replace(quantity, value=math.nan, half_width=None), []
+                rows[key].append(
+                    (place, quantity.value, math.nan if quantity.half_width is None else quantity.half_width)
+                )
         values = {key: np.full(len(cases), math.nan) for key in kinds}
         sigmas = {key: np.full(len(cases), math.nan) for key in kinds}
         for key, entries in rows.items():
@@ -105,11 +107,20 @@ class Answers:
         si = self.kinds[key_of(quantity)].si if self.has(quantity) else "1"
         return self.column(quantity) / units.factor(self.unit(quantity), si)
 
+    def relative_errors(self, names: Sequence[str]) -> Array:
+        """Return the largest estimated error of the named quantities of each case, relative; NaN without any."""
+        worst = np.full(len(self), math.nan)
+        for key, kind in self.kinds.items():
+            if kind.name in names:
+                value = np.where(self.values[key] == 0, math.nan, self.values[key])
+                worst = np.fmax(worst, np.abs(self.sigmas[key] / value))
+        return worst
+
     def at(self, place: int) -> list[Quantity]:
         """Return the quantities of one case."""
         found = []
         for key, kind in self.kinds.items():
             value, sigma = float(self.values[key][place]), float(self.sigmas[key][place])
             if not math.isnan(value):
-                found.append(replace(kind, value=value, sigma=None if math.isnan(sigma) else sigma))
+                found.append(replace(kind, value=value, half_width=None if math.isnan(sigma) else sigma))
         return found

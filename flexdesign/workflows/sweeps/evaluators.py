@@ -38,7 +38,7 @@ MODELS = {"pseudo-rigid": "PRB", "analytic": "compliance"}
 
 
 @dataclass(frozen=True)
-class Question:
+class EvaluationRequest:
     """A case as a worker gets it: everything it has to know, and nothing that a process could not be sent.
 
     Parameters
@@ -73,16 +73,16 @@ class Question:
     bench: Bench | None = None
 
 
-def answers(questions: Sequence[Question]) -> Answers:
+def answers(requests: Sequence[EvaluationRequest]) -> Answers:
     """Return the answers to a batch of questions; one that fails has its reason for an answer."""
-    return Answers.of([answer(question) for question in questions])
+    return Answers.of([answer(request) for request in requests])
 
 
-def answer(question: Question) -> Answer:
+def answer(request: EvaluationRequest) -> Answer:
     """Return the answer to one question, or why there is none."""
     began = time.perf_counter()
     try:
-        found, error = _evaluate(question), ""
+        found, error = _evaluate(request), ""
     except (InputError, ArithmeticError, ValueError) as refusal:
         found, error = (), str(refusal)
     return found, error, time.perf_counter() - began
@@ -93,8 +93,8 @@ def _read(file: Path, overrides: tuple[str, ...]) -> Design:
     return designs.read(file, overrides)
 
 
-def _of(question: Question) -> Design:
-    return version(question.file, question.overrides, question.dimensions)
+def _of(request: EvaluationRequest) -> Design:
+    return version(request.file, request.overrides, request.dimensions)
 
 
 def version(file: Path, overrides: tuple[str, ...], dimensions: Mapping[str, float]) -> Design:
@@ -124,18 +124,18 @@ def version_of(plan: SweepPlan, case: Case) -> Design:
     return version(plan.design.file, tuple(simulating.of_design(everything)), dimensions)
 
 
-def _evaluate(question: Question) -> Sequence[Quantity]:
-    if question.bench is not None:
-        return by_simulation(question, question.bench)
-    design = _of(question)
-    if question.evaluator in MODELS:
-        return by_formulas(design, MODELS[question.evaluator])
-    settings = tuple(sorted(question.mesh.items()))
-    if question.correction is not None:
-        planar = _planar(question.file, question.middle, settings)
-        return question.correction.apply(design, planar.evaluate(design))
-    solid = _solid(question.file, question.middle, settings, question.modes)
-    return elements.by_elements(design, MeshSettings(**question.mesh), solid)
+def _evaluate(request: EvaluationRequest) -> Sequence[Quantity]:
+    if request.bench is not None:
+        return by_simulation(request, request.bench)
+    design = _of(request)
+    if request.evaluator in MODELS:
+        return by_formulas(design, MODELS[request.evaluator])
+    settings = tuple(sorted(request.mesh.items()))
+    if request.correction is not None:
+        planar = _planar(request.file, request.middle, settings)
+        return request.correction.apply(design, planar.evaluate(design))
+    solid = _solid(request.file, request.middle, settings, request.modes)
+    return elements.by_elements(design, MeshSettings(**request.mesh), solid)
 
 
 @cache
@@ -157,7 +157,7 @@ def _solid(file: Path, middle: tuple[str, ...], settings: tuple[tuple[str, Any],
         return elements.fast_solid(mesh, modes, [])
 
 
-def corrected(questions: Sequence[Question]) -> Correction:
+def corrected(requests: Sequence[EvaluationRequest]) -> Correction:
     """Return what the plane leaves out, from the designs of some questions.
 
     Raises
@@ -165,10 +165,10 @@ def corrected(questions: Sequence[Question]) -> Correction:
     InputError
         If one of them cannot be built or meshed.
     """
-    first = questions[0]
+    first = requests[0]
     settings = tuple(sorted(first.mesh.items()))
     solid, planar = _solid(first.file, first.middle, settings, 0), _planar(first.file, first.middle, settings)
-    return Correction.fit([_of(question) for question in questions], planar, solid)
+    return Correction.fit([_of(request) for request in requests], planar, solid)
 
 
 def by_formulas(design: Design, model: str) -> list[Quantity]:
@@ -245,7 +245,7 @@ def _driven(found: Sequence[Quantity], design: Design) -> list[Quantity]:
     return driven
 
 
-def by_simulation(question: Question, bench: Bench) -> list[Quantity]:
+def by_simulation(request: EvaluationRequest, bench: Bench) -> list[Quantity]:
     """Return what experiments measure on a simulated stage.
 
     Raises
@@ -256,13 +256,13 @@ def by_simulation(question: Question, bench: Bench) -> list[Quantity]:
         If no controller was found for any.
     """
     if bench.model is None:
-        of_design = tuple(simulating.of_design(question.overrides))
+        of_design = tuple(simulating.of_design(request.overrides))
         stage = _handed_over(
-            question.file, of_design, tuple(question.dimensions.items()), tuple(sorted(question.mesh.items()))
+            request.file, of_design, tuple(request.dimensions.items()), tuple(sorted(request.mesh.items()))
         )
     else:
         stage = simulating.read(bench.model)
-    return simulating.measured(changed(stage, simulating.of_stage(question.overrides)), bench, question.overrides)
+    return simulating.measured(changed(stage, simulating.of_stage(request.overrides)), bench, request.overrides)
 
 
 @lru_cache(maxsize=8)

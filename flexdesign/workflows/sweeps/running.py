@@ -10,9 +10,9 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
-import flexdesign
 from flexdesign.core import versions
 from flexdesign.core.errors import InputError
 from flexdesign.core.result_cache import content_key
@@ -22,7 +22,7 @@ from flexdesign.design.design import read as read_design
 from flexdesign.fem import mesh_refinement
 from flexdesign.workflows.sweeps import choosing, simulating
 from flexdesign.workflows.sweeps.answers import Answers, key_of
-from flexdesign.workflows.sweeps.evaluators import DIRECT, Question, corrected
+from flexdesign.workflows.sweeps.evaluators import DIRECT, EvaluationRequest, corrected
 from flexdesign.workflows.sweeps.plan import SweepPlan, settings_of
 from flexdesign.workflows.sweeps.sampling import Case
 from flexdesign.workflows.sweeps.sampling import cases as sampled
@@ -34,18 +34,14 @@ Progress = Callable[[str], None]
 BATCH = {"pseudo-rigid": 2000, "analytic": 100, "planar": 16, "fem": 4, "simulation": 4}
 #: The sources whose change makes answers anew.
 _FORMULAS = (
-    "analytic/*.py", "assembly/*.py", "effects/statics/*.py", "hinges/*.py", "model/*.py", "static_tables/*.py",
-    "sweeps/evaluators.py",
+    "analytic/**/*.py", "core/model/*.py", "design/assembly/*.py", "effects/hinge_compliance/*.py",
+    "effects/statics/*.py", "workflows/sweeps/evaluators.py",
 )  # fmt: skip
 _ELEMENTS = (
-    "assembly/*.py", "fem/*.py", "multifidelity/*.py", "quantities/*.py", "condensing.py", "refinement.py",
-    "sweeps/elements.py", "sweeps/evaluators.py",
+    "design/assembly/*.py", "fem/**/*.py", "workflows/sweeps/elements.py", "workflows/sweeps/evaluators.py",
+    "workflows/validation/stage_model_from_*.py",
 )  # fmt: skip
-_SIMULATION = (
-    "control/*.py", "dynamics/*.py", "effects/*.py", "experiments/*.py", "metrics/*.py", "stage_model/*.py",
-    "trajectory/*.py", "loop_design.py", "measuring.py", "simulation.py", "standard_experiments.py",
-    "sweeps/simulating.py",
-)  # fmt: skip
+_SIMULATION = ("dynamics/**/*.py", "effects/*.py", "workflows/sweeps/simulating.py")
 ANSWERING = {
     "pseudo-rigid": _FORMULAS,
     "analytic": _FORMULAS,
@@ -90,6 +86,15 @@ class Sweep:
         """The places of the cases without an answer."""
         return [i for i, error in enumerate(self.answers.errors) if error]
 
+    @property
+    def inaccurate(self) -> dict[int, float]:
+        """The cases that miss the accuracy asked of finite elements, by place, with their largest estimated error."""
+        asked = self.plan.mesh.accuracy
+        if asked is None or self.plan.evaluator != "fem":
+            return {}
+        errors = self.answers.relative_errors(mesh_refinement.JUDGED)
+        return {int(i): float(errors[i]) for i in np.flatnonzero(errors > asked)}
+
 
 def run(
     plan: SweepPlan, store: Store, *, jobs: int = 2, scheduler: str = "", progress: Progress = lambda _: None
@@ -117,9 +122,9 @@ def run(
     began = time.perf_counter()
     progress("looking up what is known")
     cases = plan.cases()
-    questions = asked(plan, cases)
+    requests = asked(plan, cases)
     store.refresh()
-    todo = list({q.key: q for q in questions if q.key not in store}.values())
+    todo = list({q.key: q for q in requests if q.key not in store}.values())
     if todo:
         if plan.evaluator == "planar":
             progress(f"solving {SAMPLES} designs in space, to correct the plane")
@@ -128,15 +133,15 @@ def run(
         batches = [todo[i : i + size] for i in range(0, len(todo), size)]
         workers: Workers = Cluster(scheduler) if scheduler else Processes(jobs)
         try:
-            _compute(batches, workers, store, progress, known=len(questions) - len(todo))
+            _compute(batches, workers, store, progress, known=len(requests) - len(todo))
         finally:
             workers.close()
-    found = store.find([question.key for question in questions])
+    found = store.find([request.key for request in requests])
     choosing.refuse_unknown(found, plan.limits, plan.aims, plan.file)
     return Sweep(plan, cases, found, len(todo), time.perf_counter() - began)
 
 
-def asked(plan: SweepPlan, cases: Sequence[Case]) -> list[Question]:
+def asked(plan: SweepPlan, cases: Sequence[Case]) -> list[EvaluationRequest]:
     """Return the question of each case; its key holds all that the answer depends on, the code among it."""
     factors = {factor.key: factor for factor in plan.factors}
     file, mesh = plan.subject_file.resolve(), plan.mesh.model_dump()
@@ -154,17 +159,19 @@ def asked(plan: SweepPlan, cases: Sequence[Case]) -> list[Question]:
             roots[overrides] = content_key(code, _root(plan, overrides))
         key = content_key(roots[overrides], sorted(dimensions.items()))
         made.append(
-            Question(key, file, overrides, dimensions, plan.evaluator, mesh, modes, plan.overrides, None, plan.bench)
+            EvaluationRequest(
+                key, file, overrides, dimensions, plan.evaluator, mesh, modes, plan.overrides, None, plan.bench
+            )
         )
     return made
 
 
-def _corrected(plan: SweepPlan, todo: Sequence[Question]) -> list[Question]:
+def _corrected(plan: SweepPlan, todo: Sequence[EvaluationRequest]) -> list[EvaluationRequest]:
     """Return questions with what the plane leaves out, learned from a sample of what varies."""
     sample = asked(plan, list(sampled(plan.factors, "latin-hypercube", SAMPLES, plan.seed)))
     with threadpool_limits(1):
         correction = corrected(sample)
-    return [replace(question, correction=correction) for question in todo]
+    return [replace(request, correction=correction) for request in todo]
 
 
 def _beyond_direct(plan: SweepPlan) -> bool:
@@ -188,7 +195,7 @@ def _root(plan: SweepPlan, overrides: Sequence[str]) -> list[object]:
 
 def _code(plan: SweepPlan) -> list[object]:
     """Return what the answers depend on besides design or stage: the part, the sources that answer, the libraries."""
-    package = Path(flexdesign.__file__).parent
+    package = Path(__file__).parents[2]
     sources = sorted(path for place in ANSWERING[plan.evaluator] for path in package.glob(place))
     if isinstance(plan.subject, Design):
         sources += _parts(plan.subject)
@@ -203,15 +210,15 @@ def _parts(design: Design) -> list[Path]:
 
 
 def _compute(
-    batches: Sequence[Sequence[Question]], workers: Workers, store: Store, progress: Progress, known: int
+    batches: Sequence[Sequence[EvaluationRequest]], workers: Workers, store: Store, progress: Progress, known: int
 ) -> None:
     """Have batches computed, and keep each as it comes; cases of a process that died are tried again one by one."""
     total, done, failed, began = known + sum(map(len, batches)), known, 0, time.perf_counter()
-    queue, waiting = deque(batches), dict[Future[Answers], Sequence[Question]]()
+    queue, waiting = deque(batches), dict[Future[Answers], Sequence[EvaluationRequest]]()
 
-    def take(batch: Sequence[Question], found: Answers) -> None:
+    def take(batch: Sequence[EvaluationRequest], found: Answers) -> None:
         nonlocal done, failed
-        store.keep([question.key for question in batch], found)
+        store.keep([request.key for request in batch], found)
         done, failed = done + len(found), failed + sum(map(bool, found.errors))
         left = (total - done) * (time.perf_counter() - began) / (done - known)
         words = f"{done} of {total} cases" + (f", {failed} failed" if failed else "")
@@ -228,14 +235,14 @@ def _compute(
             try:
                 take(batch, future.result())
             except workers.died:
-                for question in itertools.chain(batch, *workers.lost(waiting)):
-                    take([question], _alone(workers, question))
+                for request in itertools.chain(batch, *workers.lost(waiting)):
+                    take([request], _alone(workers, request))
 
 
-def _alone(workers: Workers, question: Question) -> Answers:
+def _alone(workers: Workers, request: EvaluationRequest) -> Answers:
     """Return the answer to one question that has a process to itself, or that the process died of it."""
     try:
-        return workers.alone(question)
+        return workers.alone(request)
     except workers.died:
         return Answers.of([((), DIED, 0.0)])
 

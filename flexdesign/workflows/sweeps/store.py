@@ -76,7 +76,7 @@ class Store:
         """
         kinds = {key: asdict(kind) for key, kind in answers.kinds.items()}
         for kind in kinds.values():
-            del kind["value"], kind["sigma"]
+            del kind["value"], kind["half_width"]
         shape = (len(kinds), len(keys))
         arrays = {
             "values": np.array(list(answers.values.values())).reshape(shape),

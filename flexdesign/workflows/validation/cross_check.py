@@ -62,7 +62,7 @@ class Way:
         """
         mine, theirs = self.found[key], other.found[key]
         gap = mine.value - theirs.value
-        combined = math.hypot(mine.sigma or 0.0, theirs.sigma or 0.0)
+        combined = math.hypot(mine.half_width or 0.0, theirs.half_width or 0.0)
         return gap / theirs.value, abs(gap) / combined if combined else (math.inf if gap else 0.0)
 
 

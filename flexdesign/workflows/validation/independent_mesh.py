@@ -74,7 +74,7 @@ class IndependentCheck:
 
     def allowed(self, key: str) -> float:
         """Return the sum of both estimates, relative."""
-        both = (self.found[key].sigma or 0.0) + (self.chosen[key].sigma or 0.0)
+        both = (self.found[key].half_width or 0.0) + (self.chosen[key].half_width or 0.0)
         return both / abs(self.chosen[key].value)
 
     @property
@@ -127,7 +127,9 @@ def run(
     else:
         answer = stored[1]
     found = {
-        key: replace(chosen[key], value=value * corrected, sigma=abs(value) * error, source="FEM, one pytetwild mesh")
+        key: replace(
+            chosen[key], value=value * corrected, half_width=abs(value) * error, source="FEM, one pytetwild mesh"
+        )
         for key, value, (corrected, error) in zip(KEYS, answer["values"], _freed(*answer["shares"]), strict=True)
         if key in chosen
     }

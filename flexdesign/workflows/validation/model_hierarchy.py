@@ -27,7 +27,7 @@ ALIKE = 1e-6
 
 
 @dataclass(frozen=True)
-class Rung:
+class ErrorStep:
     """The model with one effect more.
 
     Parameters
@@ -59,11 +59,11 @@ class Ladder:
         Twice the standard deviation that tolerances of dimensions and modulus give a quantity, relative, by its key.
     """
 
-    rungs: Sequence[Rung]
+    rungs: Sequence[ErrorStep]
     tolerances: Mapping[str, float]
 
 
-def climb(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
+def model_ladder(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
     """Return the ladder of a design beside what FEM found; None where it is no frame, or no formula is beside it."""
     try:
         model = of_design(design, bare=True)
@@ -79,7 +79,7 @@ def climb(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
     rungs = [_rung("", model, known, there)]
     while left:
         trials = [_rung(name, model, known, {**there, name: effects[name]}) for name in left]
-        best = min(trials, key=lambda rung: rung.size)
+        best = min(trials, key=lambda step_of_ladder: step_of_ladder.size)
         there[best.effect] = effects[best.effect]
         left.remove(best.effect)
         rungs.append(best)
@@ -104,9 +104,9 @@ def _judged(design: Design, fem: Mapping[str, Quantity]) -> list[str]:
 
 def _rung(
     name: str, model: StaticModel, known: Mapping[str, float], effects: Mapping[str, Mapping[str, float]]
-) -> Rung:
+) -> ErrorStep:
     found = replace(model, effects=effects).compliance({}).quantities()
-    return Rung(name, {key: found[key].value / value - 1 for key, value in known.items()})
+    return ErrorStep(name, {key: found[key].value / value - 1 for key, value in known.items()})
 
 
 def _tolerances(model: StaticModel, fem: Mapping[str, Quantity]) -> dict[str, float]:

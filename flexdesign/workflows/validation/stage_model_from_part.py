@@ -36,7 +36,7 @@ def stage_model(
 
     The main mode is the one that carries most of the response to the actuator. The mass is lumped: with all of the
     stiffness it gives that mode its frequency. A second mode that carries a fair part of the response goes in beside
-    it; what other modes carry follows with the main one, whose share is what is left.
+    it; what other modes carry follows with the main one, whose share is the remainder.
     """
     actuator = design.actuator
     if actuator is None:
@@ -46,8 +46,8 @@ def stage_model(
     voltage = actuator.voltage_range
     share, modes = _main_and_further(solution, actuator.installed_stiffness)
     known = {"stiffness": stiffness, "gain": stroke, "input_stiffness": k_in, "amplification": ratio}
-    relative = {name: (q.sigma or 0.0) / abs(q.value) for name, q in known.items()}
-    relative["mass"] = math.hypot(relative["stiffness"], 2 * (frequency.sigma or 0.0) / frequency.value)
+    relative = {name: (q.half_width or 0.0) / abs(q.value) for name, q in known.items()}
+    relative["mass"] = math.hypot(relative["stiffness"], 2 * (frequency.half_width or 0.0) / frequency.value)
     axis = AxisModel(
         natural_frequency=frequency.value,
         damping_ratio=PLACEHOLDER_DAMPING,

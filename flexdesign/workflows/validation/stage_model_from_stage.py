@@ -59,8 +59,8 @@ def _axis(design: Design, axis: str, count: int, found: Mapping[str, Quantity]) 
     stroke, k_in, ratio = (found[f"{name}_{axis}_table_free"] for name in ("stroke", "K_in", "lambda"))
     share, voltage = found[f"drive_share_{axis}_actuators_installed"].value, actuator.voltage_range
     known = {"stiffness": stiffness, "gain": stroke, "input_stiffness": k_in, "amplification": ratio}
-    relative = {name: (q.sigma or 0.0) / abs(q.value) for name, q in known.items()}
-    relative["mass"] = math.hypot(relative["stiffness"], 2 * (frequency.sigma or 0.0) / frequency.value)
+    relative = {name: (q.half_width or 0.0) / abs(q.value) for name, q in known.items()}
+    relative["mass"] = math.hypot(relative["stiffness"], 2 * (frequency.half_width or 0.0) / frequency.value)
     axis_model = AxisModel(
         natural_frequency=frequency.value,
         damping_ratio=PLACEHOLDER_DAMPING,

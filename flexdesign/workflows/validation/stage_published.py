@@ -67,7 +67,7 @@ def _published(study: Study, label: str, key: str, text: str, known: Mapping[str
             raise ValueError("the uncertainty must be positive")
     except ValueError as error:
         raise InputError(study.file, place, text, str(error)) from None
-    return replace(quantity, value=value, sigma=sigma, source=label)
+    return replace(quantity, value=value, half_width=sigma, source=label)
 
 
 def _elsewhere(key: str, known: Mapping[str, Quantity]) -> bool:

@@ -17,7 +17,7 @@ from flexdesign.design.design import Design
 from flexdesign.design.study import Study
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.fem import cross_axis_coupling, mesh_refinement, stage_condensation
-from flexdesign.fem.convergence import Scatter
+from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.cross_axis_coupling import Cause, CrossMotion
 from flexdesign.fem.quantities import stage_shares
 from flexdesign.fem.quantities.stage import TOLD
@@ -107,7 +107,7 @@ class StageValidation:
         return {axis: stated(self.study, axis) for axis in self.assembly.axes}
 
     @property
-    def scatter(self) -> Scatter:
+    def scatter(self) -> MeshNoise:
         """That of the meshes, by which results are extrapolated."""
         return stage_condensation.scatter(self.levels)
 
@@ -168,7 +168,7 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     comparisons, further = compare(study, limits, [*motions, *full], published)
     solved = {label: _variant(study, label, cache, progress) for label in study.variants}
     progress("compliance model, effect by effect")
-    rungs = model_hierarchy.climb(design, by_key(limits))
+    rungs = model_hierarchy.model_ladder(design, by_key(limits))
     spring = design.actuator.installed_stiffness if design.actuator else 0.0
     return StageValidation(
         study=study,

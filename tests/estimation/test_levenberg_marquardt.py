@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import least_squares, lsq_linear
-from tests.evidence.toys import Array, Run, Toy, parameter
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
@@ -26,8 +25,9 @@ from flexdesign.estimation.least_squares.levenberg_marquardt import (
     solve,
 )
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates, value
-from flexdesign.estimation.least_squares.residual_function import Problem, Suite
+from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
 from flexdesign.estimation.noise.whitening import White
+from tests.estimation.toys import Array, Run, Toy, parameter
 
 T = np.linspace(0, 2, 150)
 #: A step that promises less than `SMALL` is the last: no coordinate is then farther from the minimum, in its standard
@@ -41,11 +41,11 @@ def nothing(observation: Observation) -> tuple[Array, Array]:
 
 def problem(model: Toy, data: Array, sigma: float, t: Array = T, **known: tuple[float, float]) -> Problem:
     where = coordinates(model, [p.name for p in model.every], known)
-    return Problem(Suite([Run("run", t, data)], White(sigma), nothing), model, where)
+    return Problem(Dataset([Run("run", t, data)], White(sigma), nothing), model, where)
 
 
-def solved(case: Problem, **settings: Any) -> Solution:
-    found = solve(case, case.where.start, **settings)
+def solved(task: Problem, **settings: Any) -> Solution:
+    found = solve(task, task.where.start, **settings)
     assert found is not None and found.is_settled
     return found
 
@@ -83,9 +83,9 @@ def bumpy(rng: np.random.Generator) -> tuple[Toy, dict[str, float]]:
     return Toy(bumps, every), truth
 
 
-def by_scipy(case: Problem, data: Array, sigma: float) -> tuple[Array, float]:
+def by_scipy(task: Problem, data: Array, sigma: float) -> tuple[Array, float]:
     """The same least squares, written out and handed to another program with tight tolerances."""
-    where, model = case.where, case.model
+    where, model = task.where, task.model
     assert isinstance(model, Toy)
 
     def residuals(x: Array) -> Array:
@@ -106,16 +106,16 @@ def test_minimum_is_that_of_an_independent_program(seed: int) -> None:
     model, truth = bumpy(rng)
     data = bumps(truth, T) + 0.02 * rng.standard_normal(len(T))
     k = (truth["k"] * rng.uniform(0.9, 1.1), 0.1 * truth["k"])
-    case = problem(model, data, 0.02, k=k, a=(truth["a"] + 0.01, 0.02))
-    x, cost = by_scipy(case, data, 0.02)
-    found = solved(case)
+    task = problem(model, data, 0.02, k=k, a=(truth["a"] + 0.01, 0.02))
+    x, cost = by_scipy(task, data, 0.02)
+    found = solved(task)
     assert found.cost - cost < SMALL
     assert np.all(np.abs(found.x - x) <= CLOSE * np.sqrt(np.diag(found.covariance)))
-    residuals = case.residuals(found.x)
-    assert found.cost == case.cost(found.x, residuals)
-    assert np.all((found.x >= case.where.lower) & (found.x <= case.where.upper))
+    residuals = task.residuals(found.x)
+    assert found.cost == task.cost(found.x, residuals)
+    assert np.all((found.x >= task.where.lower) & (found.x <= task.where.upper))
     if truth["b"] > 1.1:  # seven standard deviations outside
-        assert found.x[2] == case.where.upper[2]
+        assert found.x[2] == task.where.upper[2]
 
 
 def test_some_of_these_minima_lie_at_a_bound() -> None:
@@ -138,7 +138,7 @@ def test_covariance_is_the_inverse_of_the_normal_matrix(exact: bool) -> None:
     jacobian = np.column_stack([decay, -v["k"] * v["a"] * T * decay]) / sigma
     normal = jacobian.T @ jacobian + np.diag([1 / 0.005**2, 0.0])
     expected = np.linalg.inv(normal)
-    # The error of a forward difference: see the slopes of a suite.
+    # The error of a forward difference: see the slopes of a data set.
     assert found.covariance == pytest.approx(expected, rel=0.01 if exact else 0.5)
     part = rng.standard_normal(len(T))
     if exact:
@@ -204,10 +204,10 @@ def test_a_kink_is_passed(start: float) -> None:
 
 def test_a_search_ends_in_a_corner_where_slopes_promise_what_no_step_keeps() -> None:
     model = Toy(lambda v, t: -10 - np.abs(v["x"] * np.ones_like(t)), (parameter("x", 0.0, -99.0, 99.0),))
-    found = solve(case := problem(model, np.zeros(1), 0.1, t=T[:1]), case.where.start)
+    found = solve(task := problem(model, np.zeros(1), 0.1, t=T[:1]), task.where.start)
     assert found is not None and not found.is_settled
     assert values(found)["x"] == pytest.approx(0.0, abs=1e-6)
-    assert case.evaluations < 2 * 15  # slopes twice, and a dozen shorter and shorter steps with each
+    assert task.evaluations < 2 * 15  # slopes twice, and a dozen shorter and shorter steps with each
 
 
 def test_a_number_without_influence_stays_where_it_is() -> None:
@@ -256,16 +256,16 @@ def test_there_is_no_solution_where_the_model_fails_at_the_start(failure: Any) -
             raise failure
         return np.full(len(t), failure)
 
-    case = problem(Toy(formula, (parameter("k", 1.0, 0.0, 2.0),)), T, 1.0)
-    assert solve(case, case.where.start) is None
+    task = problem(Toy(formula, (parameter("k", 1.0, 0.0, 2.0),)), T, 1.0)
+    assert solve(task, task.where.start) is None
 
 
 def test_a_start_far_off_is_no_reason_to_stop_early() -> None:
     """A cost of 1e8 at the start, zero at the end: a share of what it was once would be hundreds."""
     model = Toy(lambda v, t: np.sqrt(v["k"]) * t, (parameter("k", 0.1, 0.01, 9.0),))
-    case = problem(model, T, 1e-3)
-    assert case.cost(case.where.start, case.residuals(case.where.start)) > 5e7
-    found = solved(case)
+    task = problem(model, T, 1e-3)
+    assert task.cost(task.where.start, task.residuals(task.where.start)) > 5e7
+    found = solved(task)
     assert found.cost < SMALL
     assert values(found)["k"] == pytest.approx(1.0, abs=CLOSE * math.sqrt(found.covariance[0, 0]))
 
@@ -294,15 +294,17 @@ def test_slopes_of_a_model_nearby_lead_to_the_same_minimum(seed: int) -> None:
     truth["b"] = min(truth["b"], 1.0)  # where nothing but noise is left
     data = bumps(truth, T) + 0.02 * rng.standard_normal(len(T))
     exact, near = problem(model, data, 0.02), problem(model, data, 0.02)
-    near.sloping = lambda of: Toy(lambda v, t: 1.01 * bumps({**v, "s": 1.02 * v["s"]}, t), tuple(of.parameters()))
+    near.jacobian_model = lambda of: Toy(
+        lambda v, t: 1.01 * bumps({**v, "s": 1.02 * v["s"]}, t), tuple(of.parameters())
+    )
     first, second = solved(exact), solved(near)
     assert abs(second.cost - first.cost) < SMALL
     assert np.all(np.abs(second.x - first.x) <= 0.1 * np.sqrt(np.diag(first.covariance)))
 
 
 def test_want_of_trials_is_told() -> None:
-    case = problem(bumpy(np.random.default_rng(0))[0], np.sin(9 * T), 1e-3)
-    found = solve(case, case.where.start, Effort(1))
+    task = problem(bumpy(np.random.default_rng(0))[0], np.sin(9 * T), 1e-3)
+    found = solve(task, task.where.start, Effort(1))
     assert found is not None and not found.is_settled
 
 
@@ -313,17 +315,17 @@ def test_slopes_from_a_fit_nearby_save_predictions_and_change_nothing() -> None:
     sigma = 0.02
     first = solved(problem(model, bumps(truth, T) + sigma * rng.standard_normal(len(T)), sigma))
     again = bumps(truth, T) + sigma * rng.standard_normal(len(T))
-    anew, carried, misled = (problem(model.replace(values(first)), again, sigma) for _ in range(3))
+    fresh, carried, misled = (problem(model.replace(values(first)), again, sigma) for _ in range(3))
     columns = first.columns()
     assert list(columns) == ["a", "k", "b", "m", "s"]
     wrong = {name: [None if c is None else 0.5 * c for c in parts] for name, parts in columns.items()}
     effort = replace(FULL, is_exact=False)
-    ends = [solved(anew), solved(carried, effort=effort, old=columns), solved(misled, effort=effort, old=wrong)]
+    ends = [solved(fresh), solved(carried, effort=effort, old=columns), solved(misled, effort=effort, old=wrong)]
     sigmas = np.sqrt(np.diag(ends[0].covariance))
     for end in ends[1:]:
         assert abs(end.cost - ends[0].cost) < SMALL
         assert np.all(np.abs(end.x - ends[0].x) <= CLOSE * sigmas)
-    assert carried.evaluations <= anew.evaluations - 5  # five columns less, at least once
+    assert carried.evaluations <= fresh.evaluations - 5  # five columns less, at least once
 
 
 # --- efforts --------------------------------------------------------------------------------------------------------
@@ -338,15 +340,15 @@ def decay() -> tuple[Toy, Array]:
     return model, model.formula({"a": 2.0, "k": 3.0}, T)
 
 
-def looks(case: Problem, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+def looks(task: Problem, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     """Note the columns that are computed, each time that a Jacobian is."""
-    made, slopes = list[list[str]](), case.slopes
+    made, jacobian = list[list[str]](), task.jacobian
 
     def counted(x: Array, residuals: Any, old: Any = None) -> Any:
-        made.append([name for name in case.where.names if name not in (old or {})])
-        return slopes(x, residuals, old)
+        made.append([name for name in task.where.names if name not in (old or {})])
+        return jacobian(x, residuals, old)
 
-    monkeypatch.setattr(case, "slopes", counted)
+    monkeypatch.setattr(task, "jacobian", counted)
     return made
 
 
@@ -354,9 +356,9 @@ def test_more_effort_ends_nearer_to_the_minimum(monkeypatch: pytest.MonkeyPatch)
     """Along a bent valley, with as many Jacobians as are allowed beside that at the start."""
     costs, counts = [], []
     for effort in (QUICK, ROUGH, FULL):
-        case = bent_valley()
-        made = looks(case, monkeypatch)
-        found = solve(case, case.where.start, effort)
+        task = bent_valley()
+        made = looks(task, monkeypatch)
+        found = solve(task, task.where.start, effort)
         assert found is not None
         costs.append(found.cost)
         counts.append(len(made))
@@ -374,9 +376,9 @@ def test_without_further_jacobians_the_known_one_is_followed(effort: Effort, mon
     )
     data, sigma = basis @ [3.0, -2.0, 1.0], 0.1
     old = {name: [-basis[:, j] / sigma] for j, name in enumerate("pq")}
-    case = problem(model, data, sigma)
-    made = looks(case, monkeypatch)
-    found = solve(case, case.where.start, effort, old)
+    task = problem(model, data, sigma)
+    made = looks(task, monkeypatch)
+    found = solve(task, task.where.start, effort, old)
     assert found is not None and made == [["r"]]
     assert found.cost < SMALL
     assert found.x == pytest.approx([3.0, -2.0, 1.0], abs=0.01)
@@ -395,11 +397,11 @@ def test_a_share_of_the_cost_ends_a_fit() -> None:
 def test_a_point_is_linearised_where_it_is() -> None:
     """Its Jacobian from derivatives by hand; it is no minimum, and no step is taken."""
     model, data = decay()
-    case = problem(model, data, 0.1, a=(1.5, 0.05))
-    found = linearise(case, case.where.start)
+    task = problem(model, data, 0.1, a=(1.5, 0.05))
+    found = linearise(task, task.where.start)
     assert found is not None and not found.is_settled
-    assert found.x == pytest.approx(case.where.start, abs=0.0)
-    assert found.cost == case.cost(found.x, case.residuals(found.x))
+    assert found.x == pytest.approx(task.where.start, abs=0.0)
+    assert found.cost == task.cost(found.x, task.residuals(found.x))
     wave = np.exp(-T)
     jacobian = np.column_stack([wave, -T * wave]) / 0.1
     expected = jacobian.T @ jacobian + np.diag([1 / 0.05**2, 0.0])

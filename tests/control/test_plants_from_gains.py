@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from flexdesign.core.errors import InputError
-from flexdesign.dynamics.control.implied import compare, consistency, plants_for_delays, plants_for_frequency
 from flexdesign.dynamics.control.pid import PID
 from flexdesign.dynamics.control.plant import Plant
+from flexdesign.dynamics.control.plants_from_gains import compare, consistency, plants_for_delays, plants_for_frequency
 from flexdesign.dynamics.control.ziegler_nichols import rule, ultimate
 
 PERIOD = 1e-3

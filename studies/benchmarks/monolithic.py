@@ -25,8 +25,8 @@ from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.mesh import TaggedMesh, boundary
 from flexdesign.fem.solving import modes
 from flexdesign.fem.solving.elasticity import Elasticity, shape_functions
-from flexdesign.fem.solving.loads import traction
 from flexdesign.fem.solving.solver import factorize
+from studies.verification.loads import traction
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,19 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.evidence.sums import NAMES, calibrated_stand, candidate, case, effects
 
 from flexdesign.diagnosis import diagnose, procedure
 from flexdesign.diagnosis.preparation import truncated_runs
-from flexdesign.diagnosis.preparation.dataset import Setting, settle
+from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.least_squares.local_minima import BETTER
-from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import Stand
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step
 from flexdesign.estimation.model_selection.stepwise_selection import forward
 from flexdesign.measurements.recordings import Run, read_runs
+from tests.estimation.sums import NAMES, calibrated_stand, candidate, effects, task
 
 ROOT = Path(__file__).parents[1]
 DEMO = ROOT / "studies" / "hidden_effect_demo"
@@ -31,35 +31,35 @@ def demo() -> tuple[StageModel, tuple[Run, ...]]:
     return stage_model.read(str(DEMO / "model.toml"), []), read_runs([DEMO / "runs"])
 
 
-def long(monkeypatch: pytest.MonkeyPatch, enough: int) -> Setting:
+def long(monkeypatch: pytest.MonkeyPatch, enough: int) -> DiagnosisData:
     """Take recordings for long ones that are longer than so many values in all."""
     monkeypatch.setattr(truncated_runs, "ENOUGH", enough)
     monkeypatch.setattr(truncated_runs, "LONG", enough)
-    return settle(*demo(), None, None)
+    return prepare(*demo(), None, None)
 
 
 def test_short_recordings_are_searched_whole() -> None:
-    setting = settle(*demo(), None, None)
-    assert sum(len(run.time) for run in setting.runs) < truncated_runs.LONG
-    assert truncated_runs.opening(setting) is None
+    data = prepare(*demo(), None, None)
+    assert sum(len(run.time) for run in data.runs) < truncated_runs.LONG
+    assert truncated_runs.truncated(data) is None
 
 
 def test_recordings_of_unknown_noise_are_searched_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     # A share of what is unexplained is another one in a part of the runs: beside the cubic stiffness of a real
     # oscillator its opening showed a hysteresis which the whole recordings have no need of.
-    setting = long(monkeypatch, 6_000)
-    assert truncated_runs.opening(setting) is not None
-    assert truncated_runs.opening(replace(setting, noise=replace(setting.noise, known=False))) is None
+    data = long(monkeypatch, 6_000)
+    assert truncated_runs.truncated(data) is not None
+    assert truncated_runs.truncated(replace(data, noise=replace(data.noise, known=False))) is None
 
 
 def test_runs_are_cut_at_one_length_and_short_ones_stay_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    setting = long(monkeypatch, 10_000)
-    short = truncated_runs.opening(setting)
+    data = long(monkeypatch, 10_000)
+    short = truncated_runs.truncated(data)
     assert short is not None
     lengths = [len(run.time) for run in short.runs]
     assert 10_000 - len(lengths) < sum(lengths) <= 10_000
     cut = max(lengths)
-    for whole, part in zip(setting.runs, short.runs, strict=True):
+    for whole, part in zip(data.runs, short.runs, strict=True):
         n = min(len(whole.time), cut)
         assert np.array_equal(part.time, whole.time[:n]) and np.array_equal(part.command(), whole.command()[:n])
         assert (part.name, part.role) == (whole.name, whole.role)
@@ -83,24 +83,24 @@ def test_all_runs_are_cut_at_the_same_length(
     """So that as many values are left as are searched: short runs give what is theirs to longer ones."""
     monkeypatch.setattr(truncated_runs, "ENOUGH", enough)
     monkeypatch.setattr(truncated_runs, "LONG", 0)
-    about = settle(*demo(), None, None)
+    about = prepare(*demo(), None, None)
     (name,) = about.runs[0].responses
     runs = [
         Run(f"run{k}", np.arange(float(n)), {"u": np.zeros(n), name: np.zeros(n)}, {"u": "V", name: "m"}, "hold")
         for k, n in enumerate(lengths)
     ]
-    short = truncated_runs.opening(replace(about, runs=tuple(runs)))
+    short = truncated_runs.truncated(replace(about, runs=tuple(runs)))
     assert short is not None
     assert [len(run.time) for run in short.runs] == [min(n, max(cut, 2)) for n in lengths]
 
 
 def test_a_run_that_begins_with_a_gap_is_cut_behind_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    setting = long(monkeypatch, 6_000)
-    gone = setting.runs[0].measured().copy()
+    data = long(monkeypatch, 6_000)
+    gone = data.runs[0].measured().copy()
     gone[:1_400] = np.nan
-    (name,) = setting.runs[0].responses
-    late = replace(setting.runs[0], columns={**setting.runs[0].columns, name: gone})
-    short = truncated_runs.opening(replace(setting, runs=(late, *setting.runs[1:])))
+    (name,) = data.runs[0].responses
+    late = replace(data.runs[0], columns={**data.runs[0].columns, name: gone})
+    short = truncated_runs.truncated(replace(data, runs=(late, *data.runs[1:])))
     assert short is not None and np.isfinite(short.runs[0].measured()).any()
 
 
@@ -133,12 +133,12 @@ def test_what_the_openings_show_is_fitted_to_the_whole_runs(monkeypatch: pytest.
 # --- what the first part showed, asked of the whole runs -------------------------------------------------------------
 
 
-def confirmed(about: Case, steps: list[Step]) -> tuple[list[Step], list[Stand]]:
+def confirmed(about: EstimationTask, steps: list[Step]) -> tuple[list[Step], list[FittedModel]]:
     return procedure._confirm(about, calibrated_stand(about), steps)
 
 
 def test_what_a_part_of_the_runs_chose_is_confirmed_by_all_of_them() -> None:
-    about = case({"d": 0.3})
+    about = task({"d": 0.3})
     part = replace(about, identify=about.identify.part(NAMES[:2]))
     seen, right = (forward(each, calibrated_stand(each), effects()) for each in (part, about))
     (step,), (made,) = confirmed(about, [seen, Step(None, ())])
@@ -151,7 +151,7 @@ def test_what_a_part_of_the_runs_chose_is_confirmed_by_all_of_them() -> None:
 
 
 def test_what_a_part_of_the_runs_chose_is_refused_where_the_others_know_better() -> None:
-    part, whole = case({"d": 0.3}), case({}, seed=1)
+    part, whole = task({"d": 0.3}), task({}, seed=1)
     seen = forward(part, calibrated_stand(part), effects())
     assert seen.chosen is not None and seen.chosen.names == ("d",)
     assert confirmed(whole, [seen]) == ([], [])
@@ -160,13 +160,13 @@ def test_what_a_part_of_the_runs_chose_is_refused_where_the_others_know_better()
 
 def test_a_part_is_believed_up_to_its_first_refused_step() -> None:
     """Two effects of the part, one after the other, of which the whole runs have the first, the second, or both."""
-    part = case({"b": 0.4, "d": 0.3})
+    part = task({"b": 0.4, "d": 0.3})
     one, other = (candidate(name, signed=True) for name in "bd")
     first = forward(part, calibrated_stand(part), [one])
     assert first.chosen is not None
-    steps = [first, forward(part, first.chosen.stand, [other])]
+    steps = [first, forward(part, first.chosen.fit, [other])]
     assert [step.chosen.names for step in steps if step.chosen] == [("b",), ("d",)]
     for truth, names in (({"b": 0.4, "d": 0.3}, ["b", "d"]), ({"b": 0.4}, ["b"]), ({"d": 0.3}, [])):
-        found, stands = confirmed(case(truth, seed=1), steps)
+        found, stands = confirmed(task(truth, seed=1), steps)
         assert [name for step in found for name in step.chosen.names] == names  # type: ignore[union-attr]
-        assert [stand.names for stand in stands] == [tuple(names[: k + 1]) for k in range(len(names))]
+        assert [fit.names for fit in stands] == [tuple(names[: k + 1]) for k in range(len(names))]

@@ -1,4 +1,4 @@
-"""The rival without physics: what it finds, what it is worth on runs kept apart, and that it finds nothing in noise."""
+"""The model without physics: what it finds, what it is worth on validation runs, and that it finds nothing in noise."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.evidence.sums import NAMES, Sum, columns, least, offset
-from tests.evidence.toys import Array, Run, parameter
 
 from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.levenberg_marquardt import SMALL
-from flexdesign.estimation.least_squares.residual_function import Suite
-from flexdesign.estimation.model_selection.estimation_task import Case
-from flexdesign.estimation.model_selection.fitted_model import Stand, fit
-from flexdesign.estimation.model_selection.sparse_residual_model import MOST, cost_of_terms, rival
+from flexdesign.estimation.least_squares.residual_function import Dataset
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
+from flexdesign.estimation.model_selection.sparse_residual_model import MOST, cost_of_terms, sparse_model
 from flexdesign.estimation.noise.whitening import White
+from tests.estimation.sums import NAMES, Sum, columns, least, offset
+from tests.estimation.toys import Array, Run, parameter
 
 N, SIGMA = 120, 0.02
 HELD = ("kept", "apart")
@@ -62,35 +62,37 @@ def recorded(names: tuple[str, ...], seed: int, **amounts: float) -> list[Run]:
     return made
 
 
-def stand(seed: int = 0, *, held: Mapping[str, float] | None = None, **amounts: float) -> tuple[Case, Stand]:
+def fit(
+    seed: int = 0, *, held: Mapping[str, float] | None = None, **amounts: float
+) -> tuple[EstimationTask, FittedModel]:
     kept = recorded(HELD, seed, **(amounts if held is None else held))
-    suites = [Suite(made, White(SIGMA), offset) for made in (recorded(NAMES, seed, **amounts), kept)]
-    case = Case(suites[0], suites[1], ("gain",), lambda _: {}, lambda _: stage(), 1e-3)
-    found = fit(case, stage())
+    suites = [Dataset(made, White(SIGMA), offset) for made in (recorded(NAMES, seed, **amounts), kept)]
+    task = EstimationTask(suites[0], suites[1], ("gain",), lambda _: {}, lambda _: stage(), 1e-3)
+    found = fit_model(task, stage())
     assert found is not None
-    return case, found
+    return task, found
 
 
 def test_a_quadratic_of_the_position_is_found() -> None:
-    case, found = stand(x2=0.1)
-    made = rival(case, found, features)
+    task, found = fit(x2=0.1)
+    made = sparse_model(task, found, features)
     assert next(iter(made.terms)) == "position^2"
     # 360 values with noise 0.02 tell the amount of a column of size 0.4 to 0.003; what the gain imitates widens that.
     assert made.terms["position^2"] == pytest.approx(0.1, abs=0.02)
     assert made.shares["position^2"] > 0.9
     assert sum(made.shares.values()) == pytest.approx(1.0)
-    assert made.held_gain > 0.8 * (found.held_cost - 2 * N)
+    assert made.held_gain > 0.8 * (found.validation_chi2 - 2 * N)
 
 
 def test_gains_are_falls_of_the_cost() -> None:
-    """All by linear algebra: columns as the stand predicts them, gain and tilts free on the runs that were fitted.
+    """All by linear algebra: columns as the fitted model predicts them, gain and tilts free on the fitted runs.
 
-    On the runs kept apart nothing is free but the offset: amounts and gain are those of the fit, tilts those of before.
+    On the validation runs nothing is free but the offset: amounts and gain are those of the fit, tilts those of before.
     """
-    case, found = stand(x2=0.2, x3=0.15)
-    made = rival(case, found, features)
+    task, found = fit(x2=0.2, x3=0.15)
+    made = sparse_model(task, found, features)
     names, noise = ["gain", *(f"{name}:tilt" for name in NAMES)], White(SIGMA)
-    observed = [record.observation for record in case.identify.records]
+    observed = [record.observation for record in task.identify.records]
     right = np.concatenate([run.measured() / SIGMA for run in observed])
     before = columns(stage(), observed, names, noise)  # type: ignore[arg-type]
     made_of = [features(run, found.model.predict(run)) for run in observed]
@@ -103,7 +105,7 @@ def test_gains_are_falls_of_the_cost() -> None:
     assert np.all(np.abs(list(made.terms.values()) - best[-count:]) < sigmas[-count:])
 
     nudged, fall, squares = found.model.replace({"gain": best[len(observed)]}), 0.0, []
-    for record in case.validate.records:
+    for record in task.validate.records:
         run = record.observation
         here = found.model.predict(run)
         shapes = features(run, here)
@@ -117,34 +119,34 @@ def test_gains_are_falls_of_the_cost() -> None:
 
 def test_the_cost_of_terms_is_that_of_a_linear_fit_with_them() -> None:
     """Columns as the calibrated model predicts them, beside gain, tilts and offsets; others are not used."""
-    case, found = stand(x2=0.2, x3=0.15)
+    task, found = fit(x2=0.2, x3=0.15)
     names, noise = ["gain", *(f"{name}:tilt" for name in NAMES)], White(SIGMA)
-    observed = [record.observation for record in case.identify.records]
+    observed = [record.observation for record in task.identify.records]
     right = np.concatenate([run.measured() / SIGMA for run in observed])
     before = columns(stage(), observed, names, noise)  # type: ignore[arg-type]
     made_of = [features(run, found.model.predict(run)) for run in observed]
     for terms in (["position^2"], ["position^2", "position^3"], ["nothing"]):
         added = np.vstack([np.column_stack([f[name] for name in terms]) / SIGMA for f in made_of])
         expected = least(np.column_stack([before, added]), right)
-        assert cost_of_terms(case, found, features, terms) == pytest.approx(expected, rel=1e-3, abs=SMALL)
+        assert cost_of_terms(task, found, features, terms) == pytest.approx(expected, rel=1e-3, abs=SMALL)
 
 
 def test_nothing_is_found_in_noise() -> None:
     """Chance takes up a term in one case of a thousand: of 40 cases one at most, at odds of 1 in 1000 for a second."""
-    found = [rival(*stand(seed), features) for seed in range(40)]
+    found = [sparse_model(*fit(seed), features) for seed in range(40)]
     assert sum(bool(made.terms) for made in found) <= 1
     assert all(made.gain == made.held_gain == made.moved == 0 for made in found if not made.terms)
 
 
 def test_what_the_gain_explains_is_not_explained_again() -> None:
-    case, found = stand(x1=0.5)
+    task, found = fit(x1=0.5)
     assert found.solution.problem.where.values(found.solution.x)["gain"] == pytest.approx(2.5, abs=0.02)
-    assert "position^1" not in rival(case, found, features).terms
+    assert "position^1" not in sparse_model(task, found, features).terms
 
 
 def test_what_holds_for_the_fitted_runs_alone_gains_nothing_on_others() -> None:
-    case, found = stand(x2=0.1, held={"x2": -0.1})
-    made = rival(case, found, features)
+    task, found = fit(x2=0.1, held={"x2": -0.1})
+    made = sparse_model(task, found, features)
     assert made.gain > 0 > made.held_gain
 
 
@@ -155,15 +157,17 @@ def test_terms_are_few() -> None:
         rng = np.random.default_rng(len(observation.name))
         return {f"column {i}": observation.measured() + rng.standard_normal(N) for i in range(30)}
 
-    case, found = stand(x2=1.0)
-    assert len(rival(case, found, many).terms) == MOST
+    task, found = fit(x2=1.0)
+    assert len(sparse_model(task, found, many).terms) == MOST
 
 
 def test_without_runs_kept_apart_nothing_is_gained_on_them() -> None:
-    case, _ = stand(x2=0.1)
-    case = Case(case.identify, Suite([], White(SIGMA), offset), ("gain",), lambda _: {}, lambda _: stage(), 1e-3)
-    found = fit(case, stage())
+    task, _ = fit(x2=0.1)
+    task = EstimationTask(
+        task.identify, Dataset([], White(SIGMA), offset), ("gain",), lambda _: {}, lambda _: stage(), 1e-3
+    )
+    found = fit_model(task, stage())
     assert found is not None
-    made = rival(case, found, features)
+    made = sparse_model(task, found, features)
     assert "position^2" in made.terms
     assert (made.held_gain, made.moved) == (0.0, 0.0)

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from flexdesign.estimation.least_squares.parallel_map import sharing
+from flexdesign.estimation.least_squares.parallel_map import shared_pool
 
 #: Longer than any of these takes; what waits so long waits for ever.
 FOR_EVER = 30.0
@@ -12,14 +12,14 @@ FOR_EVER = 30.0
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
 def test_a_shared_map_is_a_map(threads: int) -> None:
-    with sharing(threads) as each:
+    with shared_pool(threads) as each:
         assert each(lambda x: x * x, range(20)) == [x * x for x in range(20)]
         assert each(lambda x: x, []) == []
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
 def test_within_itself_it_is_a_map_too(threads: int) -> None:
-    with sharing(threads) as each:
+    with shared_pool(threads) as each:
         found = each(lambda x: sum(each(lambda y: x * y, range(5))), range(20))
     assert found == [10 * x for x in range(20)]
 
@@ -38,15 +38,15 @@ def test_nobody_waits_for_who_cannot_begin() -> None:
             each(lambda _: work(depth + 1, me), range(2))
 
     asking = threading.current_thread()
-    with sharing(2) as each:
+    with shared_pool(2) as each:
         each(lambda _: work(0, asking), range(2))  # would never return
 
 
 def test_so_many_threads_work_at_a_time() -> None:
     meeting = threading.Barrier(3, timeout=FOR_EVER)
-    with sharing(3) as each:
+    with shared_pool(3) as each:
         each(lambda _: meeting.wait(), range(6))  # passes only where three wait at once
-    with sharing(3) as each:
+    with shared_pool(3) as each:
         busy, most, lock = 0, 0, threading.Lock()
 
         def count(_: int) -> None:
@@ -80,7 +80,7 @@ def test_who_has_ended_helps_who_has_not() -> None:
         while not has_met():  # until the other thread has ended its own work
             pass
 
-    with sharing(2) as each:
+    with shared_pool(2) as each:
         each(lambda _: meeting.wait(), range(2))
         each(work, range(2))
 
@@ -95,10 +95,10 @@ def test_an_error_ends_it_and_is_told() -> None:
 
     for threads in (1, 2):
         begun.clear()
-        with sharing(threads) as each, pytest.raises(ValueError, match="three"):
+        with shared_pool(threads) as each, pytest.raises(ValueError, match="three"):
             each(fail, range(1000))
         assert threads > 1 or begun == [0, 1, 2, 3]
-        with sharing(threads) as each:  # and the next map works
+        with shared_pool(threads) as each:  # and the next map works
             with pytest.raises(ValueError, match="three"):
                 each(fail, range(1000))
             assert each(abs, [-1, -2]) == [1, 2]

@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
-from tests.evidence.sums import (
+
+from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
+from flexdesign.estimation.least_squares.parameter_transforms import coordinates
+from flexdesign.estimation.least_squares.residual_function import Dataset, Problem
+from flexdesign.estimation.model_selection.score_test import FARTHEST, LARGE, LEVEL, OWN, Candidate, Screening
+from flexdesign.estimation.noise.autoregressive import Process
+from flexdesign.estimation.noise.whitening import Coloured, White, Whitening
+from tests.estimation.sums import (
     NAMES,
     N,
     Shape,
@@ -24,14 +31,7 @@ from tests.evidence.sums import (
     offset,
     strength,
 )
-from tests.evidence.toys import Array, Run, parameter
-
-from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
-from flexdesign.estimation.least_squares.parameter_transforms import coordinates
-from flexdesign.estimation.least_squares.residual_function import Problem, Suite
-from flexdesign.estimation.model_selection.score_test import FARTHEST, LARGE, LEVEL, OWN, Candidate, Screening
-from flexdesign.estimation.noise.autoregressive import Process
-from flexdesign.estimation.noise.whitening import Coloured, White, Whitening
+from tests.estimation.toys import Array, Run, parameter
 
 SLOW = Process.from_coefficients(np.array([1.0, -0.9]), 0.3)
 
@@ -54,7 +54,7 @@ def solution(model: Sum, observed: Sequence[Run], of: Whitening, **known: tuple[
     right = np.append(right, [middle / sigma for middle, sigma in known.values()])
     best = np.asarray(np.linalg.lstsq(matrix, right)[0][len(observed) :], dtype=np.float64)
     begun = model.replace(dict(zip(names, best, strict=True)))
-    found = solve(Problem(Suite(observed, of, offset), begun, coordinates(begun, names, known)), best)
+    found = solve(Problem(Dataset(observed, of, offset), begun, coordinates(begun, names, known)), best)
     assert found is not None
     return found
 
@@ -79,7 +79,7 @@ def test_the_best_point_of_a_grid_in_two_numbers_is_found(hidden: tuple[int, int
     assert [d.values for d in screening.directions] == list(trials)
     (best,) = screening.best()
     assert {**best[0].values, "x": 1.0} == truth
-    assert [d.drop for d in best] == sorted((d.drop for d in best), reverse=True)
+    assert [d.predicted_reduction for d in best] == sorted((d.predicted_reduction for d in best), reverse=True)
     assert wanted.hidden == ("middle", "width")
 
 
@@ -101,7 +101,7 @@ def test_a_large_move_is_made_smaller(power: int) -> None:
     if power == 1:  # then the promise does not hang on the trial
         small = dataclasses.replace(wanted, trials=({"x": 1e-3},))
         (alone,) = Screening(solution(base("p"), observed, White(1.0)), [small]).directions
-        assert found.drop == pytest.approx(alone.drop, rel=1e-9)
+        assert found.predicted_reduction == pytest.approx(alone.predicted_reduction, rel=1e-9)
         assert found.start["x"] == pytest.approx(alone.start["x"], rel=1e-9)
 
 
@@ -122,9 +122,9 @@ def test_a_promise_is_the_fall_of_the_cost(of: Whitening) -> None:
         (direction,) = [d for d in screening.directions if d.candidate is effect]
         with_it = columns(as_sum(effect.add(model)), observed, ["p", "q", effect.name], of)
         fall = least(before, right) - least(with_it, right)
-        amount = np.linalg.lstsq(with_it, right)[0][-1]
-        assert direction.drop == pytest.approx(fall, rel=1e-3)  # slopes by forward differences
-        assert direction.start[effect.name] == pytest.approx(amount, rel=1e-3)
+        best_step = np.linalg.lstsq(with_it, right)[0][-1]
+        assert direction.predicted_reduction == pytest.approx(fall, rel=1e-3)  # slopes by forward differences
+        assert direction.start[effect.name] == pytest.approx(best_step, rel=1e-3)
 
 
 def test_what_was_known_of_a_number_limits_what_it_can_imitate() -> None:
@@ -135,9 +135,9 @@ def test_what_was_known_of_a_number_limits_what_it_can_imitate() -> None:
     assert not Screening(solution(base("p"), observed, of), [twin]).directions
     held = solution(base("p"), observed, of, p=(1.0, 0.01))
     (direction,) = Screening(held, [twin]).directions
-    # With it the gain goes back to what was known of it, and what that cost is what is promised.
+    # With it the gain goes back to its prior, and what that cost is what is promised.
     free = solution(base("p"), observed, of)
-    assert direction.drop == pytest.approx(held.cost - free.cost, rel=1e-3)
+    assert direction.predicted_reduction == pytest.approx(held.cost - free.cost, rel=1e-3)
 
 
 def test_a_pair_promises_what_both_together_bring() -> None:
@@ -145,20 +145,20 @@ def test_a_pair_promises_what_both_together_bring() -> None:
     model, of = base("p"), White(0.5)
     observed = runs(lambda run: column(run, "x") - 0.5 * column(run, "y") + 0.5 * rng.standard_normal(N))
     pair = [candidate("x", signed=True), candidate("y", {"x": 1.0, "y": 1.0}, signed=True)]
-    ((promise, a, b),) = Screening(solution(model, observed, of), pair).pairs()
+    ((predicted_gain, a, b),) = Screening(solution(model, observed, of), pair).pairs()
     assert {a.candidate.name, b.candidate.name} == {"x", "y"}
     both = as_sum(pair[1].add(pair[0].add(model)))
     right = data_of(observed, of)
     fall = least(columns(model, observed, ["p"], of), right) - least(
         columns(both, observed, ["p", "x", "y"], of), right
     )
-    assert promise == pytest.approx(fall, rel=1e-3)
+    assert predicted_gain == pytest.approx(fall, rel=1e-3)
 
 
 def test_a_strength_of_the_wrong_sign_promises_nothing() -> None:
     observed, of = runs(lambda run: -column(run, "x")), White(0.1)
     one = Screening(solution(base("p"), observed, of), [candidate("x")])
-    assert one.directions[0].drop == 0
+    assert one.directions[0].predicted_reduction == 0
     assert one.best() == []
     either = Screening(solution(base("p"), observed, of), [candidate("x", signed=True)])
     assert either.directions[0].start["x"] == pytest.approx(-1.0, rel=1e-3)
@@ -166,11 +166,11 @@ def test_a_strength_of_the_wrong_sign_promises_nothing() -> None:
 
 
 def test_a_strength_too_far_from_the_trial_promises_nothing() -> None:
-    for amount, is_far in ((0.9 * FARTHEST, False), (1.1 * FARTHEST, True)):
-        observed = runs(lambda run: 0.01 * amount * column(run, "x"))  # noqa: B023
+    for best_step, is_far in ((0.9 * FARTHEST, False), (1.1 * FARTHEST, True)):
+        observed = runs(lambda run: 0.01 * best_step * column(run, "x"))  # noqa: B023
         (direction,) = Screening(solution(base("p"), observed, White(0.1)), [candidate("x", trial=0.01)]).directions
-        assert direction.amount == pytest.approx(amount, rel=1e-3)
-        assert (direction.drop == 0) is is_far
+        assert direction.best_step == pytest.approx(best_step, rel=1e-3)
+        assert (direction.predicted_reduction == 0) is is_far
 
 
 def test_an_effect_with_a_threshold_is_found_by_its_grid() -> None:
@@ -195,7 +195,7 @@ def test_an_effect_with_a_threshold_is_found_by_its_grid() -> None:
     best = screening.best()[0]
     assert best[0].candidate is cap
     assert best[0].start == {"cap": 1.5}
-    assert [d.drop for d in best] == sorted((d.drop for d in best), reverse=True)
+    assert [d.predicted_reduction for d in best] == sorted((d.predicted_reduction for d in best), reverse=True)
 
 
 def test_what_base_numbers_imitate_gives_no_direction() -> None:
@@ -268,7 +268,7 @@ def test_a_sinusoid_has_a_phase_in_each_run() -> None:
     right = data_of(observed, of)
     fall = least(before, right) - least(np.column_stack([before, *waves]), right)
     assert best.columns == 6
-    assert best.drop == pytest.approx(fall - (chi2.isf(LEVEL, 6) - chi2.isf(LEVEL, 1)), rel=1e-3)
+    assert best.predicted_reduction == pytest.approx(fall - (chi2.isf(LEVEL, 6) - chi2.isf(LEVEL, 1)), rel=1e-3)
     # A phase is known to sigma / size * root of 2 / N, which is 0.037; four times that.
     assert {n: best.start[f"{n}:hum.phase"] for n in NAMES} == pytest.approx(phases, abs=0.15)
     assert best.start["hum.frequency"] == 5.0
@@ -301,10 +301,10 @@ def test_the_largest_score_exceeds_its_critical_value_as_often_as_asked(signed: 
     observed = runs(lambda run: np.zeros(N))
     screening = Screening(solution(base("p"), observed, of), found)
     moves = np.array([d.move for d in screening.directions])
-    slopes = np.concatenate([part.matrix for part in screening.solution.slopes])
-    own = moves - (slopes @ np.linalg.lstsq(slopes, moves.T)[0]).T
-    own /= np.linalg.norm(own, axis=1, keepdims=True)
-    scores = np.random.default_rng(9).standard_normal((40_000, own.shape[1])) @ own.T
+    jacobian = np.concatenate([part.matrix for part in screening.solution.jacobian])
+    projected_norm2 = moves - (jacobian @ np.linalg.lstsq(jacobian, moves.T)[0]).T
+    projected_norm2 /= np.linalg.norm(projected_norm2, axis=1, keepdims=True)
+    scores = np.random.default_rng(9).standard_normal((40_000, projected_norm2.shape[1])) @ projected_norm2.T
     one_sided = np.array([not d.candidate.signed for d in screening.directions])
     largest = (np.where(one_sided, np.maximum(scores, 0), scores) ** 2).max(axis=1)
     share = np.mean([np.mean(largest > screening.critical_value(level, seed=seed)) for seed in range(16)])
@@ -322,7 +322,7 @@ def test_chance_holds_for_whole_screenings() -> None:
     for seed in range(500):
         observed = runs(lambda run: rng.standard_normal(N), NAMES[:1])
         screening = Screening(solution(base("p"), observed, of), catalogue(seed, 6, 2.0))
-        most = max((d.drop for d in screening.directions), default=0.0)
+        most = max((d.predicted_reduction for d in screening.directions), default=0.0)
         larger += most > screening.critical_value(LEVEL)
         alone += most > chi2.isf(LEVEL, 1)
     assert binom.ppf(1e-3, 500, LEVEL) <= larger <= binom.ppf(1 - 1e-3, 500, LEVEL)
@@ -344,6 +344,8 @@ def test_chance_of_drawn_errors_is_that_of_gaussian_ones_where_they_are_gaussian
     """
     rng, of, found = np.random.default_rng(5), White(1.0), catalogue(0, 12, 5.0)
     screening = Screening(solution(base("p"), runs(lambda run: np.zeros(N)), of), found)
-    drawn = [{name: 2.0 * rng.standard_normal(N) for name in NAMES} for _ in range(2000)]
+    null_errors = [{name: 2.0 * rng.standard_normal(N) for name in NAMES} for _ in range(2000)]
     uncertain = 4 * 2 * math.sqrt(LEVEL * (1 / 2000 + 1 / 4000)) / LEVEL
-    assert screening.critical_value(LEVEL, drawn) / 4 == pytest.approx(screening.critical_value(LEVEL), abs=uncertain)
+    assert screening.critical_value(LEVEL, null_errors) / 4 == pytest.approx(
+        screening.critical_value(LEVEL), abs=uncertain
+    )

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag, toeplitz
 from scipy.signal import lfilter
-from tests.evidence.toys import OSCILLATION, TRUTH, Array, Run, Toy, oscillation, parameter
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Observation
 from flexdesign.estimation.least_squares.parameter_transforms import coordinates
-from flexdesign.estimation.least_squares.residual_function import Problem, Shapes, Suite
+from flexdesign.estimation.least_squares.residual_function import Dataset, Problem, Shapes
 from flexdesign.estimation.noise.autoregressive import Process
 from flexdesign.estimation.noise.whitening import Coloured, White
+from tests.estimation.toys import OSCILLATION, TRUTH, Array, Run, Toy, oscillation, parameter
 
 #: Poles at 0.9 exp(+-0.4 i).
 RINGING = Process.from_coefficients(np.array([1.0, -2 * 0.9 * np.cos(0.4), 0.81]), 0.3)
@@ -62,23 +62,23 @@ def test_taking_columns_out_is_generalised_least_squares() -> None:
     """The least of (d - C a)' N^-1 (d - C a) + sum of (a / size)^2 over the amounts a, by `lstsq` on all of it."""
     rng = np.random.default_rng(0)
     observed, predicted = gapped(5 + 2 * np.exp(-T) + rng.standard_normal(len(T))), np.sin(T)
-    suite = Suite([observed], Coloured(RINGING), nuisance)
-    record, there = suite.records[0], np.isfinite(observed.data)
+    dataset = Dataset([observed], Coloured(RINGING), nuisance)
+    record, there = dataset.records[0], np.isfinite(observed.data)
     columns, difference = nuisance(observed)[0][there], (observed.data - predicted)[there]
     root = inverse_root(there)
     rows = np.vstack([root @ columns, np.diag(1 / SIZES)])
     right = np.append(root @ difference, np.zeros(3))
     amounts = np.linalg.lstsq(rows, right)[0]
 
-    residual = suite.residual(record, predicted)
+    residual = dataset.residual(record, predicted)
     assert residual is not None
     assert residual @ residual == pytest.approx(np.sum((right - rows @ amounts) ** 2), rel=1e-9)
-    left = suite.remainder(record, predicted)
+    left = dataset.remainder(record, predicted)
     assert np.array_equal(np.isnan(left), ~there)
     assert left[there] == pytest.approx(difference - columns @ amounts, abs=1e-9)
     free = np.linalg.lstsq(root @ columns, root @ difference)[0]
     assert abs(amounts[2]) < 0.5 * abs(free[2])  # what is known of it does matter
-    assert suite.samples == there.sum() == len(T) - len(GAPS)
+    assert dataset.samples == there.sum() == len(T) - len(GAPS)
 
 
 def test_freedom_is_the_price_of_columns_in_the_marginal_likelihood() -> None:
@@ -87,19 +87,21 @@ def test_freedom_is_the_price_of_columns_in_the_marginal_likelihood() -> None:
     there = np.isfinite(observed.data)
     columns, root = nuisance(observed)[0][there, 1:], inverse_root(there)
     added = root @ columns * SIZES[1:]
-    suite = Suite([observed, observed], Coloured(RINGING), lambda o: (nuisance(o)[0][:, 1:], SIZES[1:]))
-    assert suite.freedom == pytest.approx(2 * np.log1p(np.linalg.eigvalsh(added.T @ added)).sum(), rel=1e-9)
+    dataset = Dataset([observed, observed], Coloured(RINGING), lambda o: (nuisance(o)[0][:, 1:], SIZES[1:]))
+    assert dataset.log_volume == pytest.approx(2 * np.log1p(np.linalg.eigvalsh(added.T @ added)).sum(), rel=1e-9)
 
 
 def test_a_move_that_columns_make_up_costs_what_is_known_of_their_amounts() -> None:
     """An offset is free. As an amount grows, (a / size)^2 takes over only as far as the record lets it."""
-    suite = Suite([gapped(np.zeros(len(T)))], White(0.1), nuisance)
-    record = suite.records[0]
-    assert suite.whitened(record, np.full(len(T), 7.0)) == pytest.approx(np.zeros(record.rows), abs=1e-10)
-    kept = [suite.whitened(record, np.where(record.present, nuisance(record.observation)[0][:, k], 0)) for k in (1, 2)]
+    dataset = Dataset([gapped(np.zeros(len(T)))], White(0.1), nuisance)
+    record = dataset.records[0]
+    assert dataset.whitened(record, np.full(len(T), 7.0)) == pytest.approx(np.zeros(record.rows), abs=1e-10)
+    kept = [
+        dataset.whitened(record, np.where(record.present, nuisance(record.observation)[0][:, k], 0)) for k in (1, 2)
+    ]
     for part, size in zip(kept, SIZES[1:], strict=True):
         assert 0 < part @ part < 1 / size**2
-    loose = suite.with_shapes(lambda o: (nuisance(o)[0], np.full(3, np.inf)))
+    loose = dataset.with_shapes(lambda o: (nuisance(o)[0], np.full(3, np.inf)))
     assert loose.residual(loose.records[0], 3 * np.exp(-T) + np.sin(9 * T)) == pytest.approx(np.zeros(len(T) + 3))
 
 
@@ -111,24 +113,24 @@ def test_a_column_that_a_gap_hides_changes_nothing() -> None:
         return np.hstack([offset(observation)[0], hidden]), np.array([np.inf, 2.0])
 
     observed = gapped(np.cos(T))
-    plain, padded = (Suite([observed], Coloured(RINGING), shapes) for shapes in (offset, more))
-    costs = [float(np.sum(suite.whitened(suite.records[0], T) ** 2)) for suite in (plain, padded)]
+    plain, padded = (Dataset([observed], Coloured(RINGING), shapes) for shapes in (offset, more))
+    costs = [float(np.sum(dataset.whitened(dataset.records[0], T) ** 2)) for dataset in (plain, padded)]
     assert costs[1] == pytest.approx(costs[0], rel=1e-12)
-    left = [suite.remainder(suite.records[0], T) for suite in (plain, padded)]
+    left = [dataset.remainder(dataset.records[0], T) for dataset in (plain, padded)]
     assert left[1] == pytest.approx(left[0], nan_ok=True)
 
 
 @pytest.mark.parametrize("shapes", [nothing, offset, nuisance])
 def test_gaps_stay_empty(shapes: Shapes) -> None:
     """A prediction that is wild, or even not finite, where nothing was measured is as good as any other."""
-    suite = Suite([gapped(np.sin(T))], White(0.1), shapes)
+    dataset = Dataset([gapped(np.sin(T))], White(0.1), shapes)
     wild = np.sin(2 * T)
     wild[GAPS] = [1e9, np.nan, np.inf, -np.inf]
-    parts = [suite.residual(suite.records[0], values) for values in (np.sin(2 * T), wild)]
+    parts = [dataset.residual(dataset.records[0], values) for values in (np.sin(2 * T), wild)]
     assert parts[0] is not None and parts[1] is not None
     assert np.array_equal(parts[0], parts[1])
     wild[GAPS[0] + 1] = np.nan
-    assert suite.residual(suite.records[0], wild) is None
+    assert dataset.residual(dataset.records[0], wild) is None
 
 
 def test_an_unbounded_column_that_a_gap_hides_takes_nothing_out() -> None:
@@ -139,8 +141,8 @@ def test_an_unbounded_column_that_a_gap_hides_takes_nothing_out() -> None:
     def early(observation: Observation) -> tuple[Array, Array]:
         return np.where(np.arange(len(T)) < 40, 1.0, 0.0)[:, None], np.array([np.inf])
 
-    with_it, without = (Suite([Run("run", T, data)], White(0.5), shapes) for shapes in (early, nothing))
-    residuals = [suite.residual(suite.records[0], np.zeros(len(T))) for suite in (with_it, without)]
+    with_it, without = (Dataset([Run("run", T, data)], White(0.5), shapes) for shapes in (early, nothing))
+    residuals = [dataset.residual(dataset.records[0], np.zeros(len(T))) for dataset in (with_it, without)]
     assert residuals[0] is not None and residuals[1] is not None
     assert residuals[0][: len(T)] == pytest.approx(residuals[1])
     assert with_it.remainder(with_it.records[0], np.zeros(len(T)))[40:] == pytest.approx(data[40:])
@@ -148,7 +150,7 @@ def test_an_unbounded_column_that_a_gap_hides_takes_nothing_out() -> None:
 
 def test_a_record_without_values_is_refused() -> None:
     with pytest.raises(InputError, match="no finite value"):
-        Suite([Run("empty", T, np.full(len(T), np.nan))], White(1.0), offset)
+        Dataset([Run("empty", T, np.full(len(T), np.nan))], White(1.0), offset)
 
 
 # --- slopes ---------------------------------------------------------------------------------------------------------
@@ -176,8 +178,8 @@ def staged(names: tuple[str, ...]) -> Staged:
 
 def problem(names: tuple[str, ...] = ("one", "two", "three"), **known: tuple[float, float]) -> Problem:
     model = staged(names)
-    suite = Suite([gapped(oscillation(TRUTH, T), name) for name in names], Coloured(RINGING), nuisance)
-    return Problem(suite, model, coordinates(model, [p.name for p in model.every], known))
+    dataset = Dataset([gapped(oscillation(TRUTH, T), name) for name in names], Coloured(RINGING), nuisance)
+    return Problem(dataset, model, coordinates(model, [p.name for p in model.every], known))
 
 
 def analytic(v: dict[str, float], run: str) -> dict[str, Array]:
@@ -202,15 +204,15 @@ def test_slopes_are_those_of_the_formula() -> None:
     residuals = found.residuals(x)
     assert residuals is not None
     for _ in range(3):
-        slopes = found.slopes(x, residuals)
+        jacobian = found.jacobian(x, residuals)
     values = found.where.values(x)
-    for record, places, part in zip(found.suite.records, found.places, slopes, strict=True):
+    for record, places, part in zip(found.dataset.records, found.places, jacobian, strict=True):
         assert np.array_equal(part.places, places)
         expected = analytic(values, record.observation.name)
         assert {found.where.names[j] for j in places} == set(expected)
         for column, j in zip(part.matrix.T, places, strict=True):
             moved = np.where(record.present, -expected[found.where.names[j]], 0.0)
-            exact = found.suite.whitened(record, moved)
+            exact = found.dataset.whitened(record, moved)
             assert np.linalg.norm(column - exact) < 3e-3 * np.linalg.norm(exact)
 
 
@@ -223,7 +225,7 @@ def test_numbers_of_one_run_ask_for_that_run_alone() -> None:
     assert residuals is not None
     assert sorted(model.asked) == ["one", "three", "two"]
     model.asked.clear()
-    found.slopes(x, residuals)
+    found.jacobian(x, residuals)
     assert {name: model.asked.count(name) for name in set(model.asked)} == {"one": 4, "two": 4, "three": 4}
     assert found.evaluations == 3 + 12
 
@@ -239,9 +241,9 @@ def test_known_slopes_are_taken_as_they_are() -> None:
         "two:phi": [None, 5 * residuals[1], None],
     }
     model.asked.clear()
-    slopes = found.slopes(x, residuals, mine)
+    jacobian = found.jacobian(x, residuals, mine)
     assert {name: model.asked.count(name) for name in set(model.asked)} == {"one": 3, "two": 2, "three": 3}
-    for i, part in enumerate(slopes):
+    for i, part in enumerate(jacobian):
         by_name = dict(zip([found.where.names[j] for j in part.places], part.matrix.T, strict=True))
         assert np.all(by_name["f"] == i)
         assert i != 1 or np.array_equal(by_name["two:phi"], 5 * residuals[1])
@@ -255,10 +257,12 @@ def test_at_a_bound_differences_look_inwards() -> None:
         return np.asarray(v["k"] * t)
 
     model = Toy(line, (parameter("k", 2.0, 0.0, 2.0),))
-    found = Problem(Suite([Run("run", T, np.zeros(len(T)))], White(0.5), nothing), model, coordinates(model, ["k"], {}))
+    found = Problem(
+        Dataset([Run("run", T, np.zeros(len(T)))], White(0.5), nothing), model, coordinates(model, ["k"], {})
+    )
     residuals = found.residuals(found.where.start)
     assert residuals is not None
-    assert found.slopes(found.where.start, residuals)[0].matrix[:, 0] == pytest.approx(-T / 0.5)
+    assert found.jacobian(found.where.start, residuals)[0].matrix[:, 0] == pytest.approx(-T / 0.5)
 
 
 def test_where_a_model_fails_on_one_side_the_slope_is_looked_for_on_the_other() -> None:
@@ -266,20 +270,24 @@ def test_where_a_model_fails_on_one_side_the_slope_is_looked_for_on_the_other() 
         return np.asarray(v["k"] * t if v["k"] <= 2.0 else np.full(len(t), np.nan))
 
     model = Toy(line, (parameter("k", 2.0, 0.0, 10.0),))
-    found = Problem(Suite([Run("run", T, np.zeros(len(T)))], White(0.5), nothing), model, coordinates(model, ["k"], {}))
+    found = Problem(
+        Dataset([Run("run", T, np.zeros(len(T)))], White(0.5), nothing), model, coordinates(model, ["k"], {})
+    )
     residuals = found.residuals(found.where.start)
     assert residuals is not None
-    assert found.slopes(found.where.start, residuals)[0].matrix[:, 0] == pytest.approx(-T / 0.5)
+    assert found.jacobian(found.where.start, residuals)[0].matrix[:, 0] == pytest.approx(-T / 0.5)
 
 
 def line_with_slopes_of(formula: Any) -> Array:
     """Slopes of a straight line, taken from another formula."""
     model = Toy(lambda v, t: v["k"] * t, (parameter("k", 2.0, 0.0, 10.0),))
-    suite = Suite([Run("run", T, np.zeros(len(T)))], White(0.5), nothing)
-    found = Problem(suite, model, coordinates(model, ["k"], {}), sloping=lambda of: Toy(formula, of.parameters()))
+    dataset = Dataset([Run("run", T, np.zeros(len(T)))], White(0.5), nothing)
+    found = Problem(
+        dataset, model, coordinates(model, ["k"], {}), jacobian_model=lambda of: Toy(formula, of.parameters())
+    )
     residuals = found.residuals(found.where.start)
     assert residuals is not None
-    return np.asarray(found.slopes(found.where.start, residuals)[0].matrix[:, 0])
+    return np.asarray(found.jacobian(found.where.start, residuals)[0].matrix[:, 0])
 
 
 def test_slopes_from_another_model_are_its_own_wherever_it_is() -> None:
@@ -297,11 +305,11 @@ def test_where_the_other_model_fails_slopes_are_those_of_the_first() -> None:
 def test_what_was_known_counts_as_a_measurement() -> None:
     found = problem(f=(3.5, 0.25), zeta=(0.04, 0.02))
     x = found.where.start
-    assert found.before(x) == pytest.approx([(3.0 - 3.5) / 0.25, (0.05 - 0.04) / 0.02])
-    slopes = found.before_slopes(x)
+    assert found.prior_residual(x) == pytest.approx([(3.0 - 3.5) / 0.25, (0.05 - 0.04) / 0.02])
+    jacobian = found.prior_jacobian(x)
     j, k = found.where.names.index("f"), found.where.names.index("zeta")
-    assert (slopes[0, j], slopes[1, k]) == pytest.approx((1 / 0.25, 0.05 / 0.02))  # by the logarithm of zeta
-    assert np.count_nonzero(slopes) == 2
+    assert (jacobian[0, j], jacobian[1, k]) == pytest.approx((1 / 0.25, 0.05 / 0.02))  # by the logarithm of zeta
+    assert np.count_nonzero(jacobian) == 2
     residuals = found.residuals(x)
     assert residuals is not None
     assert found.cost(x, residuals) == pytest.approx(sum(part @ part for part in residuals) + 4 + 0.25)
@@ -315,6 +323,8 @@ def test_a_model_that_fails_has_no_residual(failure: Any) -> None:
         return np.where(t > 1, failure, v["k"] * t)
 
     model = Toy(formula, (parameter("k", 1.0, 0.0, 2.0),))
-    found = Problem(Suite([Run("run", T, np.zeros(len(T)))], White(1.0), offset), model, coordinates(model, ["k"], {}))
+    found = Problem(
+        Dataset([Run("run", T, np.zeros(len(T)))], White(1.0), offset), model, coordinates(model, ["k"], {})
+    )
     assert found.residuals(found.where.start) is None
     assert found.cost(found.where.start, None) == np.inf

@@ -7,7 +7,13 @@ import math
 
 import numpy as np
 import pytest
-from tests.evidence.sums import (
+
+from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, linearise
+from flexdesign.estimation.least_squares.residual_function import Dataset
+from flexdesign.estimation.model_selection import calibration
+from flexdesign.estimation.model_selection import fitted_model as stands
+from flexdesign.estimation.noise.whitening import White
+from tests.estimation.sums import (
     HELD,
     NAMES,
     SIGMA,
@@ -15,7 +21,6 @@ from tests.evidence.sums import (
     base,
     calibrated_stand,
     candidate,
-    case,
     column,
     effects,
     fit_with,
@@ -23,14 +28,9 @@ from tests.evidence.sums import (
     recorded,
     stage,
     strength,
+    task,
 )
-from tests.evidence.toys import Array, Run, parameter
-
-from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, linearise
-from flexdesign.estimation.least_squares.residual_function import Suite
-from flexdesign.estimation.model_selection import calibration
-from flexdesign.estimation.model_selection import fitted_model as stands
-from flexdesign.estimation.noise.whitening import White
+from tests.estimation.toys import Array, Run, parameter
 
 
 def left_by_its_own(run: Run, shared: Array) -> Array:
@@ -46,52 +46,52 @@ def shared(run: Run, p: float, q: float) -> Array:
 
 def test_a_model_is_evaluated_with_nothing_but_initial_conditions_fitted() -> None:
     """By linear algebra; its own numbers stay, and the Jacobian holds them all the same."""
-    about = case({})
+    about = task({})
     found = calibration.evaluate_design(about, stage().replace({"p": 1.5, "q": -0.7}))
     assert found is not None
     values = {p.name: p.start for p in found.model.parameters()}
     assert (values["p"], values["q"]) == (1.5, -0.7)
-    for suite in (about.identify, about.validate):
-        for record in suite.records:
+    for dataset in (about.identify, about.validate):
+        for record in dataset.records:
             run = record.observation
             expected = left_by_its_own(run, shared(run, 1.5, -0.7))  # type: ignore[arg-type]
-            missed = float(np.sum((found.remainders[run.name] - expected) ** 2)) / SIGMA**2
+            missed = float(np.sum((found.residuals_by_run[run.name] - expected) ** 2)) / SIGMA**2
             assert missed < FULL.share * found.cost  # a fit ends where no step promises more
     assert {"p", "q"} <= set(found.solution.problem.where.names)
     assert set(found.solution.columns()) >= {"p", "q"}
 
 
 def test_test_runs_are_predicted_in_the_end_and_change_nothing() -> None:
-    about = case({})
+    about = task({})
     unseen = recorded({"p": 2.3}, 5, ("later",))
     model = stage().plus(
         lambda v, run: v["later:own"] * column(run, "own") * (run.name == "later"),
         parameter("later:own", 0.0, -10.0, 10.0, run="later"),
     )
-    with_test = dataclasses.replace(about, test=Suite(unseen, White(SIGMA), offset))
-    plain, stand = (stands.fit(each, model) for each in (about, with_test))
-    assert plain is not None and stand is not None and "later" not in stand.remainders
-    assert (stand.cost, stand.held_cost) == (plain.cost, plain.held_cost)
+    with_test = dataclasses.replace(about, test=Dataset(unseen, White(SIGMA), offset))
+    plain, fit = (stands.fit_model(each, model) for each in (about, with_test))
+    assert plain is not None and fit is not None and "later" not in fit.residuals_by_run
+    assert (fit.cost, fit.validation_chi2) == (plain.cost, plain.validation_chi2)
     assert stands.predict_tests(about, plain) is plain
-    last = stands.predict_tests(with_test, stand)
-    assert set(last.remainders) == {*NAMES, *HELD, "later"}
-    assert (last.cost, last.held_cost, last.effects) == (stand.cost, stand.held_cost, stand.effects)
+    last = stands.predict_tests(with_test, fit)
+    assert set(last.residuals_by_run) == {*NAMES, *HELD, "later"}
+    assert (last.cost, last.validation_chi2, last.effects) == (fit.cost, fit.validation_chi2, fit.effects)
     for name in (*NAMES, *HELD):
-        assert last.remainders[name] is stand.remainders[name]
-    values = stand.solution.problem.where.values(stand.solution.x)
+        assert last.residuals_by_run[name] is fit.residuals_by_run[name]
+    values = fit.solution.problem.where.values(fit.solution.x)
     expected = left_by_its_own(unseen[0], shared(unseen[0], values["p"], values["q"]))
-    assert last.remainders["later"] == pytest.approx(expected, abs=0.02 * SIGMA)
+    assert last.residuals_by_run["later"] == pytest.approx(expected, abs=0.02 * SIGMA)
 
 
 def test_the_jacobian_of_a_design_knows_what_its_own_numbers_imitate() -> None:
     """No step is taken, so that it promises the fall of chi^2 that a calibration brings."""
-    about = case({})
+    about = task({})
     found = calibration.evaluate_design(about, stage().replace({"p": 1.5, "q": -0.7}))
     fitted = calibrated_stand(about)
     assert found is not None and not found.solution.is_settled
     gradient = found.solution.project(found.solution.residuals)
-    promised = float(gradient @ found.solution.covariance @ gradient)
-    assert promised == pytest.approx(found.cost - fitted.cost, rel=1e-3)
+    predicted_reduction = float(gradient @ found.solution.covariance @ gradient)
+    assert predicted_reduction == pytest.approx(found.cost - fitted.cost, rel=1e-3)
 
 
 # --- effects, with and without --------------------------------------------------------------------------------------
@@ -114,22 +114,22 @@ def test_effects_are_added_at_the_values_of_the_catalogue() -> None:
 
 def test_a_fit_is_made_again_without_an_effect_from_the_values_that_it_has() -> None:
     """The bare model has other values: it only says what there is without effects."""
-    about = case({"b": 0.3, "c": 0.2})
-    stand = fit_with(about, effects()[1:3])
+    about = task({"b": 0.3, "c": 0.2})
+    fit = fit_with(about, effects()[1:3])
     asked = list[list[str]]()
 
     def bare(model: object) -> object:
         asked.append([p.name for p in model.parameters()])  # type: ignore[attr-defined]
         return stage().replace({"p": -9.0, "q": 9.0})
 
-    again = stands.refit(dataclasses.replace(about, bare=bare), stand, stand.effects[1:])  # type: ignore[arg-type]
+    again = stands.refit(dataclasses.replace(about, bare=bare), fit, fit.effects[1:])  # type: ignore[arg-type]
     assert again is not None and again.names == ("c",)
-    assert asked == [[p.name for p in stand.model.parameters()]]
-    assert {p.name for p in again.model.parameters()} == {p.name for p in stand.model.parameters()} - {"b"}
+    assert asked == [[p.name for p in fit.model.parameters()]]
+    assert {p.name for p in again.model.parameters()} == {p.name for p in fit.model.parameters()} - {"b"}
     assert again.cost == pytest.approx(fit_with(about, effects()[2:3]).cost, abs=1e-3)
     begun = again.solution.problem.model
     assert {p.name: p.start for p in begun.parameters() if p.name in "pqc"} == pytest.approx(
-        {p.name: p.start for p in stand.model.parameters() if p.name in "pqc"}
+        {p.name: p.start for p in fit.model.parameters() if p.name in "pqc"}
     )
 
 
@@ -137,44 +137,44 @@ def test_a_last_fit_is_made_with_the_finest_model() -> None:
     """The coarse one is off by a hundredth of the noise in a column that the gain imitates."""
     fine = stage()
     coarse = fine.plus(lambda v, run: 0.01 * column(run, "p"), strength("none"))
-    about = case({})
-    stand = stands.fit(about, coarse)
-    assert stand is not None
-    last = stands.refine(dataclasses.replace(about, finest=lambda model: stands.with_values(fine, model)), stand)
-    values, before = (each.solution.problem.where.values(each.solution.x) for each in (last, stand))
+    about = task({})
+    fit = stands.fit_model(about, coarse)
+    assert fit is not None
+    last = stands.refine(dataclasses.replace(about, finest=lambda model: stands.with_values(fine, model)), fit)
+    values, before = (each.solution.problem.where.values(each.solution.x) for each in (last, fit))
     assert values["p"] - before["p"] == pytest.approx(0.01, rel=0.02)
-    assert last.cost == pytest.approx(stand.cost, abs=1e-3)
+    assert last.cost == pytest.approx(fit.cost, abs=1e-3)
     failing = fine.plus(lambda v, run: np.full(N, np.nan), strength("none"))
-    assert stands.refine(dataclasses.replace(about, finest=lambda _: failing), stand) is stand
+    assert stands.refine(dataclasses.replace(about, finest=lambda _: failing), fit) is fit
 
 
-# --- what is left ---------------------------------------------------------------------------------------------------
+# --- the residual ---------------------------------------------------------------------------------------------------
 
 
 def test_chi_squared_exceeds_noise_beyond_three_of_its_standard_deviations() -> None:
-    stand = calibrated_stand(case({}))
-    samples = stand.solution.problem.suite.samples
-    assert samples == 3 * N and not stand.exceeds_noise
+    fit = calibrated_stand(task({}))
+    samples = fit.solution.problem.dataset.samples
+    assert samples == 3 * N and not fit.exceeds_noise
     for deviations, exceeds in ((-1.0, False), (2.9, False), (3.1, True)):
         size = math.sqrt(samples + deviations * math.sqrt(2 * samples))
-        parts = tuple(size * np.eye(1, len(part))[0] * (k == 0) for k, part in enumerate(stand.solution.residuals))
-        other = dataclasses.replace(stand, solution=dataclasses.replace(stand.solution, residuals=parts))
-        assert other.seen_cost == pytest.approx(size**2)
+        parts = tuple(size * np.eye(1, len(part))[0] * (k == 0) for k, part in enumerate(fit.solution.residuals))
+        other = dataclasses.replace(fit, solution=dataclasses.replace(fit.solution, residuals=parts))
+        assert other.fitted_chi2 == pytest.approx(size**2)
         assert other.excess == pytest.approx(max(deviations, 0.0) * math.sqrt(2 * samples))
         assert other.exceeds_noise is exceeds
 
 
 def test_priors_of_shared_numbers_are_not_seen_and_those_of_runs_are() -> None:
     own = "one:own"
-    free = calibrated_stand(case({}))
+    free = calibrated_stand(task({}))
     value = free.solution.problem.where.values(free.solution.x)
-    about = case({}, p=(value["p"] + 0.3, 0.1), **{own: (value[own] + 0.02, 0.01)})
+    about = task({}, p=(value["p"] + 0.3, 0.1), **{own: (value[own] + 0.02, 0.01)})
     solution = about.problem(about.identify, free.model, about.coordinates(free.model, about.free, about.identify))
     held = linearise(solution, free.solution.x)
     assert held is not None
-    stand = dataclasses.replace(free, solution=held)
-    assert stand.cost == pytest.approx(free.cost + 3.0**2 + 2.0**2, rel=1e-6)
-    assert stand.seen_cost == pytest.approx(free.cost + 2.0**2, rel=1e-6)
+    fit = dataclasses.replace(free, solution=held)
+    assert fit.cost == pytest.approx(free.cost + 3.0**2 + 2.0**2, rel=1e-6)
+    assert fit.fitted_chi2 == pytest.approx(free.cost + 2.0**2, rel=1e-6)
 
 
 def test_two_models_differ_by_what_no_offset_takes_away() -> None:
@@ -184,7 +184,7 @@ def test_two_models_differ_by_what_no_offset_takes_away() -> None:
         strength("offset"),
         *(parameter(f"{name}:late", 0.0, -9.0, 9.0, run=name, null=0.0) for name in HELD),
     )
-    about = case({})
+    about = task({})
     there = model.replace({"p": 0.3, "offset": 5.0, "kept:late": 1.0})
     parts = [0.3 * (column(record.observation, "p")) for record in about.validate.records]
     spread = math.sqrt(np.mean([np.var(part) for part in parts]))
@@ -202,7 +202,7 @@ def test_an_effect_at_its_null_does_nothing_in_any_run() -> None:
         lambda v, run: v.get(f"{run.name}:d", 0.0) * column(run, "d"),
         parameter("one:d", 0.4, -9.0, 9.0, run="one"),
     )
-    there = stands.at_null(model.replace({"d": 0.3, "p": 2.0}), effect)
+    there = stands.without_effect(model.replace({"d": 0.3, "p": 2.0}), effect)
     assert {p.name: p.start for p in there.parameters() if p.name in ("d", "one:d", "p")} == {
         "d": 0.0,
         "one:d": 0.0,
