@@ -128,7 +128,8 @@ def _root(flexure: Flexure, number: int, section: Section) -> Root | None:
         if inward @ way < -1 + 1e-9 and math.dist(at, point + depth * way) < 1e3 * polygons.NEAR
         and other.kind == flexure.kind
     ]  # fmt: skip
-    if flexure.kind == "rod":
+    slender = _arm(section.drawing.bodies[name], section.drawing) is not None
+    if flexure.kind == "rod" or slender:
         return Root("end", left + right)
     if behind:
         return Root("block", depth / 2, overhang, side)  # type: ignore[arg-type]

@@ -32,7 +32,7 @@ from flexdesign.design.sketch.drawing import Body, Drawing, Flexure
 Array = NDArray[np.float64]
 Text = str | int | float
 #: Tables of a design that belong to its sketch.
-KEYS = ("plate", "derived", "body", "flexure", "ground", "input", "output", "axis")
+KEYS = ("plate", "derived", "body", "flexure", "port", "active_axis")
 #: Units that arithmetic may name, with their size in SI; a number takes one behind it.
 UNITS = {"m": ("m", 1.0), "mm": ("m", 1e-3), "um": ("m", 1e-6), "deg": ("rad", math.pi / 180), "rad": ("rad", 1.0)}
 _WITH_UNIT = re.compile(rf"(?<![\w.])(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+)\s*({'|'.join(UNITS)})\b")
@@ -72,6 +72,7 @@ class _Flexure(_Repeated):
 
 
 class _Port(_Repeated):
+    role: Literal["ground", "input", "output"]
     body: str
     side: Literal["-x", "+x", "-y", "+y"]
     name: str = ""
@@ -83,10 +84,11 @@ class _Sketch(Table):
     derived: dict[str, Text] = Field(default_factory=dict)
     body: list[_Body]
     flexure: list[_Flexure]
-    ground: list[_Port]
-    input: list[_Port]
-    output: list[_Port]
-    axis: str = ""
+    port: list[_Port]
+    active_axis: str = ""
+
+    def of_role(self, role: str) -> list[_Port]:
+        return [port for port in self.port if port.role == role]
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,7 @@ class Plan:
     @property
     def axes(self) -> tuple[str, ...]:
         """The names of the axes, in the order of the outputs."""
-        return tuple(dict.fromkeys(port.axis for port in self.tables.output))
+        return tuple(dict.fromkeys(port.axis for port in self.tables.of_role("output")))
 
     def at(self, given: Mapping[str, float], axis: str | None = None) -> Drawing:
         """Return the drawing for values of the dimensions [SI], its ports those of one axis, the first by default.
@@ -173,7 +175,7 @@ class Plan:
 
     def axis_of(self, axis: str | None = None) -> str:
         """Return the axis that is looked at: the one named, or the one that the file names, or the first."""
-        return axis or self.tables.axis or self.axes[0]
+        return axis or self.tables.active_axis or self.axes[0]
 
     @staticmethod
     def _ends(table: _Flexure, number: Any, point: Any) -> tuple[Array, Array]:
@@ -188,18 +190,18 @@ class Plan:
         """Yield the ports with their bodies; inputs and outputs of other axes are left out."""
         taken: list[str] = []
         for role in ("input", "output", "ground"):
-            tables: list[_Port] = getattr(self.tables, role)
+            tables = self.tables.of_role(role)
             for number, table in enumerate(tables, 1):
                 if role != "ground" and table.axis != axis:
                     continue
                 base = table.name or (role if len(tables) == 1 else f"{role}_{number}")
                 for suffix, turn in _images(table):
-                    body = _image(bodies, table.body, turn, f"{role}.{table.body}")
+                    body = _image(bodies, table.body, turn, f"port.{base}")
                     way = turn @ np.array(_SIDES[table.side])
-                    middle = _side(bodies[body].corners, way, f"{role}.{table.body}.side", table.side)
+                    middle = _side(bodies[body].corners, way, f"port.{base}.side", table.side)
                     name = f"{base}{suffix}"
                     if name in taken:
-                        raise InputError("design", role, name, 'two ports have this name; write name = "..." in one')
+                        raise InputError("design", "port", name, 'two ports have this name; write name = "..." in one')
                     taken.append(name)
                     at, normal = (float(middle[0]), float(middle[1]), 0.0), (float(way[0]), float(way[1]), 0.0)
                     yield Port(name, role, at, normal), body  # type: ignore[arg-type]
@@ -222,9 +224,7 @@ def read(content: Mapping[str, Any], dimensions: Mapping[str, object], path: Pat
     InputError
         If a table is wrong: which field, its value and what to write.
     """
-    listed = {key: [value] if key in ("ground", "input", "output") and isinstance(value, Mapping) else value
-              for key, value in content.items()}  # fmt: skip
-    tables = check(_Sketch, listed, path)
+    tables = check(_Sketch, content, path)
     if not dimensions:
         raise InputError(path, "dimensions", None, "is empty; name at least one length that the sketch uses")
     known = {name: _dimension(name, value, path) for name, value in dimensions.items()}
@@ -247,21 +247,26 @@ def read(content: Mapping[str, Any], dimensions: Mapping[str, object], path: Pat
 
 
 def _require_axes(plan: Plan, path: Path) -> None:
-    names = [port.axis for port in plan.tables.output]
+    for role in ("ground", "input", "output"):
+        if not plan.tables.of_role(role):
+            remedy = f'there is none of the role {role}; add [[port]] with role = "{role}", body and side'
+            raise InputError(path, "port", None, remedy)
+    names = [port.axis for port in plan.tables.of_role("output")]
     for axis in names:
         if names.count(axis) > 1:
             remedy = 'two outputs have this axis; name the axis of each output and input: axis = "x"'
-            raise InputError(path, "output.axis", axis or None, remedy)
-        if axis not in [port.axis for port in plan.tables.input]:
-            raise InputError(path, "input.axis", None, f'no input has the axis "{axis}" of this output; add one')
-    if plan.tables.axis and plan.tables.axis not in names:
-        raise InputError(path, "axis", plan.tables.axis, f"no output has this axis{suggest(plan.tables.axis, names)}")
+            raise InputError(path, "port.axis", axis or None, remedy)
+        if axis not in [port.axis for port in plan.tables.of_role("input")]:
+            raise InputError(path, "port.axis", None, f'no input has the axis "{axis}" of this output; add one')
+    active = plan.tables.active_axis
+    if active and active not in names:
+        raise InputError(path, "active_axis", active, f"no output has this axis{suggest(active, names)}")
 
 
 def _dimension(name: str, given: object, path: Path) -> Parameter:
     """Return a dimension; its kind is that of the unit it is written with."""
-    if not name.isidentifier() or name in UNITS or name == "pi" or name in arithmetic.FUNCTIONS:
-        remedy = "is no name that arithmetic can use; take letters, digits and _, and no unit or function"
+    if not name.isidentifier() or name in UNITS or name == "pi":
+        remedy = "is no name that arithmetic can use; take letters, digits and _, and neither a unit nor pi"
         raise InputError(path, f"dimensions.{name}", as_written(given), remedy)
     for si, unit, most in _KINDS:
         try:
@@ -275,8 +280,8 @@ def _dimension(name: str, given: object, path: Path) -> Parameter:
 
 
 def _require_new(name: str, known: Mapping[str, Any], path: Path) -> None:
-    if not name.isidentifier() or name in known or name == "pi" or name in arithmetic.FUNCTIONS:
-        remedy = "is a unit, a function, a dimension, or no name; take another name of letters, digits and _"
+    if not name.isidentifier() or name in known or name == "pi":
+        remedy = "is a unit, a dimension, or no name; take another name of letters, digits and _"
         raise InputError(path, f"derived.{name}", None, remedy)
 
 
