@@ -1,9 +1,9 @@
 """A planar mechanism that the design file itself draws: bodies, flexures, ground, inputs, output.
 
 The tables are described in `flexdesign.design.sketch.reading`; geometry/sketches has examples. Everything that a part
-offers follows from them: solid, section, ports, symmetry, linkage, and three models. ``PRB`` has hinges that only
-rotate, and is left out where a mechanism cannot move that way; ``rigid bodies`` has flexures that are beams between
-rigid bodies, and their masses; ``compliance`` has besides whatever else the drawing tells gives way.
+offers follows from them: solid, section, ports, symmetry, linkage, and three models. ``rigid bodies`` has flexures that
+are beams between rigid bodies, and their masses; ``PRB`` has hinges that only rotate, and is left out where a mechanism
+cannot move that way; ``compliance`` has whatever the drawing tells gives way.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ class Sketch:
     @classmethod
     def planned(cls, plan: Plan) -> type[Sketch]:
         """Return the class of the mechanism that a plan draws."""
-        return type("Sketch", (cls,), {"plan": plan, "dimensions": plan.dimensions, "__module__": cls.__module__})
+        own = {"plan": plan, "dimensions": plan.dimensions, "drawn_as": repr(plan.tables), "__module__": cls.__module__}
+        return type("Sketch", (cls,), own)
 
     def __init__(self, **dimensions: float) -> None:
         self.drawing = self.plan.at(dimensions)
@@ -84,9 +85,9 @@ class Sketch:
             model = ComplianceModel.of_part(self, material, actuator_stiffness)
             return tuple(model.having(drawn(self)).quantities().values())
 
-        models = {"rigid bodies": rigid, "compliance": compliant}
         ground = [self._linkage.ports[port.name] for port in self.ports() if port.role == "ground"]
-        return Formulas({"PRB": pivots, **models} if rigid_bodies.pivots_suffice(self._linkage, ground) else models)
+        by_pivots = {"PRB": pivots} if rigid_bodies.pivots_suffice(self._linkage, ground) else {}
+        return Formulas({"rigid bodies": rigid, **by_pivots, "compliance": compliant})
 
     def formula_shares(self, material: Material) -> Mapping[str, Mapping[str, float]]:
         """Return what the compliances of the rigid bodies consist of [m/N]."""

@@ -268,8 +268,13 @@ def file_of(part: type[Any]) -> Path:
 
 
 def source_hash(part: type[Piece]) -> str:
-    """Return the hash of the file a part came from; it travels with results."""
-    return hashlib.sha256(file_of(part).read_bytes()).hexdigest()[:16]
+    """Return the hash of the file a part came from, and of what its design draws of it; it travels with results."""
+    return hashlib.sha256(file_of(part).read_bytes() + drawn_by_design(part).encode()).hexdigest()[:16]
+
+
+def drawn_by_design(part: type[Any]) -> str:
+    """Return what a design draws of its part itself, as text; empty for a part that its file tells whole."""
+    return str(getattr(part, "drawn_as", ""))
 
 
 def reason(error: BaseException, path: Path) -> str:

@@ -233,7 +233,8 @@ def read(content: Mapping[str, Any], dimensions: Mapping[str, object], path: Pat
     expressions: dict[str, _Expression] = {}
     for name, text in tables.derived.items():
         _require_new(name, values, path)
-        formula, value = _understood(text, values, path, f"derived.{name}")
+        later = [each for each in tables.derived if each not in values]
+        formula, value = _understood(text, values, path, f"derived.{name}", later)
         expressions[f"derived.{name}"] = _Expression(formula, f"derived.{name}")
         values[name] = value
     for where, text, si in _texts(tables, path):
@@ -319,12 +320,16 @@ def _texts(tables: _Sketch, path: Path) -> Iterator[tuple[str, Text, str]]:
         yield f"{where}.fillet", flexure.fillet, "m"
 
 
-def _understood(text: Text, known: Mapping[str, Any], path: Path, where: str) -> tuple[arithmetic.Formula, Any]:
-    """Return arithmetic and its value, a quantity of pint."""
+def _understood(
+    text: Text, known: Mapping[str, Any], path: Path, where: str, later: Sequence[str] = ()
+) -> tuple[arithmetic.Formula, Any]:
+    """Return arithmetic and its value, a quantity of pint; names that are `later` stand below it in the file."""
     plain = _WITH_UNIT.sub(r"(\1 * \2)", str(text))
     try:
         formula = arithmetic.parse(plain)
         for name in formula.names:
+            if name in later:
+                raise ValueError(f"has {name} in it, which stands at or below it; move the line of {name} up")
             if name not in known:
                 names = [each for each in known if each not in UNITS]
                 raise ValueError(f"has {name} in it, which is no dimension and no derived one{suggest(name, names)}")

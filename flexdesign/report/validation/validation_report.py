@@ -319,6 +319,8 @@ def _formulas(validation: Validation) -> Section:
     force, boundary = quantities.stated_force(validation.study, validation.finest.solution)
     found = design.part().intermediates(design.material, force)
     rows = [[name, q.shown(), q.boundary, q.source] for name, q in found.items()]
+    if not rows:
+        return Section("The pseudo-rigid-body model, step by step")
     text = f"At an actuator force of {units.to_text(force, 'N')} ({boundary}), with the output free."
     table = Table(["symbol", "value", "boundary", "equation"], rows)
     return Section("The pseudo-rigid-body model, step by step", [text], [table], folded=True)
