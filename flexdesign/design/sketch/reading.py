@@ -6,6 +6,9 @@ A coordinate is a number with a unit (``"3 mm"``), or arithmetic of them and of 
 Bodies, flexures and ports may be given once for several: ``mirror = "x"`` adds the mirror image in the plane x = 0,
 named as the original with ``_x`` behind, ``mirror = "xy"`` those in both planes and in one after the other (``_x``,
 ``_y``, ``_xy``), ``repeat = 3`` the images turned about the origin by a third each (``_2``, ``_3``).
+
+Inputs and outputs of several axes name theirs: ``axis = "x"``, or, of one that is repeated, ``axis = ["a", "b", "c"]``.
+A validation drives one of them, the first or the ``active_axis`` of the file.
 """
 
 from __future__ import annotations
@@ -76,7 +79,12 @@ class _Port(_Repeated):
     body: str
     side: Literal["-x", "+x", "-y", "+y"]
     name: str = ""
-    axis: str = ""
+    axis: str | list[str] = ""
+
+    @property
+    def axes(self) -> list[str]:
+        """The axis of each turned image."""
+        return self.axis if isinstance(self.axis, list) else [self.axis] * self.repeat
 
 
 class _Sketch(Table):
@@ -126,7 +134,7 @@ class Plan:
     @property
     def axes(self) -> tuple[str, ...]:
         """The names of the axes, in the order of the outputs."""
-        return tuple(dict.fromkeys(port.axis for port in self.tables.of_role("output")))
+        return tuple(dict.fromkeys(axis for port in self.tables.of_role("output") for axis in port.axes))
 
     def at(self, given: Mapping[str, float], axis: str | None = None) -> Drawing:
         """Return the drawing for values of the dimensions [SI], its ports those of one axis, the first by default.
@@ -192,10 +200,11 @@ class Plan:
         for role in ("input", "output", "ground"):
             tables = self.tables.of_role(role)
             for number, table in enumerate(tables, 1):
-                if role != "ground" and table.axis != axis:
-                    continue
                 base = table.name or (role if len(tables) == 1 else f"{role}_{number}")
-                for suffix, turn in _images(table):
+                images = list(_images(table))
+                for image, (suffix, turn) in enumerate(images):
+                    if role != "ground" and table.axes[image * table.repeat // len(images)] != axis:
+                        continue
                     body = _image(bodies, table.body, turn, f"port.{base}")
                     way = turn @ np.array(_SIDES[table.side])
                     middle = _side(bodies[body].corners, way, f"port.{base}.side", table.side)
@@ -252,12 +261,16 @@ def _require_axes(plan: Plan, path: Path) -> None:
         if not plan.tables.of_role(role):
             remedy = f'there is none of the role {role}; add [[port]] with role = "{role}", body and side'
             raise InputError(path, "port", None, remedy)
-    names = [port.axis for port in plan.tables.of_role("output")]
+    for port in plan.tables.port:
+        if len(port.axes) != port.repeat:
+            remedy = "name as many axes as repeat makes images, or one for all of them"
+            raise InputError(path, "port.axis", port.axis, remedy)
+    names = [axis for port in plan.tables.of_role("output") for axis in port.axes]
     for axis in names:
         if names.count(axis) > 1:
             remedy = 'two outputs have this axis; name the axis of each output and input: axis = "x"'
             raise InputError(path, "port.axis", axis or None, remedy)
-        if axis not in [port.axis for port in plan.tables.of_role("input")]:
+        if axis not in [each for port in plan.tables.of_role("input") for each in port.axes]:
             raise InputError(path, "port.axis", None, f'no input has the axis "{axis}" of this output; add one')
     active = plan.tables.active_axis
     if active and active not in names:
