@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign.core import units
+from flexdesign.core import arithmetic, units
 from flexdesign.core.errors import InputError
 from flexdesign.measurements import importing
-from flexdesign.core import arithmetic
 
 N = 50
 RNG = np.random.default_rng(7)

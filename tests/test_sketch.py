@@ -201,33 +201,44 @@ def another(body: str = "", flexure: str = "") -> str:
 
 
 FLOATING = '{ name = "floating", box = ["40 mm", "0 mm", "50 mm", "9 mm"] },'
-HANGING = '{ name = "arm", between = ["table", "floating"], from = ["21 mm", "25 mm"], to = ["45 mm", "9 mm"], thickness = "1 mm" },'
+HANGING = (
+    '{ name = "arm", between = ["table", "floating"], '
+    'from = ["21 mm", "25 mm"], to = ["45 mm", "9 mm"], thickness = "1 mm" },'
+)
+TWIN = LEAF.replace('"leaf"', '"twin"').replace('"x" }', '"" }')
+EAR = '{ name = "ear", box = ["30 mm", "-9 mm", "50 mm", "-1 mm"] },'
+INNER = FLOATING.replace('"40 mm", "0 mm"', '"10 mm", "-5 mm"')
+HIGH = '"length + height"]'
+#: What is wrong: the text, or what is put in the place of what; the field that is named; the remedy.
 REFUSED = {
     "no ground": (another(FLOATING), "body.floating", "joined to the ground by no chain of flexures"),
     "internal mobility": (another(FLOATING, HANGING), "body.floating", "moves by itself"),
-    "flexures that overlap": (another("", LEAF.replace('"leaf"', '"twin"').replace('"x" }', '"" }')),
-                              "flexure.twin", "overlaps the flexure leaf"),
-    "bodies that overlap": (another(FLOATING.replace("40 mm", "10 mm")), "body.base", "overlaps the body floating"),
-    "bodies that touch": (another('{ name = "ear", box = ["30 mm", "-9 mm", "50 mm", "-1 mm"] },'), "body.ear", "touches"),
-    "a flexure beside its body": (TWO_LEAVES.replace('to = ["spacing / 2", "length"]', 'to = ["spacing / 2", "length - 1 mm"]'),
-                                  "flexure.leaf", "ends beside the body table"),
-    "a body that is none": (TWO_LEAVES.replace('between = ["base", "table"]', 'between = ["base", "tabel"]'),
-                            "flexure.leaf", "did you mean table?"),
-    "an unknown name": (TWO_LEAVES.replace('"length + height"]', '"lenght + height"]'), "body.table.box.4", "did you mean length?"),
-    "units that do not go together": (TWO_LEAVES.replace('"length + height"]', '"length * height"]'), "body.table.box.4", "not a length"),
-    "a number without a unit": (TWO_LEAVES.replace('"-height", "spacing"', '-3, "spacing"'), "body.base.box.2", "a pure number, not a length"),
-    "no output": (TWO_LEAVES.replace('role = "output"', 'role = "ground"'), "port", "none of the role output"),
-    "no axis": (TWO_LEAVES.replace('role = "ground",', 'role = "output",'), "port", "none of the role ground"),
-    "Python": (TWO_LEAVES.replace('"length + height"]', '"__import__(\'os\').getcwd()"]'), "body.table.box.4", "in it; a formula has"),
-    "an unknown key": (TWO_LEAVES.replace("[plate]", "[plate]\nwidht = 3"), "plate.widht", "is not a known key"),
-    "no plate": (TWO_LEAVES.replace("[plate]\nthickness = \"width\"", ""), "plate", "is missing"),
-    "a wrong side": (TWO_LEAVES.replace('side = "-y"', 'side = "down"'), "port.3.side", "'-x', '+x', '-y' or '+y'"),
+    "flexures that overlap": (another("", TWIN), "flexure.twin", "overlaps the flexure leaf"),
+    "bodies that overlap": (another(INNER), "body.floating", "overlaps the body base"),
+    "bodies that touch": (another(EAR), "body.ear", "touches the body base"),
+    "a flexure beside its body": (
+        ('to = ["spacing / 2", "length"]', 'to = ["spacing / 2", "length - 1 mm"]'),
+        "flexure.leaf", "ends beside the body table",
+    ),
+    "a body that is none": (
+        ('between = ["base", "table"]', 'between = ["base", "tabel"]'), "flexure.leaf", "did you mean table?",
+    ),
+    "an unknown name": ((HIGH, '"lenght + height"]'), "body.table.box.4", "did you mean length?"),
+    "units that do not go together": ((HIGH, '"length * height"]'), "body.table.box.4", "not a length"),
+    "a number without a unit": (('"-height", "spacing"', '-3, "spacing"'), "body.base.box.2", "a pure number"),
+    "no output": (('role = "output"', 'role = "ground"'), "port", "none of the role output"),
+    "ground missing": (('role = "ground",', 'role = "output",'), "port", "none of the role ground"),
+    "Python": ((HIGH, '"__import__(1).getcwd()"]'), "body.table.box.4", "in it; a formula has"),
+    "an unknown key": (("[plate]", "[plate]\nwidht = 3"), "plate.widht", "is not a known key"),
+    "no plate": (('[plate]\nthickness = "width"', ""), "plate", "is missing"),
+    "a wrong side": (('side = "-y"', 'side = "down"'), "port.3.side", "'-x', '+x', '-y' or '+y'"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("what", REFUSED)
 def test_one_message_says_what_is_wrong(what: str, tmp_path: Path) -> None:
-    text, field, remedy = REFUSED[what]
+    given, field, remedy = REFUSED[what]
+    text = given if isinstance(given, str) else TWO_LEAVES.replace(*given)
     assert text != TWO_LEAVES
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
@@ -236,6 +247,24 @@ def test_one_message_says_what_is_wrong(what: str, tmp_path: Path) -> None:
     assert Path(str(refused.value.file)).name == "mine.toml"
     assert refused.value.field == field
     assert remedy in str(refused.value)
+
+
+def test_the_section_is_exported_for_a_cutter(tmp_path: Path) -> None:
+    from types import SimpleNamespace
+
+    import ezdxf
+
+    from flexdesign.report.validation import export
+
+    for name, arcs in (("parallelogram", 0), ("lever_amplifier", 2)):
+        design, path = sketch(name), tmp_path / f"{name}.dxf"
+        export.write_solid(SimpleNamespace(study=SimpleNamespace(design=design)), path)  # type: ignore[arg-type]
+        drawn_edges = list(ezdxf.readfile(path).modelspace())
+        kinds = [edge.dxftype() for edge in drawn_edges]
+        assert len(kinds) == len(design.part().section.edges)  # type: ignore[attr-defined]
+        assert kinds.count("ARC") == arcs
+        sides = {round(e.dxf.start.distance(e.dxf.end), 6) for e in drawn_edges if e.dxftype() == "LINE"}
+        assert round(1e3 * design.dimensions.get("spacing", 0.016) * (2 if arcs == 0 else 1), 6) in sides
 
 
 def test_a_dimension_that_makes_no_mechanism_is_refused_with_its_place() -> None:

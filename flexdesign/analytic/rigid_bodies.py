@@ -1,4 +1,4 @@
-"""Planar rigid bodies joined by springs: stiffness and mass matrix of a sketch, and what follows from them at its ports.
+"""Planar rigid bodies joined by springs: stiffness and mass matrix, and what follows at the ports.
 
 Every body has two motions of its centroid and a rotation; every flexure is a spring of three stiffnesses at its middle,
 those of an Euler-Bernoulli beam: EA/l along it, 12 EI/l^3 across it, EI/l turning (of a notch the integrals of beam
@@ -30,6 +30,8 @@ from flexdesign.effects.hinge_compliance import beam
 
 Array = NDArray[np.float64]
 SOURCE = "rigid bodies and beams, Lagrange's equations"
+#: Frequencies that differ by less than this, relative, are one.
+ALIKE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -183,21 +185,26 @@ class RigidBodies:
         return found
 
     def _vibrations(self, boundary: str, actuator: float) -> list[Quantity]:
-        (c11, c12), (_, c22) = self.port_compliance
+        """Return frequencies and the output's modal mass, modes of one frequency taken together.
+
+        Of such modes only their sums over the frequency do not depend on how the shapes are chosen.
+        """
+        c12 = self.port_compliance[0, 1]
         frequencies, shapes = self.modes(actuator)
         travel, extension = self.load("output") @ shapes, self.load("input") @ shapes
-        static = c22 - (c12**2 / (c11 + 1 / actuator) if actuator else 0.0)
-        shares = travel**2 / (2 * math.pi * frequencies) ** 2 / static
-        main = int(np.argmax(shares))
+        starts = np.flatnonzero(np.append(True, np.diff(frequencies) > ALIKE * frequencies[1:]))
+        apart, squared = frequencies[starts], np.add.reduceat(travel**2, starts)
+        main = int(np.argmax(squared / apart**2))
         found = [
             Quantity("first_frequency", float(frequencies[0]), "Hz", "Hz", boundary, SOURCE),
-            Quantity("output_frequency", float(frequencies[main]), "Hz", "Hz", boundary, SOURCE),
-            Quantity("output_mass", float(1 / travel[main] ** 2), "kg", "g", boundary, SOURCE),
+            Quantity("output_frequency", float(apart[main]), "Hz", "Hz", boundary, SOURCE),
+            Quantity("output_mass", float(1 / squared[main]), "kg", "g", boundary, SOURCE),
         ]
         if actuator:
-            driven = extension * travel / (2 * math.pi * frequencies) ** 2 / (c12 / (1 + actuator * c11))
-            frequency = float(frequencies[int(np.argmax(driven))])
-            found.append(Quantity("drive_frequency", frequency, "Hz", "Hz", boundary, SOURCE))
+            driven = np.add.reduceat(extension * travel, starts) / apart**2 * math.copysign(1.0, c12)
+            found.append(
+                Quantity("drive_frequency", float(apart[int(np.argmax(driven))]), "Hz", "Hz", boundary, SOURCE)
+            )
         return found
 
 

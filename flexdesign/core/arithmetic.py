@@ -184,7 +184,7 @@ def _number(node: ast.expr, known: Mapping[str, float]) -> float:
         case ast.UnaryOp():
             return float(_SIGNS[type(node.op)](_number(node.operand, known)))
         case ast.BinOp():
-            return _OPERATORS[type(node.op)](_number(node.left, known), _number(node.right, known))  # type: ignore[no-any-return]
+            return _OPERATORS[type(node.op)](_number(node.left, known), _number(node.right, known))
         case ast.Call(func=ast.Name(id=name)) if hasattr(math, name) or name == "abs":
             argument = _number(node.args[0], known)
             return abs(argument) if name == "abs" else float(getattr(math, name)(argument))

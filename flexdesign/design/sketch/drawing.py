@@ -92,9 +92,7 @@ class Flexure:
         radius = self.length / 2
         along, up = -radius * np.cos(angles), self.thickness / 2 + radius * (1 - np.sin(angles))
         middle = (self.start + self.end) / 2
-        lower, upper = (
-            middle + np.outer(along, self.axis) + sign * np.outer(up, self.normal) for sign in (-1.0, 1.0)
-        )
+        lower, upper = (middle + np.outer(along, self.axis) + sign * np.outer(up, self.normal) for sign in (-1.0, 1.0))
         return np.concatenate([lower, upper[::-1]])
 
 
@@ -193,7 +191,9 @@ class Drawing:
                 remedy = "is joined to the ground by no chain of flexures; add a flexure, or leave the body out"
                 raise InputError("design", f"body.{name}", None, remedy)
         for name, motion in self.idle():
-            remedy = f"moves by itself while input, output and ground stand still ({motion}); hold it by another flexure"
+            remedy = (
+                f"moves by itself while input, output and ground stand still ({motion}); hold it by another flexure"
+            )
             raise InputError("design", f"body.{name}", None, remedy)
 
     def idle(self) -> Sequence[tuple[str, str]]:

@@ -96,11 +96,11 @@ def _flexed(flexure: Flexure, section: Section, places: dict[tuple[str, str], st
     """Return a flexure as a member with its roots."""
     drawing = section.drawing
     first, second = (places[body, flexure.name] for body in flexure.bodies)
-    roots = tuple(_root(flexure, number, section) for number in (0, 1))
+    roots = (_root(flexure, 0, section), _root(flexure, 1, section)) if flexure.profile == "leaf" else (None, None)
     radius = flexure.length / 2 if flexure.profile == "circular" else math.inf
     member = Member(
         flexure.name, flexure.kind, (first, second), _space(flexure.start), _space(flexure.end),
-        flexure.thickness, drawing.thickness, flexure.fillet, radius, roots if flexure.profile == "leaf" else (None, None),
+        flexure.thickness, drawing.thickness, flexure.fillet, radius, roots,
     )  # fmt: skip
     if flexure.kind == "rod":
         others = [each for each, _, _ in drawing.attached[flexure.bodies[0]] if each is not flexure]

@@ -108,7 +108,9 @@ def _section(design: Design) -> Any:
 
     axis = None if design.is_stage else extrusion_axis(design.part())
     if axis is None:
-        raise InputError("command line", "--export", ".dxf", "only a part that is an extrusion has a section; take .step")
+        raise InputError(
+            "command line", "--export", ".dxf", "only a part that is an extrusion has a section; take .step"
+        )
     face = cq.Workplane(design.part().solid()).faces(f">{axis.upper()}")
     return cq.Workplane(face.workplane().plane).newObject(face.vals())
 

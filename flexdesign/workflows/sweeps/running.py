@@ -184,7 +184,14 @@ def _root(plan: SweepPlan, overrides: Sequence[str]) -> list[object]:
         return [list(overrides), str(error)]
     drive = design.actuator.model_dump() if design.actuator else {}
     drawn = parts.drawn_by_design(design.part_class)
-    return [dict(design.dimensions), repr(design.material), drive, design.effects, *([drawn] if drawn else []), *simulated]
+    return [
+        dict(design.dimensions),
+        repr(design.material),
+        drive,
+        design.effects,
+        *([drawn] if drawn else []),
+        *simulated,
+    ]
 
 
 def _code(plan: SweepPlan) -> list[object]:
