@@ -270,3 +270,49 @@ def test_the_section_is_exported_for_a_cutter(tmp_path: Path) -> None:
 def test_a_dimension_that_makes_no_mechanism_is_refused_with_its_place() -> None:
     with pytest.raises(InputError, match="overlaps the flexure"):
         sketch("parallelogram", "dimensions.spacing=0.3 mm")
+
+
+PLAIN = """\
+from flexdesign.core.model import Parameter
+
+
+class Plain:
+    dimensions = (Parameter("t", "m", "mm", "thickness of the leaves", plausible=(1e-4, 1e-3)),)
+
+    def __init__(self, t):
+        from pathlib import Path
+
+        from flexdesign.design import design
+
+        self.drawn = design.read(Path({sketch!r}), [f"dimensions.thickness={{t}} m"]).part()
+
+    def solid(self):
+        return self.drawn.solid()
+
+    def ports(self):
+        return self.drawn.ports()
+
+    def linkage(self):
+        return self.drawn.linkage()
+
+    def symmetry(self):
+        return ()
+
+    def prismatic(self):
+        return "z"
+"""
+
+
+def test_a_part_without_formulas_is_validated_and_the_report_says_what_it_lacks(tmp_path: Path) -> None:
+    from flexdesign.report.validation import validation_report
+
+    (tmp_path / "plain.py").write_text(PLAIN.format(sketch=str(SKETCHES / "parallelogram.toml")), encoding="utf-8")
+    content = 'format = 1\npart = "plain"\nmaterial = "Al 7075-T6"\n[dimensions]\nt = "0.5 mm"\n'
+    (tmp_path / "plain.toml").write_text(content, encoding="utf-8")
+    found = solved(str(tmp_path / "plain.toml"), tmp_path / "cache")
+    beside = {c.fem.key: list(c.analytic) for c in found.comparisons}
+    assert beside["K_in_output_free"] == ["compliance"]
+    assert abs(found.comparisons[0].error("compliance") or 1.0) < 0.1
+    written = " ".join(p for s in validation_report.document(found).sections for p in s.paragraphs)
+    assert "does not state what the compliances of its formulas are" in written
+    assert "states no intermediate quantities" in written

@@ -18,6 +18,8 @@ from flexdesign.design.assembly import Stage
 from flexdesign.design.materials import Material
 from flexdesign.effects import statics
 
+#: Where files named by a bare name are looked up.
+FOLDERS = ("geometry", "geometry/sketches", "studies")
 _VOLTAGE = Bounds("V", -1e4, 1e4)
 
 
@@ -159,7 +161,7 @@ class Design:
 
 
 def find(name: str | Path) -> Path:
-    """Find a design or study file: a path, or a bare name looked up in geometry/ and studies/, here and as shipped.
+    """Find a design or study file: a path, or a bare name looked up in `FOLDERS`, here and as shipped.
 
     Raises
     ------
@@ -171,7 +173,9 @@ def find(name: str | Path) -> Path:
         if path.suffix == ".py":
             raise InputError(path, "", None, "is a part; name a design (.toml) that uses it")
         return path
-    folders = [base / sub for base in (Path(), data_files.root()) for sub in ("geometry", "studies")]
+    folders = [
+        base / sub for base in (Path(), data_files.root()) for sub in ("geometry", "geometry/sketches", "studies")
+    ]
     known = sorted({f.stem for folder in folders if folder.is_dir() for f in folder.glob("*.toml")})
     try:
         if path.is_dir() and str(name):
