@@ -35,6 +35,7 @@ class Sketch:
         return type("Sketch", (cls,), own)
 
     def __init__(self, **dimensions: float) -> None:
+        self.values = dimensions
         self.drawing = self.plan.at(dimensions)
         self.section = Section(self.drawing)
 
@@ -69,6 +70,15 @@ class Sketch:
     def rigid_bodies(self, material: Material) -> RigidBodies:
         """Return the bodies as rigid, with the flexures as springs between them."""
         return rigid_bodies.of_drawing(self.drawing, self._linkage, material)
+
+    def coupling(self, material: Material) -> Mapping[tuple[str, str], float]:
+        """Return how far the output of one axis moves per extension of another's actuator, all else free.
+
+        By the names of the axis that is driven and the one that moves; of an axis with itself it is the amplification.
+        """
+        axes = {axis: rigid_bodies.of_drawing(self.plan.at(self.values, axis), self._linkage, material)
+                for axis in self.plan.axes}  # fmt: skip
+        return rigid_bodies.coupling(axes)
 
     def formulas(
         self, material: Material, actuator_stiffness: float | None, output_load: float | None

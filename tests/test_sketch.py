@@ -127,6 +127,42 @@ def test_a_parallel_stage_bends_twelve_leaves_along_either_axis() -> None:
         assert found["lambda_output_free"] == pytest.approx(1.0, rel=5e-3)
 
 
+def test_the_axes_of_a_parallel_stage_are_decoupled_and_those_of_a_3_rrr_are_not() -> None:
+    design = sketch("xy_stage")
+    found = design.part().coupling(design.material)  # type: ignore[attr-defined]
+    assert found["x", "x"] == pytest.approx(model(design, "rigid bodies")["lambda_output_free"], rel=1e-9)
+    assert abs(found["x", "y"]) < 1e-9 and abs(found["y", "x"]) < 1e-9
+    design = sketch("three_rrr")
+    found = design.part().coupling(design.material)  # type: ignore[attr-defined]
+    assert found["a", "b"] == pytest.approx(found["b", "c"], rel=1e-9)
+    assert abs(found["a", "b"]) > 0.1
+
+
+def test_ten_lines_of_python_draw_a_mechanism(tmp_path: Path) -> None:
+    import flexdesign as fd
+
+    design = fd.draw(
+        tmp_path / "guide.toml",
+        material="Al 7075-T6",
+        dimensions={"length": "20 mm", "t": "0.5 mm"},
+        plate={"thickness": "10 mm"},
+        body=[
+            {"name": "base", "box": ["-30 mm", "-10 mm", "30 mm", 0]},
+            {"name": "table", "box": ["-21 mm", "length", "21 mm", "length + 10 mm"]},
+        ],
+        flexure=[
+            {"name": "leaf", "between": ["base", "table"], "from": ["15 mm", 0], "to": ["15 mm", "length"],
+             "thickness": "t", "mirror": "x"},
+        ],
+        port=[
+            {"role": "input", "body": "table", "side": "-x"},
+            {"role": "output", "body": "table", "side": "+x"},
+            {"role": "ground", "body": "base", "side": "-y"},
+        ],
+    )  # fmt: skip
+    assert model(design, "rigid bodies") == pytest.approx(model(sketch("parallelogram"), "rigid bodies"), rel=1e-9)
+
+
 def test_the_legs_of_a_3_rrr_are_alike() -> None:
     first, *others = (model(sketch("three_rrr", f"active_axis={leg}"), "rigid bodies") for leg in "abc")
     for other in others:

@@ -231,6 +231,23 @@ def _spring(member: Member, bodies: tuple[str, str], elastic: Elastic) -> Spring
     return Spring(member.name, bodies, (x, y), (ax, ay), tuple(1 / value for value in compliance))  # type: ignore[arg-type]
 
 
+def coupling(axes: Mapping[str, RigidBodies]) -> dict[tuple[str, str], float]:
+    """Return how far each axis's output moves per extension of each axis's actuator, all else free.
+
+    Parameters
+    ----------
+    axes
+        The same bodies and springs, with the ports of one axis each, by its name.
+    """
+    found = {}
+    for driven, model in axes.items():
+        push = model.load("input")
+        motion = scipy.linalg.solve(model.stiffness, push, assume_a="pos")
+        for moved, other in axes.items():
+            found[driven, moved] = float(other.load("output") @ motion / (push @ motion))
+    return found
+
+
 def pivots_suffice(linkage: Linkage, held: Sequence[str]) -> bool:
     """Tell whether a linkage is a mechanism if its hinges only rotate: none of its rigid constraints is redundant.
 
