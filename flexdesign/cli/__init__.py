@@ -16,6 +16,7 @@ from flexdesign.core.versions import __version__
 # isort: off
 from flexdesign.cli import size as size
 from flexdesign.cli import validate as validate
+from flexdesign.cli import ports as ports
 from flexdesign.cli import sweep as sweep
 from flexdesign.cli import optimize as optimize
 from flexdesign.cli import simulate as simulate

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field
 from flexdesign.core import data_files, toml_files
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.toml_files import Bounds, Table, as_written, attributed, check, in_si, read_toml
-from flexdesign.design import changes, materials, part, sketch
+from flexdesign.design import changes, materials, part, sketch, step_part
 from flexdesign.design.assembly import Stage
 from flexdesign.design.materials import Material
 from flexdesign.effects import statics
@@ -83,8 +83,9 @@ class Tolerances(Table):
 class _DesignFile(Table):
     format: int
     part: str
-    dimensions: dict[str, Any]
     material: Any  # a name, a file or a table: see flexdesign.design.materials
+    dimensions: dict[str, Any] = Field(default_factory=dict)
+    ports: dict[str, Any] = Field(default_factory=dict)  # of a STEP file: see flexdesign.design.step_part
     title: str = ""
     provenance: str = ""
     actuator: Actuator | None = None
@@ -210,12 +211,7 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
     content = read_toml(path, overrides)
     drawn = {key: content.pop(key) for key in sketch.KEYS if key in content} if _is_sketch(content) else {}
     checked = check(_DesignFile, content, path)
-    try:
-        part_class = part.load(checked.part, path.parent)
-    except InputError as error:
-        if error.file != "part":
-            raise
-        raise InputError(path, error.field, as_written(error.value), error.remedy) from error
+    part_class = _part_class(checked, path)
     if _is_sketch(content):
         part_class = part_class.planned(sketch.read(drawn, checked.dimensions, path))
     dimensions = _dimensions(part_class, checked.dimensions, path)
@@ -237,6 +233,7 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
             design.stage().assembly()
         else:
             part.examine(design.part())
+            _require_input(design)
     except InputError as error:  # the value as it was written
         given = checked.dimensions.get(error.field.removeprefix("dimensions."), error.value)
         file = path if error.file == "design" else error.file
@@ -247,6 +244,28 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
 def _is_sketch(content: Mapping[str, Any]) -> bool:
     """Tell whether a design draws its part itself."""
     return content.get("part") == sketch.PART
+
+
+def _require_input(design: Design) -> None:
+    """Raise InputError if there is an actuator and nothing that it could part."""
+    if design.actuator is not None and not any(port.role == "input" for port in design.part().ports()):
+        remedy = "there is no port with the role input for it to push at; name the faces of its seats, or leave it out"
+        raise InputError(design.file, "actuator", design.actuator.name, remedy)
+
+
+def _part_class(checked: _DesignFile, path: Path) -> type[Any]:
+    """Return the class of the part: that of its Python file, or one made of a STEP file and the design's ports."""
+    if step_part.is_step(checked.part):
+        return step_part.load(checked.part, checked.ports, path)
+    if checked.ports:
+        remedy = "belong to a part from a STEP file; a part in Python names its own in ports()"
+        raise InputError(path, "ports", ", ".join(checked.ports), remedy)
+    try:
+        return part.load(checked.part, path.parent)
+    except InputError as error:
+        if error.file != "part":
+            raise
+        raise InputError(path, error.field, as_written(error.value), error.remedy) from error
 
 
 def _still(provenance: str, overrides: Sequence[str]) -> str:
@@ -324,6 +343,8 @@ def _dimensions(part_class: type[part.Part], given: Mapping[str, Any], path: Pat
 def to_toml(design: Design, content: Mapping[str, Any], folder: Path) -> str:
     """Return the content of a design file as text for a file in another folder, from which its part is found."""
     file = part.file_of(design.part_class)
+    if step_part.is_step(file.name):
+        return "\n".join(toml_files.to_toml({**content, "part": os.path.relpath(file, folder)})) + "\n"
     try:
         by_name = part.find(file.stem, folder).resolve() == file.resolve()
     except InputError:

@@ -26,12 +26,19 @@ from flexdesign.core.toml_files import is_file
 from flexdesign.design.materials import Material
 
 Axis = Literal["x", "y", "z"]
+Role = Literal["input", "output", "ground", "joint"]
 
 #: What the engine calls on a piece, and on a part besides.
 PIECE_METHODS = ("solid", "ports", "linkage", "symmetry")
 METHODS = (*PIECE_METHODS, "formulas", "formula_shares", "intermediates")
-#: Those that a part may leave out; a report then says what it lacks.
-OPTIONAL = ("formulas", "formula_shares", "intermediates")
+#: What a part may leave out, and what it then says: nothing is known.
+OPTIONAL: Mapping[str, Callable[..., Any]] = {
+    "linkage": lambda _: Linkage({}, ()),
+    "symmetry": lambda _: (),
+    "formulas": lambda _self, _material, _actuator, _load: {},
+    "formula_shares": lambda _self, _material: {},
+    "intermediates": lambda _self, _material, _force: {},
+}
 #: What it calls on a whole stage, which is told from a part by the first.
 STAGE_METHODS = ("assembly", "solid", "formulas", "springs", "arms")
 
@@ -51,12 +58,18 @@ class Port:
         A point in the middle of the face [m]: the face is found by it, and moments are taken about it.
     normal
         Outward normal of the face, a unit vector.
+    faces
+        Where the port is known by the places of its faces in ``solid().Faces()``; otherwise point and normal find it.
+    rigid
+        Whether its faces move as one body, as a bolted flange does, rather than carry an even traction.
     """
 
     name: str
-    role: Literal["input", "output", "ground", "joint"]
+    role: Role
     point: Vector
     normal: Vector
+    faces: tuple[int, ...] = ()
+    rigid: bool = False
 
 
 @dataclass(frozen=True)
@@ -195,8 +208,10 @@ def load(name: str, folder: Path | None = None, methods: Sequence[str] = METHODS
     (cls,) = classes
     if is_stage(cls):
         methods = STAGE_METHODS
-    needed = methods if is_stage(cls) else [method for method in methods if method not in OPTIONAL]
-    missing = [method for method in needed if not callable(getattr(cls, method, None))]
+    for method, nothing in OPTIONAL.items():
+        if method in methods and not hasattr(cls, method):
+            setattr(cls, method, nothing)
+    missing = [method for method in methods if not callable(getattr(cls, method, None))]
     if missing:
         raise InputError(path, cls.__name__, None, f"the part lacks {', '.join(f'{m}()' for m in missing)}; add it")
     if not _all_are(cls.dimensions, Parameter):
@@ -210,7 +225,7 @@ def load(name: str, folder: Path | None = None, methods: Sequence[str] = METHODS
 
 def states(part: Piece, method: str) -> bool:
     """Tell whether a part has one of the methods that it may leave out."""
-    return callable(getattr(part, method, None))
+    return getattr(type(part), method, None) not in (None, OPTIONAL.get(method))
 
 
 def is_stage(cls: type[Any]) -> bool:
@@ -238,13 +253,11 @@ def examine(part: Part) -> None:
         require(names.count(port.name) == 1, "ports", port.name, "two ports have this name")
         unit = math.isclose(math.hypot(*port.normal), 1.0, abs_tol=1e-9)
         require(unit, "ports", port.normal, f"the normal of {port.name} must be a unit vector")
-    for role in ("input", "output", "ground"):
+    for role in ("output", "ground"):
         found = ", ".join(sorted({port.role for port in ports})) or None
         require(any(port.role == role for port in ports), "ports", found, f"there is no port with the role {role}")
     require(isinstance(linkage, Linkage), "linkage", None, "must return a flexdesign.Linkage")
-    hinges = linkage.of_kind("hinge")
-    require(bool(hinges), "linkage", None, "there is no member of the kind hinge; the mesh is graded towards hinges")
-    for hinge in hinges:
+    for hinge in linkage.of_kind("hinge"):
         sizes = (hinge.length, hinge.thickness, hinge.width)
         require(all(0 < size < math.inf for size in sizes), "linkage", sizes, f"{hinge.name} has no size")
     require(_all_are(planes, SymmetryPlane), "symmetry", None, "must return a tuple of flexdesign.SymmetryPlane")
@@ -276,6 +289,8 @@ def straight_outline(part: Piece) -> Outline | None:
 
 def file_of(part: type[Any]) -> Path:
     """Return the file a part or a stage came from."""
+    if (source := getattr(part, "source_file", None)) is not None:
+        return Path(source)
     return Path(sys.modules[part.__module__].__file__ or "")
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from flexdesign.design.materials import Material
 from flexdesign.design.part import Part
@@ -77,6 +78,11 @@ class Solution:
         force and unit output force [J/N^2].
     facts
         Numbers of the mesh and the solve for the report.
+    thin_nodes
+        Where stress is judged if the part names no hinges: nodes on what was found to be thin, shape (k,).
+    peaks
+        Largest von Mises stress on them per unit load on each motion of the output, shape (6,) [Pa/N, Pa/(N m)];
+        empty where the part names its hinges.
     """
 
     compliance: PortCompliance
@@ -93,6 +99,13 @@ class Solution:
     tension: FloatArray
     energies: dict[str, tuple[float, float, float]]
     facts: dict[str, Any]
+    thin_nodes: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    peaks: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def whole(self) -> bool:
+        """Whether the compliance holds all motions of the ports, of every symmetry class, of a part without members."""
+        return bool(len(self.thin_nodes))
 
     def to_store(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and a JSON-ready table from which `from_store` makes the same record."""
@@ -109,6 +122,8 @@ class Solution:
             "mode_shapes": self.mode_shapes,
             "von_mises": self.von_mises,
             "tension": self.tension,
+            "thin_nodes": self.thin_nodes,
+            "peaks": self.peaks,
         }
         table = {
             "checks": asdict(self.checks),
@@ -147,6 +162,8 @@ class Solution:
             tension=arrays["tension"],
             energies={region: tuple(three) for region, three in table["energies"].items()},
             facts=table["facts"],
+            thin_nodes=arrays["thin_nodes"],
+            peaks=arrays["peaks"],
         )
 
 
@@ -195,10 +212,13 @@ def solve(
     checks = Checks(0.0, 0.0, 0.0, 0.0)
     found: list[tuple[modes.Mode, ModeRecord]] = []
     fields: dict[str, FloatArray] = {}
+    output = next((port.name for port in space.ports if port.role == "output"), "")
+    rigid = [port for port in space.ports if port.rigid and port.name in space.kept]
+    thin_nodes, peaks = _thin_nodes(body, domain), np.zeros(0)
     solver, memory = "", 0
     for cls in port_compliance.classes(domain)[: None if all_classes else 1]:
         progress(f"{body.n_dofs} unknowns, {cls.name}")
-        system = statics.class_system(body, domain, cls, stiffness, held)
+        system = statics.class_system(body, domain, cls, stiffness, held, rigid=rigid)
         solver, memory = system.factor.name, max(memory, system.factor.memory)
         share, seen, displacements, projection = statics.class_compliance(body, system, stiffness, space)
         matrix += share
@@ -207,6 +227,8 @@ def solve(
         if cls.is_symmetric:
             for name, motion in (("input", space.extension), ("output", space.output)):
                 fields[name] = (displacements @ (space.halves * (projection @ motion))).reshape(-1, 3)
+            if len(thin_nodes):
+                peaks = _peaks(body, displacements[:, space.rows(output)], thin_nodes)
         if mass is not None:
             found += _vibrations(system, mass, space, mode_count, actuator)
         system.factor.free()
@@ -227,7 +249,10 @@ def solve(
         von_mises=stress.von_mises(stresses),
         tension=stress.largest_principal(stresses),
         energies=energy.by_region(body, domain, fields["input"], fields["output"], members),
+        thin_nodes=thin_nodes,
+        peaks=peaks,
         facts={
+            "sharp": domain.thin is not None and domain.thin.is_sharp,
             "tetrahedra": len(mesh.tets),
             "unknowns": body.n_dofs,
             "worst quality": float(mesh.quality().min()),
@@ -239,6 +264,20 @@ def solve(
             "solve seconds": round(perf_counter() - began - assembled, 2),
         },
     )
+
+
+def _thin_nodes(body: Elasticity, domain: Domain) -> IntArray:
+    """Return the nodes on what was found to be thin; none where the part names its hinges."""
+    if domain.thin is None:
+        return np.zeros(0, dtype=np.int64)
+    middles, reach = domain.thin.middles_of_hinges()
+    away, nearest = cKDTree(middles).query(body.positions)
+    return np.flatnonzero(away <= reach[nearest])
+
+
+def _peaks(body: Elasticity, displacements: FloatArray, nodes: IntArray) -> FloatArray:
+    """Return the largest von Mises stress on some nodes for each of several displacements (n_dofs, k)."""
+    return np.array([stress.nodal_von_mises(body, u.reshape(-1, 3))[nodes].max() for u in displacements.T])
 
 
 def _vibrations(

@@ -22,8 +22,9 @@ from flexdesign.design.study import Study
 from flexdesign.fem import analysis, convergence, quantities
 from flexdesign.fem.analysis import Solution
 from flexdesign.fem.convergence import MeshNoise
-from flexdesign.fem.meshing import methods, resolution_gate
+from flexdesign.fem.meshing import local_thickness, methods, resolution_gate
 from flexdesign.fem.meshing.domain import Domain
+from flexdesign.fem.meshing.local_thickness import LocalThickness
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
 from flexdesign.fem.meshing.methods import Extruded, Grading, Method, Wild
 from flexdesign.fem.meshing.resolution_gate import HingeCheck
@@ -146,6 +147,7 @@ def estimated_error(found: Sequence[Quantity]) -> float:
 def least_certain(found: Sequence[Quantity]) -> Quantity:
     """Return the stiffness or amplification whose relative error is the largest, as estimated."""
     judged = [quantity for quantity in found if quantity.name in JUDGED and quantity.value]
+    judged = judged or [quantity for quantity in found if quantity.name.startswith("k_")]
     return max(judged, key=lambda quantity: abs((quantity.half_width or 0.0) / quantity.value))
 
 
@@ -175,6 +177,8 @@ def _level(
         raise InputError(design.file, "mesh", None, str(error)) from error
     actuator = design.actuator.installed_stiffness if design.actuator else 0.0
     count = study.modes.count if all_classes else 0
+    if body.thin is not None and not body.planes:  # one class has what two planes would share among four
+        count *= 4
     material = design.material
     key = content_key(
         engine(), content_key(*tagged.arrays().values()), material.mechanics, actuator, count, all_classes,
@@ -221,13 +225,13 @@ def meshed(
     stored = cache.load("mesh", question)
     if stored is not None:
         tagged = TaggedMesh(**stored[0])
-        return tagged, resolution_gate.check(tagged, body, hinges)
+        return tagged, _checked(method, tagged, body, hinges)
     method.require_room(coarseness)
     for left in reversed(range(method.tries)):
         progress(f"meshing with {method.finest_edge(coarseness) * 1e3:.3g} mm at the hinge roots ({method.name})")
         try:
             tagged = method.mesh(coarseness)
-            checks = resolution_gate.check(tagged, body, hinges)
+            checks = _checked(method, tagged, body, hinges)
             break
         except MeshError as error:
             if not left:
@@ -235,6 +239,13 @@ def meshed(
             progress(f"meshing again: {error}")
     cache.store("mesh", question, tagged.arrays(), {})
     return tagged, checks
+
+
+def _checked(method: Method, mesh: TaggedMesh, body: Domain, hinges: Sequence[Member]) -> list[HingeCheck]:
+    """Return what the gate measures: on the hinges that the part names, or on those found on its solid."""
+    if isinstance(method, LocalThickness):
+        return method.check(mesh)
+    return resolution_gate.check(mesh, body, hinges)
 
 
 def method_of(study: Study, part: parts.Piece, body: Domain) -> Method:
@@ -245,6 +256,9 @@ def method_of(study: Study, part: parts.Piece, body: Domain) -> Method:
             "the part does not declare itself prismatic; leave the method out, or let the part's prismatic() say so"
         )
         raise InputError(study.design.file, "mesh.method", asked.method, remedy)
+    if body.thin is not None:
+        at_root, growth = asked.at_root or local_thickness.AT_ROOT, asked.growth or local_thickness.GROWTH
+        return LocalThickness(body, at_root, growth, asked.largest, asked.envelope)
     extruded = asked.method != "wild" and body.section is not None
     at_root, growth = methods.EXTRUDED_GRADING if extruded else methods.WILD_GRADING
     grading = Grading(body, part.linkage().members, asked.at_root or at_root, asked.growth or growth, asked.largest)
@@ -288,7 +302,9 @@ def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scat
 
 def _left_open(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float]) -> list[float]:
     """Return what each mesh leaves open, relative, in the input stiffness."""
-    series = [[there[key].value for there in found] for key, quantity in found[0].items() if quantity.name == "K_in"]
+    names = [key for key, quantity in found[0].items() if quantity.name == "K_in"]
+    names = names or [key for key, quantity in found[0].items() if quantity.name.startswith("k_")]
+    series = [[there[key].value for there in found] for key in names]
     limits = [convergence.extrapolate(values, sizes).value for values in series]
     gaps = [np.abs(np.array(values) / limit - 1) for values, limit in zip(series, limits, strict=True)]
     return [float(gap) for gap in np.max(gaps, axis=0)]

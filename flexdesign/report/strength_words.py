@@ -75,6 +75,8 @@ def peak(validation: Validation) -> str:
 
 def shares(validation: Validation) -> dict[str, dict[str, float]]:
     """Return which part of the strain energy each region holds, by load case, extrapolated."""
+    if not validation.has_members:
+        return {}
     found = quantities.energy_shares(validation.finest.solution)
     return {
         key: {

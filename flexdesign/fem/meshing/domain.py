@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import io
+import itertools
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,8 +20,9 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.model import Member
 from flexdesign.design.materials import Material
 from flexdesign.design.part import Piece, Port, SymmetryPlane, extrusion_axis
-from flexdesign.fem.meshing import section
+from flexdesign.fem.meshing import developed, section, thin_regions
 from flexdesign.fem.meshing.section import Section
+from flexdesign.fem.meshing.thin_regions import ThinRegions
 
 MM = 1e-3
 #: Tessellations of curved faces keep to this share of the thinnest hinge.
@@ -31,8 +34,25 @@ LONGEST = 1.5
 #: Most triangles of one tessellated cylinder: some seconds and 100 MB. The notched lever of `studies.error_bars` has
 #: 3400; a hinge of some nanometres beside a large bore asks for more than any memory holds.
 MOST = 200_000
+#: Of a part that names no hinges: each face is tessellated as its own thickness asks for, but for so many times that of
+#: the thinnest at most, which the mesher's envelope allows; points are as far apart as chords of that error are long,
+#: times the second number, and as the third in diagonals of the solid.
+FINER, LONGER, APART = 8.0, 1.0, 0.1
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+
+#: Axes and planes are parallel, and surfaces touch [m], within what CAD programs write.
+PARALLEL, TOUCHING = 1e-7, 2e-8
+
+
+def _touch(one: FloatArray, radius: float, other: FloatArray, other_radius: float) -> bool:
+    """Tell whether two cylinders touch along a line."""
+    if np.linalg.norm(np.cross(one[1], other[1])) > PARALLEL:
+        return False
+    away = other[0] - one[0]
+    apart = float(np.linalg.norm(away - (away @ one[1]) * one[1]))
+    return apart > TOUCHING and min(abs(apart - abs(radius + s * other_radius)) for s in (1, -1)) < TOUCHING
 
 
 @dataclass(frozen=True)
@@ -77,6 +97,8 @@ class Domain:
         Hash of the solid's boundary representation.
     section
         What is extruded, where the part declares itself prismatic.
+    thin
+        Where the solid is thin, found on it where the part names no hinges.
     """
 
     faces: tuple[Face, ...]
@@ -86,6 +108,12 @@ class Domain:
     volume: float
     fingerprint: str
     section: Section | None = None
+    thin: ThinRegions | None = None
+
+    @property
+    def chord(self) -> float:
+        """How far tessellations of thick faces may stray from them beyond those of thin ones [m]."""
+        return 0.0 if self.thin is None else FINER * CHORD * self.thin.thinnest
 
     @property
     def copies(self) -> int:
@@ -97,14 +125,17 @@ class Domain:
         return all(member.centre[plane.index] > -1e-12 for plane in self.planes)
 
     def tangent_faces(self) -> list[tuple[int, int]]:
-        """Return pairs of a cylinder and a plane that it runs out into, by index."""
+        """Return pairs of a cylinder and a plane, or another cylinder, that it runs out into, by index."""
         cylinders = [(i, face.axis, face.radius) for i, face in enumerate(self.faces) if face.axis is not None]
         planes = [(i, face.normal, face.offset) for i, face in enumerate(self.faces) if face.normal is not None]
-        return [
+        flat = [
             (c, p)
             for c, axis, radius in cylinders
             for p, normal, offset in planes
-            if abs(axis[1] @ normal) < 1e-9 and abs(abs(axis[0] @ normal - offset) - radius) < 1e-9
+            if abs(axis[1] @ normal) < PARALLEL and abs(abs(axis[0] @ normal - offset) - radius) < TOUCHING
+        ]
+        return flat + [
+            (one[0], other[0]) for one, other in itertools.combinations(cylinders, 2) if _touch(*one[1:], *other[1:])
         ]
 
     def surface(self) -> tuple[FloatArray, IntArray, IntArray]:
@@ -150,8 +181,15 @@ def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = 
         solid = _one_solid(solid.intersect(_half_space(whole, plane)), f"the half {plane.axis} >= 0")
         if not _mirrors(whole, plane):
             raise InputError("part", "symmetry", plane.axis, "the solid is not its own mirror image in this plane")
-    thinnest = _thinnest(part)
-    faces = tuple(_face(face, chord, thinnest) for face in solid.Faces())
+    thinnest, thin = _thinnest(part), None
+    if math.isinf(thinnest):
+        thin = thin_regions.find(solid)
+        each = np.minimum(thin.of_faces, FINER * thin.thinnest)
+        size = solid.BoundingBox().DiagonalLength * MM
+        found = [_even_face(face, t, size) for face, t in zip(solid.Faces(), each.tolist(), strict=True)]
+    else:
+        found = [_face(face, chord, thinnest) for face in solid.Faces()]
+    faces = _joined(found, [port.faces for port in part.ports()])
     for port in part.ports():
         for plane in planes:
             if port.name not in (*plane.swaps, *plane.swaps.values()) and abs(port.point[plane.index]) > 1e-9:
@@ -167,7 +205,26 @@ def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = 
         volume=solid.Volume() * MM**3,
         fingerprint=_fingerprint(solid),
         section=section.of_solid(solid, axis) if (axis := extrusion_axis(part)) else None,
+        thin=thin,
     )
+
+
+def _joined(faces: Sequence[Face], groups: Sequence[tuple[int, ...]]) -> tuple[Face, ...]:
+    """Return the faces, with each group of plane faces put together at the place of its first; the others are empty."""
+    joined = list(faces)
+    for group in groups:
+        pieces = [faces[index] for index in group]
+        if len(pieces) < 2:
+            continue
+        starts = np.cumsum([0, *(len(piece.points) for piece in pieces)])
+        joined[group[0]] = replace(
+            pieces[0],
+            points=np.vstack([piece.points for piece in pieces]),
+            triangles=np.vstack([piece.triangles + start for piece, start in zip(pieces, starts, strict=False)]),
+        )
+        for index in group[1:]:
+            joined[index] = replace(faces[index], points=faces[index].points[:0], triangles=faces[index].triangles[:0])
+    return tuple(joined)
 
 
 def chord(part: Piece) -> float:
@@ -243,6 +300,19 @@ def _face(face: Any, chord: float, thinnest: float) -> Face:
     return Face(points, corners, None)
 
 
+def _even_face(face: Any, thickness: float, size: float) -> Face:
+    """Return a face with even triangles, for a part that names no hinges; of a surface that bends twice the kernel's.
+
+    Chords keep to a share of the thickness [m] there; points are no farther apart than a share of the `size` [m].
+    """
+    told = _face(face, CHORD * thickness, math.inf)
+    longest = APART * size
+    if told.axis is not None:
+        longest = min(longest, LONGER * float(np.sqrt(8 * told.radius * CHORD * thickness)))
+    made = developed.triangles_of(face, CHORD * thickness / MM, longest / MM)
+    return told if made is None else replace(told, points=made[0] * MM, triangles=made[1])
+
+
 def _split(points: FloatArray, triangles: IntArray, longest: float) -> tuple[FloatArray, IntArray]:
     """Halve triangles at their longest side until none is longer than asked for; neighbours share the new points.
 
@@ -286,7 +356,9 @@ def _on_cylinder(points: FloatArray, axis: FloatArray, radius: float) -> FloatAr
 
 
 def face_of(port: Port, faces: Sequence[Face]) -> int:
-    """Find the plane face with the port's normal whose plane and extent contain the port's point."""
+    """Find the plane face with the port's normal whose plane and extent contain the port's point, if none is named."""
+    if port.faces:
+        return port.faces[0]
     for index, face in enumerate(faces):
         if face.normal is None or face.normal @ np.array(port.normal) < 1 - 1e-9:
             continue

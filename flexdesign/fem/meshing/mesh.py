@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +13,23 @@ from numpy.typing import NDArray
 from flexdesign.core import subprocess_call
 from flexdesign.design.part import SymmetryPlane
 from flexdesign.fem.meshing.domain import Domain, Face
-from flexdesign.fem.meshing.sizing import Sizing
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: Corners of the four faces of a tetrahedron, each seen from outside counter-clockwise.
 TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+
+
+class Size(Protocol):
+    """A target edge length as a function of place."""
+
+    @property
+    def largest(self) -> float:
+        """The largest edge length [m]."""
+
+    def background(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, NDArray[np.int32], FloatArray]:
+        """Return points (n, 3), tetrahedra (m, 4) and edge lengths (n,) of a mesh that covers the box low..high."""
 
 
 class MeshError(Exception):
@@ -68,7 +79,7 @@ class TaggedMesh:
         return {"points": self.points, "tets": self.tets, "facets": self.facets, "faces": self.faces}
 
 
-def tetrahedralize(domain: Domain, sizing: Sizing, envelope: float) -> TaggedMesh:
+def tetrahedralize(domain: Domain, sizing: Size, envelope: float, passes: int = 80) -> TaggedMesh:
     """Fill the domain with tetrahedra and lay their boundary exactly on the CAD faces.
 
     Parameters
@@ -80,6 +91,8 @@ def tetrahedralize(domain: Domain, sizing: Sizing, envelope: float) -> TaggedMes
     envelope
         How far the mesher may move the surface [m]; at most a twentieth of the thinnest section, as a looser one
         thickens or loses hinges.
+    passes
+        How often the mesher may improve its mesh at most.
 
     Raises
     ------
@@ -97,6 +110,7 @@ def tetrahedralize(domain: Domain, sizing: Sizing, envelope: float) -> TaggedMes
             envelope,
             float(np.linalg.norm(high - low)),
             sizing.background(low, high),
+            passes,
         )
     except subprocess_call.ProcessDied as error:
         raise MeshError(
@@ -115,6 +129,7 @@ def _fill(
     envelope: float,
     diagonal: float,
     background: tuple[FloatArray, NDArray[np.int32], FloatArray],
+    passes: int,
 ) -> tuple[FloatArray, IntArray]:
     """Call the mesher, with lengths in diagonals of the bounding box: its tolerances are relative to it."""
     import pytetwild
@@ -129,6 +144,7 @@ def _fill(
         bg_vertices=bg_points / diagonal,
         bg_tets=bg_tets,
         bg_values=bg_sizes / diagonal,
+        num_opt_iter=passes,
     )
     return np.asarray(vertices) * diagonal, np.asarray(tets, dtype=np.int64)
 
@@ -170,8 +186,13 @@ def snap(mesh: TaggedMesh, domain: Domain, envelope: float) -> TaggedMesh:
             points[vertices] = _projected(points[vertices], face)
         if np.abs(points - before).max() < 1e-13:
             break
-    moved = float(np.linalg.norm(points - mesh.points, axis=1).max())
-    if moved > 3 * envelope:
+    off = np.linalg.norm(points - mesh.points, axis=1)
+    if domain.thin is not None:  # faces that nearly touch meet far away: one of them must do
+        far = np.flatnonzero(off > 3 * envelope)
+        points[far] = _on_nearest(mesh.points[far], domain)
+        off = np.linalg.norm(points - mesh.points, axis=1)
+    moved = float(off.max())
+    if moved > 3 * envelope + domain.chord:
         raise MeshError(f"a surface vertex lies {moved * 1e6:.2g} um off its CAD face; reduce mesh.envelope")
     return _without_slivers(TaggedMesh(points, mesh.tets, mesh.facets, mesh.faces))
 
@@ -193,6 +214,16 @@ def _memberships(mesh: TaggedMesh, domain: Domain) -> IntArray:
         lost = np.isin(pairs[:, 0] * len(domain.faces) + pairs[:, 1], both * len(domain.faces) + loser)
         pairs = pairs[~lost]
     return pairs
+
+
+def _on_nearest(points: FloatArray, domain: Domain) -> FloatArray:
+    """Return points moved onto the face that is nearest to each."""
+    if not len(points):
+        return points
+    faces = [face for face in domain.faces if len(face.triangles)]
+    away = np.array([_distance_to_face(points, face) for face in faces])
+    nearest = away.argmin(axis=0)
+    return np.array([_projected(p[None], faces[index])[0] for p, index in zip(points, nearest, strict=True)])
 
 
 def _distance_to_face(points: FloatArray, face: Face) -> FloatArray:

@@ -1,5 +1,6 @@
 """From port compliance, section forces and modes to the quantities a designer asks for, each with its boundary."""
 
+from flexdesign.fem.quantities import port_stiffness
 from flexdesign.fem.quantities.gathering import of_compliance, of_solution
 from flexdesign.fem.quantities.motion import COMPONENTS, POINTS, six_degrees
 from flexdesign.fem.quantities.shares import compliance_shares, energy_shares
@@ -18,6 +19,7 @@ __all__ = [
     "of_solution",
     "output_share",
     "peak_stresses",
+    "port_stiffness",
     "six_degrees",
     "stated_force",
     "stresses",

@@ -9,6 +9,7 @@ from flexdesign.design.design import Actuator
 from flexdesign.design.study import Study
 from flexdesign.fem.analysis import Solution
 from flexdesign.fem.quantities.motion import coupling, six_degrees
+from flexdesign.fem.quantities.port_stiffness import port_stiffness
 from flexdesign.fem.quantities.strength import stresses
 from flexdesign.fem.quantities.vibration import frequencies
 from flexdesign.fem.solving.statics import PortCompliance
@@ -17,11 +18,16 @@ from flexdesign.fem.solving.statics import PortCompliance
 def of_solution(study: Study, solution: Solution) -> list[Quantity]:
     """Return every quantity that one mesh gives and whose limit for vanishing element size is sought."""
     c, actuator = solution.compliance, study.design.actuator
-    found = of_compliance(c, actuator, study.output.load)
-    found += stresses(study, solution)
-    found += six_degrees(study, c, off_axis=bool(solution.modes))
-    if solution.modes:
+    found = []
+    if c.has_input:
+        found += of_compliance(c, actuator, study.output.load)
+        found += stresses(study, solution)
+        found += six_degrees(study, c, off_axis=bool(solution.modes))
+    if solution.whole:
+        found += port_stiffness(c)
+    if solution.modes and c.has_input:
         found += coupling(c, study.output.actuator_offset)
+    if solution.modes:
         found += frequencies(solution, actuator.installed_stiffness if actuator else 0.0)
     return found
 

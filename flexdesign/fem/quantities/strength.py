@@ -29,7 +29,10 @@ def stated_force(study: Study, solution: Solution) -> tuple[float, str]:
 def stresses(study: Study, solution: Solution) -> list[Quantity]:
     """Return the nominal stress of the hinges at the stated force, and how far it is from yield and fatigue."""
     force, boundary = stated_force(study, solution)
-    nominal = max(section.nominal_stress for section in solution.input_sections if section.member.kind == "hinge")
+    hinges = [section.nominal_stress for section in solution.input_sections if section.member.kind == "hinge"]
+    if not hinges:  # without members there is no nominal stress, and the peak is all there is
+        return []
+    nominal = max(hinges)
     found = [Quantity("hinge_stress", force * nominal, "Pa", "MPa", boundary)]
     return found + _margins(study, solution, nominal, f"hinge stress, {boundary}")
 
@@ -48,9 +51,11 @@ def peak_stresses(study: Study, solutions: Sequence[Solution], sizes: Sequence[f
     solutions, sizes
         Of meshes coarse to fine, with their element sizes at the roots [m].
     """
+    if not solutions[-1].compliance.has_input:
+        return []
     force, boundary = stated_force(study, solutions[-1])
     hinges = [section.member for section in solutions[-1].input_sections if section.member.kind == "hinge"]
-    sharp = any(stress.is_sharp(hinge) for hinge in hinges)
+    sharp = any(stress.is_sharp(hinge) for hinge in hinges) or solutions[-1].facts.get("sharp", False)
     unknowns = f"FEM, {len(sizes)} meshes to {solutions[-1].facts['unknowns']} unknowns"
 
     def peak(name: str, values: Sequence[float]) -> Quantity:
@@ -86,7 +91,10 @@ def hinge_peak(solution: Solution, field: np.ndarray | None = None) -> float:
 def hinge_peak_node(solution: Solution, field: np.ndarray | None = None) -> int:
     """Return the node at which `hinge_peak` is found."""
     hinges = [section.member for section in solution.input_sections if section.member.kind == "hinge"]
-    near = np.any([_distance(solution.positions, hinge) <= hinge.thickness for hinge in hinges], axis=0)
+    if hinges:
+        near = np.any([_distance(solution.positions, hinge) <= hinge.thickness for hinge in hinges], axis=0)
+    else:  # what was found to be thin
+        near = np.isin(np.arange(len(solution.positions)), solution.thin_nodes)
     values = solution.von_mises if field is None else field
     return int(np.flatnonzero(near)[np.argmax(values[near])])
 

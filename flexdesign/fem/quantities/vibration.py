@@ -32,7 +32,8 @@ def drive_share(mode: ModeRecord, compliance: PortCompliance, actuator: float) -
 def frequencies(solution: Solution, actuator: float) -> list[Quantity]:
     """Return the first frequency, and those of the modes that carry the output and answer the actuator [N/m]."""
     found = []
-    for installed, boundary in ((False, "input free"), (True, "actuator installed")):
+    free = "input free" if solution.compliance.has_input else "output free"
+    for installed, boundary in ((False, free), (True, "actuator installed")):
         modes = [mode for mode in solution.modes if mode.installed == installed]
         if not modes:
             continue

@@ -65,23 +65,21 @@ def class_modes(system: ClassSystem, mass: sp.csr_matrix, space: PortSpace, coun
     actuator
         Stiffness of the spring between the inputs [N/m], 0 for none.
     """
-    free, copies = system.free, 2 ** len(space.planes)
-    extension, output = (_measure(space, system, motion)[free] for motion in (space.extension, space.output))
-    values, vectors = lowest(mass[free][:, free], _spring_inverse(system, extension, actuator / copies), count)
+    copies = 2 ** len(space.planes)
+    extension, output = (system.gathered(_measure(space, system, motion)) for motion in (space.extension, space.output))
+    values, vectors = lowest(system.condensed(mass), _spring_inverse(system, extension, actuator / copies), count)
     modes = []
     for value, vector in zip(values, vectors.T, strict=True):
         shape = vector / np.sqrt(copies)
         shape *= -1.0 if output @ shape < 0 else 1.0
         moved = float(output @ shape)
-        nodal = np.zeros(mass.shape[0])
-        nodal[free] = shape
         modes.append(
             Mode(
                 frequency=float(np.sqrt(value) / (2 * np.pi)),
                 symmetry=system.cls.name,
                 output_mass=1 / moved**2 if moved > 1e-6 else np.inf,
                 extension=float(extension @ shape),
-                shape=nodal.reshape(-1, 3),
+                shape=system.spread(shape).reshape(-1, 3),
             )
         )
     return sorted(modes, key=lambda mode: mode.frequency)

@@ -13,9 +13,11 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from flexdesign.design.part import Port
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.solving.elasticity import Elasticity
 from flexdesign.fem.solving.port_compliance import PortSpace, SymmetryClass
+from flexdesign.fem.solving.port_shapes import rigid_motions
 from flexdesign.fem.solving.solver import Factor, factorize, times
 
 FloatArray = NDArray[np.float64]
@@ -43,6 +45,11 @@ class PortCompliance:
     matrix: FloatArray
     extension: FloatArray
     output: FloatArray
+
+    @property
+    def has_input(self) -> bool:
+        """Whether there are inputs, which an actuator can part."""
+        return bool(np.any(self.extension))
 
     @property
     def c11(self) -> float:
@@ -146,18 +153,48 @@ class Checks:
 
 @dataclass(frozen=True)
 class ClassSystem:
-    """The factorized equations of one symmetry class."""
+    """The factorized equations of one symmetry class.
+
+    Parameters
+    ----------
+    cls
+        The class.
+    free
+        Degrees of freedom that move by themselves.
+    factor, stiffness
+        Of the unknowns: the free degrees of freedom, then six motions of each rigid port.
+    size
+        Number of all degrees of freedom.
+    tied
+        Displacements of all degrees of freedom by the unknowns, shape (n_dofs, unknowns); None without rigid ports.
+    """
 
     cls: SymmetryClass
     free: IntArray
     factor: Factor
     stiffness: sp.csr_matrix
+    size: int
+    tied: sp.csr_matrix | None = None
 
     def solve(self, forces: FloatArray) -> FloatArray:
         """Return displacements of all dofs under nodal forces (n_dofs, k); held dofs stay at rest."""
-        displacements = np.zeros_like(forces)
-        displacements[self.free] = self.factor.solve(forces[self.free])
+        return self.spread(self.factor.solve(self.gathered(forces)))
+
+    def gathered(self, forces: FloatArray) -> FloatArray:
+        """Return what nodal forces (n_dofs, ...) do to the unknowns."""
+        return forces[self.free] if self.tied is None else np.asarray(self.tied.T @ forces)
+
+    def spread(self, unknowns: FloatArray) -> FloatArray:
+        """Return displacements of all dofs, shape (n_dofs, ...)."""
+        if self.tied is not None:
+            return np.asarray(self.tied @ unknowns)
+        displacements = np.zeros((self.size, *unknowns.shape[1:]))
+        displacements[self.free] = unknowns
         return displacements
+
+    def condensed(self, matrix: sp.csr_matrix) -> sp.csr_matrix:
+        """Return a matrix of all dofs, upper triangle, as the unknowns see it."""
+        return _condensed(matrix, self.free, self.tied)
 
 
 def class_system(
@@ -167,16 +204,49 @@ def class_system(
     stiffness: sp.csr_matrix,
     ground: Sequence[int],
     factor: Factor | None = None,
+    rigid: Sequence[Port] = (),
 ) -> ClassSystem:
     """Hold the ground faces and what the class holds on its planes, and factorize the rest.
 
-    The `factor` of a matrix with entries in the same places is made this one's, which saves the search for an order.
+    The faces of `rigid` ports move as one body each. The `factor` of a matrix with entries in the same places is made
+    this one's, which saves the search for an order.
     """
     free = free_dofs(body, domain, cls, ground)
-    reduced = stiffness[free][:, free].tocsr()
-    if factor is not None and factor.renew(reduced):
-        return ClassSystem(cls, free, factor, reduced)
-    return ClassSystem(cls, free, factorize(reduced), reduced)
+    tied = None
+    if rigid:
+        free, tied = _tied(body, domain, free, rigid)
+    reduced = _condensed(stiffness, free, tied)
+    if factor is None or not factor.renew(reduced):
+        factor = factorize(reduced)
+    return ClassSystem(cls, free, factor, reduced, body.n_dofs, tied)
+
+
+def _tied(body: Elasticity, domain: Domain, free: IntArray, rigid: Sequence[Port]) -> tuple[IntArray, sp.csr_matrix]:
+    """Return what stays free, and the displacements of all dofs by it and by six motions of each rigid port.
+
+    Raises
+    ------
+    ValueError
+        If the domain is cut by symmetry planes: a rigid face of the whole moves by less than six motions there.
+    """
+    if domain.planes:
+        raise ValueError("rigid ports are not cut by symmetry planes; mesh the whole part")
+    on_faces = [dofs_on(body, [domain.ports[port.name]], range(3)) for port in rigid]
+    free = np.setdiff1d(free, np.concatenate(on_faces))
+    ones = sp.csr_matrix((np.ones(len(free)), (free, np.arange(len(free)))), shape=(body.n_dofs, len(free)))
+    motions = []
+    for port, dofs in zip(rigid, on_faces, strict=True):
+        values = rigid_motions(body.positions[dofs[::3] // 3], np.array(port.point)).reshape(-1, 6)
+        rows, columns = np.repeat(dofs, 6), np.tile(np.arange(6), len(dofs))
+        motions.append(sp.csr_matrix((values.ravel(), (rows, columns)), shape=(body.n_dofs, 6)))
+    return free, sp.hstack([ones, *motions]).tocsr()
+
+
+def _condensed(matrix: sp.csr_matrix, free: IntArray, tied: sp.csr_matrix | None) -> sp.csr_matrix:
+    if tied is None:
+        return matrix[free][:, free].tocsr()
+    whole = matrix + sp.triu(matrix, k=1).T
+    return sp.triu(tied.T @ whole @ tied).tocsr()
 
 
 def free_dofs(body: Elasticity, domain: Domain, cls: SymmetryClass, ground: Sequence[int]) -> IntArray:
@@ -256,7 +326,8 @@ def _checks(
     balance = max(np.abs(total.sum(axis=0) / size).max(), np.abs(moments / (size * reach)).max())
     work = np.diag(gram)
     energy = [2 * body.strain_energy(u.reshape(-1, 3)) for u in displacements.T]
-    residual, applied = (internal - loads)[system.free], np.linalg.norm(loads[system.free], axis=0)
+    applied = np.linalg.norm(system.gathered(loads), axis=0)
+    residual = system.gathered(internal) - system.gathered(loads)
     products = (stiffness.diagonal()[:, None] * displacements)[system.free]
     return Checks(
         reciprocity=float(np.abs((gram - gram.T) / scale).max()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +25,8 @@ def facts(validation: Validation) -> list[Fact]:
     """Return the card of a part: stroke, stiffness, first frequency, safety, preload."""
     design, found = validation.study.design, _by_key(validation)
     boundary = _boundary(validation)
+    if not validation.has_input:
+        return _of_joint(found)
     card = [_stroke(validation)] if design.actuator else []
     card += [
         Fact(name_of(found[key]), shown(found[key]), found[key].boundary)
@@ -40,6 +43,16 @@ def facts(validation: Validation) -> list[Fact]:
     return card
 
 
+def _of_joint(found: Mapping[str, Quantity]) -> list[Fact]:
+    """Return the card of a joint: its six stiffnesses, and the first frequency."""
+    keys = [f"k_{motion}_other_motions_held" for motion in ("x", "y", "z", "rx", "ry", "rz")]
+    return [
+        Fact(name_of(found[key]), shown(found[key]), found[key].boundary)
+        for key in (*keys, "first_frequency_output_free")
+        if key in found
+    ]
+
+
 def quantities(validation: Validation) -> dict[str, Any]:
     """Return the card's numbers as result.json has them: the better stroke first, the linear one as such."""
     found, boundary = _by_key(validation), _boundary(validation)
@@ -51,6 +64,9 @@ def quantities(validation: Validation) -> dict[str, Any]:
         "K_out": f"K_out_{boundary}",
         "first_frequency": f"first_frequency_{boundary}",
     }
+    if not validation.has_input:
+        keys = {key: key for key in found if key.startswith("k_") and key.endswith("_held")}
+        keys["first_frequency"] = "first_frequency_output_free"
     told = {name: found[key].to_json() for name, key in keys.items() if key in found}
     return told | {quantity.name: quantity.to_json() for quantity in margins(validation)}
 
@@ -82,6 +98,10 @@ def warnings(validation: Validation) -> list[str]:
     ]
     if design.material.yield_strength is None:
         told.append(f"No yield strength of {design.material.name} is known, so that no safety is stated.")
+    elif validation.sharp and validation.domain.thin is not None:
+        told.append(
+            "A re-entrant edge beside a thin region is sharp: peak stress grows without bound as meshes refine."
+        )
     elif validation.sharp:
         told.append(
             "Hinge roots are drawn sharp: the safety is that of the nominal hinge stress, without a notch factor."

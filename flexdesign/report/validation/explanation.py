@@ -11,6 +11,7 @@ from flexdesign.workflows.validation import Comparison, Validation
 AGREEMENT = 0.02
 NAMED = 0.005
 
+TITLE = "Where formulas and FEM differ, and why"
 METHOD = (
     "Each compliance, twice the strain energy under unit load, is split over the members: N²L/EA, V²L/κGA and the "
     "integral of M²/EI from the section forces, which are integrated from the FEM stresses along each hinge, arm and "
@@ -22,12 +23,14 @@ METHOD = (
 
 def section(validation: Validation) -> Section:
     """Return the section that splits the compliances and says what the first model misses."""
+    if not validation.shares:
+        return Section(TITLE, ["The part names no members, so that the compliance is not split over them."])
     others = [why(validation, key) for key in validation.shares if key != "K_in_output_free"]
     chart = charts.shares(_percentages(validation), "% of FEM's compliance")
     figure = Figure("compliance_shares.svg", chart, "Where FEM finds the compliance")
     lacking = [] if validation.formula_shares else ["The part does not state what the compliances of its formulas are."]
     return Section(
-        "Where formulas and FEM differ, and why",
+        TITLE,
         [METHOD, *lacking, *filter(None, others)],
         [_table(validation)],
         [figure],
@@ -39,8 +42,8 @@ def why(validation: Validation, key: str, *, first: bool = False) -> str:
 
     Where the model's name stands `first` in a text it is explained.
     """
-    split, formula = validation.shares[key], validation.formula_shares.get(key)
-    if formula is None:
+    split, formula = validation.shares.get(key), validation.formula_shares.get(key)
+    if split is None or formula is None:
         return ""
     comparison = _comparison(validation, key)
     if comparison is None:

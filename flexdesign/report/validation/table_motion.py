@@ -16,6 +16,8 @@ SIGNS = {f"{kind}_{axis}": f"{sign}_{axis}" for kind, sign in (("u", "u"), ("the
 
 def section(validation: Validation) -> Section:
     """Return the section."""
+    if not validation.has_input:
+        return Section("Motion of the table")
     text = [_points(validation), _symmetry(validation)]
     return Section("Motion of the table", text, [*_six_degrees(validation), _parasitic(validation)])
 
@@ -68,6 +70,8 @@ def _points(validation: Validation) -> str:
 
 
 def _symmetry(validation: Validation) -> str:
+    if validation.domain.thin is not None:
+        return "The part names no symmetry planes: what is zero by symmetry shows as the mesh's own asymmetry."
     lost = [plane.axis for plane in validation.study.design.part().symmetry() if plane not in validation.domain.planes]
     if not lost:
         return (

@@ -49,6 +49,8 @@ def draw(validation: Validation) -> tuple[list[Figure], list[Figure]]:
 
 def _static(validation: Validation) -> list[tuple[Picture, str]]:
     level = validation.finest
+    if not validation.has_members:
+        return _without_members(validation)
     force, boundary = quantities.stated_force(validation.study, level.solution)
     fields = {"motion": force * level.solution.input_field, "stress": force * level.solution.von_mises / 1e6}
     planes, solution = validation.domain.planes, level.solution
@@ -89,6 +91,52 @@ def _static(validation: Validation) -> list[tuple[Picture, str]]:
             f"Von Mises stress at {hinge.name}, where it is largest",
         ),
     ]  # fmt: skip
+
+
+def _without_members(validation: Validation) -> list[tuple[Picture, str]]:
+    """Return mesh, deformation and stress of a part that names no hinges, and its mesh where it is thinnest."""
+    level, solution, planes = validation.finest, validation.finest.solution, validation.domain.planes
+    load, boundary = 1.0, "1 N of output force along the port's normal"
+    if validation.has_input:
+        load, boundary = quantities.stated_force(validation.study, solution)
+    field = solution.input_field if validation.has_input else solution.output_field
+    points, tets, whole = mirrored(solution.positions, solution.nodes, planes, {"motion": load * field})
+    vertices, linear, _ = mirrored(level.mesh.points, level.mesh.tets, planes, {})
+    travel = np.linalg.norm(whole["motion"], axis=1)
+    scale = _round_down(DRAWN * _size(points) / travel.max())
+    jobs = [
+        (
+            Picture("mesh.png", vertices, linear, edges=True, view="oblique"),
+            "The finest mesh, graded by the thickness found on the solid",
+        ),
+        (
+            Picture(
+                "deformation.png", points, tets, scale * whole["motion"], travel * 1e6, "displacement [um]",
+                limits=(0.0, 1e6 * float(travel.max())), view="oblique",
+                notes=[f"displacements drawn {scale:g} times as large"],
+            ),
+            f"Deformation at {boundary}, with the undeformed outline",
+        ),
+    ]  # fmt: skip
+    if validation.has_input:
+        stress = mirrored(solution.positions, solution.nodes, planes, {"s": load * solution.von_mises / 1e6})[2]["s"]
+        top = float(stress[solution.thin_nodes].max())
+        jobs.append(
+            (
+                Picture(
+                    "stress.png", points, tets, scalars=stress, label="von Mises stress [MPa]", limits=(0.0, top),
+                    view="oblique",
+                ),
+                f"Von Mises stress at {boundary}; the colours end at the largest on the thin regions",
+            )
+        )  # fmt: skip
+    if validation.domain.thin is not None and validation.domain.thin.hinges:
+        hinge = validation.domain.thin.hinges[0]
+        place = Picture(
+            "mesh_hinge.png", vertices, linear, edges=True, focus=(hinge.centre, 4 * max(hinge.length, hinge.thickness))
+        )
+        jobs.insert(1, (place, f"The mesh at {hinge.name}, seen from the front"))
+    return jobs
 
 
 def hinge_maximum(solution: Solution) -> tuple[tuple[float, float, float], float, Member]:

@@ -13,6 +13,7 @@ from flexdesign.core.toml_files import FORMAT
 from flexdesign.design.part import states
 from flexdesign.dynamics.experiments.simulation import handed_over
 from flexdesign.fem import quantities
+from flexdesign.fem.solving.statics import PortCompliance
 from flexdesign.report import accuracy_words, charts, strength_words
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.pictures import drawn_or_said
@@ -22,6 +23,7 @@ from flexdesign.report.validation import (
     explanation,
     independent_words,
     ladder_section,
+    port_section,
     table_motion,
     validation_pictures,
     vibrations,
@@ -36,7 +38,7 @@ METHODS = {"extruded": "layers of prisms cut into tetrahedra, thin across the ro
 
 def brief_table_1(validation: Validation) -> Table:
     """Return Table 1 for a terminal of 80 columns."""
-    return _compact(table_1(validation))
+    return _compact(table_1(validation)) if validation.comparisons else table_1(validation)
 
 
 def closing(validation: Validation) -> str:
@@ -53,6 +55,8 @@ def table_1(validation: Validation) -> Table:
     for model in models:
         columns += [model, "error"]
     rows = []
+    if not validation.comparisons:
+        return port_section.table_1(validation)
     for comparison in validation.comparisons:
         row = [name_of(comparison.fem), comparison.fem.boundary, shown(comparison.fem)]
         for model in models:
@@ -88,8 +92,7 @@ def result(validation: Validation) -> dict[str, Any]:
             {
                 **level.solution.facts,
                 "edge_at_roots": {"value": level.size, "unit": "m"},
-                "K_in": {"value": level.solution.compliance.input_stiffness, "unit": "N/m"},
-                "amplification": level.solution.compliance.amplification,
+                **_of_input(level.solution.compliance),
                 "K_out_input_free": {"value": level.solution.compliance.output_stiffness(0.0), "unit": "N/m"},
                 "checks": vars(level.solution.checks),
                 "cached": level.cached,
@@ -106,10 +109,18 @@ def result(validation: Validation) -> dict[str, Any]:
             }
             for h in validation.finest.hinges
         ],
+        "port_stiffness": port_section.result(validation),
         "cross_check": cross_check_words.result(validation.cross_check),
         "independent_mesh": independent_words.result(validation.independent),
         "made_by": provenance(validation.study, validation.methods, validation.solvers),
     }
+
+
+def _of_input(c: PortCompliance) -> dict[str, Any]:
+    """Return what one mesh says of the inputs, where there are any."""
+    if not c.has_input:
+        return {}
+    return {"K_in": {"value": c.input_stiffness, "unit": "N/m"}, "amplification": c.amplification}
 
 
 def document(validation: Validation, progress: Progress = lambda _: None) -> Document:
@@ -123,7 +134,8 @@ def _sections(validation: Validation, progress: Progress) -> list[Section]:
     progress("drawing")
     still, vibrating, missing = drawn_or_said(lambda: validation_pictures.draw(validation), progress)
     sections = [
-        Section("FEM beside formulas", _table_1_text(validation), [table_1(validation)]),
+        *_fem_alone(validation),
+        port_section.section(validation),
         Section("Shape and deformation", missing, figures=still),
         _stress(validation),
         _actuator(validation),
@@ -136,13 +148,24 @@ def _sections(validation: Validation, progress: Progress) -> list[Section]:
         cross_check_words.section(validation.cross_check),
         independent_words.section(validation.independent),
         _formulas(validation),
+        _solid(validation),
         _inputs(validation),
     ]
     return [s for s in sections if s.tables or s.figures or s.paragraphs]
 
 
+def _fem_alone(validation: Validation) -> list[Section]:
+    """Return Table 1, of a part without formulas FEM alone."""
+    if not validation.has_input:
+        return []
+    title = "FEM beside formulas" if validation.comparisons else "FEM; the part gives no formulas"
+    return [Section(title, _table_1_text(validation), [table_1(validation)])]
+
+
 def _summary(validation: Validation) -> list[str]:
     design = validation.study.design
+    if not validation.has_input:
+        return port_section.summary(validation)
     k_in, ratio = validation.fem("K_in_output_free"), validation.fem("lambda_output_free")
     text = f"FEM gives an input stiffness of {shown(k_in)} and an amplification of {shown(ratio)}, output free"
     if design.actuator:
@@ -246,6 +269,8 @@ def _large(validation: Validation) -> Section:
 
 
 def _stress(validation: Validation) -> Section:
+    if not validation.has_input:
+        return port_section.strength(validation)
     names = ("hinge_stress", "peak_stress", "peak_tension", "safety_against_yield", "safety_against_fatigue")
     rows = [[name_of(q), q.boundary, _judged(q)] for q in validation.further if q.name in names]
     text = [
@@ -253,7 +278,13 @@ def _stress(validation: Validation) -> Section:
         "The nominal hinge stress is N/A + M t/2I from the section forces that FEM's stresses add up to.",
         strength_words.peak(validation),
     ]
-    tables = [Table(["quantity", "at", "FEM"], rows), strength_words.energies(validation)]
+    if not validation.has_members:
+        text[-2] = (
+            "The part names no members, so that no nominal stress is stated; the peak is that on its thin regions."
+        )
+    tables = [Table(["quantity", "at", "FEM"], rows)]
+    if validation.has_members:
+        tables.append(strength_words.energies(validation))
     return Section("Stress and strain energy", text, tables)
 
 
@@ -273,8 +304,11 @@ def _mesh(validation: Validation) -> Section:
                 f"{facts['tetrahedra']}",
                 f"{level.size * 1e6:.0f} um",
                 f"{facts['worst quality']:.2g}",
-                units.to_text(c.input_stiffness, "N/mm", 5, si="N/m"),
-                units.significant(c.amplification, 5),
+                *(
+                    [units.to_text(c.input_stiffness, "N/mm", 5, si="N/m"), units.significant(c.amplification, 5)]
+                    if c.has_input
+                    else []
+                ),
                 units.to_text(c.output_stiffness(0.0), "N/mm", 5, si="N/m"),
                 f"{level.seconds:.0f} s" + (", cached" if level.cached else ""),
             ]
@@ -298,7 +332,8 @@ def _mesh(validation: Validation) -> Section:
         f"the domain; the whole part has {validation.domain.copies} times as many. {validation.extrapolation} "
         f"{_index(validation)}{accuracy_words.reached(validation.study.mesh.accuracy, validation.found)}"
     )
-    head = ["unknowns", "tetrahedra", "edge at roots", "worst quality", "K_in", "λ", "K_out input free", "time"]
+    of_input = ["K_in", "λ"] if validation.has_input else []
+    head = ["unknowns", "tetrahedra", "edge at roots", "worst quality", *of_input, "K_out input free", "time"]
     exact = ["unknowns", "reciprocity", "force balance", "energy", "residual"]
     tables = [
         Table(head, rows, "As solved, before extrapolation"),
@@ -314,17 +349,22 @@ def _memory(validation: Validation) -> str:
 
 
 def _index(validation: Validation) -> str:
-    limit = validation.limit(lambda solution: solution.compliance.input_stiffness)
+    if validation.has_input:
+        name, limit = "K_in", validation.limit(lambda solution: solution.compliance.input_stiffness)
+    else:
+        name, limit = "K_out", validation.limit(lambda solution: solution.compliance.output_stiffness(0.0))
     order = f"{limit.observed_order:.2g}" if math.isfinite(limit.observed_order) else "not monotonic"
     return (
-        f"For K_in the finest mesh is {100 * (limit.finest / limit.value - 1):+.2f} % off the extrapolated value; its "
-        f"grid convergence index (Roache, lowest order, safety factor 1.25) is {100 * limit.gci:.2g} %, the order "
+        f"For {name} the finest mesh is {100 * (limit.finest / limit.value - 1):+.2f} % off the extrapolated value; "
+        f"its grid convergence index (Roache, lowest order, safety factor 1.25) is {100 * limit.gci:.2g} %, the order "
         f"seen on the three finest meshes {order}."
     )
 
 
 def _formulas(validation: Validation) -> Section:
     design = validation.study.design
+    if not validation.comparisons:
+        return Section("The formulas, step by step")
     force, boundary = quantities.stated_force(validation.study, validation.finest.solution)
     part = design.part()
     found = part.intermediates(design.material, force) if states(part, "intermediates") else {}
@@ -334,6 +374,28 @@ def _formulas(validation: Validation) -> Section:
     text = f"At an actuator force of {units.to_text(force, 'N')} ({boundary}), with the output free."
     table = Table(["symbol", "value", "boundary", "equation"], rows)
     return Section("The pseudo-rigid-body model, step by step", [text], [table], folded=True)
+
+
+def _solid(validation: Validation) -> Section:
+    """Return what was done to a solid that was read from a file, and what is thin on it."""
+    thin, design = validation.domain.thin, validation.study.design
+    if thin is None:
+        return Section("The solid")
+    notes: list[str] = list(getattr(design.part(), "notes", tuple)())
+    text = (
+        "The part names no hinges. Its thickness was measured on the solid, by rays from its faces to the faces "
+        f"across; the mesh is graded by it. The thinnest place has {units.to_text(thin.thinnest, 'mm', si='m')}."
+    )
+    rows = [
+        [
+            hinge.name,
+            units.to_text(hinge.thickness, "mm", si="m"),
+            f"{1e3 * hinge.length:.3g} x {1e3 * hinge.width:.3g} mm",
+            ", ".join(f"{1e3 * x:.4g}" for x in hinge.centre) + " mm",
+        ]
+        for hinge in thin.hinges
+    ]
+    return Section("The solid", [*notes, text], [Table(["thin region", "thickness", "extent", "centre"], rows)])
 
 
 def _inputs(validation: Validation) -> Section:

@@ -53,7 +53,7 @@ def _rows(validation: Validation) -> list[list[str]]:
     for installed, state in ((False, "no"), (True, "yes")):
         for mode in [m for m in solution.modes if m.installed == installed][:LISTED]:
             share = quantities.output_share(mode, solution.compliance, spring)
-            driven = quantities.drive_share(mode, solution.compliance, spring)
+            driven = quantities.drive_share(mode, solution.compliance, spring) if installed else 0.0
             moved = f"{100 * share:.0f} %" if share > 0 else "–"
             answer = f"{round(100 * driven)} %" if installed and share > 0 else "–"
             masses = [100 * mass / solution.facts["mass"] for mass in mode.effective_mass]

@@ -108,7 +108,19 @@ class Validation:
     @property
     def sharp(self) -> bool:
         """Whether hinge roots are sharp, so that the stress there grows without bound under refinement."""
+        if self.domain.thin is not None:
+            return self.domain.thin.is_sharp
         return any(stress.is_sharp(hinge) for hinge in self.study.design.part().linkage().of_kind("hinge"))
+
+    @property
+    def has_input(self) -> bool:
+        """Whether there are inputs, which an actuator can part; a joint has none."""
+        return self.levels[-1].solution.compliance.has_input
+
+    @property
+    def has_members(self) -> bool:
+        """Whether the part names hinges, arms and rods."""
+        return bool(self.study.design.part().linkage().members)
 
     def limit(self, value: Callable[[Solution], float]) -> convergence.Extrapolated:
         """Extrapolate a number that every mesh's solution gives."""

@@ -75,7 +75,7 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
         levels=levels,
         comparisons=comparisons,
         further=further,
-        shares=_shares(design, body, levels),
+        shares=_shares(design, body, levels) if part.linkage().members else {},
         formula_shares=shares_of_formulas,
         large=large,
         ladder=model_hierarchy.model_ladder(design, {c.fem.key: c.fem for c in comparisons}),
@@ -99,7 +99,7 @@ def _large(
 ) -> LargeStroke | None:
     """Follow large displacements to full drive; None without an actuator, for a crystal, or if nobody wants it."""
     material, actuator, steps = study.design.material, study.design.actuator, study.output.large_steps
-    if actuator is None or material.crystal is not None or steps == 0:
+    if actuator is None or material.crystal is not None or steps == 0 or any(port.rigid for port in part.ports()):
         return None
     stiffness, free = actuator.installed_stiffness, actuator.free_stroke
     ports = [vars(port) for port in part.ports()]

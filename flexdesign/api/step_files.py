@@ -1,0 +1,69 @@
+"""STEP files from Python: their faces, and a design to start from."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from flexdesign.api.result import Result
+from flexdesign.core.errors import InputError
+from flexdesign.design import step_file, step_part
+from flexdesign.design.faces import SolidFace
+from flexdesign.fem.meshing import thin_regions
+from flexdesign.fem.meshing.thin_regions import ThinRegions
+from flexdesign.report import faces_report
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class StepFaces:
+    """What a STEP file holds.
+
+    Parameters
+    ----------
+    file
+        The file.
+    body
+        Its solid, with notes on what was done to it.
+    faces
+        The faces of the solid.
+    thin
+        Where it is thin.
+    """
+
+    file: Path
+    body: step_file.StepBody
+    faces: tuple[SolidFace, ...]
+    thin: ThinRegions
+
+    def design_for(self, folder: Path) -> str:
+        """Return a design to start from, for a file in a folder."""
+        return faces_report.design(os.path.relpath(self.file, folder), self.faces)
+
+
+def read_ports(file: str | Path, *, progress: Progress = lambda _: None) -> Result[StepFaces]:
+    """Read the faces of a STEP file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or is no closed solid.
+    """
+    path = Path(file)
+    if not step_part.is_step(path.name):
+        raise InputError("command line", "STEP", str(file), "is no STEP file; its name ends in .step or .stp")
+    progress("reading the solid")
+    body = step_file.read(path)
+    progress("looking where it is thin")
+    found = StepFaces(path, body, step_part.listed(body), thin_regions.find(body.solid))
+    return Result(
+        found,
+        faces_report.document(path, body, found.faces, found.thin, progress),
+        faces_report.table(found.faces),
+        partial(faces_report.result, body, found.faces, found.thin),
+        is_table_first=True,
+    )

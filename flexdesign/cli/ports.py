@@ -1,0 +1,59 @@
+"""``flexdesign ports``: the faces of a STEP file, and a design to start from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flexdesign.cli.shared import AsJson, app, progress, report_folder, show, write_file
+
+HELP = """List the faces of a STEP file, and write a design that uses some of them as ports.
+
+STEP is the file of one solid. Its plane and cylindrical faces are listed with area, normal, centre and name, and drawn
+with their numbers; what is thin on the solid is listed, too. A port is one plane face or several in one plane.
+
+**Examples**
+
+    flexdesign ports bracket.step
+
+    flexdesign ports bracket.step -o bracket.toml
+
+    flexdesign validate bracket.toml
+
+**In a design:** part = "bracket.step", and a table for each port: [ports.ground], [ports.input_left],
+[ports.input_right], [ports.output]. Each names its faces by face = "name", colour = "#rrggbb", plane = "z = max", or
+point and normal, which find the nearest face that looks that way. interface = "rigid" lets the faces move as one body;
+about = ["0 mm", "0 mm", "0 mm"] is the point that motions and moments are taken about. A design without inputs is a
+joint: its report has the stiffness of the output in six directions.
+
+**What it writes:** report.html, report.md, result.json and the picture, into --out; with -o the design to start from.
+
+**Exit codes:** 0 done; 2 the input cannot be used, and one message says why; 1 our fault; 130 interrupted.
+"""
+
+
+@app.command(help=HELP)
+def ports(
+    step: Annotated[Path, typer.Argument(metavar="STEP", help="The STEP file.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the report [default: reports/NAME_ports].", show_default=False)
+    ] = None,
+    design: Annotated[
+        Path | None, typer.Option("-o", "--design", help="Also write the design to start from.", show_default=False)
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List faces, and write a design to start from."""
+    from flexdesign.api import step_files
+
+    write_file(design)
+    with progress() as say:
+        found = step_files.read_ports(step, progress=say)
+        where = report_folder(out, f"{step.stem}_ports", "ports", [step])
+        written = where.write(found)
+        if design is not None:
+            write_file(design, found.found.design_for(design.parent))
+            written.append(design)
+    show(found, [path for path in written if path.name in ("report.html", "report.md") or path == design], as_json)

@@ -1,0 +1,258 @@
+"""The faces of a solid as a designer sees them, and how a port finds its own: by name, colour, plane, or a point.
+
+A point and a normal, or a plane such as ``z = max``, find the same face after small edits of the solid, when its number
+has changed; so does the name that a STEP file carries.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from flexdesign.core import units
+from flexdesign.core.errors import InputError, suggest
+from flexdesign.core.model.linkage import Vector
+
+MM = 1e-3
+#: A face is looked for by a point within this share of the solid's size, and by a normal within this cosine.
+REACH, DIRECTION = 0.1, float(np.cos(np.radians(10.0)))
+#: Faces lie in one plane if they differ by less than this share of the solid's size.
+FLUSH = 1e-5
+
+
+@dataclass(frozen=True)
+class SolidFace:
+    """One face of a solid.
+
+    Parameters
+    ----------
+    index
+        Its place in ``solid.Faces()``; people count from 1.
+    kind
+        ``plane``, ``cylinder``, ``cone`` ...
+    area
+        [m^2].
+    centroid, normal
+        Of its area [m], and the outward unit normal there.
+    radius, axis
+        Of a cylinder [m], and the direction of its axis; 0 and None of others.
+    name, colour
+        What its file says; empty if nothing.
+    shape
+        Of the CAD kernel [mm].
+    """
+
+    index: int
+    kind: str
+    area: float
+    centroid: Vector
+    normal: Vector
+    radius: float = 0.0
+    axis: Vector | None = None
+    name: str = ""
+    colour: str = ""
+    shape: Any = field(default=None, repr=False, compare=False)
+
+    @property
+    def label(self) -> str:
+        """What people call it: its name, or its number."""
+        return self.name or f"face {self.index + 1}"
+
+    @property
+    def place(self) -> str:
+        """Where it is, in words."""
+        return f"at {_mm(self.centroid)} with the normal {_numbers(self.normal)}"
+
+
+@dataclass(frozen=True)
+class Query:
+    """How a port names its faces: exactly one of name, colour and plane, or a point with a normal.
+
+    Beside a name, point and normal tell where the face was, should its name be lost.
+    """
+
+    names: tuple[str, ...] = ()
+    colour: str = ""
+    plane: str = ""
+    point: Vector | None = None
+    normal: Vector | None = None
+
+
+def of_solid(solid: Any, names: Mapping[int, str], colours: Mapping[int, str]) -> tuple[SolidFace, ...]:
+    """Return the faces of a CadQuery solid [mm]."""
+    return tuple(_face(i, face, names.get(i, ""), colours.get(i, "")) for i, face in enumerate(solid.Faces()))
+
+
+def _face(index: int, face: Any, name: str, colour: str) -> SolidFace:
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+
+    kind, centre = face.geomType(), face.Center()
+    normal = face.normalAt()  # of a curved face in its middle
+    radius, axis = 0.0, None
+    if kind == "CYLINDER":
+        cylinder = BRepAdaptor_Surface(face.wrapped).Cylinder()
+        way = cylinder.Axis().Direction()
+        radius, axis = cylinder.Radius() * MM, (way.X(), way.Y(), way.Z())
+    x, y, z = centre.toTuple()
+    return SolidFace(
+        index=index,
+        kind=kind.lower(),
+        area=face.Area() * MM**2,
+        centroid=(x * MM, y * MM, z * MM),
+        normal=normal.toTuple(),
+        radius=radius,
+        axis=axis,
+        name=name,
+        colour=colour,
+        shape=face,
+    )
+
+
+def find(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size: float) -> tuple[SolidFace, ...]:
+    """Return the plane faces that a query means.
+
+    Parameters
+    ----------
+    query
+        What is looked for.
+    faces
+        Of the solid.
+    where
+        File and field, for messages.
+    size
+        Diagonal of the solid's bounding box [m].
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is not plane; it names the nearest face.
+    """
+    if query.names:
+        found = [face for name in query.names for face in _named(name, query, faces, where)]
+        shown: object = ", ".join(query.names)
+    elif query.colour:
+        found, shown = _coloured(query.colour, faces, where), query.colour
+    elif query.plane:
+        found, shown = _in_plane(query.plane, faces, where, size), query.plane
+    else:
+        found, shown = [_near(query, faces, where, size)], None
+    for face in found:
+        if face.kind != "plane":
+            remedy = f"{face.label} is no plane but a {face.kind}; a port must be plane{_nearest_plane(face, faces)}"
+            raise InputError(*where, shown, remedy)
+    normals, centroids = (np.array([getattr(face, key) for face in found]) for key in ("normal", "centroid"))
+    heights = (centroids - centroids[0]) @ normals[0]
+    if (normals @ normals[0]).min() < 1 - 1e-6 or np.abs(heights).max() > FLUSH * size:
+        listed = ", ".join(face.label for face in found)
+        raise InputError(*where, shown, f"its faces lie in different planes ({listed}); make a port of each")
+    return tuple(found)
+
+
+def _named(name: str, query: Query, faces: Sequence[SolidFace], where: tuple[Any, str]) -> list[SolidFace]:
+    found = [face for face in faces if face.name == name]
+    if found:
+        return found
+    known = [face.name for face in faces if face.name]
+    if query.point is not None:
+        nearest = min(faces, key=lambda face: _away(face, query))
+        near = f"; nearest to where it was is {nearest.label}, {nearest.place}: {how_to_name(nearest)}"
+    elif close := difflib.get_close_matches(name, known, n=1, cutoff=0.5):
+        nearest = next(face for face in faces if face.name == close[0])
+        near = f"; the nearest name is {nearest.name}, {nearest.place}"
+    elif known:
+        near = suggest(name, known)
+    else:
+        largest = max((face for face in faces if face.kind == "plane"), key=lambda f: f.area, default=faces[0])
+        near = f"; the file names no face; `flexdesign ports` lists them, the largest is {largest.place}"
+    raise InputError(*where, name, f"no face has this name{near}")
+
+
+def _coloured(colour: str, faces: Sequence[SolidFace], where: tuple[Any, str]) -> list[SolidFace]:
+    found = [face for face in faces if face.colour == colour.lower()]
+    if not found:
+        known = sorted({face.colour for face in faces if face.colour})
+        near = f"; the file has {', '.join(known[:6])}" if known else "; the file gives faces no colours"
+        raise InputError(*where, colour, f"no face has this colour{near}")
+    return found
+
+
+def _in_plane(text: str, faces: Sequence[SolidFace], where: tuple[Any, str], size: float) -> list[SolidFace]:
+    """Return the plane faces in ``z = max``, ``x = min`` or ``y = 12 mm``, the outermost ones looking outwards."""
+    axis, place = _plane(text, where)
+    across = [f for f in faces if f.kind == "plane" and abs(f.normal[axis]) > 1 - 1e-6]
+    if not across:
+        raise InputError(*where, text, f"no plane face is normal to {'xyz'[axis]}; name the face, or give a point")
+    if isinstance(place, str):
+        sign = 1.0 if place == "max" else -1.0
+        outer = [f for f in across if sign * f.normal[axis] > 0] or across
+        wanted = sign * max(sign * f.centroid[axis] for f in outer)
+        return [f for f in outer if abs(f.centroid[axis] - wanted) < FLUSH * size]
+    found = [f for f in across if abs(f.centroid[axis] - place) < FLUSH * size]
+    if not found:
+        nearest = min(across, key=lambda f: abs(f.centroid[axis] - place))
+        remedy = f"no plane face lies there; the nearest is {nearest.label}, {nearest.place}"
+        raise InputError(*where, text, remedy)
+    return found
+
+
+def _plane(text: str, where: tuple[Any, str]) -> tuple[int, str | float]:
+    matched = re.fullmatch(r"\s*([xyz])\s*=\s*(\S.*?)\s*", text)
+    if matched and matched[2] in ("min", "max"):
+        return "xyz".index(matched[1]), matched[2]
+    try:
+        if matched is None:
+            raise ValueError
+        return "xyz".index(matched[1]), units.from_text(matched[2], "m")
+    except ValueError:
+        remedy = 'expected a plane such as "z = max", "x = min" or "y = 12 mm"'
+        raise InputError(*where, text, remedy) from None
+
+
+def _near(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size: float) -> SolidFace:
+    if query.point is None or query.normal is None:
+        raise InputError(*where, None, 'names no face; give face, colour, plane = "z = max", or point and normal')
+    fitting = [face for face in faces if np.dot(face.normal, query.normal) > DIRECTION]
+    nearest = min(fitting or faces, key=lambda face: _away(face, query))
+    if not fitting or _away(nearest, query) > REACH * size:
+        remedy = f"no face with this normal is near this point; the nearest is {nearest.label}, {nearest.place}"
+        raise InputError(*where, _mm(query.point), remedy)
+    return nearest
+
+
+def _away(face: SolidFace, query: Query) -> float:
+    """Return the distance of a query's point from a face [m]; of faces that hold it, the one about it is nearest."""
+    import cadquery as cq
+
+    point = np.array(query.point)
+    vertex = cq.Vertex.makeVertex(*(point / MM))
+    from_middle = float(np.linalg.norm(np.array(face.centroid) - point))
+    return float(face.shape.distance(vertex)) * MM + 1e-6 * from_middle
+
+
+def _nearest_plane(face: SolidFace, faces: Sequence[SolidFace]) -> str:
+    planes = [each for each in faces if each.kind == "plane"]
+    if not planes:
+        return ""
+    nearest = min(planes, key=lambda each: float(np.linalg.norm(np.subtract(each.centroid, face.centroid))))
+    return f"; the nearest plane face is {nearest.label}, {nearest.place}"
+
+
+def how_to_name(face: SolidFace) -> str:
+    """Return what a port's table says to mean a face."""
+    if face.name:
+        return f'face = "{face.name}"'
+    point = ", ".join(f'"{1e3 * x:.6g} mm"' for x in face.centroid)
+    return f"point = [{point}], normal = [{_numbers(face.normal)}]"
+
+
+def _mm(point: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{1e3 * x + 0.0:.4g}" for x in point) + ") mm"
+
+
+def _numbers(vector: Sequence[float]) -> str:
+    return ", ".join(f"{round(x, 6) + 0.0:g}" for x in vector)

@@ -1,0 +1,364 @@
+"""A STEP file as one closed solid, with what the file says of its faces: names and colours.
+
+CadQuery keeps names of faces for assemblies alone, in a private attribute. Here the document is read once, with the
+kernel's own reader, so that single parts of any CAD program do as well. Lengths are in millimetres, whatever the unit
+of the file: the reader converts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from flexdesign.core.errors import InputError
+
+#: What programs write where a face has no name.
+NO_NAMES = ("", "NONE", "None", "SOLID", "SHELL", "FACE")
+#: A face is taken for one of before healing if centre and area differ by less than this, relative.
+ALIKE = 1e-3
+#: Solids overlap if they share more than this part of the smaller one, and touch if no gap is wider, in sizes.
+OVERLAP, GAP = 1e-6, 1e-6
+
+
+@dataclass(frozen=True)
+class StepBody:
+    """One solid and what its file says of it.
+
+    Parameters
+    ----------
+    solid
+        CadQuery solid [mm].
+    names, colours
+        By the index of a face in ``solid.Faces()``; colours as ``#rrggbb``.
+    unit
+        The unit of length in the file; empty if it states none.
+    notes
+        What was done to make one closed solid of it, one sentence each.
+    """
+
+    solid: Any
+    names: Mapping[int, str]
+    colours: Mapping[int, str]
+    unit: str
+    notes: tuple[str, ...] = ()
+
+
+@dataclass
+class _Labels:
+    """Shapes of a document, and names and colours by face, before faces have an index."""
+
+    shapes: list[Any] = field(default_factory=list)
+    names: list[tuple[Any, str]] = field(default_factory=list)
+    colours: list[tuple[Any, str]] = field(default_factory=list)
+    in_order: list[tuple[str, str]] = field(default_factory=list)
+
+
+def read(path: Path) -> StepBody:
+    """Read a STEP file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, holds no closed solid, or several that cannot be taken as one.
+    """
+    try:
+        stat = path.stat()
+    except OSError as error:
+        raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
+    return _read(path.resolve(), stat.st_mtime_ns, stat.st_size)
+
+
+@lru_cache(maxsize=8)
+def _read(path: Path, _changed: int, _size: int) -> StepBody:
+    labels, unit = _document(path)
+    notes = [] if unit else ["The file states no unit of length; millimetres are assumed."]
+    solid, further = _one_solid(labels.shapes, path)
+    solid, healed = _valid(solid, path)
+    faces = solid.Faces()
+    names = _by_index(faces, labels.names)
+    names = _with_order(names, faces, labels.in_order) | names
+    return StepBody(solid, names, _by_index(faces, labels.colours), unit, (*notes, *further, *healed))
+
+
+def _with_order(names: Mapping[int, str], faces: Sequence[Any], told: Sequence[tuple[str, str]]) -> dict[int, str]:
+    """Return names by the order of faces in the file, if it is that of the solid's; none if a name or kind differs."""
+    kinds = [face.geomType() for face in faces]
+    same = len(told) == len(faces) and all(
+        kind == known or (kind == "" and known not in ("PLANE", "CYLINDER"))
+        for (_, kind), known in zip(told, kinds, strict=True)
+    )
+    if not same or any(told[index][0] != name for index, name in names.items()):
+        return {}
+    return {index: name for index, (name, _) in enumerate(told) if name not in NO_NAMES}
+
+
+# --- the document -----------------------------------------------------------------------------------------------
+
+
+def _document(path: Path) -> tuple[_Labels, str]:
+    from OCP.IFSelect import IFSelect_RetDone
+    from OCP.Interface import Interface_Static
+    from OCP.STEPCAFControl import STEPCAFControl_Reader
+    from OCP.TCollection import TCollection_ExtendedString
+    from OCP.TColStd import TColStd_SequenceOfAsciiString
+    from OCP.TDocStd import TDocStd_Document
+
+    reader = STEPCAFControl_Reader()
+    reader.SetColorMode(True)
+    reader.SetNameMode(True)
+    Interface_Static.SetIVal_s("read.stepcaf.subshapes.name", 1)
+    Interface_Static.SetCVal_s("xstep.cascade.unit", "MM")
+    if reader.ReadFile(str(path)) != IFSelect_RetDone:
+        raise InputError(path, "", None, "is no STEP file that can be read; export it anew, as AP214 or AP242")
+    lengths, angles, solid_angles = (TColStd_SequenceOfAsciiString() for _ in range(3))
+    reader.ChangeReader().FileUnits(lengths, angles, solid_angles)
+    unit = lengths.Value(1).ToCString() if lengths.Length() else ""
+    document = TDocStd_Document(TCollection_ExtendedString("XmXCAF"))
+    if not reader.Transfer(document):
+        raise InputError(path, "", None, "holds no shape that can be read; export the part as a solid body")
+    labels = _labels(document)
+    labels.in_order = _in_order(reader)
+    return labels, unit
+
+
+def _in_order(reader: Any) -> list[tuple[str, str]]:
+    """Return name and kind of surface of each face of the file's only solid, in its order; empty if there are several.
+
+    The document forgets the names of faces inside cavities; their order stays.
+    """
+    from OCP.StepShape import StepShape_BrepWithVoids, StepShape_ManifoldSolidBrep
+
+    model = reader.ChangeReader().StepModel()
+    entities = [model.Value(number) for number in range(1, model.NbEntities() + 1)]
+    solids = [entity for entity in entities if isinstance(entity, StepShape_ManifoldSolidBrep)]
+    if len(solids) != 1:
+        return []
+    (solid,) = solids
+    shells = [solid.Outer()]
+    if isinstance(solid, StepShape_BrepWithVoids):
+        shells += [solid.VoidsValue(i + 1).ClosedShellElement() for i in range(solid.NbVoids())]
+    listed = [shell.CfsFacesValue(i + 1) for shell in shells for i in range(shell.NbCfsFaces())]
+    kinds = {"StepGeom_Plane": "PLANE", "StepGeom_CylindricalSurface": "CYLINDER"}
+    return [
+        (
+            face.Name().ToCString().strip() if face.Name() is not None else "",
+            kinds.get(face.FaceGeometry().DynamicType().Name(), ""),
+        )
+        for face in listed
+    ]
+
+
+def _labels(document: Any) -> _Labels:
+    from OCP.TDF import TDF_LabelSequence
+    from OCP.XCAFDoc import XCAFDoc_DocumentTool
+
+    tool = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
+    found, free = _Labels(), TDF_LabelSequence()
+    tool.GetFreeShapes(free)
+    for label in free:
+        found.shapes.append(_cast(tool.GetShape_s(label)))
+        _collect(tool, label, None, found, document)
+    return found
+
+
+def _collect(tool: Any, label: Any, place: Any, found: _Labels, document: Any) -> None:
+    """Go down from a label to its parts, and note what is said of their faces where they stand."""
+    from OCP.TDF import TDF_Label, TDF_LabelSequence
+    from OCP.TopLoc import TopLoc_Location
+    from OCP.XCAFDoc import XCAFDoc_DocumentTool
+
+    place = place or TopLoc_Location()
+    if tool.IsReference_s(label):
+        own, referred = tool.GetLocation_s(label), TDF_Label()
+        tool.GetReferredShape_s(label, referred)
+        place, label = place.Multiplied(own), referred
+    parts = TDF_LabelSequence()
+    tool.GetComponents_s(label, parts)
+    for part in parts:
+        _collect(tool, part, place, found, document)
+    if parts.Length():
+        return
+    colours = XCAFDoc_DocumentTool.ColorTool_s(document.Main())
+    below = TDF_LabelSequence()
+    tool.GetSubShapes_s(label, below)
+    for child in below:
+        shape = tool.GetShape_s(child)
+        for face in _faces(shape.Moved(place) if not place.IsIdentity() else shape):
+            if (name := _name(child)) not in NO_NAMES and face.wrapped.ShapeType() == shape.ShapeType():
+                found.names.append((face, name))
+            if colour := _colour(colours, child):
+                found.colours.append((face, colour))
+
+
+def _faces(shape: Any) -> list[Any]:
+    return list(_cast(shape).Faces())
+
+
+def _cast(shape: Any) -> Any:
+    import cadquery as cq
+
+    return cq.Shape.cast(shape)
+
+
+def _name(label: Any) -> str:
+    from OCP.TDataStd import TDataStd_Name
+
+    attribute = TDataStd_Name()
+    if not label.IsAttribute(TDataStd_Name.GetID_s()):
+        return ""
+    label.FindAttribute(TDataStd_Name.GetID_s(), attribute)
+    return str(attribute.Get().ToExtString()).strip()
+
+
+def _colour(tool: Any, label: Any) -> str:
+    from OCP.Quantity import Quantity_ColorRGBA, Quantity_TOC_sRGB
+    from OCP.XCAFDoc import XCAFDoc_ColorGen, XCAFDoc_ColorSurf
+
+    colour = Quantity_ColorRGBA()
+    for kind in (XCAFDoc_ColorSurf, XCAFDoc_ColorGen):
+        if tool.GetColor_s(label, kind, colour):
+            return "#" + "".join(f"{round(255 * part):02x}" for part in colour.GetRGB().Values(Quantity_TOC_sRGB))
+    return ""
+
+
+# --- one closed solid -------------------------------------------------------------------------------------------
+
+
+def _one_solid(shapes: Sequence[Any], path: Path) -> tuple[Any, list[str]]:
+    """Return the solid of a file; bodies that touch are bonded, shells that close are filled."""
+    solids = [solid for shape in shapes for solid in shape.Solids()]
+    if len(solids) == 1:
+        return solids[0], []
+    if solids:
+        return _bonded(solids, path), [f"The file holds {len(solids)} solids that touch; they are bonded to one."]
+    shells = [shell for shape in shapes for shell in shape.Shells()]
+    faces = [face for shape in shapes for face in shape.Faces()]
+    if not faces:
+        raise InputError(path, "", None, "holds no faces; export the part as a solid body")
+    solid, gap = _sewn(faces)
+    if solid is None:
+        remedy = (
+            f"holds no solid, but {len(shells) or len(faces)} open shell{'s' * (len(shells) > 1)} with {gap} free "
+            "edges; close the surface in the CAD program, and export a solid body"
+        )
+        raise InputError(path, "", None, remedy)
+    return solid, [f"The file holds {len(faces)} faces and no solid; sewn together they close, and are filled."]
+
+
+def _sewn(faces: Sequence[Any]) -> tuple[Any, int]:
+    """Sew faces to a closed shell and fill it; None, and how many edges are free, where it does not close."""
+    import cadquery as cq
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_Sewing
+
+    sewing = BRepBuilderAPI_Sewing(1e-4)
+    for face in faces:
+        sewing.Add(face.wrapped)
+    sewing.Perform()
+    shells = cq.Shape.cast(sewing.SewedShape()).Shells()
+    if sewing.NbFreeEdges() or len(shells) != 1:
+        return None, sewing.NbFreeEdges()
+    return cq.Solid.makeSolid(shells[0]).fix(), 0
+
+
+def _bonded(solids: Sequence[Any], path: Path) -> Any:
+    """Fuse solids that touch.
+
+    Raises
+    ------
+    InputError
+        If two overlap, or one touches no other.
+    """
+    for first, second in _pairs(len(solids)):
+        common = solids[first].intersect(solids[second])
+        shared = sum(solid.Volume() for solid in common.Solids())
+        if shared > OVERLAP * min(solids[first].Volume(), solids[second].Volume()):
+            remedy = (
+                f"solids {first + 1} and {second + 1} of {len(solids)} overlap by {shared:.3g} mm^3; "
+                "cut one from the other in the CAD program"
+            )
+            raise InputError(path, "", None, remedy)
+    fused = solids[0].fuse(*solids[1:])
+    if len(fused.Solids()) == 1:
+        return fused.Solids()[0]
+    gaps = [
+        (min(solid.distance(other) for j, other in enumerate(solids) if j != i), i) for i, solid in enumerate(solids)
+    ]
+    widest, lonely = max(gaps)
+    why = f"solid {lonely + 1} is {widest:.3g} mm away from the others" if widest > 0 else "they meet in no face"
+    remedy = f"holds {len(solids)} solids that cannot be bonded: {why}; export one body, or let them touch in faces"
+    raise InputError(path, "", None, remedy)
+
+
+def _pairs(count: int) -> Iterator[tuple[int, int]]:
+    return ((i, j) for i in range(count) for j in range(i + 1, count))
+
+
+def _valid(solid: Any, path: Path) -> tuple[Any, list[str]]:
+    """Return a solid without errors, healed where it has some, and what was done.
+
+    Raises
+    ------
+    InputError
+        If its boundary stays open, or crosses itself.
+    """
+    notes = []
+    if not solid.isValid():
+        fixed = solid.fix()
+        healed = fixed.Solids()[0] if len(fixed.Solids()) == 1 else fixed
+        if not healed.isValid() or not healed.Solids():
+            remedy = "the solid is not valid, and healing fails: its boundary is open or crosses itself; repair it"
+            raise InputError(path, "", None, f"{remedy} in the CAD program")
+        change = healed.Volume() / solid.Volume() - 1 if solid.Volume() else 0.0
+        notes.append(f"The solid was not valid and was healed; its volume changed by {100 * change:.2g} %.")
+        solid = healed
+    if solid.Volume() < 0:
+        solid = _cast(solid.wrapped.Reversed())
+        notes.append("The solid was inside out and was turned.")
+    if not all(shell.Closed() for shell in solid.Shells()):
+        raise InputError(path, "", None, "the solid's shell is open; close the surface in the CAD program")
+    if solid.Volume() <= 0:
+        raise InputError(path, "", None, "the solid has no volume; export the part as a solid body")
+    if pair := _crossing(solid):
+        remedy = f"the solid's boundary crosses itself ({pair}); repair it in the CAD program"
+        raise InputError(path, "", None, remedy)
+    return solid, notes
+
+
+def _crossing(solid: Any) -> str:
+    """Say which faces cross; empty if none do."""
+    from OCP.BOPAlgo import BOPAlgo_ArgumentAnalyzer, BOPAlgo_CheckStatus
+
+    analyzer = BOPAlgo_ArgumentAnalyzer()
+    analyzer.SetShape1(solid.wrapped)
+    analyzer.ArgumentTypeMode = False
+    analyzer.SelfInterMode = True
+    analyzer.SmallEdgeMode = False
+    analyzer.Perform()
+    faces = solid.Faces()
+    for result in analyzer.GetCheckResult():
+        if result.GetCheckStatus() != BOPAlgo_CheckStatus.BOPAlgo_SelfIntersect:
+            continue
+        shapes = [_cast(shape) for shape in (*result.GetFaultyShapes1(), *result.GetFaultyShapes2())]
+        found = sorted({i for shape in shapes for i, face in enumerate(faces) if face.isSame(shape)})
+        return f"faces {' and '.join(f'{i + 1}' for i in found)}" if found else "at an edge"
+    return ""
+
+
+def _by_index(faces: Sequence[Any], told: Sequence[tuple[Any, str]]) -> dict[int, str]:
+    """Return what is told of faces by their index; of healed or bonded ones by their centre and area."""
+    found: dict[int, str] = {}
+    for face, text in told:
+        same = [i for i, each in enumerate(faces) if each.isSame(face)]
+        same = same or [i for i, each in enumerate(faces) if _alike(each, face)]
+        if same:
+            found[same[0]] = text
+    return found
+
+
+def _alike(one: Any, other: Any) -> bool:
+    area = one.Area()
+    near = (one.Center() - other.Center()).Length < ALIKE * area**0.5
+    return bool(near and abs(other.Area() / area - 1) < ALIKE)

@@ -1,0 +1,233 @@
+"""A part read from a STEP file: the design says which of its faces are ports, and finite elements do the rest.
+
+No formulas are known of it, no members and no symmetry; the mesh is graded towards what is thin on the solid.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import BeforeValidator
+
+from flexdesign.core.errors import InputError, suggest
+from flexdesign.core.model import Linkage, Parameter, Quantity
+from flexdesign.core.model.linkage import Vector
+from flexdesign.core.toml_files import Bounds, Table, as_written, check, is_file
+from flexdesign.design import faces, step_file
+from flexdesign.design.faces import MM, Query, SolidFace
+from flexdesign.design.materials import Material
+from flexdesign.design.part import Axis, Port, Role, SymmetryPlane
+
+ENDINGS = (".step", ".stp")
+ROLES: tuple[Role, ...] = ("input", "output", "ground")
+_PLACE = Bounds("m", -10.0, 10.0)
+
+
+def _vector(given: object, read: Any, example: str) -> Vector:
+    if not isinstance(given, (list, tuple)) or len(given) != 3:
+        raise ValueError(f"expected three numbers, such as {example}")
+    x, y, z = (read(number) for number in given)
+    return x, y, z
+
+
+def _place(given: object) -> Vector:
+    return _vector(given, _PLACE.read, '["0 mm", "20 mm", "5 mm"]')
+
+
+def _direction(given: object) -> Vector:
+    vector = np.array(_vector(given, float, "[0, 0, 1]"))
+    length = float(np.linalg.norm(vector))
+    if not length > 0 or not math.isfinite(length):
+        raise ValueError("a normal must have a length")
+    x, y, z = (vector / length).tolist()
+    return x, y, z
+
+
+def _names(given: object) -> tuple[str, ...]:
+    named = [given] if isinstance(given, str) else given
+    if not isinstance(named, list) or not named or not all(isinstance(name, str) and name for name in named):
+        raise ValueError('expected the name of a face, or a list of names, such as "top"')
+    return tuple(named)
+
+
+class PortTable(Table):
+    """Which faces are a port, and how it is held or driven.
+
+    Faces are found by `face`, a name or several that the file gives; by `colour`, as #rrggbb; by `plane`, such as
+    ``z = max``; or by a `point` near them and their outward `normal`, which a name may have besides, should it get
+    lost. With `interface` ``rigid`` the faces move as one body, as a bolted flange does; ``traction`` leaves them free
+    to deform. Motions and moments are those about the point `about`, the middle of the faces where nothing is said.
+    """
+
+    role: Literal["input", "output", "ground"] | None = None
+    face: Annotated[tuple[str, ...], BeforeValidator(_names)] = ()
+    colour: str = ""
+    plane: str = ""
+    point: Annotated[Vector, BeforeValidator(_place), _PLACE] | None = None
+    normal: Annotated[Vector, BeforeValidator(_direction)] | None = None
+    interface: Literal["traction", "rigid"] = "traction"
+    about: Annotated[Vector, BeforeValidator(_place), _PLACE] | None = None
+
+    @property
+    def query(self) -> Query:
+        """What is looked for."""
+        return Query(self.face, self.colour, self.plane, self.point, self.normal)
+
+
+class StepPart:
+    """A part of a STEP file; `load` makes a class of it for the ports of one design."""
+
+    dimensions: ClassVar[tuple[Parameter, ...]] = ()
+    source_file: ClassVar[Path]
+    design_file: ClassVar[Path]
+    port_tables: ClassVar[Mapping[str, PortTable]]
+    _ports: ClassVar[tuple[Port, ...] | None] = None
+
+    @classmethod
+    def body(cls) -> step_file.StepBody:
+        """Return the solid with what its file says of it."""
+        return step_file.read(cls.source_file)
+
+    def notes(self) -> tuple[str, ...]:
+        """Return what was done to the solid when it was read, and in which unit its file is."""
+        body = self.body()
+        unit = f"Lengths in the file are in {body.unit.lower()}." if body.unit else ""
+        return tuple(note for note in (unit, *body.notes) if note)
+
+    def solid(self) -> Any:
+        """Return the closed solid [mm]."""
+        return self.body().solid
+
+    def faces(self) -> tuple[SolidFace, ...]:
+        """Return the faces of the solid."""
+        return listed(self.body())
+
+    def ports(self) -> tuple[Port, ...]:
+        """Return the ports, each with its faces."""
+        cls = type(self)
+        if cls._ports is None:
+            size = self.solid().BoundingBox().DiagonalLength * MM
+            found = [_port(name, table, self.faces(), size, cls.design_file) for name, table in cls.port_tables.items()]
+            _require_apart(found, cls.design_file)
+            cls._ports = tuple(found)
+        return cls._ports
+
+    def linkage(self) -> Linkage:
+        """Return no members: nobody named any."""
+        return Linkage({}, ())
+
+    def symmetry(self) -> tuple[SymmetryPlane, ...]:
+        """Return no planes: nobody named any."""
+        return ()
+
+    def prismatic(self) -> Axis | None:
+        """Return None: whether it is an extrusion, nobody said."""
+        return None
+
+    def formulas(
+        self, material: Material, actuator_stiffness: float | None, output_load: float | None
+    ) -> Mapping[str, list[Quantity]]:
+        """Return no formulas."""
+        return {}
+
+    def formula_shares(self, material: Material) -> Mapping[str, Mapping[str, float]]:
+        """Return no pieces of formulas."""
+        return {}
+
+    def intermediates(self, material: Material, force: float) -> Mapping[str, Quantity]:
+        """Return nothing."""
+        return {}
+
+
+def is_step(name: str) -> bool:
+    """Tell whether a design's `part` is a STEP file."""
+    return name.lower().endswith(ENDINGS)
+
+
+def listed(body: step_file.StepBody) -> tuple[SolidFace, ...]:
+    """Return the faces of a body."""
+    return faces.of_solid(body.solid, body.names, body.colours)
+
+
+def load(name: str, tables: Mapping[str, Any], design_file: Path) -> type[StepPart]:
+    """Return the class of a part: the STEP file `name` beside the design, with the ports of the design.
+
+    Raises
+    ------
+    InputError
+        If the file or a port cannot be used.
+    """
+    path = design_file.parent / name
+    if not is_file(path):
+        known = sorted(p.name for p in design_file.parent.glob("*") if is_step(p.name))
+        raise InputError(design_file, "part", name, f"no such file beside the design{suggest(name, known)}")
+    checked = {}
+    for port, table in tables.items():
+        checked[port] = check(PortTable, table, design_file, f"ports.{port}") if table else PortTable()
+        _require_role(port, checked[port], design_file)
+    roles = [_role(port, table) for port, table in checked.items()]
+    if "ground" not in roles:
+        remedy = (
+            'the body is held nowhere; name the faces that are, such as [ports.ground] with plane = "z = min" '
+            f"(`flexdesign ports {name}` lists the faces)"
+        )
+        raise InputError(design_file, "ports", ", ".join(checked) or None, remedy)
+    if roles.count("output") != 1:
+        remedy = "exactly one port must have the role output: the faces whose motion is sought"
+        raise InputError(design_file, "ports", ", ".join(checked), remedy)
+    digest = hashlib.sha256(repr((str(path.resolve()), design_file, checked)).encode()).hexdigest()[:8]
+    title = "".join(word.capitalize() for word in re.split(r"\W+|_", path.stem) if word) or "Step"
+    content = {"source_file": path, "design_file": design_file, "port_tables": checked, "_ports": None}
+    cls: type[StepPart] = type(title, (StepPart,), content | {"digest": digest})
+    return cls
+
+
+def _role(port: str, table: PortTable) -> Role | None:
+    """Return the role of a port; where it is not stated, the one its name begins with."""
+    return table.role or next((role for role in ROLES if port.startswith(role)), None)
+
+
+def _require_role(port: str, table: PortTable, file: Path) -> None:
+    if _role(port, table) is None:
+        remedy = 'is missing; write role = "ground", "input" or "output", or let the port\'s name begin with it'
+        raise InputError(file, f"ports.{port}.role", None, remedy)
+    ways = [key for key in ("face", "colour", "plane") if getattr(table, key)]
+    if len(ways) > 1:
+        raise InputError(file, f"ports.{port}", " and ".join(ways), "name the faces in one way only")
+    if not ways and (table.point is None or table.normal is None):
+        remedy = 'names no face; give face = "name", colour = "#rrggbb", plane = "z = max", or point and normal'
+        raise InputError(file, f"ports.{port}", None, remedy)
+
+
+def _port(name: str, table: PortTable, found: tuple[SolidFace, ...], size: float, file: Path) -> Port:
+    way = next((key for key in ("face", "colour", "plane") if getattr(table, key)), "point")
+    chosen = faces.find(table.query, found, (file, f"ports.{name}.{way}"), size)
+    areas = np.array([face.area for face in chosen])
+    middle = tuple((areas @ np.array([face.centroid for face in chosen]) / areas.sum()).tolist())
+    role = _role(name, table)
+    assert role is not None
+    return Port(
+        name,
+        role,
+        table.about or middle,
+        chosen[0].normal,
+        faces=tuple(face.index for face in chosen),
+        rigid=table.interface == "rigid",
+    )
+
+
+def _require_apart(ports: list[Port], file: Path) -> None:
+    """Raise InputError if two ports have a face in common."""
+    owner: dict[int, str] = {}
+    for port in ports:
+        for face in port.faces:
+            if face in owner:
+                remedy = f"has face {face + 1} in common with {owner[face]}; a face belongs to one port"
+                raise InputError(file, f"ports.{port.name}", as_written(port.name), remedy)
+            owner[face] = port.name

@@ -1,0 +1,137 @@
+"""Even triangles on planes and cylinders: the kernel's needles, which reach across a face, made anew.
+
+Both surfaces can be laid flat without stretching. There the kernel's boundary is cut into pieces, points of a
+triangular lattice are put between, and Delaunay's triangulation joins them. Neighbours need not share points: the wild
+mesher takes faces as they come, and points on straight edges are cut alike.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.path import Path
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay, cKDTree
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+#: What the area of the new triangles may differ by from that of the kernel's, relative.
+AREA = 1e-3
+
+
+def triangles_of(face: Any, chord: float, longest: float) -> tuple[FloatArray, IntArray] | None:
+    """Return points (n, 3) and triangles (m, 3) of a plane or cylindrical face, all in the kernel's unit.
+
+    Parameters
+    ----------
+    face
+        CadQuery face.
+    chord
+        How far the boundary's polygon may stray from curved edges.
+    longest
+        Distance of the lattice's points.
+
+    Returns
+    -------
+    tuple or None
+        None where the face is neither, or what comes out does not cover it.
+    """
+    from OCP.BRep import BRep_Tool
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.TopLoc import TopLoc_Location
+
+    kind = face.geomType()
+    if kind not in ("PLANE", "CYLINDER"):
+        return None
+    face.tessellate(chord, 0.35)
+    place = TopLoc_Location()
+    known = BRep_Tool.Triangulation_s(face.wrapped, place)
+    if known is None or not known.HasUVNodes():
+        return None
+    surface = BRepAdaptor_Surface(face.wrapped)
+    scale = np.array([surface.Cylinder().Radius() if kind == "CYLINDER" else 1.0, 1.0])
+    flat = np.array([(p.X(), p.Y()) for p in (known.UVNode(i + 1) for i in range(known.NbNodes()))]) * scale
+    corners = np.array([known.Triangle(i + 1).Get() for i in range(known.NbTriangles())]) - 1
+    made = _made(flat, corners, longest)
+    if made is None:
+        return None
+    points, triangles = made
+    lifted = [surface.Value(u, v) for u, v in (points / scale).tolist()]
+    if (face.wrapped.Orientation().name == "TopAbs_REVERSED") != _left_handed(surface, kind):
+        triangles = triangles[:, [0, 2, 1]]
+    return np.array([(p.X(), p.Y(), p.Z()) for p in lifted]), triangles
+
+
+def _left_handed(surface: Any, kind: str) -> bool:
+    """Tell whether the surface's normal is against du x dv of its axes."""
+    axes = (surface.Plane() if kind == "PLANE" else surface.Cylinder()).Position()
+    return not axes.Direct()
+
+
+def _made(flat: FloatArray, corners: IntArray, longest: float) -> tuple[FloatArray, IntArray] | None:
+    edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    each, count = np.unique(edges, axis=0, return_counts=True)
+    rim = each[count == 1]
+    pieces = [_cut(flat[a], flat[b], longest) for a, b in rim.tolist()]
+    boundary = np.unique(np.round(np.vstack(pieces), 12), axis=0)
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    if np.prod((high - low) / longest) > 2e5:
+        return None
+    x, y = np.arange(low[0], high[0], longest), np.arange(low[1], high[1], longest * np.sqrt(0.75))
+    lattice = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    lattice[:, 1::2, 0] += longest / 2
+    inner = lattice.reshape(-1, 2)
+    away, _ = cKDTree(boundary).query(inner)
+    inner = inner[away > 0.6 * longest]
+    loops = _loops(rim)
+    inner = inner[_within(inner, flat, loops)] if len(inner) else inner
+    points = np.vstack([boundary, inner])
+    if len(points) < 3:
+        return None
+    triangles = Delaunay(points).simplices.astype(np.int64)
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    area = ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
+    kept = _within((a + b + c) / 3, flat, loops) & (np.abs(area) > 1e-9 * longest**2)
+    triangles, area = triangles[kept], area[kept]
+    triangles[area < 0] = triangles[area < 0][:, [0, 2, 1]]
+    one, other = flat[corners[:, 1]] - flat[corners[:, 0]], flat[corners[:, 2]] - flat[corners[:, 0]]
+    whole = np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]).sum() / 2
+    if abs(np.abs(area).sum() / whole - 1) > AREA:
+        return None
+    return points, triangles
+
+
+def _cut(a: FloatArray, b: FloatArray, longest: float) -> FloatArray:
+    count = max(int(np.ceil(np.linalg.norm(b - a) / longest)), 1)
+    return np.asarray(a + np.linspace(0.0, 1.0, count + 1)[:, None] * (b - a))
+
+
+def _loops(rim: IntArray) -> list[list[int]]:
+    """Return closed loops of vertices from edges (k, 2)."""
+    beside: dict[int, list[int]] = {}
+    for a, b in rim.tolist():
+        beside.setdefault(a, []).append(b)
+        beside.setdefault(b, []).append(a)
+    left, loops = {tuple(edge) for edge in rim.tolist()}, []
+    while left:
+        first, here = min(left)
+        left.discard((first, here))
+        loop = [first, here]
+        while here != first:
+            following = next((n for n in beside[here] if (min(here, n), max(here, n)) in left), None)
+            if following is None:
+                break
+            left.discard((min(here, following), max(here, following)))
+            here = following
+            loop.append(here)
+        loops.append(loop)
+    return loops
+
+
+def _within(places: FloatArray, flat: FloatArray, loops: list[list[int]]) -> NDArray[np.bool_]:
+    inside = np.zeros(len(places), dtype=bool)
+    for loop in loops:
+        inside ^= Path(flat[loop]).contains_points(places)
+    return inside

@@ -1,0 +1,285 @@
+"""Meshes of a solid that nobody described: elements as small as the solid is thin, where it is thin.
+
+The target edge length grows from every place x_i on the surface, with the thickness t_i there, and from the re-entrant
+edges beside what is thin,
+
+    h(x) = min(h_max, min over i of a_i t_i + g |x - x_i|).
+
+Between planes a leaf bends as a plate, and its elements may be nearly as long as it is thick; at its re-entrant edges,
+and where one side is curved, so that the thickness has a minimum, they are finer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay, cKDTree
+
+from flexdesign.core.model import Member
+from flexdesign.fem import convergence
+from flexdesign.fem.convergence import MeshNoise
+from flexdesign.fem.meshing.domain import Domain
+from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, signed_volumes, tetrahedralize
+from flexdesign.fem.meshing.resolution_gate import HingeCheck
+from flexdesign.fem.meshing.thin_regions import Rays, ThinRegions
+
+FloatArray = NDArray[np.float64]
+
+#: Edges in local thicknesses on the finest mesh, for `at_root` = 0.3: at re-entrant edges, at curved necks, between
+#: planes; and the largest chord error at curved necks in thicknesses, for every mesh: the gate allows no more.
+AT_ROOT = 0.3
+SHARES = {"root": 0.3, "neck": 0.25, "plate": 0.7}
+CHORD = 1.5e-3
+#: Growth of the edge length per distance, and the largest edge in diagonals of the solid.
+GROWTH, LARGEST = 0.45, 0.08
+#: Largest relative deviation of a hinge's thickness: place by place, and of the whole hinge in bending.
+PLACE_LIMIT, BENDING_LIMIT = 1e-2, 5e-3
+#: Places at which a hinge is measured on a mesh, and elements across it at least.
+MEASURED, LEAST_ACROSS = 400, 2.0
+#: So often the mesher improves its mesh; later passes split and join the same elements in turn.
+PASSES = 25
+
+
+@dataclass(frozen=True)
+class ThicknessField:
+    """The target edge length, as the mesher asks for it.
+
+    Parameters
+    ----------
+    places, sizes
+        Where it is known, shape (n, 3) [m], and the edge length there, shape (n,) [m].
+    growth, largest
+        g [1] and h_max [m] of the module's formula.
+    """
+
+    places: FloatArray
+    sizes: FloatArray
+    growth: float
+    largest: float
+
+    @cached_property
+    def _octaves(self) -> list[tuple[cKDTree, FloatArray]]:
+        """Places sorted by edge length in thirds of octaves: within one the nearest place decides."""
+        level = np.round(3 * np.log2(self.sizes / self.sizes.min()))
+        return [(cKDTree(self.places[level == one]), self.sizes[level == one]) for one in np.unique(level)]
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Return the target edge length [m] at points of shape (n, 3)."""
+        size = np.full(len(points), self.largest)
+        for tree, sizes in self._octaves:
+            reach = max((self.largest - sizes.min()) / self.growth, 0.0) + 1e-12
+            away, nearest = tree.query(points, distance_upper_bound=reach)
+            near = np.isfinite(away)
+            size[near] = np.minimum(size[near], sizes[nearest[near]] + self.growth * away[near])
+        return size
+
+    @property
+    def finest(self) -> float:
+        """The smallest edge length asked for [m]."""
+        return float(self.sizes.min())
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What the field depends on, for the cache."""
+        return (self.places, self.sizes, self.growth, self.largest)
+
+    def background(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, NDArray[np.int32], FloatArray]:
+        """Return points (n, 3), tetrahedra (m, 4) and edge lengths (n,) of a mesh that covers the box low..high."""
+        margin = 0.1 * (high - low).max()
+        axes = [
+            np.linspace(a - margin, b + margin, max(int((b - a) / self.largest), 4))
+            for a, b in zip(low, high, strict=True)
+        ]
+        lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        cloud, rng = [lattice, self.places], np.random.default_rng(0)
+        radius = self.finest
+        around = self.places
+        while radius < self.largest / self.growth:  # shells about the places, ever wider and sparser
+            around = _sparse(around, radius)
+            ways = rng.standard_normal((len(around), 6, 3))
+            ways /= np.linalg.norm(ways, axis=2, keepdims=True)
+            cloud.append((around[:, None, :] + radius * ways).reshape(-1, 3))
+            radius *= 2.0
+        points = np.vstack(cloud)
+        points = points[np.all((points >= low - margin) & (points <= high + margin), axis=1)]
+        points = self._thinned(points)
+        points = points + 1e-3 * self.finest * rng.standard_normal(points.shape)  # cospherical points stall Delaunay
+        corners = np.array(np.meshgrid(*zip(low - margin, high + margin, strict=True))).reshape(3, -1).T
+        points = np.vstack([points, corners])
+        tets = Delaunay(points).simplices.astype(np.int32)
+        return points, tets, self(points)
+
+    def _thinned(self, points: FloatArray) -> FloatArray:
+        """Keep one point in each cell of a lattice about as wide as the edge length there, in powers of two."""
+        level = np.round(np.log2(self(points) / self.finest))
+        cell = np.floor(points / (self.finest * 2.0**level)[:, None])
+        _, first = np.unique(np.column_stack([level, cell]), axis=0, return_index=True)
+        return np.asarray(points[np.sort(first)])
+
+
+def _sparse(points: FloatArray, spacing: float) -> FloatArray:
+    _, first = np.unique(np.floor(points / spacing), axis=0, return_index=True)
+    return np.asarray(points[np.sort(first)])
+
+
+@dataclass(frozen=True)
+class LocalThickness:
+    """Isotropic tetrahedra graded by the solid's own thickness.
+
+    Parameters
+    ----------
+    domain
+        What is meshed; it knows where it is thin.
+    at_root, growth, largest
+        As for other methods; `at_root` scales all edges, in thicknesses.
+    envelope
+        How far the mesher may move the surface, in thicknesses of the thinnest place.
+    """
+
+    domain: Domain
+    at_root: float
+    growth: float
+    largest: float | None
+    envelope: float
+
+    name: ClassVar[str] = "wild"
+    scatter: ClassVar[MeshNoise] = convergence.SCATTER
+    tries: ClassVar[int] = 2
+
+    @property
+    def thin(self) -> ThinRegions:
+        """Where the domain is thin."""
+        if self.domain.thin is None:
+            raise MeshError("nobody looked where the solid is thin")
+        return self.domain.thin
+
+    def question(self, coarseness: float) -> tuple[object, ...]:
+        """Return what the mesh depends on besides the domain, for the cache."""
+        return (self.name, *self.sizing(coarseness).key, self._envelope)
+
+    def mesh(self, coarseness: float) -> TaggedMesh:
+        """Return the mesh, 1 being the finest; raise MeshError if there is none to be had."""
+        return tetrahedralize(self.domain, self.sizing(coarseness), self._envelope, PASSES)
+
+    def require_room(self, coarseness: float) -> None:
+        """Let every mesh pass: how many tetrahedra the thin regions need is known only when they are meshed."""
+
+    def finest_edge(self, coarseness: float) -> float:
+        """Return the shortest edge length asked for [m]."""
+        return self.sizing(coarseness).finest
+
+    def size(self, mesh: TaggedMesh, coarseness: float) -> float:
+        """Return the mean edge length near the thinnest places [m]: the mesher follows what is asked loosely."""
+        middles = self._thinnest_middles()
+        pairs = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+        edges = np.unique(np.sort(mesh.tets[:, pairs].reshape(-1, 2), axis=1), axis=0)
+        ends = mesh.points[edges]
+        away, _ = cKDTree(middles).query(ends.mean(axis=1), distance_upper_bound=self.thin.thinnest)
+        near = ends[np.isfinite(away)]
+        return float(np.linalg.norm(near[:, 0] - near[:, 1], axis=1).mean())
+
+    def sizing(self, coarseness: float) -> ThicknessField:
+        """Return the target edge length."""
+        thin, factor = self.thin, self.at_root / AT_ROOT * coarseness
+        largest = (self.largest or LARGEST * self._diagonal) * coarseness
+        share = np.where(np.isfinite(thin.curved), SHARES["neck"], SHARES["plate"])
+        chord = np.sqrt(8 * thin.curved * CHORD * thin.thickness)
+        curved = np.isfinite(thin.curved) & (thin.curved > thin.thickness / 2)
+        sizes = np.where(
+            curved, np.minimum(share * factor * thin.thickness, chord), SHARES["plate"] * factor * thin.thickness
+        )
+        places = np.vstack([thin.points, thin.points + thin.inward * thin.thickness[:, None] / 2, thin.roots])
+        wanted = np.concatenate([sizes, sizes, SHARES["root"] * factor * thin.at_roots])
+        fine = wanted < largest
+        if not fine.any():
+            fine[np.argmin(wanted)] = True
+        kept = _thinned(places[fine], np.minimum(wanted[fine], largest))
+        return ThicknessField(
+            places[fine][kept], np.minimum(wanted[fine], largest)[kept], self.growth * coarseness, largest
+        )
+
+    def check(self, mesh: TaggedMesh) -> list[HingeCheck]:
+        """Measure every hinge that was found, on the mesh, by the rays that found it.
+
+        Raises
+        ------
+        MeshError
+            If one is off by more than its limit, missing, or not resolved.
+        """
+        thin = self.thin
+        rays = Rays(mesh.points, mesh.facets)
+        checks = [self._measured(mesh, rays, *each) for each in zip(thin.hinges, thin.chosen, strict=True)]
+        for found in checks:
+            name, thickness = found.hinge.name, found.hinge.thickness * 1e3
+            if np.isnan(found.deviation):
+                raise MeshError(f"{name} is missing in the mesh; reduce mesh.envelope")
+            if found.deviation > found.limit or abs(found.bending) > BENDING_LIMIT:
+                off = max(found.deviation, abs(found.bending))
+                raise MeshError(
+                    f"{name} is off its {thickness:.3g} mm by {100 * off:.2g} % (limit {100 * found.limit:g} % at a "
+                    f"place, {100 * BENDING_LIMIT:g} % in bending); reduce mesh.at_root or mesh.envelope"
+                )
+            if found.across < LEAST_ACROSS:
+                raise MeshError(
+                    f"{name} of {thickness:.3g} mm has {found.across:.2g} elements across its curved neck, "
+                    f"{LEAST_ACROSS:g} at least are needed; reduce mesh.at_root"
+                )
+        return checks
+
+    def _measured(self, mesh: TaggedMesh, rays: Rays, hinge: Member, chosen: NDArray[np.int64]) -> HingeCheck:
+        thin = self.thin
+        some = chosen[:: max(len(chosen) // MEASURED, 1)]
+        drawn, inward = thin.thickness[some], thin.inward[some]
+        middle = thin.points[some] + inward * drawn[:, None] / 2
+        forth, _ = rays.first(middle, inward)
+        back, _ = rays.first(middle, -inward)
+        seen = forth + back
+        seen = np.where(seen < 2 * drawn, seen, np.nan)
+        if np.isnan(seen).mean() < 0.02:  # a ray through an edge of the mesh
+            drawn, seen = drawn[~np.isnan(seen)], seen[~np.isnan(seen)]
+        off = np.abs(seen / drawn - 1)
+        neck = bool(np.isfinite(thin.curved[some]).mean() > 0.5)
+        return HingeCheck(
+            hinge=hinge,
+            deviation=float(np.quantile(off, 0.98)) if not np.isnan(off).any() else float("nan"),
+            bending=float((np.mean(seen**-3.0) / np.mean(drawn**-3.0)) ** (-1 / 3) - 1),
+            limit=PLACE_LIMIT,
+            across=self._across(mesh, hinge, middle, inward) if neck else float("inf"),
+        )
+
+    def _across(self, mesh: TaggedMesh, hinge: Member, middles: FloatArray, inward: FloatArray) -> float:
+        """Return how many elements lie across a hinge where it is thinnest."""
+        corners = mesh.points[mesh.tets]
+        away, nearest = cKDTree(middles).query(corners.mean(axis=1), distance_upper_bound=0.75 * hinge.thickness)
+        near = np.isfinite(away)
+        if not near.any():
+            return 0.0
+        along = np.einsum("eki,ei->ek", corners[near], inward[nearest[near]])
+        volume = np.abs(signed_volumes(mesh.points, mesh.tets[near]))
+        return float(hinge.thickness * volume.sum() / (volume @ np.ptp(along, axis=1)))
+
+    def _thinnest_middles(self) -> FloatArray:
+        thin = self.thin
+        least = thin.thickness < 1.3 * thin.thinnest
+        return np.asarray(thin.points[least] + thin.inward[least] * thin.thickness[least, None] / 2)
+
+    @property
+    def _diagonal(self) -> float:
+        return float(np.linalg.norm(np.ptp(np.vstack([face.points for face in self.domain.faces]), axis=0)))
+
+    @property
+    def _envelope(self) -> float:
+        return self.envelope * self.thin.thinnest
+
+
+def _thinned(places: FloatArray, sizes: FloatArray) -> NDArray[np.int64]:
+    """Return the indices of places such that cells as wide as a third of the edge length have one each: the finest."""
+    order = np.argsort(sizes)
+    level = np.round(np.log2(sizes[order] / sizes[order[0]]))
+    cell = np.floor(places[order] / (sizes[order[0]] * 2.0**level / 3)[:, None])
+    _, first = np.unique(np.column_stack([level, cell]), axis=0, return_index=True)
+    return np.asarray(np.sort(order[first]))

@@ -1,0 +1,352 @@
+"""Where a solid is thin, found on the solid itself: by rays from its faces inwards to the faces across.
+
+The local thickness at a place on a face is the length of the ray from there along the inward normal, where it leaves
+through a face that looks the opposite way. Regions of a body that are much thinner than the rest are its hinges: there
+it bends, and there the mesh must be fine and true.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from flexdesign.core.model import Member
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+#: A ray counts where the face it leaves by looks the opposite way within this cosine.
+OPPOSITE = 0.94
+#: Places on faces: so many along the solid's diagonal, and so many on all faces at most.
+ALONG, MOST = 60, 40_000
+#: The thickness of the body is that of so much of its surface, or less.
+MOST_OF_IT = 0.75
+#: Hinges are thinner than this part of the thickness of the body, and than that of their own neck
+#: times the second number; places of one hinge are no farther apart than the third, in thicknesses.
+HINGE, OF_NECK, APART = 0.25, 1.5, 2.0
+#: An edge between faces is re-entrant where they meet at more than this angle.
+REENTRANT = np.radians(20.0)
+
+
+@dataclass(frozen=True)
+class ThinRegions:
+    """Local thickness of a solid at places on its surface.
+
+    Parameters
+    ----------
+    points, inward
+        Places [m] and inward unit normals there, shape (n, 3).
+    thickness
+        Shape (n,) [m].
+    curved
+        Radius of the cylinder that a place lies on, or that lies across, the smaller one [m]; infinite between planes.
+    roots, at_roots
+        Places on re-entrant edges, shape (k, 3) [m], and the thickness of what is thin beside them, shape (k,) [m].
+    of_faces
+        The smallest thickness on each face [m], infinite where nothing lies across, shape (faces,).
+    hinges
+        What is thin against the rest: members with thickness, length and width, for the report and the gate.
+    chosen
+        For each hinge, which places are on it, by index.
+    """
+
+    points: FloatArray
+    inward: FloatArray
+    thickness: FloatArray
+    curved: FloatArray
+    roots: FloatArray
+    at_roots: FloatArray
+    of_faces: FloatArray
+    hinges: tuple[Member, ...] = ()
+    chosen: tuple[IntArray, ...] = field(default=(), repr=False)
+
+    def middles_of_hinges(self) -> tuple[FloatArray, FloatArray]:
+        """Return places half-way across the hinges, shape (k, 3) [m], and the thickness there, shape (k,) [m].
+
+        Of a solid without hinges those of its thinnest places.
+        """
+        least = np.flatnonzero(self.thickness < OF_NECK * self.thinnest)
+        on = np.concatenate(self.chosen) if self.chosen else least
+        return self.points[on] + self.inward[on] * self.thickness[on, None] / 2, self.thickness[on]
+
+    @property
+    def is_sharp(self) -> bool:
+        """Whether a re-entrant edge lies beside a hinge, so that the stress there grows without bound."""
+        if not len(self.roots):
+            return False
+        middles, thickness = self.middles_of_hinges()
+        away, nearest = cKDTree(middles).query(self.roots)
+        return bool(np.any(away < 0.75 * thickness[nearest]))
+
+    @property
+    def thinnest(self) -> float:
+        """The smallest thickness [m]."""
+        return float(self.thickness.min())
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles of a closed surface, and the face each lies on.
+
+    Parameters
+    ----------
+    points, triangles
+        Shapes (n, 3) [m] and (m, 3), seen from outside counter-clockwise.
+    owners
+        Index of the face of each triangle, shape (m,).
+    normals
+        Outward unit normal of each face where it is plane, NaN elsewhere, shape (faces, 3).
+    radii
+        Of each face that is a cylinder [m]; infinite elsewhere, shape (faces,).
+    """
+
+    points: FloatArray
+    triangles: IntArray
+    owners: IntArray
+    normals: FloatArray
+    radii: FloatArray
+
+    @property
+    def corners(self) -> FloatArray:
+        """Shape (m, 3, 3) [m]."""
+        return self.points[self.triangles]
+
+    @property
+    def outward(self) -> FloatArray:
+        """Unit normal of each triangle, shape (m, 3)."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        normal = np.cross(b - a, c - a)
+        return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None])
+
+    @property
+    def size(self) -> float:
+        """Diagonal of the bounding box [m]."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+
+class Rays:
+    """Casts rays at triangles."""
+
+    def __init__(self, points: FloatArray, triangles: IntArray) -> None:
+        import pyvista as pv
+        from vtkmodules.vtkCommonDataModel import vtkStaticCellLocator
+
+        self._mesh = pv.PolyData.from_regular_faces(points, triangles)
+        self._locator: Any = vtkStaticCellLocator()  # its declared types know no references
+        self._locator.SetDataSet(self._mesh)
+        self._locator.BuildLocator()
+        self._size = float(np.linalg.norm(np.ptp(points, axis=0)))
+
+    def first(self, start: FloatArray, way: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return how far each ray goes until it meets a triangle [m], infinite for none, and which one, -1 for none."""
+        from vtkmodules.vtkCommonCore import mutable
+
+        reach: Any = mutable(0.0)
+        cell, which = mutable(0), mutable(0)
+        place, local = [0.0] * 3, [0.0] * 3
+        far, hit = np.full(len(start), np.inf), np.full(len(start), -1, dtype=np.int64)
+        ends = start + self._size * way
+        for i, (a, b) in enumerate(zip(start.tolist(), ends.tolist(), strict=True)):
+            if self._locator.IntersectWithLine(a, b, 1e-12 * self._size, reach, place, local, which, cell):
+                far[i], hit[i] = float(reach) * self._size, int(cell)
+        return far, hit
+
+
+def surface_of(solid: Any, chord: float) -> Surface:
+    """Return the triangles of a CadQuery solid [mm], no farther than a chord [m] from its curved faces."""
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+
+    mm, points, triangles, owners, normals, radii, base = 1e-3, [], [], [], [], [], 0
+    for index, face in enumerate(solid.Faces()):
+        vertices, corners = face.tessellate(chord / mm, 0.2)
+        points.append(np.array([v.toTuple() for v in vertices]).reshape(-1, 3) * mm)
+        triangles.append(np.array(corners, dtype=np.int64).reshape(-1, 3) + base)
+        owners.append(np.full(len(corners), index))
+        base += len(vertices)
+        kind = face.geomType()
+        normals.append(face.normalAt().toTuple() if kind == "PLANE" else (np.nan,) * 3)
+        cylinder = BRepAdaptor_Surface(face.wrapped).Cylinder() if kind == "CYLINDER" else None
+        radii.append(cylinder.Radius() * mm if cylinder else np.inf)
+    stacked = np.vstack(points)
+    _, first, inverse = np.unique(np.round(stacked / 1e-9), axis=0, return_index=True, return_inverse=True)
+    welded = inverse.reshape(-1)[np.vstack(triangles)]
+    proper = (welded[:, 0] != welded[:, 1]) & (welded[:, 1] != welded[:, 2]) & (welded[:, 2] != welded[:, 0])
+    return Surface(
+        stacked[first], welded[proper], np.concatenate(owners)[proper], np.array(normals), np.array(radii, dtype=float)
+    )
+
+
+def find(solid: Any) -> ThinRegions:
+    """Find what is thin on a CadQuery solid [mm].
+
+    Faces are cast from twice: first evenly, to see how thin the solid is, then more densely where it is.
+    """
+    coarse = surface_of(solid, 1e-3 * solid.BoundingBox().DiagonalLength * 1e-3)
+    spacing = coarse.size / ALONG
+    points, owners = _places(coarse, np.full(len(coarse.triangles), spacing))
+    seen = _measured(coarse, Rays(coarse.points, coarse.triangles), points, owners)
+    if not len(seen[2]):
+        raise ValueError("no ray leaves the solid by a face across")
+    fine = surface_of(solid, max(1e-2 * float(seen[2].min()), 1e-5 * coarse.size))
+    tree = cKDTree(seen[0])
+    away, nearest = tree.query(fine.corners.mean(axis=1))
+    wanted = np.clip(0.4 * (seen[2][nearest] + away), 1e-4 * fine.size, spacing)
+    points, owners = _places(fine, wanted)
+    rays = Rays(fine.points, fine.triangles)
+    places, inward, thickness, curved, faces = _measured(fine, rays, points, owners)
+    roots, at_roots = _reentrant(fine, places, thickness)
+    of_faces = np.full(len(fine.normals), np.inf)
+    np.minimum.at(of_faces, faces, thickness)
+    found = ThinRegions(places, inward, thickness, curved, roots, at_roots, of_faces)
+    hinges, chosen = _hinges(found, float(np.quantile(seen[2], MOST_OF_IT)))
+    return replace(found, hinges=hinges, chosen=chosen)
+
+
+def _places(surface: Surface, wanted: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return places inside the triangles, about as far apart as wanted (m,), and the triangle of each."""
+    corners = surface.corners
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    count = np.maximum(np.ceil(area / wanted**2), 1.0)
+    count = np.maximum(np.round(count * min(1.0, MOST / count.sum())), 1).astype(np.int64)
+    owners = np.repeat(np.arange(len(corners)), count)
+    order = np.arange(len(owners)) - np.repeat(np.cumsum(count) - count, count)
+    # A low-discrepancy sequence (Roberts' R2), folded into the triangle; the first place is its middle.
+    u, v = (np.modf(1 / 3 + order * step)[0] for step in (0.7548776662466927, 0.5698402909980532))
+    over = u + v > 1
+    u, v = np.where(over, 1 - u, u), np.where(over, 1 - v, v)
+    a, b, c = np.moveaxis(corners[owners], 1, 0)
+    return a + u[:, None] * (b - a) + v[:, None] * (c - a), owners
+
+
+def _measured(
+    surface: Surface, rays: Rays, points: FloatArray, owners: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
+    """Return places, inward normals, thickness, radius and face where rays leave by a face across."""
+    outward = surface.outward
+    inward = -outward[owners]
+    step = 1e-7 * surface.size
+    far, hit = rays.first(points + step * inward, inward)
+    across = (hit >= 0) & (np.einsum("ij,ij->i", inward, outward[hit]) > OPPOSITE)
+    near, over = surface.owners[owners], surface.owners[hit]
+    across &= ~_wedges(surface)[near, over]
+    smaller = np.minimum(surface.radii[near], surface.radii[over])
+    return points[across], inward[across], far[across] + step, smaller[across], near[across]
+
+
+def _wedges(surface: Surface) -> BoolArray:
+    """Tell which pairs of plane faces meet at an edge, and so are no two sides of one thickness."""
+    count = len(surface.normals)
+    meet = np.zeros((count, count), dtype=bool)
+    for one, other in _pairs_at_edges(surface)[1].tolist():
+        meet[one, other] = meet[other, one] = True
+    plane = ~np.isnan(surface.normals[:, 0])
+    return meet & np.outer(plane, plane)
+
+
+def _pairs_at_edges(surface: Surface) -> tuple[IntArray, IntArray, IntArray]:
+    """Return edges between two faces (k, 2), their faces (k, 2) and triangles (k, 2)."""
+    edges = np.sort(surface.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    triangle = np.repeat(np.arange(len(surface.triangles)), 3)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges, triangle = edges[order], triangle[order]
+    same = np.flatnonzero(np.all(edges[1:] == edges[:-1], axis=1))
+    beside = np.column_stack([triangle[same], triangle[same + 1]])
+    faces = surface.owners[beside]
+    apart = faces[:, 0] != faces[:, 1]
+    return edges[same][apart], faces[apart], beside[apart]
+
+
+def _reentrant(surface: Surface, places: FloatArray, thickness: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return places along re-entrant edges, and the thickness of what is thin beside them."""
+    edges, _, beside = _pairs_at_edges(surface)
+    if not len(edges):
+        return np.zeros((0, 3)), np.zeros(0)
+    outward, corners = surface.outward, surface.corners
+    one, other = outward[beside[:, 0]], outward[beside[:, 1]]
+    bend = np.arccos(np.clip(np.einsum("ij,ij->i", one, other), -1.0, 1.0))
+    towards = corners[beside[:, 1]].mean(axis=1) - surface.points[edges[:, 0]]
+    concave = np.einsum("ij,ij->i", one, towards) > 0
+    edges = edges[concave & (bend > REENTRANT)]
+    ends = surface.points[edges]
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    if not len(edges):
+        return np.zeros((0, 3)), np.zeros(0)
+    tree = cKDTree(places)
+    found, at = [], []
+    for (a, b), long in zip(ends, length, strict=True):
+        first = tree.query_ball_point((a + b) / 2, r=long / 2 + 1e-3 * surface.size)
+        least = thickness[first].min() if first else long
+        count = int(np.clip(np.ceil(long / (0.5 * least)), 1, 200))
+        line = a + (np.arange(count) + 0.5)[:, None] / count * (b - a)
+        found.append(line)
+        away, nearest = tree.query(line, k=min(12, len(places)))
+        beside_them = np.where(away < 1.5 * thickness[nearest], thickness[nearest], np.inf).min(axis=1)
+        at.append(np.where(np.isfinite(beside_them), beside_them, thickness[nearest[:, 0]]))
+    return np.vstack(found), np.concatenate(at)
+
+
+# --- hinges -----------------------------------------------------------------------------------------------------
+
+
+def _hinges(found: ThinRegions, body: float) -> tuple[tuple[Member, ...], tuple[IntArray, ...]]:
+    """Gather the thinnest places to hinges: the thinnest first, with all that is about as thin and hangs together."""
+    left = found.thickness < HINGE * body
+    middles = found.points + found.inward * found.thickness[:, None] / 2
+    members: list[Member] = []
+    chosen: list[IntArray] = []
+    for _ in range(200):
+        if not left.any():
+            break
+        thinnest = np.flatnonzero(left)[np.argmin(found.thickness[left])]
+        neck = float(found.thickness[thinnest])
+        alike = np.flatnonzero(left & (found.thickness < OF_NECK * neck))
+        group = alike[_connected(middles[alike], alike.tolist().index(thinnest), APART * neck)]
+        left[group] = False
+        around = np.flatnonzero(left)
+        if len(around):  # what runs out into it is no other hinge
+            away, _ = cKDTree(middles[group]).query(middles[around])
+            left[around[away < 2 * APART * neck]] = False
+        if len(group) >= 4:
+            members.append(_member(f"thin_{len(members) + 1}", middles[group], found.inward[group], neck))
+            chosen.append(group)
+    return tuple(members), tuple(chosen)
+
+
+def _connected(points: FloatArray, start: int, reach: float) -> IntArray:
+    """Return the indices of points that hang together with one of them, no step longer than a reach [m]."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
+    _, label = connected_components(graph, directed=False)
+    return np.flatnonzero(label == label[start])
+
+
+def _member(name: str, middles: FloatArray, inward: FloatArray, neck: float) -> Member:
+    """Return a hinge as a member: along the shorter way of its middle surface, as wide as the longer one."""
+    centre = middles.mean(axis=0)
+    across = np.linalg.eigh(inward.T @ inward)[1][:, -1]
+    flat = (middles - centre) - np.outer((middles - centre) @ across, across)
+    ways = np.linalg.svd(flat, full_matrices=False)[2][:2]
+    low, high = (np.stack([f(flat @ way, axis=0) for way in ways]) for f in (np.min, np.max))
+    centre = centre + sum(way * (a + b) / 2 for way, a, b in zip(ways, low, high, strict=True))
+    spans = high - low
+    short = int(np.argmin(spans))
+    half = ways[short] * max(float(spans[short]), neck) / 2
+    return Member(
+        name, "hinge", ("", ""), tuple(centre - half), tuple(centre + half), neck, max(float(spans[1 - short]), neck)
+    )
+
+
+def listed(hinges: Sequence[Member]) -> list[str]:
+    """Return the hinges in words: name, thickness and place."""
+    return [
+        f"{h.name}: {1e3 * h.thickness:.4g} mm at ({', '.join(f'{1e3 * x:.4g}' for x in h.centre)}) mm" for h in hinges
+    ]

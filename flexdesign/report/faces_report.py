@@ -1,0 +1,132 @@
+"""The report of a STEP file: its faces as a table and a picture, what is thin, and a design to start from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexdesign.core.toml_files import FORMAT, quoted
+from flexdesign.design.faces import SolidFace, how_to_name
+from flexdesign.design.step_file import StepBody
+from flexdesign.fem.meshing.thin_regions import ThinRegions, surface_of
+from flexdesign.report import pictures
+from flexdesign.report.document import Document, Figure, Section, Table
+from flexdesign.report.pictures import Picture, drawn_or_said
+
+KINDS = ("plane", "cylinder")
+
+
+def table(faces: Sequence[SolidFace]) -> Table:
+    """Return plane and cylindrical faces, the largest first."""
+    rows = []
+    for face in sorted(faces, key=lambda f: -f.area):
+        if face.kind not in KINDS:
+            continue
+        shape = face.kind if face.kind == "plane" else f"cylinder, R {1e3 * face.radius:.4g} mm"
+        way = face.normal if face.kind == "plane" else face.axis or face.normal
+        rows.append(
+            [str(face.index + 1), shape, f"{1e6 * face.area:.4g}", _vector(way), _mm(face), face.name, face.colour]
+        )
+    columns = ["face", "kind", "area [mm²]", "normal or axis", "centre [mm]", "name", "colour"]
+    return Table(columns, rows, "Plane and cylindrical faces, the largest first; a port is plane")
+
+
+def document(
+    path: Path, body: StepBody, faces: Sequence[SolidFace], thin: ThinRegions, progress: Callable[[str], None]
+) -> Document:
+    """Return the report, with a picture where it can be drawn."""
+    others = sum(face.kind not in KINDS for face in faces)
+    summary = [
+        f"One solid of {body.solid.Volume():.6g} mm³ with {len(faces)} faces, {others} of them neither plane nor "
+        f"cylindrical; the file is in {body.unit.lower() or 'no stated unit'}.",
+        *body.notes,
+    ]
+    return Document(f"{path.name}: faces", summary, partial(_sections, path, body, faces, thin, progress))
+
+
+def _sections(
+    path: Path, body: StepBody, faces: Sequence[SolidFace], thin: ThinRegions, progress: Callable[[str], None]
+) -> list[Section]:
+    progress("drawing")
+
+    def draw() -> tuple[list[Figure], list[Figure]]:
+        surface = surface_of(body.solid, 1e-3 * body.solid.BoundingBox().DiagonalLength * 1e-3)
+        planes = [face for face in faces if face.kind == "plane"]
+        number = np.zeros(len(surface.normals))
+        for rank, face in enumerate(planes, 1):
+            number[face.index] = rank
+        points = surface.corners.reshape(-1, 3)
+        cells = np.arange(len(points)).reshape(-1, 3)
+        colours = np.repeat(number[surface.owners], 3)
+        picture = Picture(
+            "faces.png", points, cells, scalars=colours, label="plane faces by colour", view="oblique", limits=None
+        )
+        return [
+            Figure("faces.png", pictures.draw([picture])["faces.png"], "The solid, each plane face in its colour")
+        ], []
+
+    figures, _, missing = drawn_or_said(draw, progress)
+    rows = [[h.name, f"{1e3 * h.thickness:.4g} mm", f"{1e3 * h.length:.3g} x {1e3 * h.width:.3g} mm",
+             ", ".join(f"{1e3 * x + 0.0:.4g}" for x in h.centre)] for h in thin.hinges]  # fmt: skip
+    sections = [
+        Section("Faces", missing, [table(faces)], figures),
+        Section("What is thin", (), [Table(["region", "thickness", "extent", "centre [mm]"], rows)]) if rows else None,
+        Section("A design to start from", design(path.name, faces).splitlines()),
+    ]
+    return [section for section in sections if section is not None]
+
+
+def result(body: StepBody, faces: Sequence[SolidFace], thin: ThinRegions) -> dict[str, Any]:
+    """Return result.json's content."""
+    return {
+        "format": FORMAT,
+        "kind": "faces",
+        "volume": {"value": body.solid.Volume() * 1e-9, "unit": "m^3"},
+        "unit": body.unit,
+        "notes": list(body.notes),
+        "faces": [
+            {
+                "face": face.index + 1,
+                "kind": face.kind,
+                "area": {"value": face.area, "unit": "m^2"},
+                "centroid": list(face.centroid),
+                "normal": list(face.normal),
+                "radius": face.radius or None,
+                "name": face.name,
+                "colour": face.colour,
+            }
+            for face in faces
+        ],
+        "thin_regions": [
+            {"name": h.name, "thickness": h.thickness, "centre": list(map(float, h.centre)), "unit": "m"}
+            for h in thin.hinges
+        ],
+    }
+
+
+def design(part: str, faces: Sequence[SolidFace]) -> str:
+    """Return a design to start from: the two outermost plane faces along the longest way as ground and output."""
+    planes = [face for face in faces if face.kind == "plane"] or list(faces)
+    centres = np.array([face.centroid for face in planes])
+    axis = int(np.argmax(np.ptp(centres, axis=0)))
+    along = [f for f in planes if abs(f.normal[axis]) > 0.99] or planes
+    ends = [min(along, key=lambda f: f.centroid[axis]), max(along, key=lambda f: f.centroid[axis])]
+    lines = [f"format = {FORMAT}", f"part = {quoted(part)}", 'material = "Al 7075-T6"']
+    for name, face in zip(("ground", "output"), ends, strict=True):
+        lines += ["", f"[ports.{name}]", *how_to_name(face).split(", normal")[:1]]
+        if not face.name:
+            lines += [f"normal{how_to_name(face).split(', normal')[1]}"]
+        lines += ['interface = "traction"']
+    return "\n".join(lines) + "\n"
+
+
+def _vector(vector: Sequence[float]) -> str:
+    return ", ".join(f"{round(x, 4) + 0.0:g}" for x in vector)
+
+
+def _mm(face: SolidFace) -> str:
+    return ", ".join(f"{1e3 * x + 0.0:.4g}" for x in face.centroid)

@@ -1,0 +1,257 @@
+"""Parts read from STEP files: names of faces survive, ports are found, and finite elements agree with the class."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import cadquery as cq
+import numpy as np
+import pytest
+
+from flexdesign.core.errors import InputError
+from flexdesign.design import design, faces, step_file, step_part
+from flexdesign.design.step_part import StepPart
+
+DESIGN = """format = 1
+part = "{part}"
+material = "Al 7075-T6"
+
+[ports.ground]
+{ground}
+
+[ports.output]
+{output}
+"""
+
+
+def exported(solid: cq.Shape, path: Path, names: dict[str, cq.Face], colours: dict[str, cq.Face] | None = None) -> Path:
+    """Write a solid with named and coloured faces."""
+    assembly = cq.Assembly(solid, name="part")
+    for name, face in names.items():
+        assembly.addSubshape(face, name=name)
+    for colour, face in (colours or {}).items():
+        assembly.addSubshape(face, color=cq.Color(*(int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5))))
+    assembly.export(str(path))
+    return path
+
+
+def block() -> cq.Shape:
+    return cq.Workplane().box(20, 10, 6).faces(">Z").workplane().hole(4).val()
+
+
+def written(
+    folder: Path, part: str = "part.step", ground: str = 'plane = "x = min"', output: str = 'plane = "x = max"'
+):
+    file = folder / "my_design.toml"
+    file.write_text(DESIGN.format(part=part, ground=ground, output=output))
+    return file
+
+
+def ports_of(folder: Path, **tables: str) -> dict[str, tuple[int, ...]]:
+    part = design.read(written(folder, **tables)).part()
+    assert isinstance(part, StepPart)
+    return {port.name: port.faces for port in part.ports()}
+
+
+# --- names ------------------------------------------------------------------------------------------------------
+
+
+def random_solid(rng: np.random.Generator) -> cq.Shape:
+    """A box with pockets, holes and bosses at random."""
+    size = rng.uniform(20, 60, 3)
+    solid = cq.Workplane().box(*size)
+    for _ in range(rng.integers(1, 4)):
+        place, reach = rng.uniform(-0.5, 0.5, 3) * size, rng.uniform(0.1, 0.4, 3) * size
+        tool = cq.Workplane(origin=tuple(place)).box(*reach)
+        if rng.random() < 0.3:
+            tool = cq.Workplane(origin=tuple(place)).circle(reach[0] / 2).extrude(reach[2])
+        solid = solid.cut(tool) if rng.random() < 0.6 else solid.union(tool)
+    return max(solid.val().Solids(), key=lambda each: each.Volume())
+
+
+def require_names(folder: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    solid = random_solid(rng)
+    some = rng.permutation(len(solid.Faces()))[: rng.integers(1, 6)]
+    named = {f"port {rank}": solid.Faces()[i] for rank, i in enumerate(some.tolist())}
+    body = step_file.read(exported(solid, folder / f"solid_{seed}.step", named))
+    found = {name: body.solid.Faces()[i] for i, name in body.names.items()}
+    assert found.keys() == named.keys()
+    for name, face in named.items():
+        assert found[name].Area() == pytest.approx(face.Area(), rel=1e-6)
+        assert (found[name].Center() - face.Center()).Length < 1e-6
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_names_survive_the_file(tmp_path: Path, seed: int) -> None:
+    require_names(tmp_path, seed)
+
+
+@pytest.mark.slow
+def test_names_survive_two_hundred_files(tmp_path: Path) -> None:
+    for seed in range(100, 300):
+        require_names(tmp_path, seed)
+
+
+def test_names_stand_where_the_part_of_an_assembly_stands(tmp_path: Path) -> None:
+    solid = cq.Workplane().box(4, 4, 4).val()
+    inner = cq.Assembly(solid, name="inner", loc=cq.Location((10, 0, 0)))
+    inner.addSubshape(max(solid.Faces(), key=lambda f: f.Center().x), name="far end")
+    cq.Assembly(name="outer").add(inner).export(str(tmp_path / "a.step"))
+    body = step_file.read(tmp_path / "a.step")
+    ((index, name),) = body.names.items()
+    assert name == "far end"
+    assert body.solid.Faces()[index].Center().x == pytest.approx(12)
+
+
+# --- how ports are found ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "output",
+    [
+        'face = "end"',
+        'colour = "#ff0000"',
+        'plane = "x = max"',
+        'plane = "x = 10 mm"',
+        'point = ["9.5 mm", "1 mm", "0 mm"]\nnormal = [1, 0, 0.05]',
+    ],
+)
+def test_every_way_finds_the_same_face(tmp_path: Path, output: str) -> None:
+    solid = block()
+    end = max(solid.Faces(), key=lambda f: f.Center().x)
+    exported(solid, tmp_path / "part.step", {"end": end}, {"#ff0000": end})
+    (index,) = ports_of(tmp_path, output=output)["output"]
+    body = step_file.read(tmp_path / "part.step")
+    assert body.solid.Faces()[index].Center().x == pytest.approx(10)
+
+
+def test_a_query_survives_a_small_edit(tmp_path: Path) -> None:
+    query = 'point = ["10 mm", "0 mm", "0 mm"]\nnormal = [1, 0, 0]'
+    for length, hole in ((20, 4), (21, 4.5), (19, 3)):
+        solid = cq.Workplane().box(length, 10, 6).faces(">Z").workplane().hole(hole).edges("|Z and <X").fillet(1).val()
+        exported(solid, tmp_path / f"part_{length}.step", {})
+        (index,) = ports_of(tmp_path, part=f"part_{length}.step", output=query)["output"]
+        face = step_file.read(tmp_path / f"part_{length}.step").solid.Faces()[index]
+        assert face.Center().x == pytest.approx(length / 2)
+
+
+def test_faces_in_one_plane_are_one_port(tmp_path: Path) -> None:
+    solid = cq.Workplane().box(20, 10, 6).faces(">X").workplane().rect(2, 20).cutBlind(-2).val()
+    exported(solid, tmp_path / "part.step", {})
+    assert len(ports_of(tmp_path)["output"]) == 2
+
+
+def test_inches_are_read_as_such(tmp_path: Path) -> None:
+    exported(cq.Workplane().box(1, 1, 1).val(), tmp_path / "mm.step", {})
+    text = (tmp_path / "mm.step").read_text()
+    metres = re.sub(r"SI_UNIT\(\.MILLI\.,\.METRE\.\)", "SI_UNIT($,.METRE.)", text)
+    assert metres != text
+    (tmp_path / "m.step").write_text(metres)
+    assert step_file.read(tmp_path / "mm.step").solid.Volume() == pytest.approx(1)
+    assert step_file.read(tmp_path / "m.step").solid.Volume() == pytest.approx(1e9)
+
+
+# --- bodies -----------------------------------------------------------------------------------------------------
+
+
+def test_solids_that_touch_are_bonded_and_said_so(tmp_path: Path) -> None:
+    two = cq.Compound.makeCompound(
+        [cq.Workplane().box(4, 4, 4).val(), cq.Workplane(origin=(4, 0, 0)).box(4, 4, 4).val()]
+    )
+    cq.exporters.export(cq.Workplane(two), str(tmp_path / "two.step"))
+    body = step_file.read(tmp_path / "two.step")
+    assert body.solid.Volume() == pytest.approx(128)
+    assert any("bonded" in note for note in body.notes)
+
+
+@pytest.mark.parametrize(("shift", "words"), [(6, "2 mm away"), (3, "overlap by 16")])
+def test_solids_apart_or_through_each_other_are_refused(tmp_path: Path, shift: float, words: str) -> None:
+    two = cq.Compound.makeCompound(
+        [cq.Workplane().box(4, 4, 4).val(), cq.Workplane(origin=(shift, 0, 0)).box(4, 4, 4).val()]
+    )
+    cq.exporters.export(cq.Workplane(two), str(tmp_path / "two.step"))
+    with pytest.raises(InputError, match=words):
+        step_file.read(tmp_path / "two.step")
+
+
+def test_an_open_shell_is_refused_and_a_closed_one_filled(tmp_path: Path) -> None:
+    walls = cq.Workplane().box(4, 4, 4).val().Faces()
+    cq.exporters.export(cq.Workplane(cq.Compound.makeCompound(walls[:-1])), str(tmp_path / "open.step"))
+    with pytest.raises(InputError, match=r"no solid.*open shell.*close the surface"):
+        step_file.read(tmp_path / "open.step")
+    cq.exporters.export(cq.Workplane(cq.Compound.makeCompound(walls)), str(tmp_path / "closed.step"))
+    body = step_file.read(tmp_path / "closed.step")
+    assert body.solid.Volume() == pytest.approx(64)
+    assert any("sewn" in note for note in body.notes)
+
+
+def test_a_boundary_that_crosses_itself_is_refused(tmp_path: Path) -> None:
+    bow = [(0, 0), (10, 0), (10, 10), (4, -3), (0, 10)]
+    wire = cq.Workplane().polyline(bow).close().wires().val()
+    solid = cq.Solid.extrudeLinear(wire, [], cq.Vector(0, 0, 5))
+    cq.exporters.export(cq.Workplane(solid), str(tmp_path / "bow.step"))
+    with pytest.raises(InputError, match=r"crosses itself|not valid|no volume"):
+        step_file.read(tmp_path / "bow.step")
+
+
+@pytest.mark.parametrize(
+    "content", ["", "nonsense", "ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;"]
+)
+def test_what_is_no_step_file_is_refused(tmp_path: Path, content: str) -> None:
+    (tmp_path / "part.step").write_text(content)
+    with pytest.raises(InputError, match=r"part\.step"):
+        step_file.read(tmp_path / "part.step")
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"output": 'face = "ende"'}, "ports.output.face = ende: no face has this name; the nearest name is end, at"),
+        ({"output": 'face = "top"\npoint = ["0 mm", "4 mm", "3 mm"]\nnormal = [0, 0, 1]'}, "nearest to where it was"),
+        ({"output": 'face = "hole"'}, "hole is no plane but a cylinder.*the nearest plane face is"),
+        ({"output": 'plane = "x = 12 mm"'}, "no plane face lies there; the nearest is end"),
+        ({"output": 'plane = "x=="'}, 'expected a plane such as "z = max"'),
+        ({"output": 'colour = "#00ff00"'}, "no face has this colour"),
+        ({"output": 'point = ["90 mm", "0 mm", "0 mm"]\nnormal = [1, 0, 0]'}, "no face with this normal is near"),
+        ({"output": ""}, "names no face"),
+        ({"output": 'face = "end"\nplane = "x = max"'}, "name the faces in one way only"),
+        ({"output": 'plane = "x = min"'}, "in common with ground"),
+        ({"output": 'plane = "x = max"\nrole = "ground"'}, "exactly one port must have the role output"),
+        ({"ground": 'plane = "x = min"\nrole = "input"'}, "the body is held nowhere"),
+        ({"part": "prt.step"}, "no such file beside the design; did you mean part.step"),
+    ],
+)
+def test_bad_ports_are_refused(tmp_path: Path, tables: dict[str, str], words: str) -> None:
+    solid = block()
+    hole = next(face for face in solid.Faces() if face.geomType() == "CYLINDER")
+    exported(solid, tmp_path / "part.step", {"end": max(solid.Faces(), key=lambda f: f.Center().x), "hole": hole})
+    with pytest.raises(InputError, match=words):
+        ports_of(tmp_path, **tables)
+
+
+def test_an_actuator_needs_inputs(tmp_path: Path) -> None:
+    exported(block(), tmp_path / "part.step", {})
+    file = written(tmp_path)
+    file.write_text(f'{file.read_text()}\n[actuator]\nfree_stroke = "10 um"\nstiffness = "10 N/um"\n')
+    with pytest.raises(InputError, match="no port with the role input"):
+        design.read(file)
+
+
+def test_the_design_to_start_from_can_be_read(tmp_path: Path) -> None:
+    from flexdesign.report import faces_report
+
+    exported(block(), tmp_path / "part.step", {})
+    listed = step_part.listed(step_file.read(tmp_path / "part.step"))
+    (tmp_path / "start.toml").write_text(faces_report.design("part.step", listed))
+    ports = design.read(tmp_path / "start.toml").part().ports()
+    assert {port.role for port in ports} == {"ground", "output"}
+    assert ports[0].normal == pytest.approx((-1, 0, 0))
+
+
+def test_a_cylinder_is_listed_with_radius_and_axis(tmp_path: Path) -> None:
+    body = step_file.read(exported(block(), tmp_path / "part.step", {}))
+    (hole,) = (face for face in faces.of_solid(body.solid, {}, {}) if face.kind == "cylinder")
+    assert hole.radius == pytest.approx(2e-3)
+    assert np.abs(hole.axis) == pytest.approx([0, 0, 1])

@@ -1,0 +1,150 @@
+"""Solids from STEP files: what is thin is found, meshes keep to it, and stiffness is that of the class beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cadquery as cq
+import numpy as np
+import pytest
+
+from flexdesign.core.result_cache import Cache
+from flexdesign.design import part as parts
+from flexdesign.design import study as studies
+from flexdesign.design.materials import library
+from flexdesign.fem import analysis, convergence, mesh_refinement
+from flexdesign.fem.meshing import domain, methods, thin_regions
+from flexdesign.fem.meshing.methods import Extruded, Grading
+from flexdesign.fem.quantities.port_stiffness import matrices, port_stiffness
+
+SHAPE = {"length": 4e-3, "thickness": 5e-4, "width": 6e-3, "stub_height": 4e-3, "stub_length": 3e-3}
+DESIGN = """format = 1
+part = "leaf.step"
+material = "Al 7075-T6"
+
+[ports.ground]
+plane = "x = min"
+
+[ports.output]
+plane = "x = max"
+interface = "{interface}"
+about = ["0 mm", "0 mm", "0 mm"]
+"""
+
+
+def leaf() -> parts.Piece:
+    made: parts.Piece = parts.load("leaf_hinge", Path("geometry"), parts.PIECE_METHODS)(**SHAPE)
+    return made
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    cq.exporters.export(cq.Workplane(leaf().solid()), str(tmp_path / "leaf.step"))
+    return tmp_path
+
+
+def study_of(folder: Path, interface: str, *changes: str) -> studies.Study:
+    (folder / f"{interface}.toml").write_text(DESIGN.format(interface=interface))
+    return studies.read(folder / f"{interface}.toml", changes)
+
+
+def solved(study: studies.Study, coarseness: float) -> analysis.Solution:
+    part = study.design.part()
+    body = domain.of_part(part, chord=domain.chord(part))
+    method = mesh_refinement.method_of(study, part, body)
+    mesh = method.mesh(coarseness)
+    assert mesh.volume == pytest.approx(body.volume, rel=1e-9)  # all faces are plane
+    return analysis.solve(part, study.design.material, body, mesh)
+
+
+def test_a_leaf_is_found_on_its_solid() -> None:
+    (hinge,) = thin_regions.find(leaf().solid()).hinges
+    assert hinge.thickness == pytest.approx(SHAPE["thickness"], rel=1e-6)
+    assert hinge.length == pytest.approx(SHAPE["length"], rel=0.1)
+    assert hinge.width == pytest.approx(SHAPE["width"], rel=0.1)
+    assert hinge.centre == pytest.approx((0, 0, 0), abs=2e-4)
+
+
+def test_a_neck_is_found_on_its_solid() -> None:
+    notched = cq.Workplane().box(20, 8, 6)
+    for side in (1, -1):
+        notched = notched.cut(cq.Workplane(origin=(3, side * 3.15, 0)).circle(3).extrude(10, both=True))
+    found = thin_regions.find(notched.val())
+    (hinge,) = found.hinges
+    assert hinge.thickness == pytest.approx(0.3e-3, rel=0.02)  # places lie beside the neck
+    assert hinge.centre[0] == pytest.approx(3e-3, abs=1e-4)
+    assert not found.is_sharp
+
+
+def test_a_block_has_no_thin_region() -> None:
+    assert thin_regions.find(cq.Workplane().box(10, 8, 6).val()).hinges == ()
+
+
+def test_a_rigid_port_moves_as_one_body_and_is_the_stiffer(folder: Path) -> None:
+    rigid, even = (solved(study_of(folder, each), 2.0) for each in ("rigid", "traction"))
+    rigid_six, even_six = (np.linalg.inv(matrices(each.compliance)[1]) for each in (rigid, even))
+    difference = rigid_six - even_six
+    scale = np.sqrt(np.diag(rigid_six))
+    assert np.linalg.eigvalsh(difference / np.outer(scale, scale)).min() > -0.01  # of two meshes that are not alike
+    assert rigid.checks.energy < 1e-8
+    # The nodes of the end face move as the port does under 1 N along its normal.
+    ends = rigid.positions[:, 0] > rigid.positions[:, 0].max() - 1e-9
+    moved = rigid.output_field[ends]
+    motion = rigid.compliance.matrix @ rigid.compliance.output
+    expected = motion[:3] + np.cross(motion[3:], rigid.positions[ends])
+    assert moved == pytest.approx(expected, abs=1e-9 * np.abs(moved).max())
+
+
+@dataclass(frozen=True)
+class _Ends:
+    """The leaf of the class, one end held and the other the output: meshed in layers, by another mesher."""
+
+    piece: parts.Piece
+
+    def ports(self) -> tuple[parts.Port, ...]:
+        start, end = self.piece.ports()
+        return (
+            parts.Port("ground", "ground", start.point, start.normal),
+            parts.Port("output", "output", (0.0, 0.0, 0.0), end.normal, rigid=True, faces=()),
+        )
+
+
+@pytest.mark.slow
+def test_a_leaf_from_step_is_as_stiff_as_its_class(folder: Path, tmp_path: Path) -> None:
+    study = study_of(folder, "rigid")
+    part = study.design.part()
+    body = domain.of_part(part, chord=domain.chord(part))
+    method = mesh_refinement.method_of(study, part, body)
+    levels = mesh_refinement.refined(study, part, body, method, Cache(tmp_path / "cache"), lambda _: None)
+    found = {q.key: q for q in mesh_refinement.gathered(study, levels, method.scatter)}
+    piece, material = leaf(), library.find("Al 7075-T6", Path())
+    whole = domain.of_part(piece, symmetric=False, chord=domain.chord(piece))
+    ends = _Ends(piece)
+    (output,) = (face for name, face in whole.ports.items() if name == "end")
+    (ground,) = (face for name, face in whole.ports.items() if name == "start")
+    whole = domain.replace(whole, ports={"ground": ground, "output": output})
+    layers = Extruded(Grading(whole, piece.linkage().members, *methods.EXTRUDED_GRADING, None))
+    values, sizes = [], []
+    for coarseness in (1.8, 1.35, 1.0):
+        part_like = _Whole(ends.ports(), piece)
+        solution = analysis.solve(part_like, material, whole, layers.mesh(coarseness))  # type: ignore[arg-type]
+        values.append({q.key: q.value for q in port_stiffness(solution.compliance)})
+        sizes.append(layers.finest_edge(coarseness))
+    for key in values[0]:
+        limit = convergence.extrapolate([each[key] for each in values], sizes, scatter=layers.scatter)
+        assert abs(found[key].value - limit.value) < (found[key].sigma or 0.0) + limit.error, key
+
+
+@dataclass(frozen=True)
+class _Whole:
+    """What `analysis.solve` asks of a part."""
+
+    given: tuple[parts.Port, ...]
+    piece: parts.Piece
+
+    def ports(self) -> tuple[parts.Port, ...]:
+        return self.given
+
+    def linkage(self):  # type: ignore[no-untyped-def]
+        return self.piece.linkage()
