@@ -208,9 +208,10 @@ def load(name: str, folder: Path | None = None, methods: Sequence[str] = METHODS
     (cls,) = classes
     if is_stage(cls):
         methods = STAGE_METHODS
-    for method, nothing in OPTIONAL.items():
-        if method in methods and not hasattr(cls, method):
-            setattr(cls, method, nothing)
+    left_out = [method for method in OPTIONAL if methods == METHODS and not hasattr(cls, method)]
+    for method in left_out:
+        setattr(cls, method, OPTIONAL[method])
+    setattr(cls, "left_out", frozenset(left_out))  # noqa: B010
     missing = [method for method in methods if not callable(getattr(cls, method, None))]
     if missing:
         raise InputError(path, cls.__name__, None, f"the part lacks {', '.join(f'{m}()' for m in missing)}; add it")
@@ -225,7 +226,7 @@ def load(name: str, folder: Path | None = None, methods: Sequence[str] = METHODS
 
 def states(part: Piece, method: str) -> bool:
     """Tell whether a part has one of the methods that it may leave out."""
-    return getattr(type(part), method, None) not in (None, OPTIONAL.get(method))
+    return hasattr(part, method) and method not in getattr(part, "left_out", ())
 
 
 def is_stage(cls: type[Any]) -> bool:
@@ -257,7 +258,11 @@ def examine(part: Part) -> None:
         found = ", ".join(sorted({port.role for port in ports})) or None
         require(any(port.role == role for port in ports), "ports", found, f"there is no port with the role {role}")
     require(isinstance(linkage, Linkage), "linkage", None, "must return a flexdesign.Linkage")
-    for hinge in linkage.of_kind("hinge"):
+    hinges = linkage.of_kind("hinge")
+    require(bool(hinges) or not linkage.members, "linkage", None,
+            "there is no member of the kind hinge, towards which the mesh is graded; name one, or leave linkage() out, "
+            "and thin regions are found on the solid")  # fmt: skip
+    for hinge in hinges:
         sizes = (hinge.length, hinge.thickness, hinge.width)
         require(all(0 < size < math.inf for size in sizes), "linkage", sizes, f"{hinge.name} has no size")
     require(_all_are(planes, SymmetryPlane), "symmetry", None, "must return a tuple of flexdesign.SymmetryPlane")
