@@ -14,6 +14,7 @@ way is left out; it is in the compliance model.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -49,6 +50,7 @@ class Spring:
     """A flexure: the bodies at its start and end, its middle and axis, and its stiffness along, across and turning."""
 
     name: str
+    kind: str
     bodies: tuple[str, str]
     centre: tuple[float, float]
     axis: tuple[float, float]
@@ -142,19 +144,19 @@ class RigidBodies:
         return np.sqrt(np.maximum(values, 0.0)) / (2 * math.pi), shapes
 
     def shares(self) -> dict[str, dict[str, float]]:
-        """Return what the compliances consist of [m/N], by the stiffness's key and the kind of deformation."""
+        """Return what the compliances consist of [m/N], by the stiffness's key and piece, such as ``hinge bending``."""
         loads = {"K_in_output_free": self.load("input"), "K_out_input_free": self.load("output")}
         (c11, c12), _ = self.port_compliance
         loads["K_out_input_held"] = loads["K_out_input_free"] - c12 / c11 * loads["K_in_output_free"]
         found = {}
         for key, load in loads.items():
             motion = scipy.linalg.solve(self.stiffness, load, assume_a="pos")
-            pieces = {"hinge axial": 0.0, "hinge bending": 0.0}
+            pieces: dict[str, float] = defaultdict(float)
             for spring in self.springs:
                 energies = np.array(spring.stiffness) * (self.partings[spring.name] @ motion) ** 2
-                pieces["hinge axial"] += float(energies[0])
-                pieces["hinge bending"] += float(energies[1:].sum())
-            found[key] = pieces
+                pieces[f"{spring.kind} axial"] += float(energies[0])
+                pieces[f"{spring.kind} bending"] += float(energies[1:].sum())
+            found[key] = dict(pieces)
         return found
 
     def quantities(self, actuator: float | None = None, output_load: float | None = None) -> list[Quantity]:
@@ -228,7 +230,7 @@ def of_drawing(drawing: Drawing, linkage: Linkage, material: Material) -> RigidB
 def _spring(member: Member, bodies: tuple[str, str], elastic: Elastic) -> Spring:
     (x, y, _), (ax, ay, _) = member.centre, member.axis
     compliance = (beam.stretch(member, elastic), beam.sway(member, elastic), beam.rotation(member, elastic))
-    return Spring(member.name, bodies, (x, y), (ax, ay), tuple(1 / value for value in compliance))  # type: ignore[arg-type]
+    return Spring(member.name, member.kind, bodies, (x, y), (ax, ay), tuple(1 / value for value in compliance))  # type: ignore[arg-type]
 
 
 def coupling(axes: Mapping[str, RigidBodies]) -> dict[tuple[str, str], float]:

@@ -156,8 +156,13 @@ class Drawing:
             raise InputError("design", f"{field}.fillet", _mm(flexure.fillet), remedy)
         for name, point, _ in flexure.ends:
             corners = self.bodies[name].corners
-            if not (polygons.inside(corners, point) or polygons.on_boundary(corners, point)):
-                remedy = f"ends beside the body {name}: an end lies on the body's boundary, or within it"
+            if polygons.on_boundary(corners, point):
+                continue
+            if not polygons.inside(corners, point):
+                remedy = f"ends beside the body {name}; let it end on the body's boundary"
+                raise InputError("design", field, _at(point), remedy)
+            if flexure.kind == "hinge":
+                remedy = f"ends within the body {name}, as only a rod may; let it end on the body's boundary"
                 raise InputError("design", field, _at(point), remedy)
 
     def _require_apart(self) -> None:
