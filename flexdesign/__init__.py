@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from flexdesign import effects as effects
     from flexdesign.api.catalogue import materials as materials
+    from flexdesign.api.designs import draw as draw
     from flexdesign.api.designs import read_design as read_design
     from flexdesign.api.designs import read_study as read_study
     from flexdesign.api.designs import validate as validate
@@ -59,7 +60,7 @@ if TYPE_CHECKING:
 #: Where each name comes from.
 _HOME = {
     "flexdesign.api.catalogue": ("materials",),
-    "flexdesign.api.designs": ("read_design", "read_study", "validate"),
+    "flexdesign.api.designs": ("draw", "read_design", "read_study", "validate"),
     "flexdesign.api.models": ("plan", "read_model", "simulate"),
     "flexdesign.api.recordings": ("add_effect", "compare", "diagnose", "identify", "read_recordings"),
     "flexdesign.api.studies": ("optimize", "reproduce", "sweep"),

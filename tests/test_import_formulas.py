@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexdesign.core import units
+from flexdesign.core import arithmetic, units
 from flexdesign.core.errors import InputError
 from flexdesign.measurements import importing
-from flexdesign.measurements.importing import formulas
 
 N = 50
 RNG = np.random.default_rng(7)
@@ -150,10 +149,10 @@ def test_maps_that_are_refused(old: str, new: str, message: str, tmp_path: Path)
 
 
 def test_what_a_formula_asks_for_is_in_its_order() -> None:
-    assert formulas.parse("b * a + rig.u / b").names == ("b", "a", "rig.u")
+    assert arithmetic.parse("b * a + rig.u / b").names == ("b", "a", "rig.u")
 
 
 def test_units_are_converted_not_assumed() -> None:
     known = {"a": units.quantity(np.array([1.0, 2.0]), "um"), "b": units.quantity(3.0, "nm/V")}
-    found = formulas.parse("a / b").evaluate(known).to("V").magnitude
+    found = arithmetic.parse("a / b").evaluate(known).to("V").magnitude
     assert found == pytest.approx([1e3 / 3, 2e3 / 3], rel=1e-12)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from flexdesign.api.changing import overrides
 from flexdesign.api.result import Result
+from flexdesign.core.errors import InputError
 from flexdesign.core.result_cache import Cache, default_folder
+from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.toml_files import to_toml as to_lines
 from flexdesign.design import design as designs
 from flexdesign.design import study as studies
 from flexdesign.design.design import Design
@@ -49,6 +52,35 @@ def read_design(name: str | Path, changes: Sequence[str] = (), **tables: Any) ->
         If anything in it cannot be used.
     """
     return designs.read(designs.find(name), overrides(changes, tables))
+
+
+def draw(file: str | Path, *, material: str, dimensions: Mapping[str, str], **tables: Any) -> Design:
+    """Draw a planar mechanism: write it as a design file and read that.
+
+    Parameters
+    ----------
+    file
+        Where the design is written; a file that is there is replaced.
+    material
+        Its material.
+    dimensions
+        Its numbers with their units, by name.
+    tables
+        ``plate``, ``body``, ``flexure``, ``port`` and whatever else a sketch or a design has, as its file has it.
+        A flexure's ends are ``{"from": [x, y], "to": [x, y]}``.
+
+    Raises
+    ------
+    InputError
+        If it is no mechanism, or the file cannot be written.
+    """
+    path = Path(file)
+    content = {"format": FORMAT, "part": "sketch", "material": material, "dimensions": dict(dimensions), **tables}
+    try:
+        path.write_text("\n".join(to_lines(content)) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(path, "", None, f"cannot be written ({error.strerror}); choose another place") from error
+    return designs.read(path)
 
 
 def read_study(design: str | Path | Design | Study, changes: Sequence[str] = (), **tables: Any) -> Study:

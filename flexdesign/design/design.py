@@ -13,11 +13,13 @@ from pydantic import BeforeValidator, Field
 from flexdesign.core import data_files, toml_files
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.toml_files import Bounds, Table, as_written, attributed, check, in_si, read_toml
-from flexdesign.design import changes, materials, part
+from flexdesign.design import changes, materials, part, sketch
 from flexdesign.design.assembly import Stage
 from flexdesign.design.materials import Material
 from flexdesign.effects import statics
 
+#: Where files named by a bare name are looked up.
+FOLDERS = ("geometry", "geometry/sketches", "studies")
 _VOLTAGE = Bounds("V", -1e4, 1e4)
 
 
@@ -159,7 +161,7 @@ class Design:
 
 
 def find(name: str | Path) -> Path:
-    """Find a design or study file: a path, or a bare name looked up in geometry/ and studies/, here and as shipped.
+    """Find a design or study file: a path, or a bare name looked up in `FOLDERS`, here and as shipped.
 
     Raises
     ------
@@ -171,7 +173,9 @@ def find(name: str | Path) -> Path:
         if path.suffix == ".py":
             raise InputError(path, "", None, "is a part; name a design (.toml) that uses it")
         return path
-    folders = [base / sub for base in (Path(), data_files.root()) for sub in ("geometry", "studies")]
+    folders = [
+        base / sub for base in (Path(), data_files.root()) for sub in ("geometry", "geometry/sketches", "studies")
+    ]
     known = sorted({f.stem for folder in folders if folder.is_dir() for f in folder.glob("*.toml")})
     try:
         if path.is_dir() and str(name):
@@ -204,6 +208,7 @@ def read(path: Path, overrides: Sequence[str] = ()) -> Design:
 
 def _read(path: Path, overrides: Sequence[str]) -> Design:
     content = read_toml(path, overrides)
+    drawn = {key: content.pop(key) for key in sketch.KEYS if key in content} if _is_sketch(content) else {}
     checked = check(_DesignFile, content, path)
     try:
         part_class = part.load(checked.part, path.parent)
@@ -211,6 +216,8 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
         if error.file != "part":
             raise
         raise InputError(path, error.field, as_written(error.value), error.remedy) from error
+    if _is_sketch(content):
+        part_class = part_class.planned(sketch.read(drawn, checked.dimensions, path))
     dimensions = _dimensions(part_class, checked.dimensions, path)
     design = Design(
         name=path.stem,
@@ -232,8 +239,14 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
             part.examine(design.part())
     except InputError as error:  # the value as it was written
         given = checked.dimensions.get(error.field.removeprefix("dimensions."), error.value)
-        raise InputError(error.file, error.field, as_written(given), error.remedy) from error
+        file = path if error.file == "design" else error.file
+        raise InputError(file, error.field, as_written(given), error.remedy) from error
     return design
+
+
+def _is_sketch(content: Mapping[str, Any]) -> bool:
+    """Tell whether a design draws its part itself."""
+    return content.get("part") == sketch.PART
 
 
 def _still(provenance: str, overrides: Sequence[str]) -> str:

@@ -30,6 +30,8 @@ Axis = Literal["x", "y", "z"]
 #: What the engine calls on a piece, and on a part besides.
 PIECE_METHODS = ("solid", "ports", "linkage", "symmetry")
 METHODS = (*PIECE_METHODS, "formulas", "formula_shares", "intermediates")
+#: Those that a part may leave out; a report then says what it lacks.
+OPTIONAL = ("formulas", "formula_shares", "intermediates")
 #: What it calls on a whole stage, which is told from a part by the first.
 STAGE_METHODS = ("assembly", "solid", "formulas", "springs", "arms")
 
@@ -126,7 +128,11 @@ class Piece(Protocol):
 
 
 class Part(Piece, Protocol):
-    """A piece with inputs, output and ground: what the engine asks of it, to compare it with theory."""
+    """A piece with inputs, output and ground: what the engine asks of it, to compare it with theory.
+
+    It may leave out any of these methods (`OPTIONAL`): without formulas the compliance model of its linkage is beside
+    FEM, and the sections of the report on shares and intermediate quantities say what is lacking.
+    """
 
     def formulas(
         self, material: Material, actuator_stiffness: float | None, output_load: float | None
@@ -189,7 +195,8 @@ def load(name: str, folder: Path | None = None, methods: Sequence[str] = METHODS
     (cls,) = classes
     if is_stage(cls):
         methods = STAGE_METHODS
-    missing = [method for method in methods if not callable(getattr(cls, method, None))]
+    needed = methods if is_stage(cls) else [method for method in methods if method not in OPTIONAL]
+    missing = [method for method in needed if not callable(getattr(cls, method, None))]
     if missing:
         raise InputError(path, cls.__name__, None, f"the part lacks {', '.join(f'{m}()' for m in missing)}; add it")
     if not _all_are(cls.dimensions, Parameter):
@@ -199,6 +206,11 @@ def load(name: str, folder: Path | None = None, methods: Sequence[str] = METHODS
         if inspect.isfunction(function):
             setattr(cls, method, _guarded(function, f"{cls.__name__}.{method}()", path))
     return cls
+
+
+def states(part: Piece, method: str) -> bool:
+    """Tell whether a part has one of the methods that it may leave out."""
+    return callable(getattr(part, method, None))
 
 
 def is_stage(cls: type[Any]) -> bool:
@@ -268,8 +280,13 @@ def file_of(part: type[Any]) -> Path:
 
 
 def source_hash(part: type[Piece]) -> str:
-    """Return the hash of the file a part came from; it travels with results."""
-    return hashlib.sha256(file_of(part).read_bytes()).hexdigest()[:16]
+    """Return the hash of the file a part came from, and of what its design draws of it; it travels with results."""
+    return hashlib.sha256(file_of(part).read_bytes() + drawn_by_design(part).encode()).hexdigest()[:16]
+
+
+def drawn_by_design(part: type[Any]) -> str:
+    """Return what a design draws of its part itself, as text; empty for a part that its file tells whole."""
+    return str(getattr(part, "drawn_as", ""))
 
 
 def reason(error: BaseException, path: Path) -> str:

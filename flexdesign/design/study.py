@@ -17,7 +17,7 @@ from flexdesign.design import design as designs
 from flexdesign.design.design import Design
 
 #: Tables and keys that belong to a design; everything else that --set names belongs to the study.
-DESIGN_KEYS = ("part", "dimensions", "material", "actuator", "provenance")
+DESIGN_KEYS = ("part", "dimensions", "material", "actuator", "provenance", "plate", "derived", "active_axis")
 
 
 _PLACE = Bounds("m", -1.0, 1.0)

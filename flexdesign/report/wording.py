@@ -55,7 +55,10 @@ REGIONS = {"hinge": "hinges", "arm": "arms", "rod": "input rods", "guide": "guid
 
 
 #: What the names of models mean, told where they stand first.
-MODELS = {"PRB": "the pseudo-rigid-body model, in which hinges bend and all else is rigid"}
+MODELS = {
+    "PRB": "the pseudo-rigid-body model, in which hinges bend and all else is rigid",
+    "rigid bodies": "the model in which flexures are beams and all else is rigid",
+}
 
 
 def flat(value: Any) -> str:

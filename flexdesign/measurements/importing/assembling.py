@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from flexdesign.core import unit_tables, units
+from flexdesign.core.arithmetic import Formula
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.measurements.importing.contents import Array, Contents, Numbers
-from flexdesign.measurements.importing.formulas import Formula
 from flexdesign.measurements.importing.mapping import RESPONSE, Map, RunColumns, RunMap, VariableTable
 from flexdesign.measurements.recordings.frequency_response import FREQUENCY
 

@@ -31,7 +31,7 @@ or ``re`` and ``im``, and ``coherence`` if it was recorded ::
     channel = 1
     input = 1
 
-A column may be computed, with units checked; what a formula may have says `importing.formulas` ::
+A column may be computed, with units checked; what a formula may have says `core.arithmetic` ::
 
     [constants]
     kv = "243.45 V s/m"
@@ -61,12 +61,11 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
-from flexdesign.core import toml_files, unit_tables, units
+from flexdesign.core import arithmetic, toml_files, unit_tables, units
+from flexdesign.core.arithmetic import Formula
 from flexdesign.core.errors import InputError
 from flexdesign.core.toml_files import in_si, whole
-from flexdesign.measurements.importing import formulas
 from flexdesign.measurements.importing.delimited import Dialect
-from flexdesign.measurements.importing.formulas import Formula
 from flexdesign.measurements.recordings import ALLOWED, frequency_response
 from flexdesign.measurements.recordings.description import RunSettings, Setup
 
@@ -280,7 +279,7 @@ def _variables(given: Any, path: Path) -> dict[str, VariableTable]:
 
 
 def _called(name: str, path: Path, field: str) -> None:
-    if not name.isidentifier() or name == "pi" or name in formulas.FUNCTIONS:
+    if not name.isidentifier() or name == "pi" or name in arithmetic.FUNCTIONS:
         remedy = "is no name for a formula; use letters, digits and _, not the name of a function or pi"
         raise InputError(path, field, None, remedy)
 
@@ -318,6 +317,6 @@ def _formula(column: ColumnTable, given: Mapping[str, Any], path: Path, field: s
         remedy = "is missing; say in which unit the column is to be written"
         raise InputError(path, f"{field}.unit", None, remedy)
     try:
-        return formulas.parse(column.formula)
+        return arithmetic.parse(column.formula)
     except ValueError as error:
         raise InputError(path, f"{field}.formula", column.formula, str(error)) from None

@@ -25,8 +25,12 @@ def section(validation: Validation) -> Section:
     others = [why(validation, key) for key in validation.shares if key != "K_in_output_free"]
     chart = charts.shares(_percentages(validation), "% of FEM's compliance")
     figure = Figure("compliance_shares.svg", chart, "Where FEM finds the compliance")
+    lacking = [] if validation.formula_shares else ["The part does not state what the compliances of its formulas are."]
     return Section(
-        "Where formulas and FEM differ, and why", [METHOD, *filter(None, others)], [_table(validation)], [figure]
+        "Where formulas and FEM differ, and why",
+        [METHOD, *lacking, *filter(None, others)],
+        [_table(validation)],
+        [figure],
     )
 
 

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
+from flexdesign.design.design import Design
+from flexdesign.design.part import extrusion_axis
 from flexdesign.fem import quantities
 from flexdesign.fem.meshing import mesh
 from flexdesign.fem.meshing.mesh import TaggedMesh
@@ -21,8 +23,8 @@ from flexdesign.workflows.validation import Validation
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
 Array = NDArray[np.float64]
-#: Suffixes the CAD kernel writes, and what it calls the formats.
-SOLIDS = {".step": "STEP", ".stp": "STEP", ".stl": "STL", ".brep": "BREP"}
+#: Suffixes the CAD kernel writes, and what it calls the formats; a DXF holds the section of an extrusion.
+SOLIDS = {".step": "STEP", ".stp": "STEP", ".stl": "STL", ".brep": "BREP", ".dxf": "DXF"}
 
 
 def writers(
@@ -87,8 +89,30 @@ def write_solid(validation: Validation | StageValidation, path: Path) -> None:
     import cadquery as cq
 
     design = validation.study.design
-    solid = cq.Workplane(design.stage().solid() if design.is_stage else design.part().solid())
+    if path.suffix.lower() == ".dxf":
+        solid = _section(design)
+    else:
+        solid = cq.Workplane(design.stage().solid() if design.is_stage else design.part().solid())
     _written(path, lambda file: cq.exporters.export(solid, str(file), SOLIDS[path.suffix.lower()]))
+
+
+def _section(design: Design) -> Any:
+    """Return the end face of an extrusion, in its own plane, for a cutter [mm].
+
+    Raises
+    ------
+    InputError
+        If the design is no extrusion.
+    """
+    import cadquery as cq
+
+    axis = None if design.is_stage else extrusion_axis(design.part())
+    if axis is None:
+        raise InputError(
+            "command line", "--export", ".dxf", "only a part that is an extrusion has a section; take .step"
+        )
+    face = cq.Workplane(design.part().solid()).faces(f">{axis.upper()}")
+    return cq.Workplane(face.workplane().plane).newObject(face.vals())
 
 
 def write_mesh(validation: Validation, path: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.core.toml_files import FORMAT
+from flexdesign.design.part import states
 from flexdesign.dynamics.experiments.simulation import handed_over
 from flexdesign.fem import quantities
 from flexdesign.report import accuracy_words, charts, strength_words
@@ -64,6 +65,7 @@ def table_1(validation: Validation) -> Table:
 
 def result(validation: Validation) -> dict[str, Any]:
     """Return result.json's content: every number with its unit, and what made it."""
+    first = next((model for c in validation.comparisons for model in c.analytic), "PRB")
     return {
         "format": FORMAT,
         "kind": "validation",
@@ -75,7 +77,7 @@ def result(validation: Validation) -> dict[str, Any]:
         ]
         + [quantity.to_json() for quantity in validation.further],
         "compliance_shares": {
-            key: {"unit": "m/N", "FEM": dict(split), "PRB": dict(validation.formula_shares.get(key, {}))}
+            key: {"unit": "m/N", "FEM": dict(split), first: dict(validation.formula_shares.get(key, {}))}
             for key, split in validation.shares.items()
         },
         "strain_energy_shares": strength_words.shares(validation),
@@ -170,6 +172,8 @@ def _table_1_text(validation: Validation) -> list[str]:
     for comparison in validation.comparisons:
         for model, quantity in comparison.analytic.items():
             sources.setdefault(model, []).append(quantity.source)
+    if not sources:
+        return ["Nothing stands beside FEM: the part states no formulas, and its linkage is no frame."]
     return [
         "Stiffness depends on what holds the other port, so every row names its boundary. Forces act as uniform "
         "tractions on the port faces, displacements are area averages; the ground face is held.",
@@ -322,8 +326,11 @@ def _index(validation: Validation) -> str:
 def _formulas(validation: Validation) -> Section:
     design = validation.study.design
     force, boundary = quantities.stated_force(validation.study, validation.finest.solution)
-    found = design.part().intermediates(design.material, force)
+    part = design.part()
+    found = part.intermediates(design.material, force) if states(part, "intermediates") else {}
     rows = [[name, q.shown(), q.boundary, q.source] for name, q in found.items()]
+    if not rows:
+        return Section("The formulas, step by step", ["The part states no intermediate quantities."], folded=True)
     text = f"At an actuator force of {units.to_text(force, 'N')} ({boundary}), with the output free."
     table = Table(["symbol", "value", "boundary", "equation"], rows)
     return Section("The pseudo-rigid-body model, step by step", [text], [table], folded=True)

@@ -14,7 +14,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-from flexdesign.analytic import frame, static_model
+from flexdesign.analytic import frame, part_models, static_model
 from flexdesign.analytic.compliance import SOURCE
 from flexdesign.analytic.stage_compliance import StageCompliance
 from flexdesign.analytic.static_model import StaticModel
@@ -211,7 +211,7 @@ def _counted(design: Design) -> list[Quantity]:
 def _of_part(design: Design, model: str) -> list[Quantity]:
     """Return what one of a part's own models says."""
     stiffness = design.actuator.installed_stiffness if design.actuator else None
-    formulas = design.part().formulas(design.material, stiffness, None)
+    formulas = part_models.formulas(design.part(), design.material, stiffness, None)
     if model not in formulas:
         remedy = f"has no model {model}: it has {', '.join(formulas)}"
         raise InputError(design.file, "part", design.part_class.__name__, remedy)

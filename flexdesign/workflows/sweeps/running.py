@@ -190,7 +190,15 @@ def _root(plan: SweepPlan, overrides: Sequence[str]) -> list[object]:
     except InputError as error:
         return [list(overrides), str(error)]
     drive = design.actuator.model_dump() if design.actuator else {}
-    return [dict(design.dimensions), repr(design.material), drive, design.effects, *simulated]
+    drawn = parts.drawn_by_design(design.part_class)
+    return [
+        dict(design.dimensions),
+        repr(design.material),
+        drive,
+        design.effects,
+        *([drawn] if drawn else []),
+        *simulated,
+    ]
 
 
 def _code(plan: SweepPlan) -> list[object]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from time import perf_counter
 
-from flexdesign.analytic import static_model
+from flexdesign.analytic import part_models, static_model
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Quantity, by_key
 from flexdesign.core.result_cache import Cache, content_key
@@ -136,7 +136,7 @@ def _formulas(design: Design, part: parts.Part, load: float | None) -> dict[str,
         If they are no quantities, or none of what FEM finds.
     """
     stiffness = design.actuator.installed_stiffness if design.actuator else None
-    given: object = part.formulas(design.material, stiffness, load)
+    given: object = part_models.formulas(part, design.material, stiffness, load)
 
     def refused(remedy: str) -> InputError:
         return _refused(part, "formulas", remedy)
@@ -152,13 +152,15 @@ def _formulas(design: Design, part: parts.Part, load: float | None) -> dict[str,
         raise refused("must return quantities by the model's name: {'PRB': [Quantity(...)]}")
     formulas = {str(model): by_key(found) for model, found in given.items()}
     known = {Quantity(name, 1.0, "", "", boundary).key for name, boundary in static_model.measurable(design)}
-    if not any(known & found.keys() for found in formulas.values()):
+    if parts.states(part, "formulas") and not any(known & found.keys() for found in formulas.values()):
         raise refused(f"returns nothing to compare; give at least one of {', '.join(sorted(known))}")
     return formulas
 
 
 def _formula_shares(design: Design, part: parts.Part) -> Mapping[str, Mapping[str, float]]:
     """Return what the compliances of the first model consist of; raise InputError if that is no table of numbers."""
+    if not parts.states(part, "formula_shares"):
+        return {}
     given: object = part.formula_shares(design.material)
     splits: list[object] = list(given.values()) if isinstance(given, Mapping) else [None]
     pieces = [piece for split in splits if isinstance(split, Mapping) for piece in split.values()]
@@ -171,6 +173,8 @@ def _formula_shares(design: Design, part: parts.Part) -> Mapping[str, Mapping[st
 
 def _examine_intermediates(design: Design, part: parts.Part) -> None:
     """Raise InputError if the report could not show what a part returns on the way to its formulas."""
+    if not parts.states(part, "intermediates"):
+        return
     given: object = part.intermediates(design.material, 1.0)
     if not isinstance(given, Mapping) or not _are_quantities(list(given.values())):
         raise _refused(part, "intermediates", "must return quantities by name: {'M': Quantity(...)}, or {}")

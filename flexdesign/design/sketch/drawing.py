@@ -1,0 +1,245 @@
+"""A sketch in numbers: polygons, flexures and ports [m], and what makes them no mechanism."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.core.errors import InputError
+from flexdesign.design.part import Port
+from flexdesign.design.sketch import polygons
+
+Array = NDArray[np.float64]
+Profile = Literal["leaf", "circular"]
+#: Corners of half a circular notch, where a polygon stands for it.
+NOTCH_CORNERS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A stout piece: its name and its corners, shape (n, 2) [m]."""
+
+    name: str
+    corners: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Flexure:
+    """A thin piece between two bodies.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    bodies
+        Those at its start and its end.
+    start, end
+        Ends of its axis [m].
+    thickness
+        In the plane; of a circular notch at its neck [m].
+    profile
+        ``leaf``, or ``circular``: two half circles whose diameter is the length.
+    fillet
+        Radius at its roots [m].
+    kind
+        ``hinge``, or ``rod``: a beam that bends as a cantilever does, held at its end.
+    """
+
+    name: str
+    bodies: tuple[str, str]
+    start: Array
+    end: Array
+    thickness: float
+    profile: Profile = "leaf"
+    fillet: float = 0.0
+    kind: Literal["hinge", "rod"] = "hinge"
+
+    @property
+    def length(self) -> float:
+        """Distance between the ends [m]."""
+        return float(np.linalg.norm(self.end - self.start))
+
+    @property
+    def axis(self) -> Array:
+        """Unit vector from start to end."""
+        return np.asarray((self.end - self.start) / self.length)
+
+    @property
+    def normal(self) -> Array:
+        """Unit vector to the left of the axis."""
+        return np.array([-self.axis[1], self.axis[0]])
+
+    @property
+    def ends(self) -> tuple[tuple[str, Array, Array], tuple[str, Array, Array]]:
+        """The body, the point and the way out of the flexure at the start and at the end."""
+        return (self.bodies[0], self.start, -self.axis), (self.bodies[1], self.end, self.axis)
+
+    @cached_property
+    def corners(self) -> Array:
+        """Its outline [m]; of a notch chords."""
+        if self.profile == "leaf":
+            half = self.thickness / 2 * self.normal
+            return np.array([self.start - half, self.end - half, self.end + half, self.start + half])
+        angles = np.linspace(0.0, math.pi, NOTCH_CORNERS + 1)
+        radius = self.length / 2
+        along, up = -radius * np.cos(angles), self.thickness / 2 + radius * (1 - np.sin(angles))
+        middle = (self.start + self.end) / 2
+        lower, upper = (middle + np.outer(along, self.axis) + sign * np.outer(up, self.normal) for sign in (-1.0, 1.0))
+        return np.concatenate([lower, upper[::-1]])
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A mechanism in numbers.
+
+    Parameters
+    ----------
+    bodies, flexures
+        Its pieces, by their names.
+    ports
+        Its faces; the body of each by the port's name in `carriers`.
+    carriers
+        Body by port.
+    thickness
+        Of the plate [m].
+
+    Raises
+    ------
+    InputError
+        If it is no mechanism: the first thing that is wrong with it.
+    """
+
+    bodies: dict[str, Body]
+    flexures: dict[str, Flexure]
+    ports: tuple[Port, ...]
+    carriers: dict[str, str]
+    thickness: float
+
+    def __post_init__(self) -> None:
+        for body in self.bodies.values():
+            _require_simple(body)
+        for flexure in self.flexures.values():
+            self._require_ends(flexure)
+        self._require_apart()
+        self._require_grounded()
+
+    def carried_by(self, role: str) -> list[str]:
+        """Return the bodies that carry the ports of a role."""
+        return list(dict.fromkeys(self.carriers[port.name] for port in self.ports if port.role == role))
+
+    @cached_property
+    def attached(self) -> dict[str, list[tuple[Flexure, Array, Array]]]:
+        """By body what ends at it: the flexure, its end there [m], and the way on into the body."""
+        found: dict[str, list[tuple[Flexure, Array, Array]]] = defaultdict(list)
+        for flexure in self.flexures.values():
+            for body, point, way in flexure.ends:
+                found[body].append((flexure, point, way))
+        return dict(found)
+
+    def _require_ends(self, flexure: Flexure) -> None:
+        """Refuse a flexure without size, or one that does not end at its bodies."""
+        field = f"flexure.{flexure.name}"
+        if flexure.thickness <= 0:
+            raise InputError("design", f"{field}.thickness", _mm(flexure.thickness), "must be more than 0 mm")
+        if flexure.length <= 10 * polygons.NEAR:
+            raise InputError("design", field, _mm(flexure.length), "its two ends coincide; move one of them")
+        if flexure.fillet < 0 or flexure.fillet > 0.45 * flexure.length:
+            remedy = f"allowed: 0 mm to {_mm(0.45 * flexure.length)}, so that two fillets fit on its length"
+            raise InputError("design", f"{field}.fillet", _mm(flexure.fillet), remedy)
+        for name, point, _ in flexure.ends:
+            corners = self.bodies[name].corners
+            if not (polygons.inside(corners, point) or polygons.on_boundary(corners, point)):
+                remedy = f"ends beside the body {name}: an end lies on the body's boundary, or within it"
+                raise InputError("design", field, _at(point), remedy)
+
+    def _require_apart(self) -> None:
+        """Refuse pieces that run into each other."""
+        for one, two in combinations(self.flexures.values(), 2):
+            if polygons.overlap(one.corners, two.corners):
+                remedy = f"overlaps the flexure {two.name}; move one of them, or make it thinner"
+                raise InputError("design", f"flexure.{one.name}", _at((one.start + one.end) / 2), remedy)
+        for one_body, other in combinations(self.bodies.values(), 2):
+            shared = polygons.overlap(one_body.corners, other.corners)
+            if shared or polygons.touch(one_body.corners, other.corners):
+                remedy = f"{'overlaps' if shared else 'touches'} the body {other.name}; draw them apart, or as one body"
+                raise InputError("design", f"body.{one_body.name}", _at(one_body.corners.mean(axis=0)), remedy)
+        for flexure in self.flexures.values():
+            for body in self.bodies.values():
+                if body.name not in flexure.bodies and polygons.overlap(flexure.corners, body.corners):
+                    remedy = f"runs into the body {body.name}, which it does not join; move one of them"
+                    raise InputError("design", f"flexure.{flexure.name}", _at(flexure.start), remedy)
+
+    def _require_grounded(self) -> None:
+        """Refuse a body that no chain of flexures joins to the ground, and one that moves by itself."""
+        reached = set(self.carried_by("ground"))
+        waiting = list(reached)
+        while waiting:
+            for flexure, _, _ in self.attached.get(waiting.pop(), []):
+                new = set(flexure.bodies) - reached
+                reached |= new
+                waiting += new
+        for name in self.bodies:
+            if name not in reached:
+                remedy = "is joined to the ground by no chain of flexures; add a flexure, or leave the body out"
+                raise InputError("design", f"body.{name}", None, remedy)
+        for name, motion in self.idle():
+            remedy = (
+                f"moves by itself while input, output and ground stand still ({motion}); hold it by another flexure"
+            )
+            raise InputError("design", f"body.{name}", None, remedy)
+
+    def idle(self) -> Sequence[tuple[str, str]]:
+        """Return bodies that move by themselves were all flexures pivots, and how: internal mobility.
+
+        Bodies with ports are held. A hinge then binds two motions of its middle, a rod all three; what motion no
+        constraint binds is internal mobility, which nothing but the hinges' own stiffness opposes.
+        """
+        free = [name for name in self.bodies if name not in self.carriers.values()]
+        if not free:
+            return []
+        size = max(float(np.ptp(body.corners)) for body in self.bodies.values())
+        rows = []
+        for flexure in self.flexures.values():
+            middle, row = (flexure.start + flexure.end) / 2, np.zeros((3, 3 * len(free)))
+            for name, sign in zip(flexure.bodies, (-1.0, 1.0), strict=True):
+                if name in free:
+                    dx, dy = (middle - self.bodies[name].corners.mean(axis=0)) / size
+                    place = 3 * free.index(name)
+                    row[:, place : place + 3] = sign * np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+            rows.append(row if flexure.kind == "rod" else row[:2])
+        _, values, shapes = np.linalg.svd(np.concatenate(rows))
+        rank = int((values > 1e-9 * values[0]).sum())
+        if rank == 3 * len(free):
+            return []
+        shape = np.abs(shapes[rank:]).max(axis=0).reshape(-1, 3)
+        found = int(shape.max(axis=1).argmax())
+        turning = shape[found, 2] >= shape[found].max() - 1e-9
+        return [(free[found], "it turns" if turning else "it shifts")]
+
+
+def _require_simple(body: Body) -> None:
+    field = f"body.{body.name}"
+    gaps = np.linalg.norm(body.corners - np.roll(body.corners, 1, axis=0), axis=1)
+    if (gaps < 10 * polygons.NEAR).any():
+        at = body.corners[int(gaps.argmin())]
+        raise InputError("design", field, _at(at), "two neighbouring corners coincide; the body has no size there")
+    if polygons.crosses_itself(body.corners):
+        raise InputError("design", field, None, "its outline crosses itself; put its corners in their order around it")
+    if polygons.area_moments(body.corners)[0] < 1e-12:
+        raise InputError("design", field, None, "its corners enclose no area; move them apart")
+
+
+def _mm(length: float) -> str:
+    return f"{1e3 * length:.6g} mm"
+
+
+def _at(point: Array) -> str:
+    return f"({1e3 * point[0]:.6g} mm, {1e3 * point[1]:.6g} mm)"

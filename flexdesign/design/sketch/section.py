@@ -1,0 +1,167 @@
+"""The plane section of a sketch, put together by the CAD kernel, and the solid drawn out of it [mm]."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.core.errors import InputError
+from flexdesign.design.part import Outline, SymmetryPlane
+from flexdesign.design.sketch import polygons
+from flexdesign.design.sketch.drawing import Drawing, Flexure
+
+Array = NDArray[np.float64]
+#: Chords that stand for a curved edge where rays are sent across the section.
+CHORDS = 32
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """The section of a drawing: bodies and flexures in one."""
+
+    drawing: Drawing
+
+    @cached_property
+    def face(self) -> Any:
+        """The section as one plane CAD face [mm].
+
+        Raises
+        ------
+        InputError
+            If the pieces do not make one.
+        """
+        import cadquery as cq
+
+        pieces = [_polygon(body.corners) for body in self.drawing.bodies.values()]
+        pieces += [_outlined(flexure) for flexure in self.drawing.flexures.values()]
+        first, *others = [cq.Face.makeFromWires(wire) for wire in pieces]
+        whole = first.fuse(*others).clean() if others else first
+        faces = whole.Faces()
+        if len(faces) != 1:
+            remedy = f"its pieces make {len(faces)} separate sections; let every flexure end at the bodies it joins"
+            raise InputError("design", "flexure", None, remedy)
+        return faces[0]
+
+    @cached_property
+    def edges(self) -> tuple[Any, ...]:
+        """The edges of the face."""
+        return tuple(self.face.Edges())
+
+    @cached_property
+    def segments(self) -> Array:
+        """The boundary as straight segments, curved edges by chords, shape (k, 2, 2) [m]."""
+        found = []
+        for edge in self.edges:
+            straight = edge.geomType() == "LINE"
+            places = [edge.startPoint(), edge.endPoint()] if straight else edge.positions(np.linspace(0, 1, CHORDS + 1))
+            points = 1e-3 * np.array([place.toTuple()[:2] for place in places])
+            found.append(np.stack([points[:-1], points[1:]], axis=1))
+        return np.concatenate(found)
+
+    def outline(self) -> Outline | None:
+        """Return the section by its corners; None with curved edges."""
+        drawing = self.drawing
+        if any(f.profile != "leaf" or f.fillet > 0 for f in drawing.flexures.values()):
+            return None
+        loops = [_corners(wire) for wire in (self.face.outerWire(), *self.face.innerWires())]
+        return Outline(loops, -drawing.thickness / 2, drawing.thickness / 2)
+
+    def solid(self) -> Any:
+        """Return the plate, fillets at the roots of the flexures that have any [mm]."""
+        import cadquery as cq
+
+        half = 1e3 * self.drawing.thickness / 2
+        low = self.face.translate(cq.Vector(0, 0, -half))
+        body = cq.Workplane(cq.Solid.extrudeLinear(low, cq.Vector(0, 0, 2 * half)))
+        for radius in sorted({f.fillet for f in self.drawing.flexures.values()} - {0.0}):
+            places = [place for f in self.drawing.flexures.values() if f.fillet == radius for place in self._roots(f)]
+            edges = [e for e in body.edges("|Z").vals() if _near((e.Center().x, e.Center().y), places)]
+            body = body.newObject(edges).fillet(1e3 * radius)
+        return body.solids().val()
+
+    def _roots(self, flexure: Flexure) -> Iterator[Array]:
+        """Yield the corners at which a flexure meets its bodies [m]."""
+        for name, point, _ in flexure.ends:
+            if not polygons.inside(self.drawing.bodies[name].corners, point):
+                for side in (1, -1):
+                    yield point + side * flexure.thickness / 2 * flexure.normal
+
+    def symmetry(self) -> tuple[SymmetryPlane, ...]:
+        """Return the coordinate planes in which section and ports are their own mirror images, and z = 0."""
+        found = [self._mirrored(index) for index in (0, 1)]
+        return (*(plane for plane in found if plane is not None), SymmetryPlane("z", {}))
+
+    def _mirrored(self, index: int) -> SymmetryPlane | None:
+        flip = np.where(np.arange(3) == index, -1.0, 1.0)
+        swaps = {}
+        for port in self.drawing.ports:
+            point, normal = np.array(port.point) * flip, np.array(port.normal) * flip
+            image = next((p for p in self.drawing.ports if p.role == port.role
+                          and np.allclose(p.point, point, rtol=0, atol=10 * polygons.NEAR)
+                          and np.allclose(p.normal, normal, rtol=0, atol=1e-9)), None)  # fmt: skip
+            if image is None or (image is not port and port.role != "input"):
+                return None
+            if image is not port and port.point[index] < 0:
+                swaps[port.name] = image.name
+        places = np.array([self._described(edge) for edge in self.edges])
+        images = places * np.tile(flip[:2], 3)
+        images = np.concatenate([images, images[:, [2, 3, 0, 1, 4, 5]]])  # an image may run the other way
+        gaps = np.abs(places[:, None] - images[None]).max(axis=2).min(axis=1)
+        return SymmetryPlane("xyz"[index], swaps) if (gaps < 10 * polygons.NEAR).all() else None  # type: ignore[arg-type]
+
+    @staticmethod
+    def _described(edge: Any) -> tuple[float, ...]:
+        """Return start, end and middle of an edge [m]."""
+        places = (edge.startPoint(), edge.endPoint(), edge.positionAt(0.5))
+        return tuple(1e-3 * value for place in places for value in place.toTuple()[:2])
+
+
+def _polygon(corners: Array) -> Any:
+    import cadquery as cq
+
+    if polygons.winding(corners) < 0:  # faces are joined only if they look the same way
+        corners = corners[::-1]
+    return cq.Wire.makePolygon([cq.Vector(*map(float, 1e3 * corner), 0.0) for corner in corners], close=True)
+
+
+def _outlined(flexure: Flexure) -> Any:
+    """Return the outline of a flexure; the arcs of a notch are arcs."""
+    import cadquery as cq
+
+    if flexure.profile == "leaf":
+        return _polygon(flexure.corners)
+    radius, middle = flexure.length / 2, (flexure.start + flexure.end) / 2
+
+    def place(along: float, up: float) -> Any:
+        x, y = 1e3 * (middle + along * flexure.axis + up * flexure.normal)
+        return cq.Vector(float(x), float(y), 0.0)
+
+    high, neck = flexure.thickness / 2 + radius, flexure.thickness / 2
+    lower = cq.Edge.makeThreePointArc(place(-radius, -high), place(0, -neck), place(radius, -high))
+    upper = cq.Edge.makeThreePointArc(place(radius, high), place(0, neck), place(-radius, high))
+    right = cq.Edge.makeLine(place(radius, -high), place(radius, high))
+    left = cq.Edge.makeLine(place(-radius, high), place(-radius, -high))
+    return cq.Wire.assembleEdges([lower, right, upper, left])
+
+
+def _corners(wire: Any) -> list[tuple[float, float]]:
+    """Return the corners of a wire of straight edges in turn [m]."""
+    edges = [np.array([p.toTuple()[:2] for p in (e.startPoint(), e.endPoint())]) for e in wire.Edges()]
+    chain = [edges[0][0], edges[0][1]]
+    left = edges[1:]
+    while left:
+        number, end = min(
+            ((i, j) for i in range(len(left)) for j in (0, 1)), key=lambda at: math.dist(left[at[0]][at[1]], chain[-1])
+        )
+        chain.append(left.pop(number)[1 - end])
+    return [(1e-3 * float(x), 1e-3 * float(y)) for x, y in chain[:-1]]
+
+
+def _near(centre: tuple[float, float], places: list[Array]) -> bool:
+    return any(math.dist(centre, 1e3 * place) < 1e-6 for place in places)

@@ -1,0 +1,354 @@
+"""A sketch is a mechanism: examples with known answers, symmetry, roots, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexdesign.analytic.compliance import ComplianceModel, drawn
+from flexdesign.core.errors import InputError
+from flexdesign.core.result_cache import Cache
+from flexdesign.design import design as designs
+from flexdesign.design import part as parts
+from flexdesign.design import study as studies
+from flexdesign.design.design import Design
+from flexdesign.fem.meshing import domain, outlined
+from flexdesign.workflows.validation import Validation, validate
+
+GEOMETRY = Path(__file__).resolve().parents[1] / "geometry"
+SKETCHES = GEOMETRY / "sketches"
+EXAMPLES = sorted(path.stem for path in SKETCHES.glob("*.toml"))
+STACK = 100e6
+
+
+def sketch(name: str, *overrides: str) -> Design:
+    return designs.read(SKETCHES / f"{name}.toml", overrides)
+
+
+def model(design: Design, name: str) -> dict[str, float]:
+    return {q.key: q.value for q in design.part().formulas(design.material, STACK, None)[name]}
+
+
+def bending(design: Design, thickness: str = "thickness") -> float:
+    """Return E I of a leaf [N m^2]."""
+    d = design.dimensions
+    return design.material.youngs_modulus * d["width"] * d[thickness] ** 3 / 12
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_every_example_is_short_and_has_models_that_agree(name: str) -> None:
+    assert len((SKETCHES / f"{name}.toml").read_text(encoding="utf-8").splitlines()) < 60
+    design = sketch(name)
+    rigid, compliant = model(design, "rigid bodies"), model(design, "compliance")
+    for key in ("K_in_output_free", "lambda_output_free", "K_out_input_free"):
+        assert compliant[key] == pytest.approx(rigid[key], rel=0.25)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_outline_is_the_section_of_the_solid(name: str) -> None:
+    part = sketch(name).part()
+    volume = sum(body.volume for body in [domain.of_part(part, symmetric=False, chord=1e-5)])
+    told = parts.straight_outline(part)
+    if told is None:
+        assert name == "lever_amplifier"  # the one with a notch
+        return
+    whole = outlined.of_part(part)
+    assert whole is not None
+    assert whole.volume * 2 ** len(part.symmetry()) == pytest.approx(volume, rel=1e-9)
+
+
+# --- known answers ------------------------------------------------------------------------------------------------
+
+
+def test_two_leaves_in_parallel_and_two_pairs_in_series() -> None:
+    for name, times in (("parallelogram", 24.0), ("folded_guide", 12.0)):
+        design = sketch(name)
+        expected = times * bending(design) / design.dimensions["length"] ** 3
+        # The table also tilts, as leaves stretch.
+        assert model(design, "rigid bodies")["K_in_output_free"] == pytest.approx(expected, rel=2e-3)
+        assert model(design, "rigid bodies")["lambda_output_free"] == pytest.approx(1.0, rel=1e-9)
+
+
+def test_the_frequency_of_a_parallelogram_is_that_of_table_and_half_the_leaves() -> None:
+    design = sketch("parallelogram")
+    d, density = design.dimensions, design.material.density
+    moving = 1.4 * d["spacing"] * d["height"] + d["length"] * d["thickness"]  # table, and half of two leaves
+    stiffness = model(design, "rigid bodies")["K_in_output_free"]
+    expected = math.sqrt(stiffness / (density * d["width"] * moving)) / (2 * math.pi)
+    assert model(design, "rigid bodies")["output_frequency_input_free"] == pytest.approx(expected, rel=2e-3)
+
+
+def test_a_cross_axis_pivot_turns_about_where_the_axes_cross() -> None:
+    """Two leaves, each 4 E I / L (3 xi^2 + 3 xi + 1), where xi L lies between its end and the crossing."""
+    design = sketch("cross_axis_pivot")
+    d = design.dimensions
+    xi = d["beyond"] / d["length"]
+    turning = 8 * bending(design) / d["length"] * (3 * xi**2 + 3 * xi + 1)
+    crossing = (d["length"] + d["beyond"]) * math.cos(d["angle"])
+    pushed = next(port for port in design.part().ports() if port.role == "input").point[1]
+    # What the leaves stretch is 1 % beside it.
+    stiffness = model(design, "rigid bodies")["K_in_output_free"]
+    assert stiffness * (pushed - crossing) ** 2 == pytest.approx(turning, rel=0.015)
+    softer = model(sketch("cross_axis_pivot", "dimensions.thickness=0.1 mm"), "rigid bodies")["K_in_output_free"]
+    assert softer * (pushed - crossing) ** 2 * 4**3 == pytest.approx(turning, rel=1e-3)
+
+
+def test_a_lever_has_the_ratio_of_its_arms() -> None:
+    design = sketch("lever_amplifier")
+    d = design.dimensions
+    found = model(design, "PRB")
+    assert found["lambda_output_free"] == pytest.approx(d["output_arm"] / d["input_arm"], rel=1e-9)
+    assert found["K_in_output_free"] / found["K_out_input_free"] == pytest.approx(16.0, rel=1e-9)
+    assert model(design, "rigid bodies")["lambda_output_free"] == pytest.approx(4.0, rel=1e-3)
+
+
+def test_a_scott_russell_mechanism_has_the_cotangent_of_its_angle() -> None:
+    for angle in (25.0, 30.0, 40.0):
+        found = model(sketch("scott_russell", f"dimensions.angle={angle} deg"), "rigid bodies")
+        assert found["lambda_output_free"] == pytest.approx(1 / math.tan(math.radians(angle)), rel=6e-3)
+
+
+def test_bridges_in_series_multiply() -> None:
+    design = sketch("compound_bridge")
+    d = design.dimensions
+    expected = d["inner_span"] / d["inner_offset"] * d["outer_span"] / d["outer_offset"]
+    assert model(design, "PRB")["lambda_output_free"] == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_parallel_stage_bends_twelve_leaves_along_either_axis() -> None:
+    for axis in ("x", "y"):
+        design = sketch("xy_stage", f"active_axis={axis}")
+        found = model(design, "rigid bodies")
+        expected = 144 * bending(design) / design.dimensions["length"] ** 3
+        assert found["K_out_input_free"] == pytest.approx(expected, rel=2e-3)
+        assert found["lambda_output_free"] == pytest.approx(1.0, rel=5e-3)
+
+
+def test_the_axes_of_a_parallel_stage_are_decoupled_and_those_of_a_3_rrr_are_not() -> None:
+    design = sketch("xy_stage")
+    found = design.part().coupling(design.material)  # type: ignore[attr-defined]
+    assert found["x", "x"] == pytest.approx(model(design, "rigid bodies")["lambda_output_free"], rel=1e-9)
+    assert abs(found["x", "y"]) < 1e-9 and abs(found["y", "x"]) < 1e-9
+    design = sketch("three_rrr")
+    found = design.part().coupling(design.material)  # type: ignore[attr-defined]
+    assert found["a", "b"] == pytest.approx(found["b", "c"], rel=1e-9)
+    assert abs(found["a", "b"]) > 0.1
+
+
+def test_ten_lines_of_python_draw_a_mechanism(tmp_path: Path) -> None:
+    import flexdesign as fd
+
+    design = fd.draw(
+        tmp_path / "guide.toml",
+        material="Al 7075-T6",
+        dimensions={"length": "20 mm", "t": "0.5 mm"},
+        plate={"thickness": "10 mm"},
+        body=[
+            {"name": "base", "box": ["-30 mm", "-10 mm", "30 mm", 0]},
+            {"name": "table", "box": ["-21 mm", "length", "21 mm", "length + 10 mm"]},
+        ],
+        flexure=[
+            {"name": "leaf", "between": ["base", "table"], "from": ["15 mm", 0], "to": ["15 mm", "length"],
+             "thickness": "t", "mirror": "x"},
+        ],
+        port=[
+            {"role": "input", "body": "table", "side": "-x"},
+            {"role": "output", "body": "table", "side": "+x"},
+            {"role": "ground", "body": "base", "side": "-y"},
+        ],
+    )  # fmt: skip
+    assert model(design, "rigid bodies") == pytest.approx(model(sketch("parallelogram"), "rigid bodies"), rel=1e-9)
+
+
+def test_the_legs_of_a_3_rrr_are_alike() -> None:
+    first, *others = (model(sketch("three_rrr", f"active_axis={leg}"), "rigid bodies") for leg in "abc")
+    for other in others:
+        assert other == pytest.approx(first, rel=1e-9)
+
+
+def test_the_drawn_bridge_has_the_numbers_of_the_class() -> None:
+    ours, theirs = sketch("bridge"), designs.read(GEOMETRY / "bridge_amplifier.toml")
+    models = [ComplianceModel.of_part(d.part(), d.material, STACK) for d in (ours, theirs)]
+    for full in (False, True):
+        found, expected = (
+            {k: q.value for k, q in m.having(drawn(theirs.part()) if full else {}).quantities().items()} for m in models
+        )
+        assert found == pytest.approx(expected, rel=1e-6)
+    textbook = {q.key: q.value for q in theirs.part().formulas(theirs.material, STACK, None)["textbook"]}
+    rigid = model(ours, "rigid bodies")
+    assert {key: rigid[key] for key in textbook} == pytest.approx(textbook, rel=1e-6)
+    assert [p.axis for p in ours.part().symmetry()] == [p.axis for p in theirs.part().symmetry()] == ["x", "z"]
+    bodies = [outlined.of_part(d.part()) for d in (ours, theirs)]
+    assert bodies[0] is not None and bodies[1] is not None
+    corners = [np.unique(np.round(_corners(b), 12), axis=0) for b in bodies]
+    np.testing.assert_allclose(corners[0], corners[1], atol=1e-12)
+
+
+def _corners(body: object) -> np.ndarray:
+    return np.concatenate([curve.points for curve in body.section.outline])  # type: ignore[attr-defined]
+
+
+def solved(design: str, cache: Path, *overrides: str) -> Validation:
+    coarse = ("mesh.levels=2", "mesh.at_root=0.2", "mesh.growth=0.9", "mesh.independent=false", "output.large_steps=0")
+    return validate(studies.read(design, [*coarse, *overrides]), Cache(cache))
+
+
+def test_fem_of_a_drawn_parallelogram_is_its_formula(tmp_path: Path) -> None:
+    found = solved(str(SKETCHES / "parallelogram.toml"), tmp_path)
+    fem = found.fem("K_in_output_free")
+    design = found.study.design
+    expected = 24 * bending(design) / design.dimensions["length"] ** 3
+    assert abs(fem.value / expected - 1) < 0.04 + (fem.sigma or 0.0) / fem.value
+    assert found.fem("lambda_output_free").value == pytest.approx(1.0, rel=1e-3)
+    assert found.fem("first_frequency_input_free").value == pytest.approx(216.7, rel=0.05)
+
+
+@pytest.mark.slow
+def test_fem_of_the_drawn_bridge_has_the_numbers_of_the_class(tmp_path: Path) -> None:
+    ours = solved(str(SKETCHES / "bridge.toml"), tmp_path)
+    theirs = solved(str(GEOMETRY / "bridge_amplifier.toml"), tmp_path)
+    for key in ("K_in_output_free", "lambda_output_free", "K_out_input_free", "K_out_input_held"):
+        assert ours.fem(key).value == pytest.approx(theirs.fem(key).value, rel=1e-6)
+    assert ours.stage_model is not None and theirs.stage_model is not None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in EXAMPLES if name not in ("parallelogram", "bridge")])
+def test_fem_of_an_example_agrees_with_its_rigid_bodies(name: str, tmp_path: Path) -> None:
+    found = solved(str(SKETCHES / f"{name}.toml"), tmp_path)
+    limit = 0.35 if name == "compound_bridge" else 0.1  # its bars bend, which rigid bodies do not
+    for comparison in found.comparisons:
+        if comparison.fem.key in ("K_in_output_free", "lambda_output_free", "K_out_input_free"):
+            assert abs(comparison.error("rigid bodies") or 0.0) < limit
+
+
+# --- what is refused ----------------------------------------------------------------------------------------------
+
+TWO_LEAVES = (SKETCHES / "parallelogram.toml").read_text(encoding="utf-8")
+LEAF = TWO_LEAVES[TWO_LEAVES.index('    { name = "leaf"') : TWO_LEAVES.index("]\nport")]
+
+
+def another(body: str = "", flexure: str = "") -> str:
+    """Return the parallelogram with another body and another flexure."""
+    return TWO_LEAVES.replace("body = [\n", f"body = [\n{body}\n").replace("flexure = [\n", f"flexure = [\n{flexure}\n")
+
+
+FLOATING = '{ name = "floating", box = ["40 mm", "0 mm", "50 mm", "9 mm"] },'
+HANGING = (
+    '{ name = "arm", between = ["table", "floating"], '
+    'from = ["21 mm", "25 mm"], to = ["45 mm", "9 mm"], thickness = "1 mm" },'
+)
+TWIN = LEAF.replace('"leaf"', '"twin"').replace('"x" }', '"" }')
+EAR = '{ name = "ear", box = ["30 mm", "-9 mm", "50 mm", "-1 mm"] },'
+INNER = FLOATING.replace('"40 mm", "0 mm"', '"10 mm", "-5 mm"')
+HIGH = '"length + height"]'
+#: What is wrong: the text, or what is put in the place of what; the field that is named; the remedy.
+REFUSED = {
+    "no ground": (another(FLOATING), "body.floating", "joined to the ground by no chain of flexures"),
+    "internal mobility": (another(FLOATING, HANGING), "body.floating", "moves by itself"),
+    "flexures that overlap": (another("", TWIN), "flexure.twin", "overlaps the flexure leaf"),
+    "bodies that overlap": (another(INNER), "body.floating", "overlaps the body base"),
+    "bodies that touch": (another(EAR), "body.ear", "touches the body base"),
+    "a flexure beside its body": (
+        ('to = ["spacing / 2", "length"]', 'to = ["spacing / 2", "length - 1 mm"]'),
+        "flexure.leaf", "ends beside the body table",
+    ),
+    "a body that is none": (
+        ('between = ["base", "table"]', 'between = ["base", "tabel"]'), "flexure.leaf", "did you mean table?",
+    ),
+    "an unknown name": ((HIGH, '"lenght + height"]'), "body.table.box.4", "did you mean length?"),
+    "units that do not go together": ((HIGH, '"length * height"]'), "body.table.box.4", "not a length"),
+    "a number without a unit": (('"-height", "spacing"', '-3, "spacing"'), "body.base.box.2", "a pure number"),
+    "no output": (('role = "output"', 'role = "ground"'), "port", "none of the role output"),
+    "ground missing": (('role = "ground",', 'role = "output",'), "port", "none of the role ground"),
+    "Python": ((HIGH, '"__import__(1).getcwd()"]'), "body.table.box.4", "in it; a formula has"),
+    "an unknown key": (("[plate]", "[plate]\nwidht = 3"), "plate.widht", "is not a known key"),
+    "no plate": (('[plate]\nthickness = "width"', ""), "plate", "is missing"),
+    "a wrong side": (('side = "-y"', 'side = "down"'), "port.3.side", "'-x', '+x', '-y' or '+y'"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_one_message_says_what_is_wrong(what: str, tmp_path: Path) -> None:
+    given, field, remedy = REFUSED[what]
+    text = given if isinstance(given, str) else TWO_LEAVES.replace(*given)
+    assert text != TWO_LEAVES
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        designs.read(path)
+    assert Path(str(refused.value.file)).name == "mine.toml"
+    assert refused.value.field == field
+    assert remedy in str(refused.value)
+
+
+def test_the_section_is_exported_for_a_cutter(tmp_path: Path) -> None:
+    from types import SimpleNamespace
+
+    import ezdxf
+
+    from flexdesign.report.validation import export
+
+    for name, arcs in (("parallelogram", 0), ("lever_amplifier", 2)):
+        design, path = sketch(name), tmp_path / f"{name}.dxf"
+        export.write_solid(SimpleNamespace(study=SimpleNamespace(design=design)), path)  # type: ignore[arg-type]
+        drawn_edges = list(ezdxf.readfile(path).modelspace())
+        kinds = [edge.dxftype() for edge in drawn_edges]
+        assert len(kinds) == len(design.part().section.edges)  # type: ignore[attr-defined]
+        assert kinds.count("ARC") == arcs
+        sides = {round(e.dxf.start.distance(e.dxf.end), 6) for e in drawn_edges if e.dxftype() == "LINE"}
+        assert round(1e3 * design.dimensions.get("spacing", 0.016) * (2 if arcs == 0 else 1), 6) in sides
+
+
+def test_a_dimension_that_makes_no_mechanism_is_refused_with_its_place() -> None:
+    with pytest.raises(InputError, match="overlaps the flexure"):
+        sketch("parallelogram", "dimensions.spacing=0.3 mm")
+
+
+PLAIN = """\
+from flexdesign.core.model import Parameter
+
+
+class Plain:
+    dimensions = (Parameter("t", "m", "mm", "thickness of the leaves", plausible=(1e-4, 1e-3)),)
+
+    def __init__(self, t):
+        from pathlib import Path
+
+        from flexdesign.design import design
+
+        self.drawn = design.read(Path({sketch!r}), [f"dimensions.thickness={{t}} m"]).part()
+
+    def solid(self):
+        return self.drawn.solid()
+
+    def ports(self):
+        return self.drawn.ports()
+
+    def linkage(self):
+        return self.drawn.linkage()
+
+    def symmetry(self):
+        return ()
+
+    def prismatic(self):
+        return "z"
+"""
+
+
+def test_a_part_without_formulas_is_validated_and_the_report_says_what_it_lacks(tmp_path: Path) -> None:
+    from flexdesign.report.validation import validation_report
+
+    (tmp_path / "plain.py").write_text(PLAIN.format(sketch=str(SKETCHES / "parallelogram.toml")), encoding="utf-8")
+    content = 'format = 1\npart = "plain"\nmaterial = "Al 7075-T6"\n[dimensions]\nt = "0.5 mm"\n'
+    (tmp_path / "plain.toml").write_text(content, encoding="utf-8")
+    found = solved(str(tmp_path / "plain.toml"), tmp_path / "cache")
+    beside = {c.fem.key: list(c.analytic) for c in found.comparisons}
+    assert beside["K_in_output_free"] == ["compliance"]
+    assert abs(found.comparisons[0].error("compliance") or 1.0) < 0.1
+    written = " ".join(p for s in validation_report.document(found).sections for p in s.paragraphs)
+    assert "does not state what the compliances of its formulas are" in written
+    assert "states no intermediate quantities" in written
