@@ -431,7 +431,8 @@ PARTS: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
     "raises in several lines": (CLASS, f"raise ValueError('a\\nb')\n{CLASS}", "", None, ("ValueError: a b",)),
     "no class": ("    dimensions: ClassVar", "    sizes: ClassVar", "", None, ("one class with `dimensions`", "none")),
     "two classes": (CLASS, f"class Other:\n    dimensions = ()\n\n{CLASS}", "", None, ("Other, Leaf",)),
-    "lacks a method": ("def ports(", "def port(", "Leaf", None, ("lacks ports()",)),
+    "lacks a method": ("def symmetry(", "def symmetries(", "Leaf", None, ("lacks symmetry()",)),
+    "lacks what it needs": ("def ports(self)", "def faces(self)", "Leaf", None, ("lacks ports()",)),
     "dimensions are numbers": (
         'Parameter("size", "m", "mm", "its size", plausible=(1e-3, 0.1)),', "1.0, 2.0",
         "Leaf.dimensions", None, ("tuple of flexdesign.Parameter",),
@@ -457,7 +458,6 @@ PARTS: dict[str, tuple[str, str, str, object, tuple[str, ...]]] = {
     "two ports of one name": ('"right", "input"', '"left", "input"', "Leaf.ports()", "left", ("two ports",)),
     "a normal of length 2": (OUTPUT, OUTPUT.replace("(0.0, 1.0, 0.0)", "(0.0, 2.0, 0.0)"), "Leaf.ports()",
         (0.0, 2.0, 0.0), ("normal of output", "unit vector")),
-    "no hinge": ('"leaf", "hinge"', '"leaf", "arm"', "Leaf.linkage()", None, ("no member of the kind hinge",)),
     "a hinge without length": ("(0.01, 0.0, 0.0), 1e-3, 4e-3", "(0.0, 0.0, 0.0), 1e-3, 4e-3", "Leaf.linkage()",
         (0.0, 1e-3, 4e-3), ("leaf has no size",)),
     "a member between nowhere": ('("a", "b")', '("a", "c")', "Leaf.linkage()", None, ("joins c", "line 26")),

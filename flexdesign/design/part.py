@@ -5,6 +5,7 @@ The solid is in millimetres, because STEP and the CAD kernel's tolerances are; e
 
 from __future__ import annotations
 
+import difflib
 import functools
 import hashlib
 import importlib.util
@@ -210,6 +211,7 @@ def load(name: str, folder: Path | None = None, methods: Sequence[str] = METHODS
         methods = STAGE_METHODS
     left_out = [method for method in OPTIONAL if methods == METHODS and not hasattr(cls, method)]
     for method in left_out:
+        _require_no_misspelling(cls, method, path)
         setattr(cls, method, OPTIONAL[method])
     setattr(cls, "left_out", frozenset(left_out))  # noqa: B010
     missing = [method for method in methods if not callable(getattr(cls, method, None))]
@@ -227,6 +229,13 @@ def load(name: str, folder: Path | None = None, methods: Sequence[str] = METHODS
 def states(part: Piece, method: str) -> bool:
     """Tell whether a part has one of the methods that it may leave out."""
     return hasattr(part, method) and method not in getattr(part, "left_out", ())
+
+
+def _require_no_misspelling(cls: type[Any], method: str, path: Path) -> None:
+    """Raise InputError if a part lacks an optional method and has one of nearly its name."""
+    others = [name for name in vars(cls) if name not in METHODS and not name.startswith("_")]
+    if near := difflib.get_close_matches(method, others, n=1, cutoff=0.75):
+        raise InputError(path, cls.__name__, None, f"the part lacks {method}(); rename {near[0]} if it is meant")
 
 
 def is_stage(cls: type[Any]) -> bool:
