@@ -34,10 +34,9 @@ LONGEST = 1.5
 #: Most triangles of one tessellated cylinder: some seconds and 100 MB. The notched lever of `studies.error_bars` has
 #: 3400; a hinge of some nanometres beside a large bore asks for more than any memory holds.
 MOST = 200_000
-#: Of a part that names no hinges: each face is tessellated as its own thickness asks for, but for so many times that of
-#: the thinnest at most, which the mesher's envelope allows; points are as far apart as chords of that error are long,
-#: times the second number, and as the third in diagonals of the solid.
-FINER, LONGER, APART = 8.0, 1.0, 0.1
+#: Of a part that names no hinges: chords in those of others, and how far points on its faces are apart at most, in
+#: diagonals of the solid.
+COARSER, APART = 2.0, 0.1
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -112,8 +111,8 @@ class Domain:
 
     @property
     def chord(self) -> float:
-        """How far tessellations of thick faces may stray from them beyond those of thin ones [m]."""
-        return 0.0 if self.thin is None else FINER * CHORD * self.thin.thinnest
+        """How far the tessellation strays from curved faces beyond what the mesher's envelope covers [m]."""
+        return 0.0 if self.thin is None else COARSER * CHORD * self.thin.thinnest
 
     @property
     def copies(self) -> int:
@@ -184,9 +183,8 @@ def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = 
     thinnest, thin = _thinnest(part), None
     if math.isinf(thinnest):
         thin = thin_regions.find(solid)
-        each = np.minimum(thin.of_faces, FINER * thin.thinnest)
         size = solid.BoundingBox().DiagonalLength * MM
-        found = [_even_face(face, t, size) for face, t in zip(solid.Faces(), each.tolist(), strict=True)]
+        found = [_even_face(face, COARSER * CHORD * thin.thinnest, size) for face in solid.Faces()]
     else:
         found = [_face(face, chord, thinnest) for face in solid.Faces()]
     faces = _joined(found, [port.faces for port in part.ports()])
@@ -300,16 +298,17 @@ def _face(face: Any, chord: float, thinnest: float) -> Face:
     return Face(points, corners, None)
 
 
-def _even_face(face: Any, thickness: float, size: float) -> Face:
+def _even_face(face: Any, chord: float, size: float) -> Face:
     """Return a face with even triangles, for a part that names no hinges; of a surface that bends twice the kernel's.
 
-    Chords keep to a share of the thickness [m] there; points are no farther apart than a share of the `size` [m].
+    Chords [m] are alike on all faces, as neighbours share edges; points are no farther apart than a share of the
+    `size` [m].
     """
-    told = _face(face, CHORD * thickness, math.inf)
+    told = _face(face, chord, math.inf)
     longest = APART * size
     if told.axis is not None:
-        longest = min(longest, LONGER * float(np.sqrt(8 * told.radius * CHORD * thickness)))
-    made = developed.triangles_of(face, CHORD * thickness / MM, longest / MM)
+        longest = min(longest, float(np.sqrt(8 * told.radius * chord)))
+    made = developed.triangles_of(face, chord / MM, longest / MM)
     return told if made is None else replace(told, points=made[0] * MM, triangles=made[1])
 
 

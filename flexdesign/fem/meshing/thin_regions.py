@@ -48,8 +48,6 @@ class ThinRegions:
         Radius of the cylinder that a place lies on, or that lies across, the smaller one [m]; infinite between planes.
     roots, at_roots
         Places on re-entrant edges, shape (k, 3) [m], and the thickness of what is thin beside them, shape (k,) [m].
-    of_faces
-        The smallest thickness on each face [m], infinite where nothing lies across, shape (faces,).
     hinges
         What is thin against the rest: members with thickness, length and width, for the report and the gate.
     chosen
@@ -62,7 +60,6 @@ class ThinRegions:
     curved: FloatArray
     roots: FloatArray
     at_roots: FloatArray
-    of_faces: FloatArray
     hinges: tuple[Member, ...] = ()
     chosen: tuple[IntArray, ...] = field(default=(), repr=False)
 
@@ -199,11 +196,9 @@ def find(solid: Any) -> ThinRegions:
     wanted = np.clip(0.4 * (seen[2][nearest] + away), 1e-4 * fine.size, spacing)
     points, owners = _places(fine, wanted)
     rays = Rays(fine.points, fine.triangles)
-    places, inward, thickness, curved, faces = _measured(fine, rays, points, owners)
+    places, inward, thickness, curved = _measured(fine, rays, points, owners)
     roots, at_roots = _reentrant(fine, places, thickness)
-    of_faces = np.full(len(fine.normals), np.inf)
-    np.minimum.at(of_faces, faces, thickness)
-    found = ThinRegions(places, inward, thickness, curved, roots, at_roots, of_faces)
+    found = ThinRegions(places, inward, thickness, curved, roots, at_roots)
     hinges, chosen = _hinges(found, float(np.quantile(seen[2], MOST_OF_IT)))
     return replace(found, hinges=hinges, chosen=chosen)
 
@@ -226,8 +221,8 @@ def _places(surface: Surface, wanted: FloatArray) -> tuple[FloatArray, IntArray]
 
 def _measured(
     surface: Surface, rays: Rays, points: FloatArray, owners: IntArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
-    """Return places, inward normals, thickness, radius and face where rays leave by a face across."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return places, inward normals, thickness and radius where rays leave by a face across."""
     outward = surface.outward
     inward = -outward[owners]
     step = 1e-7 * surface.size
@@ -236,7 +231,7 @@ def _measured(
     near, over = surface.owners[owners], surface.owners[hit]
     across &= ~_wedges(surface)[near, over]
     smaller = np.minimum(surface.radii[near], surface.radii[over])
-    return points[across], inward[across], far[across] + step, smaller[across], near[across]
+    return points[across], inward[across], far[across] + step, smaller[across]
 
 
 def _wedges(surface: Surface) -> BoolArray:
