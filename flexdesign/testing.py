@@ -18,7 +18,7 @@ from flexdesign.core import units
 from flexdesign.core.result_cache import Cache, default_folder
 from flexdesign.design import study as studies
 from flexdesign.report import terminal
-from flexdesign.report.validation import validation_report
+from flexdesign.report.validation import table_1
 from flexdesign.workflows.validation import Validation, validate
 
 
@@ -76,6 +76,6 @@ def assert_agrees(
         if not abs(error) <= granted:
             failures.append(f"{key}: {model} is off by {100 * error:+.1f} %, allowed {100 * granted:.1f} %")
     if failures:
-        table = terminal.plain(validation_report.table_1(found))
+        table = terminal.plain(table_1.table(found))
         raise AssertionError(f"{found.study.design.title}\n" + "\n".join(failures) + f"\n{table}")
     return found

@@ -19,7 +19,7 @@ from flexdesign.fem import quantities
 from flexdesign.fem.mesh_refinement import JUDGED
 from flexdesign.report import charts, render, terminal, wording
 from flexdesign.report.document import Document, Table
-from flexdesign.report.validation import card, export, validation_pictures, validation_report
+from flexdesign.report.validation import card, export, table_1, validation_pictures, validation_report
 from flexdesign.report.validation.vibrations import symmetry
 from flexdesign.workflows.validation import Validation, validate
 
@@ -48,7 +48,7 @@ def test_headlines_state_the_stroke_with_large_displacements_and_the_linear_one_
     sentence = f"the output travels {large} with large displacements (linear: {linear})"
     assert sentence in document.summary[0]
     assert document.card[0].value == large and f"linear: {linear}" in document.card[0].note
-    terminal.brief(document, validation_report.brief_table_1(validation), [])
+    terminal.brief(document, table_1.brief(validation), [])
     on_terminal = " ".join(capsys.readouterr().out.split())
     assert sentence in on_terminal and on_terminal.index(large) < on_terminal.index(linear)
     for text in (render.to_markdown(document), render.to_html(document)):
@@ -118,7 +118,7 @@ def test_the_first_mention_of_prb_explains_it(document: Document, validation: Va
     for text in (
         "\n".join(document.summary),
         render.to_markdown(document),
-        validation_report.table_1(validation).caption,
+        table_1.table(validation).caption,
     ):
         assert meaning in text[text.index("PRB") :][: len(meaning) + 10]
 

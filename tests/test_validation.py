@@ -23,7 +23,7 @@ from flexdesign.fem import quantities
 from flexdesign.report import render, terminal
 from flexdesign.report.document import Document, Table
 from flexdesign.report.pictures import SWING
-from flexdesign.report.validation import explanation, validation_pictures, validation_report
+from flexdesign.report.validation import explanation, table_1, validation_pictures, validation_report
 from flexdesign.testing import assert_agrees
 from flexdesign.workflows.validation import Validation, validate
 from tests.conftest import Ended
@@ -53,7 +53,7 @@ def test_one_formula_is_enough_for_a_report(validation: Validation) -> None:
     one = replace(validation, comparisons=[first], further=[*validation.further, *(c.fem for c in others)])
     for found in (one, replace(one, ladder=None)):
         sections = [explanation.section(found), *validation_report.document(found).sections]
-        assert len(validation_report.table_1(found).rows) == 1
+        assert len(table_1.table(found).rows) == 1
         assert sections[0].tables[0].columns.count("PRB") == 1
 
 
@@ -149,7 +149,7 @@ def test_an_accuracy_that_is_not_reached_is_said_in_the_headline(
     assert "0.01 % was asked for" in said and f"is {worst:.2g} %" in said
     judged = [q for q in validation.found if q.name in ("K_in", "lambda", "K_out")]
     assert validation.estimated_error == max(abs((q.half_width or 0.0) / q.value) for q in judged)
-    terminal.brief(document, validation_report.brief_table_1(missed), [])
+    terminal.brief(document, table_1.brief(missed), [])
     assert "NOT reached" in capsys.readouterr().out
     for asked in (None, 0.2):
         easy = replace(validation.study, mesh=mesh.model_copy(update={"accuracy": asked}))

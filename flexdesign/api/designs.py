@@ -19,7 +19,7 @@ from flexdesign.design.design import Design
 from flexdesign.design.study import Study
 from flexdesign.dynamics.stage_model import to_toml
 from flexdesign.measurements.static_table import to_csv
-from flexdesign.report.validation import stage_report, validation_report
+from flexdesign.report.validation import stage_report, table_1, validation_report
 from flexdesign.workflows import validation
 from flexdesign.workflows.validation import Validation, validate_stage
 from flexdesign.workflows.validation.validate_stage import StageValidation
@@ -147,7 +147,7 @@ def _of_part(study: Study, store: Cache, progress: Progress) -> Result[Validatio
     return Result(
         found,
         validation_report.document(found, progress),
-        validation_report.brief_table_1(found),
+        table_1.brief(found),
         partial(validation_report.result, found),
         partial(_files, found, []),
         quantities | {short: quantities[key] for short, key in SHORT.items() if key in quantities},

@@ -24,11 +24,12 @@ from flexdesign.report.validation import (
     independent_words,
     ladder_section,
     port_section,
+    table_1,
     table_motion,
     validation_pictures,
     vibrations,
 )
-from flexdesign.report.wording import MODELS, flat, name_of, shown
+from flexdesign.report.wording import flat, name_of, shown
 from flexdesign.workflows.validation import Validation, provenance
 
 Progress = Callable[[str], None]
@@ -36,35 +37,11 @@ Progress = Callable[[str], None]
 METHODS = {"extruded": "layers of prisms cut into tetrahedra, thin across the roots", "wild": "isotropic"}
 
 
-def brief_table_1(validation: Validation) -> Table:
-    """Return Table 1 for a terminal of 80 columns."""
-    return _compact(table_1(validation)) if validation.comparisons else table_1(validation)
-
-
 def closing(validation: Validation) -> str:
     """Say how long it took, and what the cache had."""
     cached = sum(level.cached for level in validation.levels)
     origin = f"{cached} of {len(validation.levels)} solutions came from the cache" if cached else "nothing was cached"
     return f"Solved in {validation.seconds:.0f} s; {origin}."
-
-
-def table_1(validation: Validation) -> Table:
-    """Return FEM beside the analytic models, with relative errors."""
-    models = list(dict.fromkeys(model for c in validation.comparisons for model in c.analytic))
-    columns = ["quantity", "boundary", "FEM"]
-    for model in models:
-        columns += [model, "error"]
-    rows = []
-    if not validation.comparisons:
-        return port_section.table_1(validation)
-    for comparison in validation.comparisons:
-        row = [name_of(comparison.fem), comparison.fem.boundary, shown(comparison.fem)]
-        for model in models:
-            analytic, error = comparison.analytic.get(model), comparison.error(model)
-            row += [analytic.shown() if analytic else "–", f"{100 * error:+.1f} %" if error is not None else "–"]
-        rows.append(row)
-    known = "".join(f"; {model}: {MODELS[model]}" for model in models if model in MODELS)
-    return Table(columns, rows, f"FEM ± estimated discretisation error; errors relative to FEM{known}")
 
 
 def result(validation: Validation) -> dict[str, Any]:
@@ -159,7 +136,7 @@ def _fem_alone(validation: Validation) -> list[Section]:
     if not validation.has_input:
         return []
     title = "FEM beside formulas" if validation.comparisons else "FEM; the part gives no formulas"
-    return [Section(title, _table_1_text(validation), [table_1(validation)])]
+    return [Section(title, table_1.text(validation), [table_1.table(validation)])]
 
 
 def _summary(validation: Validation) -> list[str]:
@@ -188,20 +165,6 @@ def _missed(validation: Validation) -> list[str]:
     """Say that the accuracy that was asked for is not reached."""
     said = accuracy_words.not_reached(validation.study.mesh.accuracy, validation.found)
     return [said] if said else []
-
-
-def _table_1_text(validation: Validation) -> list[str]:
-    sources: dict[str, list[str]] = {}
-    for comparison in validation.comparisons:
-        for model, quantity in comparison.analytic.items():
-            sources.setdefault(model, []).append(quantity.source)
-    if not sources:
-        return ["Nothing stands beside FEM: the part states no formulas, and its linkage is no frame."]
-    return [
-        "Stiffness depends on what holds the other port, so every row names its boundary. Forces act as uniform "
-        "tractions on the port faces, displacements are area averages; the ground face is held.",
-        *(f"{model}: {'; '.join(dict.fromkeys(found))}." for model, found in sources.items()),
-    ]
 
 
 def _actuator(validation: Validation) -> Section:
@@ -408,16 +371,3 @@ def _inputs(validation: Validation) -> Section:
     other = [[key, flat(made[key])] for key in keys if made[key] is not None]
     tables = [Table(["dimension", "value", "symbol", "meaning"], dimensions), Table(["input", "value"], other)]
     return Section("Inputs and versions", (), tables, folded=True)
-
-
-def _compact(table: Table) -> Table:
-    """Fit Table 1 into 80 columns: symbol and unit alone, and of several models the first and the last."""
-    rows = []
-    for name, boundary, fem, *rest in table.rows:
-        value, _, tail = fem.partition(" ± ")
-        error, _, unit = tail.partition(" ")
-        cells = [cell.split()[0] for cell in (rest if len(rest) <= 4 else [*rest[:2], *rest[-2:]])]
-        rows.append([f"{name.split()[-1]} {boundary}", f"{value} ± {error}", unit, *cells])
-    kept = table.columns[3:] if len(table.columns) <= 7 else [*table.columns[3:5], *table.columns[-2:]]
-    heads = ["err %" if head == "error" else head for head in kept]
-    return Table(["", "FEM", "", *heads], rows, table.caption)
