@@ -12,7 +12,6 @@ import pytest
 from flexdesign.core.result_cache import Cache
 from flexdesign.design import part as parts
 from flexdesign.design import study as studies
-from flexdesign.design.materials import library
 from flexdesign.fem import analysis, convergence, mesh_refinement
 from flexdesign.fem.meshing import domain, methods, thin_regions
 from flexdesign.fem.meshing.methods import Extruded, Grading
@@ -118,7 +117,7 @@ def test_a_leaf_from_step_is_as_stiff_as_its_class(folder: Path, tmp_path: Path)
     method = mesh_refinement.method_of(study, part, body)
     levels = mesh_refinement.refined(study, part, body, method, Cache(tmp_path / "cache"), lambda _: None)
     found = {q.key: q for q in mesh_refinement.gathered(study, levels, method.scatter)}
-    piece, material = leaf(), library.find("Al 7075-T6", Path())
+    piece, material = leaf(), study.design.material
     whole = domain.of_part(piece, symmetric=False, chord=domain.chord(piece))
     ends = _Ends(piece)
     (output,) = (face for name, face in whole.ports.items() if name == "end")
