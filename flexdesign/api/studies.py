@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -38,7 +37,7 @@ def sweep(
     changes: Sequence[str] = (),
     *,
     store: str | Path = "reports/sweep",
-    jobs: int | None = None,
+    jobs: int = 1,
     scheduler: str = "",
     progress: Progress = lambda _: None,
     **tables: Any,
@@ -54,7 +53,7 @@ def sweep(
     store
         Folder of the answers; what it holds is not computed again.
     jobs
-        Processes at a time; one per processor without it.
+        Processes at a time; more than one needs a script whose work stands under ``if __name__ == "__main__":``.
     scheduler
         Address of a Dask scheduler whose workers do the work.
     progress
@@ -66,8 +65,7 @@ def sweep(
         If anything cannot be used.
     """
     plan = read_sweep(study, changes, **tables)
-    workers = jobs or os.cpu_count() or 1
-    found = sweeps.run(plan, Store(Path(store)), jobs=workers, scheduler=scheduler, progress=progress)
+    found = sweeps.run(plan, Store(Path(store)), jobs=jobs, scheduler=scheduler, progress=progress)
     return Result(
         found,
         sweep_report.document(found),

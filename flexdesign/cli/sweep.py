@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -86,7 +87,8 @@ def sweep(
     with progress() as say:
         plan = studies.read_sweep(study, overrides or [])
         where = report_folder(out, origin.name_of(plan.file), "sweep", [plan.file, plan.subject_file], overrides or [])
-        found = studies.sweep(plan, store=where.folder, jobs=jobs, scheduler=scheduler, progress=say)
+        processes = jobs or os.cpu_count() or 1
+        found = studies.sweep(plan, store=where.folder, jobs=processes, scheduler=scheduler, progress=say)
         say("writing the report")
         written = where.write(found)
     show(found, [path for path in written if path.name in NAMED], as_json)

@@ -39,7 +39,6 @@ AFTERWARDS = (
     "assembled_stage",
     "convergence",
     "corotated",
-    "monolithic",
     "morphing",
     "outlined",
     "plane_stress",

@@ -117,7 +117,7 @@ def _frequencies(bent: Bent, free: Array, domain: Domain) -> list[float]:
     """Return the lowest six frequencies [Hz] of the fields that are even in the planes of the domain."""
     body, cls = bent.body, port_compliance.classes(domain)[0]
     stiffness = body.stiffness()[free][:, free].tocsr()
-    system = ClassSystem(cls, free, factorize(stiffness), stiffness)
+    system = ClassSystem(cls, free, factorize(stiffness), stiffness, body.n_dofs)
     tip = Port("output", "output", (10.0, 0.0, 0.0), (1.0, 0.0, 0.0))
     space = port_compliance.port_space(body, domain, (tip,))
     found = modes.class_modes(system, body.mass(), space, len(TAPERED), 0.0)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from flexdesign.core.errors import InputError
+from flexdesign.core.model import Linkage, Member
 from flexdesign.design import design
 from flexdesign.design import part as parts
 from flexdesign.design.part import Outline, SymmetryPlane
@@ -24,6 +25,11 @@ class Told(Bracket):
 
     corners: tuple[tuple[float, float], ...] = tuple((x * 1e-3, y * 1e-3) for x, y in BRACKET)
     low: float = -3e-3
+
+    def linkage(self) -> Linkage:
+        """Return the stem as a hinge: without one the faces of the solid are covered with even triangles."""
+        foot, top = (0.0, 0.0, 0.0), (0.0, 9e-3, 0.0)
+        return Linkage({"foot": foot, "top": top}, (Member("stem", "hinge", ("foot", "top"), foot, top, 8e-3, 6e-3),))
 
     def outline(self) -> Outline:
         """Return the corners."""
