@@ -35,7 +35,7 @@ def solved(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Study, Cache]]:
     def validate(study: Study, cache: Cache, progress: Callable[[str], None]) -> Any:
         progress("meshing with 0.1 mm at the hinge roots")
         asked.append((study, cache))
-        return SimpleNamespace(study=study, comparisons=(), further=(), levels=(), seconds=0.0,
+        return SimpleNamespace(study=study, comparisons=(), further=(), levels=(), seconds=0.0, has_input=True,
                                stage_model=StageModel({}, source="made up"))  # fmt: skip
 
     def document(found: Any, progress: Callable[[str], None]) -> Document:

@@ -246,12 +246,12 @@ def how_to_name(face: SolidFace) -> str:
     """Return what a port's table says to mean a face."""
     if face.name:
         return f'face = "{face.name}"'
-    point = ", ".join(f'"{1e3 * x:.6g} mm"' for x in face.centroid)
+    point = ", ".join(f'"{round(1e3 * x, 6) + 0.0:.6g} mm"' for x in face.centroid)
     return f"point = [{point}], normal = [{_numbers(face.normal)}]"
 
 
 def _mm(point: Sequence[float]) -> str:
-    return "(" + ", ".join(f"{1e3 * x + 0.0:.4g}" for x in point) + ") mm"
+    return "(" + ", ".join(f"{round(1e3 * x, 6) + 0.0:.4g}" for x in point) + ") mm"
 
 
 def _numbers(vector: Sequence[float]) -> str:

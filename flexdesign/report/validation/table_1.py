@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flexdesign.report.document import Table
 from flexdesign.report.validation import port_section
-from flexdesign.report.wording import MODELS, name_of, shown
+from flexdesign.report.wording import MODELS, NAMES, name_of, shown
 from flexdesign.workflows.validation import Validation
 
 
@@ -50,11 +50,12 @@ def text(validation: Validation) -> list[str]:
 def _compact(table: Table) -> Table:
     """Fit Table 1 into 80 columns: symbol and unit alone, and of several models the first and the last."""
     rows = []
+    short = {NAMES["first_frequency"]: "f_1", NAMES["output_frequency"]: "f of 1/K_out"}
     for name, boundary, fem, *rest in table.rows:
         value, _, tail = fem.partition(" ± ")
         error, _, unit = tail.partition(" ")
         cells = [cell.split()[0] for cell in (rest if len(rest) <= 4 else [*rest[:2], *rest[-2:]])]
-        rows.append([f"{name.split()[-1]} {boundary}", f"{value} ± {error}", unit, *cells])
+        rows.append([f"{short.get(name, name.split()[-1])} {boundary}", f"{value} ± {error}", unit, *cells])
     kept = table.columns[3:] if len(table.columns) <= 7 else [*table.columns[3:5], *table.columns[-2:]]
     heads = ["err %" if head == "error" else head for head in kept]
     return Table(["", "FEM", "", *heads], rows, table.caption)
