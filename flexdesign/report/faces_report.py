@@ -129,4 +129,4 @@ def _vector(vector: Sequence[float]) -> str:
 
 
 def _mm(face: SolidFace) -> str:
-    return ", ".join(f"{1e3 * x + 0.0:.4g}" for x in face.centroid)
+    return ", ".join(f"{round(1e3 * x, 6) + 0.0:.4g}" for x in face.centroid)
