@@ -87,6 +87,8 @@ class StepPart:
     source_file: ClassVar[Path]
     design_file: ClassVar[Path]
     port_tables: ClassVar[Mapping[str, PortTable]]
+    #: What a file cannot tell: see `flexdesign.design.part.states`.
+    left_out: ClassVar[frozenset[str]] = frozenset({"formulas", "formula_shares", "intermediates"})
     _ports: ClassVar[tuple[Port, ...] | None] = None
 
     @classmethod
