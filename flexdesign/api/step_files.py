@@ -63,7 +63,7 @@ def read_ports(file: str | Path, *, progress: Progress = lambda _: None) -> Resu
     return Result(
         found,
         faces_report.document(path, body, found.faces, found.thin, progress),
-        faces_report.table(found.faces),
+        faces_report.brief(found.faces),
         partial(faces_report.result, body, found.faces, found.thin),
         is_table_first=True,
     )

@@ -18,6 +18,8 @@ from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.pictures import Picture, drawn_or_said
 
 KINDS = ("plane", "cylinder")
+#: Plane faces that a terminal shows.
+MOST = 20
 
 
 def table(faces: Sequence[SolidFace]) -> Table:
@@ -33,6 +35,18 @@ def table(faces: Sequence[SolidFace]) -> Table:
         )
     columns = ["face", "kind", "area [mm²]", "normal or axis", "centre [mm]", "name", "colour"]
     return Table(columns, rows, "Plane and cylindrical faces, the largest first; a port is plane")
+
+
+def brief(faces: Sequence[SolidFace]) -> Table:
+    """Return the largest plane faces for a terminal: what a port may be."""
+    plane = sorted((face for face in faces if face.kind == "plane"), key=lambda f: -f.area)
+    rows = [
+        [str(face.index + 1), f"{1e6 * face.area:.4g}", ", ".join(f"{round(x, 2) + 0.0:g}" for x in face.normal or ()),
+         ", ".join(f"{round(1e3 * x, 2) + 0.0:g}" for x in face.centroid), face.name]
+        for face in plane[:MOST]
+    ]  # fmt: skip
+    more = f"; {len(plane) - MOST} smaller ones are in the report" if len(plane) > MOST else ""
+    return Table(["face", "mm²", "normal", "centre [mm]", "name"], rows, f"Plane faces, the largest first{more}")
 
 
 def document(
