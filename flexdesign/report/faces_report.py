@@ -41,7 +41,7 @@ def brief(faces: Sequence[SolidFace]) -> Table:
     """Return the largest plane faces for a terminal: what a port may be."""
     plane = sorted((face for face in faces if face.kind == "plane"), key=lambda f: -f.area)
     rows = [
-        [str(face.index + 1), f"{1e6 * face.area:.4g}", ", ".join(f"{round(x, 2) + 0.0:g}" for x in face.normal or ()),
+        [str(face.index + 1), f"{1e6 * face.area:.4g}", ", ".join(f"{round(x, 2) + 0.0:g}" for x in face.normal),
          ", ".join(f"{round(1e3 * x, 2) + 0.0:g}" for x in face.centroid), face.name]
         for face in plane[:MOST]
     ]  # fmt: skip
