@@ -428,8 +428,8 @@ def test_the_command_writes_model_report_and_result(tmp_path: Path, command_line
     assert again.code == 0 and "gain fitted to tri" in again.stdout and (tmp_path / "again/stage_model.toml").is_file()
     refused = command_line("identify", "start.toml", "data", "--free", "gian")
     assert (refused.code, refused.stdout) == (2, "") and "did you mean gain?" in refused.stderr
-    refused = command_line("identify", "start.toml", "data", "-o", "nowhere/model.toml")
-    assert refused.code == 2 and "-o = nowhere/model.toml: cannot be written" in refused.stderr
+    refused = command_line("identify", "start.toml", "data", "-o", "start.toml/model.toml")
+    assert refused.code == 2 and "-o = start.toml/model.toml: cannot be written" in refused.stderr
 
 
 def test_a_loop_is_drawn_for_slow_runs_that_turn() -> None:

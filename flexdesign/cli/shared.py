@@ -142,9 +142,13 @@ def write_file(path: Path | None, text: str | None = None) -> None:
     if path is None:
         return
     try:
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as scratch:
-            if path.is_dir():
-                raise IsADirectoryError(0, "it is a folder")
+        if path.is_dir():
+            raise IsADirectoryError(0, "it is a folder")
+        there = next(place for place in path.absolute().parents if place.exists())
+        if text is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            there = path.parent
+        with tempfile.TemporaryDirectory(dir=there, prefix=".writing-") as scratch:
             if text is not None:
                 made = Path(scratch) / path.name
                 made.write_text(text, encoding="utf-8")
