@@ -84,7 +84,7 @@ def test_known_numbers_come_back_within_their_intervals() -> None:
         # three standard deviations: seven estimates at two would fail in one of three draws of the noise
         assert abs((estimate.value or 0) - truth) < 3 * estimate.sigma
         assert estimate.sigma < (0.02 * truth or 0.02e-6)
-    assert not found().held and not found().starts.is_stuck
+    assert not found().held and not found().starts.is_unconfirmed
 
 
 def test_what_is_left_is_the_noise_in_all_roles() -> None:
