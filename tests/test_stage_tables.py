@@ -109,7 +109,7 @@ def test_finite_elements_agree_with_the_model_and_not_with_the_papers():
 def test_the_ladder_leads_from_the_papers_formulas_to_finite_elements():
     fem = {quantity.key: quantity for quantity in BENCH}
     fem |= {key.replace("_x_", "_y_"): quantity for key, quantity in fem.items() if "_x_" in key}
-    found = model_hierarchy.climb(STAGE, fem)
+    found = model_hierarchy.model_ladder(STAGE, fem)
     assert found is not None
     first, *further = found.rungs
     assert {"free_bodies", "out_of_plane", *statics.BY_DRAWING} == {rung.effect for rung in further}

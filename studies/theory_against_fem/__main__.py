@@ -50,7 +50,7 @@ def compared(drawn: Drawn, work: Path, store: Cache) -> Compared:
     if answer.error:
         raise InputError("design", str(drawn.number), None, answer.error)
     fem = {key: _quantity(key, value) for key, value in answer.values.items()}
-    climbed = model_hierarchy.climb(drawn.study(trial.ACCURACY, "extruded").design, fem)
+    climbed = model_hierarchy.model_ladder(drawn.study(trial.ACCURACY, "extruded").design, fem)
     assert climbed is not None
     return Compared(drawn, climbed, {key: e / abs(answer.values[key]) for key, e in answer.estimates.items()})
 

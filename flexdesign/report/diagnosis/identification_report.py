@@ -67,7 +67,7 @@ def result(found: Identification) -> dict[str, Any]:
         "axis": found.axis,
         "estimates": [_json(found, estimate) for estimate in found.estimates],
         "correlation": {"names": _fitted(found), "values": found.fit.correlation.tolist() if found.fit else []},
-        "starts": vars(found.starts) | {"is_stuck": found.starts.is_unconfirmed},
+        "starts": vars(found.starts) | {"is_unconfirmed": found.starts.is_unconfirmed},
         "runs": [
             {
                 "name": run.name,
