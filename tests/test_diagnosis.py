@@ -207,7 +207,7 @@ LIMIT = (MUCH - 1) / (1 + LARGE)
 
 
 @pytest.mark.parametrize(
-    ("case", "expected"),
+    ("task", "expected"),
     [
         ((LITTLE, LITTLE, False), ("nothing-missing", (), (), False)),
         ((MUCH, MUCH, False), ("unknown", (), (), True)),
