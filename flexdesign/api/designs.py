@@ -10,7 +10,7 @@ from typing import Any
 from flexdesign.api.changing import overrides
 from flexdesign.api.result import Result
 from flexdesign.core.errors import InputError
-from flexdesign.core.result_cache import Cache, default_folder
+from flexdesign.core.result_cache import Cache, open_cache
 from flexdesign.core.toml_files import FORMAT
 from flexdesign.core.toml_files import to_toml as to_lines
 from flexdesign.design import design as designs
@@ -136,8 +136,7 @@ def validate(
         If anything cannot be used or built.
     """
     study = read_study(design, changes, **tables)
-    store = Cache(Path(cache) if cache else default_folder())
-    store.prepare()
+    store = open_cache(cache)
     return _of_stage(study, store, progress) if study.design.is_stage else _of_part(study, store, progress)
 
 

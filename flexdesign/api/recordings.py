@@ -134,7 +134,7 @@ def identify(
         If anything cannot be used.
     """
     stage = read_model(model, changes)
-    runs = [*reading.read_runs(_paths(recordings)), *_in_memory(recordings)]
+    runs = reading.runs_alone(read_recordings(recordings))
     found = identification.identify(stage, runs, axis=axis, free=free, progress=progress)
     return Result(
         found,
@@ -293,13 +293,3 @@ def add_effect(
 def _stage(model: str | Path | StageModel | Design) -> str | Path | StageModel:
     assert not isinstance(model, Design)  # a design is for static tables
     return model
-
-
-def _paths(recordings: Recordings) -> list[str | Path]:
-    given = [recordings] if isinstance(recordings, (str, Path)) else list(recordings)
-    return [each for each in given if isinstance(each, (str, Path))]
-
-
-def _in_memory(recordings: Recordings) -> list[Run]:
-    given = [] if isinstance(recordings, (str, Path)) else list(recordings)
-    return [each for each in given if isinstance(each, Run)]

@@ -9,7 +9,7 @@ from typing import Any
 
 from flexdesign.api.changing import overrides
 from flexdesign.api.result import Result
-from flexdesign.core.result_cache import Cache, default_folder
+from flexdesign.core.result_cache import open_cache
 from flexdesign.report.sweeps import optimum_report, sweep_report
 from flexdesign.report.validation import reproduction_report
 from flexdesign.workflows import reproduction, sweeps
@@ -142,8 +142,7 @@ def reproduce(
     InputError
         If anything cannot be used.
     """
-    store = Cache(Path(cache) if cache else default_folder())
-    store.prepare()
+    store = open_cache(cache)
     found = reproduction.reproduce(str(publication), store, progress, changes)
     return Result(
         found,

@@ -18,7 +18,6 @@ from flexdesign.design import changes
 
 if TYPE_CHECKING:
     from flexdesign.api.result import Result
-    from flexdesign.core.result_cache import Cache
     from flexdesign.report.origin import Inputs
 
 app = typer.Typer(
@@ -64,15 +63,6 @@ def print_json(result: Mapping[str, Any]) -> None:
     """Print a result on stdout, in the form of result.json."""
     json.dump(result, sys.stdout, indent=2, ensure_ascii=False)
     sys.stdout.write("\n")
-
-
-def open_cache(folder: Path | None) -> Cache:
-    """Return the cache in a folder, or the user's own, ready to be written to."""
-    from flexdesign.core.result_cache import Cache, default_folder
-
-    store = Cache(folder or default_folder())
-    store.prepare()
-    return store
 
 
 @dataclass(frozen=True)

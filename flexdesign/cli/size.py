@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, CacheFolder, app, open_cache, progress, report_folder, show
+from flexdesign.cli.shared import AsJson, CacheFolder, app, progress, report_folder, show
 
 if TYPE_CHECKING:
     from flexdesign.analytic.dimension_synthesis import Sizing
@@ -61,6 +61,7 @@ def size(
     """Size a stage, and write its dimensions."""
     from flexdesign.analytic import dimension_synthesis
     from flexdesign.api.result import Result
+    from flexdesign.core.result_cache import open_cache
     from flexdesign.report.sweeps import stage_sizing_report
     from flexdesign.workflows import stage_sizing
 

@@ -121,3 +121,16 @@ class Cache:
 
     def _path(self, stage: str, key: str) -> Path:
         return self.folder / stage / f"{key}.npz"
+
+
+def open_cache(folder: str | Path | None = None) -> Cache:
+    """Return the cache in a folder, or the user's own, ready to be written to.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
+    store = Cache(Path(folder) if folder else default_folder())
+    store.prepare()
+    return store

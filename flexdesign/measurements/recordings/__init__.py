@@ -16,6 +16,7 @@ from flexdesign.measurements.recordings.reading import (
     read_recordings,
     read_run,
     read_runs,
+    runs_alone,
     write_run,
 )
 from flexdesign.measurements.recordings.run import AXES, COMMANDS, Array, Between, CommandIs, Role, Run, Sensor
@@ -42,6 +43,7 @@ __all__ = [
     "read_run",
     "read_runs",
     "refuse_wrong_units",
+    "runs_alone",
     "split",
     "split_lines",
     "suspicions",

@@ -152,7 +152,18 @@ def read_runs(paths: Iterable[str | Path]) -> tuple[Run, ...]:
         If a path does not exist, a folder has no such file or lacks one that its ``measurements.toml`` names, a run
         cannot be read, or a file holds a frequency response.
     """
-    found = read_recordings(paths)
+    return runs_alone(read_recordings(paths))
+
+
+def runs_alone(found: Iterable[Run | FrequencyResponse]) -> tuple[Run, ...]:
+    """Return recordings of which each must be a run in time.
+
+    Raises
+    ------
+    InputError
+        If one is a frequency response.
+    """
+    runs = []
     for each in found:
         if isinstance(each, FrequencyResponse):
             remedy = (
@@ -160,7 +171,8 @@ def read_runs(paths: Iterable[str | Path]) -> tuple[Run, ...]:
                 "flexdesign diagnose fits gain, damping and natural frequency to it and writes the model"
             )
             raise InputError(each.name, "header", "f [Hz]", remedy)
-    return tuple(each for each in found if isinstance(each, Run))
+        runs.append(each)
+    return tuple(runs)
 
 
 def write_run(

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-import tempfile
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from flexdesign.core import units, versions
-from flexdesign.core.errors import InputError
 from flexdesign.core.toml_files import FORMAT
 from flexdesign.diagnosis.identify import Identification, RunMatch
-from flexdesign.dynamics.stage_model import StageModel, to_toml
 from flexdesign.estimation import Estimate
 from flexdesign.report.comparison_words import shown_in
 from flexdesign.report.document import Document, Figure, Section, Table
@@ -141,27 +137,6 @@ def _beside_noise(found: Identification) -> str:
         f"{beside}: the model lacks physics. Values are those that fit best, and no interval is stated, as it would "
         "count noise alone. `flexdesign diagnose`, with the same model and runs, finds what is missing."
     )
-
-
-def write_model(path: Path, model: StageModel | None) -> None:
-    """Write a fitted stage model, whole or not at all; without one, check that it can be written.
-
-    Raises
-    ------
-    InputError
-        If it cannot.
-    """
-    try:
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as scratch:
-            if path.is_dir():
-                raise IsADirectoryError(0, "it is a folder")
-            if model:
-                made = Path(scratch) / path.name
-                made.write_text(to_toml(model, path.parent), encoding="utf-8")
-                made.replace(path)
-    except OSError as error:
-        remedy = f"cannot be written ({error.strerror or error}); choose another file"
-        raise InputError("command line", "-o", str(path), remedy) from error
 
 
 def _estimates_text(found: Identification) -> list[str]:
