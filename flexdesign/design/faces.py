@@ -66,7 +66,7 @@ class SolidFace:
     @property
     def place(self) -> str:
         """Where it is, in words."""
-        return f"at {_mm(self.centroid)} with the normal {_numbers(self.normal)}"
+        return f"at {f'({in_mm(self.centroid)}) mm'} with the normal {_numbers(self.normal)}"
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ def _near(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size
     nearest = min(fitting or faces, key=lambda face: _away(face, query))
     if not fitting or _away(nearest, query) > REACH * size:
         remedy = f"no face with this normal is near this point; the nearest is {nearest.label}, {nearest.place}"
-        raise InputError(*where, _mm(query.point), remedy)
+        raise InputError(*where, f"({in_mm(query.point)}) mm", remedy)
     return nearest
 
 
@@ -250,8 +250,13 @@ def how_to_name(face: SolidFace) -> str:
     return f"point = [{point}], normal = [{_numbers(face.normal)}]"
 
 
-def _mm(point: Sequence[float]) -> str:
-    return "(" + ", ".join(f"{round(1e3 * x, 6) + 0.0:.4g}" for x in point) + ") mm"
+def in_mm(point: Sequence[float]) -> str:
+    """Return the coordinates of a point [m] in millimetres, without the dust of rounding.
+
+    >>> in_mm((0.021, -2.2e-20, 0.0255))
+    '21, 0, 25.5'
+    """
+    return ", ".join(f"{round(1e3 * x, 6) + 0.0:.4g}" for x in point)
 
 
 def _numbers(vector: Sequence[float]) -> str:

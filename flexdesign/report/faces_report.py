@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 
 from flexdesign.core.toml_files import FORMAT, quoted
-from flexdesign.design.faces import SolidFace, how_to_name
+from flexdesign.design.faces import SolidFace, how_to_name, in_mm
 from flexdesign.design.step_file import StepBody
-from flexdesign.fem.meshing.thin_regions import ThinRegions, surface_of
+from flexdesign.fem.meshing.thin_regions import Surface, ThinRegions, surface_of
 from flexdesign.report import pictures
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.pictures import Picture, drawn_or_said
 
 KINDS = ("plane", "cylinder")
-#: Plane faces that a terminal shows.
+#: Plane faces that a terminal and the picture show.
 MOST = 20
+CAPTION = "The solid, with the numbers of its largest plane faces that are seen from here"
 
 
 def table(faces: Sequence[SolidFace]) -> Table:
@@ -31,7 +32,15 @@ def table(faces: Sequence[SolidFace]) -> Table:
         shape = face.kind if face.kind == "plane" else f"cylinder, R {1e3 * face.radius:.4g} mm"
         way = face.normal if face.kind == "plane" else face.axis or face.normal
         rows.append(
-            [str(face.index + 1), shape, f"{1e6 * face.area:.4g}", _vector(way), _mm(face), face.name, face.colour]
+            [
+                str(face.index + 1),
+                shape,
+                f"{1e6 * face.area:.4g}",
+                _vector(way),
+                in_mm(face.centroid),
+                face.name,
+                face.colour,
+            ]
         )
     columns = ["face", "kind", "area [mm²]", "normal or axis", "centre [mm]", "name", "colour"]
     return Table(columns, rows, "Plane and cylindrical faces, the largest first; a port is plane")
@@ -68,24 +77,20 @@ def _sections(
     progress("drawing")
 
     def draw() -> tuple[list[Figure], list[Figure]]:
-        surface = surface_of(body.solid, 1e-3 * body.solid.BoundingBox().DiagonalLength * 1e-3)
-        planes = [face for face in faces if face.kind == "plane"]
-        number = np.zeros(len(surface.normals))
-        for rank, face in enumerate(planes, 1):
-            number[face.index] = rank
+        box = body.solid.BoundingBox()
+        size = 1e-3 * box.DiagonalLength
+        surface = surface_of(body.solid, 1e-3 * size)
         points = surface.corners.reshape(-1, 3)
         cells = np.arange(len(points)).reshape(-1, 3)
-        colours = np.repeat(number[surface.owners], 3)
-        picture = Picture(
-            "faces.png", points, cells, scalars=colours, label="plane faces by colour", view="oblique", limits=None
-        )
-        return [
-            Figure("faces.png", pictures.draw([picture])["faces.png"], "The solid, each plane face in its colour")
-        ], []
+        shown = sorted((face for face in faces if face.kind == "plane"), key=lambda f: -f.area)[:MOST]
+        labels = [(_before(surface, face, 5e-3 * size), str(face.index + 1)) for face in shown]
+        middle = (1e-3 * box.center.x, 1e-3 * box.center.y, 1e-3 * box.center.z)
+        picture = Picture("faces.png", points, cells, view="oblique", focus=(middle, 0.45 * size), labels=labels)
+        return [Figure("faces.png", pictures.draw([picture])["faces.png"], CAPTION)], []
 
     figures, _, missing = drawn_or_said(draw, progress)
     rows = [[h.name, f"{1e3 * h.thickness:.4g} mm", f"{1e3 * h.length:.3g} x {1e3 * h.width:.3g} mm",
-             ", ".join(f"{1e3 * x + 0.0:.4g}" for x in h.centre)] for h in thin.hinges]  # fmt: skip
+             in_mm(h.centre)] for h in thin.hinges]  # fmt: skip
     sections = [
         Section("Faces", missing, [table(faces)], figures),
         Section("What is thin", (), [Table(["region", "thickness", "extent", "centre [mm]"], rows)]) if rows else None,
@@ -138,9 +143,13 @@ def design(part: str, faces: Sequence[SolidFace]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _before(surface: Surface, face: SolidFace, distance: float) -> tuple[float, float, float]:
+    """Return a point before the largest triangle of a face [m], so that the face does not hide a text there."""
+    corners = surface.corners[surface.owners == face.index]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    x, y, z = corners[np.argmax(areas)].mean(axis=0) + distance * np.asarray(face.normal)
+    return float(x), float(y), float(z)
+
+
 def _vector(vector: Sequence[float]) -> str:
     return ", ".join(f"{round(x, 4) + 0.0:g}" for x in vector)
-
-
-def _mm(face: SolidFace) -> str:
-    return ", ".join(f"{round(1e3 * x, 6) + 0.0:.4g}" for x in face.centroid)

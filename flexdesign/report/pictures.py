@@ -70,6 +70,8 @@ class Picture:
         What is written into the picture.
     mark
         A point [m] of a front view that is marked, and what is said of it in a corner.
+    labels
+        Points [m] and what is written there, where nothing is in front of them.
     """
 
     file: str
@@ -84,6 +86,7 @@ class Picture:
     view: Literal["front", "oblique"] = "front"
     notes: Sequence[str] = field(default_factory=tuple)
     mark: tuple[tuple[float, float, float], str] | None = None
+    labels: Sequence[tuple[tuple[float, float, float], str]] = ()
 
 
 @dataclass(frozen=True)
@@ -246,6 +249,12 @@ def _draw(picture: Picture, pv: Any) -> bytes:
         plotter.add_text(note, position=(25, _SIZE[1] - 60 - 50 * row), font_size=NOTE, color=_INK)
     if picture.mark is not None:
         _marked(plotter, *picture.mark, front=float(grid.points[:, 2].max()) + 1.0)
+    if picture.labels:
+        plotter.add_point_labels(
+            1e3 * np.array([point for point, _ in picture.labels]), [text for _, text in picture.labels],
+            font_size=LABEL, text_color=_INK, shape_color="white", shape_opacity=0.9, show_points=False,
+            always_visible=False,
+        )  # fmt: skip
     image = plotter.screenshot(return_img=True)
     plotter.close()
     return _png(image)

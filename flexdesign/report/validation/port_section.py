@@ -8,6 +8,7 @@ import numpy as np
 
 from flexdesign.core import units
 from flexdesign.core.model import Quantity
+from flexdesign.design.faces import in_mm
 from flexdesign.fem.quantities import port_stiffness
 from flexdesign.fem.quantities.port_stiffness import FREE, HELD
 from flexdesign.fem.solving.port_compliance import MOTIONS
@@ -33,7 +34,7 @@ def section(validation: Validation) -> Section:
     if not _found(validation):
         return Section(TITLE)
     port = next(p for p in validation.study.design.part().ports() if p.role == "output")
-    about = ", ".join(f"{1e3 * x + 0.0:.4g}" for x in port.point)
+    about = in_mm(port.point)
     face = "its faces move as one body" if port.rigid else "its faces carry an even traction and are free to deform"
     text = (
         f"The port {port.name} against the held ground{', inputs free' if validation.has_input else ''}; {face}, which "
