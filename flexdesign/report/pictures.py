@@ -277,13 +277,19 @@ def _aim(
     focus: tuple[tuple[float, float, float], float] | None = None,
 ) -> None:
     """Look along a direction, at the whole part or at a focus, with parallel rays."""
+    toward = direction / np.linalg.norm(direction)
+    right = np.cross([0.0, 1.0, 0.0], toward)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(toward, right)])  # across and up, as the camera sees it
+    seen = axes @ grid.points.T
     centre = np.array(grid.center)
-    half = max(np.ptp(grid.points[:, 1]) / 2, np.ptp(grid.points[:, 0]) / 2 / (size[0] / size[1])) * 1.32
+    centre += ((seen.min(axis=1) + seen.max(axis=1)) / 2 - axes @ centre) @ axes
+    half = max(np.ptp(seen[1]) / 2, np.ptp(seen[0]) / 2 / (size[0] / size[1])) * 1.32
     if focus is not None:
         centre, half = np.array(focus[0]) * 1e3, focus[1] * 1e3
     plotter.enable_parallel_projection()
     plotter.camera.focal_point = centre
-    plotter.camera.position = centre + direction / np.linalg.norm(direction) * 1000
+    plotter.camera.position = centre + toward * 1000
     plotter.camera.up = (0.0, 1.0, 0.0)
     plotter.camera.parallel_scale = half
     plotter.reset_camera_clipping_range()

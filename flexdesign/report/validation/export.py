@@ -25,6 +25,8 @@ from flexdesign.workflows.validation.validate_stage import StageValidation
 Array = NDArray[np.float64]
 #: Suffixes the CAD kernel writes, and what it calls the formats; a DXF holds the section of an extrusion.
 SOLIDS = {".step": "STEP", ".stp": "STEP", ".stl": "STL", ".brep": "BREP", ".dxf": "DXF"}
+#: The field of a mesh that every part has.
+OF_OUTPUT = "displacement_per_output_force_[m/N]"
 
 
 def writers(
@@ -119,11 +121,16 @@ def write_mesh(validation: Validation, path: Path) -> None:
     """Write the finest mesh of the fundamental domain [m], with displacements and von Mises stress.
 
     Displacements are per unit actuator and output force; displacement and stress are also those at which the report
-    states stress: full voltage and preload, or what the study says.
+    states stress: full voltage and preload, or what the study says. A part without inputs has those per output force.
     """
     finest = validation.finest
     vertices = slice(len(finest.mesh.points))  # nodes are numbered corners first
-    solution, (force, _) = finest.solution, quantities.stated_force(validation.study, finest.solution)
+    solution = finest.solution
+    if not validation.has_input:
+        fields: Mapping[str, Array] = {OF_OUTPUT: solution.output_field[vertices]}
+        _written(path, lambda file: mesh.write(file, finest.mesh, fields))
+        return
+    force, _ = quantities.stated_force(validation.study, finest.solution)
     fields = _fields(
         force, solution.input_field[vertices], solution.output_field[vertices], solution.von_mises[vertices]
     )
@@ -135,7 +142,7 @@ def _fields(force: float, of_input: Array, of_output: Array, stress: Array) -> M
         "displacement_[m]": force * of_input,
         "von_mises_stress_[Pa]": force * stress,
         "displacement_per_actuator_force_[m/N]": of_input,
-        "displacement_per_output_force_[m/N]": of_output,
+        OF_OUTPUT: of_output,
     }
 
 
