@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flexdesign import effects
 from flexdesign.core.errors import InputError
-from flexdesign.core.model import OTHER, Adjust, Disturbance, Effect, Resonance
+from flexdesign.core.model import OTHER, Adjust, Block, Disturbance, Effect, Resonance, Socket
 from flexdesign.dynamics.signal_chain.chain import AxisChain, Oscillator, by_name
 from flexdesign.dynamics.simulate import Stage
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
@@ -159,16 +159,25 @@ def held_back(axis: AxisModel) -> float:
 def cycled(axis: AxisModel) -> AxisModel:
     """Return an axis that was cycled over its whole range of voltage and rests at zero volts, where motion counts zero.
 
-    One whose hysteresis says where it rests, or whose range has no ends or not zero in it, is returned as it is.
+    One whose hysteresis says where it rests, or whose range has no ends or not zero in it, is returned as it is. So is
+    one with a further hysteresis: that one starts as it was before the first voltage, and both have one past.
     """
     hysteresis = axis.effects.get("bouc_wen")
     low, high = stack_range(axis)
+    if any(_remembers_motion(effect) for effect, _ in acting(axis) if effect.name != "bouc_wen"):
+        return axis
     if hysteresis is None or hysteresis.get("rest") or not math.isfinite(high - low) or not low <= 0 <= high:
         return axis
     bottom, _ = _steady(hysteresis, low, high)
     # Where the gain is negative the hysteresis runs with the voltage upside down, and it is odd.
     rest = math.copysign(1.0, axis.gain) * bouc_wen.advance(bottom, low, 0.0, *_numbers(hysteresis))
     return replace(axis, effects={**axis.effects, "bouc_wen": {**hysteresis, "rest": rest}})
+
+
+def _remembers_motion(effect: Effect) -> bool:
+    """Tell whether an effect depends on where the stage came from: a hysteresis, or a force with states."""
+    blocks = (face for face in effect.faces if isinstance(face, Block) and face.socket is Socket.FORCE)
+    return effect.is_hysteresis or any(block.states for block in blocks)
 
 
 def _steady(hysteresis: Mapping[str, float], low: float, high: float) -> tuple[float, float]:

@@ -141,7 +141,7 @@ def outcome(name: str, between: str, size: float, numbers: dict[str, float], fou
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the round trips, print one line for each, and write the table."""
     parser = argparse.ArgumentParser(prog="python -m studies.round_trips", description=__doc__)
-    parser.add_argument("effects", nargs="*", help="names of effects; all by default")
+    parser.add_argument("effects", nargs="*", choices=[*names(), []], metavar="effect", help="all by default")
     parser.add_argument("--between", choices=BETWEEN, default="hold", help="what is said of held commands")
     parser.add_argument("--seed", type=int, default=1, help="of the noise")
     parser.add_argument("--out", type=Path, default=Path("reports/round_trips"), help="folder of the table")

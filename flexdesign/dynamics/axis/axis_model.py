@@ -50,6 +50,11 @@ CAME_FROM = {"turn.1": 0.75, "turn.2": 0.1}
 #: Where a search tries them, where commands have one sign, and where they have both.
 TRIED = {"turn.1": (0.5, 0.75, 0.95), "turn.2": (-0.25, 0.0, 0.1, 0.25)}
 TRIED_BOTH = {"turn.1": (-0.95, -0.5, 0.5, 0.95), "turn.2": (-0.95, -0.25, 0.25, 0.95)}
+#: Range of the turning voltages, over the largest command: a stage may have been driven further before the record, and
+#: one that was cycled over the range of the record has less hysteresis to lose than two ways from the virgin state.
+TURNED_WITHIN = 2.0
+#: Where a search tries a phase [rad]: from the opposite one a fit goes nowhere.
+QUARTERS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
 #: Periods of the mode that a way before a record takes.
 PERIODS_OF_A_WAY = 6.0
 #: A mode that was known to be beyond what the samples show may be this much higher still.
@@ -158,14 +163,15 @@ class AxisDynamics:
         own = self.own.get(run, {})
         latest = (-LONGEST_TRIGGER, LONGEST_TRIGGER)
         trigger = Parameter(TRIGGER, "s", "ms", "how late the record began", 0.0, 0.0, latest)
-        range_ = (-self.volts, self.volts)  # also where commands have one sign: nobody knows how a stage came to rest
+        # Of both signs, also where commands have one sign: nobody knows how a stage came to rest.
+        range_ = (-TURNED_WITHIN * self.volts, TURNED_WITHIN * self.volts)
         tried = TRIED_BOTH if self.bipolar else TRIED
         meaning = "where the voltage had turned before the record"
         turns = (
             Parameter(name, "V", "V", meaning, None, share * self.volts, range_, screen=self._shares(tried[name]))
             for name, share in CAME_FROM.items()
         )
-        phases = (p for p in common if p.per_run and p.si == "rad")
+        phases = (replace(p, screen=QUARTERS) for p in common if p.per_run and p.si == "rad")
         deviations = (_deviation(p) for p in common if p.name in self.by_run)
         for p in (*phases, *deviations, trigger, *(turns if self._remembers else ())):
             yield replace(p, name=f"{run}:{p.name}", start=own.get(p.name, p.start), run=run)

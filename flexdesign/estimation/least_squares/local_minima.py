@@ -59,10 +59,10 @@ def grid_initial_states(dataset: Dataset, model: Model, each: Map = map, fit_sta
 
 
 def _by_run(model: Model) -> dict[str, list[Parameter]]:
-    """Return the numbers of each run, but for phases, which no grid holds."""
+    """Return the numbers of each run."""
     found: dict[str, list[Parameter]] = {}
     for parameter in model.parameters():
-        if parameter.run and parameter.si != "rad":
+        if parameter.run:
             found.setdefault(parameter.run, []).append(parameter)
     return found
 
