@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from flexdesign.core import toml_files
+from flexdesign.core import toml_writing
 from flexdesign.core.toml_files import as_text
 from flexdesign.design.design import Actuator
 from flexdesign.design.study import OutputSettings
@@ -53,4 +53,4 @@ def test_tables_in_lists_are_read_back() -> None:
         "run": [{"file": "1.csv", "volts.high": {"u": "V", "x": [True]}}, {"file": "2.csv"}],
         "none": [],
     }
-    assert tomllib.loads("\n".join(toml_files.to_toml(content))) == content
+    assert tomllib.loads(toml_writing.to_toml(content)) == content

@@ -12,7 +12,7 @@ from flexdesign.api.result import Result
 from flexdesign.core.errors import InputError
 from flexdesign.core.result_cache import Cache, open_cache
 from flexdesign.core.toml_files import FORMAT
-from flexdesign.core.toml_files import to_toml as to_lines
+from flexdesign.core.toml_writing import to_toml as table_to_toml
 from flexdesign.design import design as designs
 from flexdesign.design import study as studies
 from flexdesign.design.design import Design
@@ -77,7 +77,7 @@ def draw(file: str | Path, *, material: str, dimensions: Mapping[str, str], **ta
     path = Path(file)
     content = {"format": FORMAT, "part": "sketch", "material": material, "dimensions": dict(dimensions), **tables}
     try:
-        path.write_text("\n".join(to_lines(content)) + "\n", encoding="utf-8")
+        path.write_text(table_to_toml(content), encoding="utf-8")
     except OSError as error:
         raise InputError(path, "", None, f"cannot be written ({error.strerror}); choose another place") from error
     return designs.read(path)

@@ -21,7 +21,7 @@ from flexdesign.diagnosis.comparison.static_table import TableComparison
 from flexdesign.diagnosis.identify import Identification
 from flexdesign.diagnosis.progress import Progress as Steps
 from flexdesign.diagnosis.static_tables.diagnose import TableDiagnosis
-from flexdesign.dynamics.stage_model import StageModel, to_toml
+from flexdesign.dynamics.stage_model import StageModel, edit
 from flexdesign.measurements import recordings as reading
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.report.diagnosis import (
@@ -141,7 +141,7 @@ def identify(
         identification_report.document(found),
         identification_report.estimates(found),
         partial(identification_report.result, found),
-        lambda folder: {"stage_model.toml": to_toml(found.model, folder)},
+        lambda folder: {"stage_model.toml": edit(model, found.model, folder)},
         {estimate.name: estimate for estimate in found.estimates},
     )
 
@@ -227,7 +227,7 @@ def diagnose(
         diagnosis_report.document(found, apart),
         diagnosis_report.ladder_of(found),
         partial(diagnosis_result.result, found, apart),
-        lambda folder: {"stage_model.toml": to_toml(better, folder)},
+        lambda folder: {"stage_model.toml": edit(_stage(model), better, folder)},
         {named.name: named for named in found.effects},
         better=better,
     )
@@ -285,7 +285,7 @@ def add_effect(
         addition_report.document(found, loop),
         addition_report.ladder_of(found),
         partial(addition_report.result, found, loop),
-        lambda folder: {"stage_model.toml": to_toml(found.model, folder)},
+        lambda folder: {"stage_model.toml": edit(_stage(model), found.model, folder)},
         {value.parameter.name: value for value in found.values},
     )
 

@@ -358,38 +358,3 @@ def _literal(text: str) -> Any:
         return tomllib.loads(f"value = {text}")["value"]
     except (ValueError, RecursionError):
         return text
-
-
-def to_toml(content: Mapping[str, Any], path: str = "") -> list[str]:
-    """Return a table as lines of TOML: its own values, then the tables in it; `path` is its name.
-
-    A table in a list of tables stands whole in its own lines, the tables in it each in one.
-    """
-    tables = {name: value for name, value in content.items() if isinstance(value, Mapping)}
-    lists = {name: value for name, value in content.items() if _is_of_tables(value)}
-    lines = [f"{key(n)} = {_toml_value(value)}" for n, value in content.items() if n not in tables and n not in lists]
-    for name, value in tables.items():
-        if value:
-            inner = f"{path}.{key(name)}" if path else key(name)
-            own = any(not isinstance(entry, Mapping) for entry in value.values())
-            lines += [*(["", f"[{inner}]"] if own else []), *to_toml(value, inner)]
-    for name, entries in lists.items():
-        for entry in entries:
-            inner = f"{path}.{key(name)}" if path else key(name)
-            lines += ["", f"[[{inner}]]", *(f"{key(n)} = {_toml_value(value)}" for n, value in entry.items())]
-    return lines
-
-
-def _is_of_tables(value: object) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(entry, Mapping) for entry in value)
-
-
-def _toml_value(value: object) -> str:
-    """Return a number, a text, a list or a table in one line of TOML."""
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key(name)} = {_toml_value(each)}" for name, each in value.items()) + " }"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_toml_value, value)) + "]"
-    if isinstance(value, float):
-        return repr(value)  # JSON has no infinity
-    return quoted(value) if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from flexdesign.core import data_files, toml_files
+from flexdesign.core import data_files, toml_files, toml_writing
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.toml_files import Bounds, Table, as_written, attributed, check, in_si, read_toml
 from flexdesign.design import changes, materials, part, sketch, step_part
@@ -344,10 +344,10 @@ def to_toml(design: Design, content: Mapping[str, Any], folder: Path) -> str:
     """Return the content of a design file as text for a file in another folder, from which its part is found."""
     file = part.file_of(design.part_class)
     if step_part.is_step(file.name):
-        return "\n".join(toml_files.to_toml({**content, "part": os.path.relpath(file, folder)})) + "\n"
+        return toml_writing.to_toml({**content, "part": os.path.relpath(file, folder)})
     try:
         by_name = part.find(file.stem, folder).resolve() == file.resolve()
     except InputError:
         by_name = False
     name = file.stem if by_name else os.path.relpath(file, folder)
-    return "\n".join(toml_files.to_toml({**content, "part": name})) + "\n"
+    return toml_writing.to_toml({**content, "part": name})

@@ -9,6 +9,7 @@ gain are those with the actuators installed: stack and seats in series, in place
 """
 
 from flexdesign.dynamics.stage_model.axis import ActuatorData, AxisModel, Contradiction, Driver, Mode, Sensor
+from flexdesign.dynamics.stage_model.editing import edit
 from flexdesign.dynamics.stage_model.model import ControllerTiming, Coupling, StageModel
 from flexdesign.dynamics.stage_model.reading import changed, find, read
 from flexdesign.dynamics.stage_model.shown import Shown
@@ -26,6 +27,7 @@ __all__ = [
     "Shown",
     "StageModel",
     "changed",
+    "edit",
     "find",
     "read",
     "to_toml",

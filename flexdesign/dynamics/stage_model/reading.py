@@ -127,7 +127,7 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> StageModel:
     content = toml_files.read_toml(path)
     _same_axes(content.get("axis"), overrides)
     with toml_files.attributed(overrides):
-        stage = _stage(toml_files.overlay(content, overrides), path)
+        stage = from_content(toml_files.overlay(content, overrides), path)
     return replace(stage, title=changes.titled(stage.title or stage.name, overrides)) if overrides else stage
 
 
@@ -144,7 +144,7 @@ def changed(model: StageModel, overrides: Sequence[str]) -> StageModel:
     content = tomllib.loads(to_toml(model))
     _same_axes(content["axis"], overrides)
     with toml_files.attributed(overrides):
-        made = _stage(toml_files.overlay(content, overrides), Path(f"{model.name}.toml"))
+        made = from_content(toml_files.overlay(content, overrides), Path(f"{model.name}.toml"))
     return replace(made, name=model.name, title=changes.titled(made.title or model.name, overrides))
 
 
@@ -162,7 +162,14 @@ def _there(name: str, axes: Mapping[str, Any]) -> str:
     return suggest(name, list(axes)).replace("known", "there are")
 
 
-def _stage(content: Mapping[str, Any], path: Path) -> StageModel:
+def from_content(content: Mapping[str, Any], path: Path) -> StageModel:
+    """Return the stage model that a parsed file holds; `path` is where it lies, or would lie.
+
+    Raises
+    ------
+    InputError
+        If anything in it cannot be used.
+    """
     if content and not content.get("axis"):
         if "part" in content or "design" in content:
             raise InputError(path, "", None, "is a design or a study; flexdesign validate makes a stage model of it")

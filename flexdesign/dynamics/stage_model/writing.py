@@ -16,6 +16,8 @@ from flexdesign.dynamics.stage_model.model import Coupling, StageModel
 
 _TEXT = fields.Text()
 _HEADING = "# Stage model. Any number may be changed, and any unit that measures the same may be written."
+#: The comment that names the effects for which there is no data.
+ABSENT = "# assumed to be none, as nothing here tells:"
 #: Where the comments begin.
 _COLUMN = 40
 #: What people should know of a field, beside where it comes from.
@@ -89,7 +91,7 @@ def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]
     if axis.assumed:
         yield f"assumed = [{', '.join(_TEXT.write(_named(name, ways)) for name in axis.assumed)}]"
     if axis.absent:
-        yield f"# assumed to be none, as nothing here tells: {', '.join(axis.absent)}"
+        yield f"{ABSENT} {', '.join(axis.absent)}"
     if axis.fitted:
         yield f"fitted = [{', '.join(map(_TEXT.write, axis.fitted))}]"
     for mode in axis.modes:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from flexdesign.core import toml_files, unit_tables
+from flexdesign.core import toml_writing, unit_tables
 from flexdesign.core.errors import InputError
 from flexdesign.measurements.importing.assembling import Recording, assemble
 from flexdesign.measurements.importing.mapping import Map, read_map
@@ -105,8 +105,8 @@ def _written(recordings: Sequence[Recording], plan: Map, paths: Sequence[Path], 
         written.append(file)
         tables.append({"file": file.name, **plan.said_of_runs[recording.number]})
     description = folder / DESCRIPTION
-    text = [f"# {origin}", *toml_files.to_toml({**plan.said, "run": tables})]
-    description.write_text("\n".join(text) + "\n", encoding="utf-8")
+    text = toml_writing.to_toml({**plan.said, "run": tables})
+    description.write_text(f"# {origin}\n{text}", encoding="utf-8")
     return [*written, description]
 
 
