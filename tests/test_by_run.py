@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import TransferFunction, lsim
 
+from flexdesign.core.serialise import to_json
 from flexdesign.diagnosis import Diagnosis, add_effect, diagnose
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
@@ -95,7 +96,7 @@ def test_the_report_has_the_value_of_each_run() -> None:
     found = found_in((3.0e-7, 2.0e-7, 6.0e-7, 1.0e-7, 4.0e-7, 2.5e-7))
     result = diagnosis_result.result(found, [])
     assert set(result["effects"][0]["by_run"]) == {f"run{k}" for k in range(6)}
-    json.dumps(result, allow_nan=False)
+    json.dumps(to_json(result), allow_nan=False)
     document = diagnosis_report.document(found, [])
     (table,) = (t for section in document.sections for t in section.tables if "run to run" in (t.caption or ""))
     assert [row[0] for row in table.rows] == [f"run{k}" for k in range(6)]

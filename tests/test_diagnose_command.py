@@ -23,6 +23,7 @@ from typer.testing import CliRunner
 from flexdesign import diagnosis, effects
 from flexdesign.cli import app
 from flexdesign.core.errors import InputError
+from flexdesign.core.serialise import to_json
 from flexdesign.diagnosis import Diagnosis, Value, add_effect, discriminating_experiments, initialised_comparison
 from flexdesign.diagnosis.preparation.dataset import prepare
 from flexdesign.diagnosis.residual_comparison import compared
@@ -93,7 +94,7 @@ def test_the_ladder_is_what_the_runs_kept_apart_leave() -> None:
 
 
 def test_result_holds_everything_with_its_unit() -> None:
-    result = json.loads(json.dumps(diagnosis_result.result(diagnosed(), ())))
+    result = json.loads(json.dumps(to_json(diagnosis_result.result(diagnosed(), ()))))
     keys = "verdict effects candidates confusable near ladder noise_floor remainder where conflicts confidence made_by"
     assert set(keys.split()) <= set(result)
     (effect,) = result["effects"]
@@ -165,7 +166,7 @@ def test_effects_beside_a_remainder_are_said_with_it() -> None:
     )
     result = diagnosis_result.result(found, ())["remainder"]
     assert (result["rms"]["value"], result["over_noise"]) == pytest.approx((4e-7, 10.0))
-    assert diagnosis_result.result(unsaid, ())["remainder"]["over_noise"] is None
+    assert to_json(diagnosis_result.result(unsaid, ()))["remainder"]["over_noise"] is None
 
 
 def test_numbers_that_the_runs_do_not_show_are_said() -> None:

@@ -18,6 +18,7 @@ from scipy.signal import TransferFunction, lsim
 
 from flexdesign.cli import app
 from flexdesign.core.errors import InputError
+from flexdesign.core.serialise import to_json
 from flexdesign.diagnosis import Diagnosis, add_effect, diagnose
 from flexdesign.diagnosis.comparison import compare
 from flexdesign.diagnosis.discriminating_experiments import proposals
@@ -190,7 +191,7 @@ def test_a_response_beside_two_runs_is_explained_together_with_them() -> None:
     assert {"Frequency responses", "Where it fails"} <= {section.title for section in document.sections}
     final = result["frequency_responses"]["final"]
     assert final[0]["error_over_noise"] == pytest.approx(1.0, abs=0.3)
-    json.dumps(result, allow_nan=False)
+    json.dumps(to_json(result), allow_nan=False)
 
 
 def test_a_response_that_contradicts_the_runs_is_not_drowned_by_them() -> None:
@@ -224,7 +225,7 @@ def test_an_effect_is_added_from_a_response_alone() -> None:
     assert "identified from sweep" in found.model.axes["x"].sources["driver.bandwidth"]
     loop = add_effect.InTheLoop(None, "not asked")
     assert "Frequency responses" in {section.title for section in addition_report.document(found, loop).sections}
-    json.dumps(addition_report.result(found, loop), allow_nan=False)
+    json.dumps(to_json(addition_report.result(found, loop)), allow_nan=False)
     with pytest.raises(InputError, match="small sines"):
         add_effect.add(MODEL, "mains_hum", [response], threads=1)
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from flexdesign.core.errors import InputError
+from flexdesign.core.serialise import to_json
 from flexdesign.dynamics import experiments, stage_model
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics.experiments import simulation, standard_experiments
@@ -215,7 +216,7 @@ def test_an_unstable_loop_within_limits_is_measured_and_named(tmp_path: Path) ->
 
 def test_a_diverged_run_gives_valid_json(tmp_path: Path) -> None:
     found = simulated(tmp_path, LINEAR, WILD + experiment(STEP, TRIED))
-    text = json.dumps(simulation_report.result(found), allow_nan=False)
+    text = json.dumps(to_json(simulation_report.result(found)), allow_nan=False)
     case = json.loads(text)["cases"][1]
     assert case["diverged"]["unit"] == "s" and case["measures"] == {}
     assert case["margins"]["x"]["stable"] is False

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from flexdesign.core.errors import InputError, suggest
+from flexdesign.core.serialise import to_json
 from flexdesign.report import render, terminal
 from flexdesign.report.document import Document, Table
 
@@ -106,7 +107,8 @@ class Result(Generic[Found]):
 
     @cached_property
     def _serialised(self) -> dict[str, Any]:
-        return self.serialise()
+        found: dict[str, Any] = to_json(self.serialise())
+        return found
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return the result as a pandas table.

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from flexdesign.core.errors import printable
+from flexdesign.core.serialise import to_json
 from flexdesign.design import changes
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def progress() -> Iterator[Callable[[str], None]]:
 
 def print_json(result: Mapping[str, Any]) -> None:
     """Print a result on stdout, in the form of result.json."""
-    json.dump(result, sys.stdout, indent=2, ensure_ascii=False)
+    json.dump(to_json(result), sys.stdout, indent=2, ensure_ascii=False, allow_nan=False)
     sys.stdout.write("\n")
 
 

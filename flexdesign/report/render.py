@@ -14,6 +14,7 @@ from urllib.parse import quote
 from jinja2 import Environment, PackageLoader, select_autoescape
 
 from flexdesign.core.errors import InputError
+from flexdesign.core.serialise import to_json
 from flexdesign.core.versions import __version__
 from flexdesign.report import origin
 from flexdesign.report.document import Document, Figure
@@ -92,7 +93,9 @@ def write(
     made = Made(origin.date(), origin.command(), __version__, [*others, "result.json", *links])
     contents["report.md"] = to_markdown(document, made).encode()
     contents["report.html"] = to_html(document, made).encode()
-    contents["result.json"] = (json.dumps(result, indent=2, ensure_ascii=False) + "\n").encode()
+    contents["result.json"] = (
+        json.dumps(to_json(result), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    ).encode()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix=".writing-") as scratch:

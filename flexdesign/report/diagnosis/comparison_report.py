@@ -100,7 +100,7 @@ def result(found: Comparison) -> dict[str, Any]:
             **number(found.floor),
             "known": found.noise.known,
             "source": found.noise.source,
-            "relative_error": found.noise.relative_error if math.isfinite(found.noise.relative_error) else None,
+            "relative_error": found.noise.relative_error,
             "lines": [
                 {"frequency": {"value": line.frequency, "unit": "Hz"}, "amplitude": number(line.amplitude)}
                 for line in found.noise.lines
@@ -114,8 +114,8 @@ def result(found: Comparison) -> dict[str, Any]:
                 "role": run.role,
                 "rms_error": number(run.rms),
                 "largest_error": number(run.largest),
-                "error_of_stroke": _or_none(run.of_stroke),
-                "r2": _or_none(run.r2),
+                "error_of_stroke": run.of_stroke,
+                "r2": run.r2,
                 "noise_floor": number(run.floor),
                 "error_over_floor": run.ratio,
                 "remarks": list(run.remarks),
@@ -315,8 +315,8 @@ def breakdown_json(breakdown: Breakdown, response: str) -> dict[str, Any]:
     parts = [
         {
             "label": part.label,
-            "lower": _or_none(part.lower),
-            "upper": _or_none(part.upper),
+            "lower": part.lower,
+            "upper": part.upper,
             "share": part.share,
             "weight": part.weight,
             "rms_error": {"value": part.rms, "unit": response},
@@ -324,7 +324,3 @@ def breakdown_json(breakdown: Breakdown, response: str) -> dict[str, Any]:
         for part in breakdown.parts
     ]
     return {"by": breakdown.by, "unit": breakdown.si or None, "covers": breakdown.covers, "parts": parts}
-
-
-def _or_none(value: float) -> float | None:
-    return value if math.isfinite(value) else None

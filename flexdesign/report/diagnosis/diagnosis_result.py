@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -87,12 +86,11 @@ def ladder_json(rungs: Sequence[ErrorStep], si: str) -> list[dict[str, Any]]:
 
 def noise_json(noise: NoiseFloor, floor: float, si: str) -> dict[str, Any]:
     """Return the noise floor, and where it comes from."""
-    error = noise.relative_error
     return {
         **_number(floor, si),
         "known": noise.known,
         "source": noise.source,
-        "relative_error": error if math.isfinite(error) else None,
+        "relative_error": noise.relative_error,
         "runs": {name: _number(rms, si) for name, rms in noise.rms.items()},
         "lines": [
             {"frequency": _number(line.frequency, "Hz"), "amplitude": _number(line.amplitude, si)}
@@ -104,14 +102,13 @@ def noise_json(noise: NoiseFloor, floor: float, si: str) -> dict[str, Any]:
 
 def value_json(value: Value) -> dict[str, Any]:
     """Return a fitted number with its unit and its 95 % interval."""
-    low, high = (end if math.isfinite(end) else None for end in value.interval)
     name = value.parameter.name.rpartition(".")[2]
     return {
         "name": name,
         "number": value.parameter.name,
-        "value": value.value if math.isfinite(value.value) else None,
+        "value": value.value,
         "unit": value.parameter.si,
-        "interval": [low, high],
+        "interval": list(value.interval),
         "text": said.quantity(value, short=True),
     }
 
@@ -133,7 +130,7 @@ def _every(found: ModelResiduals) -> list[Run | FrequencyResponse]:
 
 
 def _number(value: float, si: str) -> dict[str, Any]:
-    return {"value": value if math.isfinite(value) else None, "unit": si}
+    return {"value": value, "unit": si}
 
 
 def by_run_json(by_run: Mapping[str, Value]) -> dict[str, Any]:
@@ -157,7 +154,7 @@ def _tried(tried: CandidateRecord, si: str) -> dict[str, Any]:
         "effects": list(tried.names),
         "beside": list(tried.beside),
         "error": _number(tried.error, si),
-        "evidence": tried.evidence if math.isfinite(tried.evidence) else None,
+        "evidence": tried.evidence,
         "outcome": tried.outcome,
     }
 

@@ -71,7 +71,7 @@ def result(found: Identification) -> dict[str, Any]:
                 "rms_error": {"value": run.rms, "unit": found.response},
                 "rms_error_before": {"value": found.before_errors[run.name], "unit": found.response},
                 "span": {"value": run.span, "unit": found.response},
-                "error_of_span": run.error if math.isfinite(run.error) else None,
+                "error_of_span": run.error,
                 "remarks": list(run.remarks),
             }
             for run in found.runs

@@ -34,11 +34,11 @@ def result(simulation: Simulation) -> dict[str, Any]:
                 "experiment": case.experiment.name,
                 "variant": case.variant,
                 "controller": case.controller,
-                "measures": {axis: [_json(q) for q in found] for axis, found in case.measures.items()},
+                "measures": {axis: list(found) for axis, found in case.measures.items()},
                 "gains": {
                     axis: {
                         "kp": {"value": pid.kp * 1e-6, "unit": "V/um"},
-                        "ti": {"value": _finite(pid.ti), "unit": "s"},
+                        "ti": {"value": pid.ti, "unit": "s"},
                         "td": {"value": pid.td, "unit": "s"},
                         "weights": [pid.proportional_weight, pid.derivative_weight],
                     }
@@ -47,15 +47,15 @@ def result(simulation: Simulation) -> dict[str, Any]:
                 "margins": {
                     axis: {
                         "stable": m.stable,
-                        "gain_margin": _finite(m.gain_margin),
-                        "phase_margin": {"value": _finite(m.phase_margin), "unit": "deg"},
-                        "delay_margin": {"value": _finite(m.delay_margin), "unit": "s"},
-                        "largest_sensitivity": _finite(m.ms),
+                        "gain_margin": m.gain_margin,
+                        "phase_margin": {"value": m.phase_margin, "unit": "deg"},
+                        "delay_margin": {"value": m.delay_margin, "unit": "s"},
+                        "largest_sensitivity": m.ms,
                     }
                     for axis, m in case.margins.items()
                 },
                 "cautions": list(case.cautions),
-                "integration": {"error": _finite(case.response.error), "steps_per_sample": case.response.substeps},
+                "integration": {"error": case.response.error, "steps_per_sample": case.response.substeps},
                 "diverged": {"value": case.response.diverged, "unit": "s"} if case.response.diverged else None,
             }
             for case in simulation.cases
@@ -71,7 +71,7 @@ def result(simulation: Simulation) -> dict[str, Any]:
                 "uncertainty": c.published.uncertainty or None,
                 "place": c.published.place,
                 "note": c.published.note,
-                "ours": _json(c.ours) if c.ours else None,
+                "ours": c.ours,
             }
             for experiment in simulation.plan.experiments
             for case, c in simulation.compared(experiment)
@@ -85,15 +85,6 @@ def result(simulation: Simulation) -> dict[str, Any]:
             "versions": versions.installed(),
         },
     }
-
-
-def _finite(number: float) -> float | None:
-    return number if math.isfinite(number) else None
-
-
-def _json(quantity: Quantity) -> dict[str, Any]:
-    found = quantity.to_json()
-    return found | {"value": _finite(found["value"])}
 
 
 def document(simulation: Simulation) -> Document:
