@@ -15,6 +15,7 @@ format = 1
 natural_frequency = "0.2 kHz"   # sine sweep of Monday
 damping_ratio = 0.02            # log decrement
 gain = "0.15 um/V"              # laser
+uncertainty = { gain = "10 %" } # certificate
 
 # The amplifier was repaired in May.
 [axis.x.driver]
@@ -32,13 +33,17 @@ def test_an_added_effect_keeps_comments(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     path.write_text(MODEL, encoding="utf-8")
     better = model_with_creep(path)
+    known = {"gain": 0.02, "creep.per_decade": 0.1}
+    better = replace(better, axes={"x": replace(better.axes["x"], uncertainty=known)})
     text = stage_model.edit(path, better, tmp_path)
     for line in MODEL.splitlines():
-        if not line.startswith("damping_ratio"):
+        if not line.startswith(("damping_ratio", "uncertainty")):
             assert line in text.splitlines(), text
     (changed,) = (line for line in text.splitlines() if line.startswith("damping_ratio"))
     assert "0.03" in changed
     assert changed.endswith("# log decrement")
+    (changed,) = (line for line in text.splitlines() if line.startswith("uncertainty"))
+    assert changed.endswith("# certificate")
     (tmp_path / "again.toml").write_text(text, encoding="utf-8")
     assert stage_model.read(tmp_path / "again.toml").axes == better.axes
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import tomlkit
-from tomlkit.items import InlineTable, Item
+from tomlkit.items import InlineTable, Item, Table
 from tomlkit.toml_document import TOMLDocument
 
 
@@ -64,9 +64,9 @@ def _merge(original: Any, before: Mapping[str, Any], after: Mapping[str, Any]) -
     for name in [name for name in before if name not in after and name in original]:
         del original[name]
     for name, new in after.items():
-        old = before.get(name)
-        if isinstance(new, Mapping) and isinstance(old, Mapping) and isinstance(original.get(name), Mapping):
-            _merge(original[name], old, new)
+        old, there = before.get(name), original.get(name)
+        if all(isinstance(table, Mapping) for table in (new, old, there)) and not isinstance(there, InlineTable):
+            _merge(there, old, new)
         elif _plain(old) != _plain(new):
             _put(original, name, new)
         if name in original and old is not None:
@@ -75,11 +75,16 @@ def _merge(original: Any, before: Mapping[str, Any], after: Mapping[str, Any]) -
 
 def _put(original: Any, name: str, new: Any) -> None:
     """Set a value under the same comment as the one it replaces."""
-    kept = original.get(name)
-    original[name] = tomlkit.item(_plain(new)) if isinstance(kept, Item) else new
-    if isinstance(kept, Item) and not isinstance(kept, Mapping) and kept.trivia.comment:
-        original[name].trivia.comment_ws = kept.trivia.comment_ws
-        original[name].trivia.comment = kept.trivia.comment
+    old = original.get(name)
+    if isinstance(old, InlineTable):
+        original[name] = _inline(_plain(new))
+    else:
+        original[name] = tomlkit.item(_plain(new)) if isinstance(old, Item) else new
+        if isinstance(new, Table) and not new.as_string().endswith("\n\n"):
+            original[name].add(tomlkit.nl())  # the next table after an empty line
+    if isinstance(old, Item) and old.trivia.comment:
+        original[name].trivia.comment_ws = old.trivia.comment_ws
+        original[name].trivia.comment = old.trivia.comment
 
 
 def _exchange_comment(item: Any, old: Any, new: Any) -> None:
