@@ -65,12 +65,16 @@ def _merge(original: Any, before: Mapping[str, Any], after: Mapping[str, Any]) -
         del original[name]
     for name, new in after.items():
         old, there = before.get(name), original.get(name)
-        if all(isinstance(table, Mapping) for table in (new, old, there)) and not isinstance(there, InlineTable):
+        if isinstance(new, Mapping) and isinstance(old, Mapping) and _is_open_table(there):
             _merge(there, old, new)
         elif _plain(old) != _plain(new):
             _put(original, name, new)
         if name in original and old is not None:
             _exchange_comment(original[name], old, new)
+
+
+def _is_open_table(value: object) -> bool:
+    return isinstance(value, Mapping) and not isinstance(value, InlineTable)
 
 
 def _put(original: Any, name: str, new: Any) -> None:

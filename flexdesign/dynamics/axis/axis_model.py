@@ -50,8 +50,7 @@ CAME_FROM = {"turn.1": 0.75, "turn.2": 0.1}
 #: Where a search tries them, where commands have one sign, and where they have both.
 TRIED = {"turn.1": (0.5, 0.75, 0.95), "turn.2": (-0.25, 0.0, 0.1, 0.25)}
 TRIED_BOTH = {"turn.1": (-0.95, -0.5, 0.5, 0.95), "turn.2": (-0.95, -0.25, 0.25, 0.95)}
-#: Range of the turning voltages, over the largest command: a stage may have been driven further before the record, and
-#: one that was cycled over the range of the record has less hysteresis to lose than two ways from the virgin state.
+#: Range of the turning voltages, over the largest command: a stage may have been driven further before the record.
 TURNED_WITHIN = 2.0
 #: Where a search tries a phase [rad]: from the opposite one a fit goes nowhere.
 QUARTERS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
@@ -59,8 +58,8 @@ QUARTERS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
 PERIODS_OF_A_WAY = 6.0
 #: A mode that was known to be beyond what the samples show may be this much higher still.
 BEYOND = 1.2
-#: A record began no later than this [s].
-LONGEST_TRIGGER = 0.02
+#: A record began within this of its first sample [s].
+TRIGGERED_WITHIN = (-0.02, 0.02)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,14 +160,12 @@ class AxisDynamics:
     def _of_run(self, run: str, common: Sequence[Parameter]) -> Iterator[Parameter]:
         """Yield the numbers that a run has for itself; where it has none of its own they are those of all runs."""
         own = self.own.get(run, {})
-        latest = (-LONGEST_TRIGGER, LONGEST_TRIGGER)
-        trigger = Parameter(TRIGGER, "s", "ms", "how late the record began", 0.0, 0.0, latest)
+        trigger = Parameter(TRIGGER, "s", "ms", "how late the record began", 0.0, 0.0, TRIGGERED_WITHIN)
         # Of both signs, also where commands have one sign: nobody knows how a stage came to rest.
-        range_ = (-TURNED_WITHIN * self.volts, TURNED_WITHIN * self.volts)
-        tried = TRIED_BOTH if self.bipolar else TRIED
-        meaning = "where the voltage had turned before the record"
+        farthest, tried = TURNED_WITHIN * self.volts, TRIED_BOTH if self.bipolar else TRIED
+        before, range_ = "where the voltage had turned before the record", (-farthest, farthest)
         turns = (
-            Parameter(name, "V", "V", meaning, None, share * self.volts, range_, screen=self._shares(tried[name]))
+            Parameter(name, "V", "V", before, None, share * self.volts, range_, screen=self._shares(tried[name]))
             for name, share in CAME_FROM.items()
         )
         phases = (replace(p, screen=QUARTERS) for p in common if p.per_run and p.si == "rad")
