@@ -97,6 +97,7 @@ def test_names_in_python_blocks_exist(page: Path) -> None:
 @pytest.mark.parametrize("page", PAGES, ids=names)
 def test_commands_exist(page: Path) -> None:
     known = {command.name or command.callback.__name__ for command in cli.app.registered_commands if command.callback}
+    known |= {str(group.name) for group in cli.app.registered_groups}
     text = page.read_text(encoding="utf-8")
     shown = {verb for block in blocks(page, "sh") for verb in re.findall(r"^flexdesign (\w+)", block, re.M)}
     shown |= set(re.findall(r"`flexdesign ([a-z]+)", text))

@@ -29,6 +29,7 @@ from flexdesign.cli import effects as effects
 from flexdesign.cli import materials as materials
 from flexdesign.cli import plan as plan
 from flexdesign.cli import import_ as import_
+from flexdesign.cli import init as init
 # isort: on
 
 #: The exit code after Ctrl-C, by convention of the shell.
