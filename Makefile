@@ -13,7 +13,7 @@ PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo example test coverage benchmark peers trial verification error-bars slow lint format lock clean clean-venv
+.PHONY: help demo example test coverage benchmark peers trial verification error-bars slow docs lint format lock clean clean-venv
 
 help: ## Show this list
 	@echo "make TARGET [PYTHON=python3.12]"
@@ -54,6 +54,10 @@ error-bars: $(VENV)/.ready ## Try the error estimates on designs with a known an
 
 slow: $(VENV)/.ready ## Run the long studies that `test` leaves out
 	$(BIN)/python -m pytest -m slow
+
+docs: $(VENV)/.ready ## Build the documentation site in build/docs; it executes the notebooks
+	OMP_NUM_THREADS=1 $(BIN)/sphinx-build --builder html --fresh-env --fail-on-warning --keep-going --quiet docs build/docs
+	@echo "build/docs/index.html"
 
 lint: $(VENV)/.ready ## Check style, types and the packages
 	$(BIN)/ruff check
