@@ -455,7 +455,7 @@ def test_a_missing_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_the_template_is_a_map_that_wants_completing(tmp_path: Path, command_line: Callable[..., Any]) -> None:
     matlab(tmp_path / "rig.mat")
-    ended = command_line("import", "rig.mat")
+    ended = command_line("import", "rig.mat", "--print-map")
     assert (ended.code, ended.stderr) == (0, "")
     assert '#   "rig.y"' in ended.stdout and "400 x 2" in ended.stdout and "= 2000" in ended.stdout
     seen = tomllib.loads(ended.stdout)
@@ -480,7 +480,7 @@ def test_the_template_of_a_table_is_complete_where_it_names_its_units(
     (tmp_path / "log.csv").write_text(
         "made by a logger\ntime (s);cmd (V);pos (um)\n0;1;2\n" + "".join(f"{k};{k};{-k * k}\n" for k in range(1, 20))
     )
-    ended = command_line("import", "log.csv")
+    ended = command_line("import", "log.csv", "--print-map")
     assert "# made by a logger" in ended.stdout and "?" not in ended.stdout
     (tmp_path / "map.toml").write_text(ended.stdout)
     ended = command_line("import", "log.csv", "--map", "map.toml")

@@ -165,7 +165,7 @@ def test_complex_numbers_are_no_column_of_a_run_in_time(tmp_path: Path) -> None:
 
 def test_the_template_proposes_a_response(tmp_path: Path, command_line: Callable[..., Any]) -> None:
     np.savez(tmp_path / "sweep.npz", H=H[0, 0], freq=F, coh=np.full(len(F), 0.98))
-    ended = command_line("import", "sweep.npz")
+    ended = command_line("import", "sweep.npz", "--print-map")
     assert (ended.code, ended.stderr) == (0, "")
     assert '#   "H"     201, complex  no unit' in ended.stdout
     seen = tomllib.loads(ended.stdout)["run"][0]["columns"]

@@ -8,28 +8,29 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli.shared import app
+from flexdesign.core.errors import printable
 
 HELP = """Convert recordings of other programs to a folder of runs.
 
 FILES are .mat (any version), HDF5, .tdms, universal files (.uff, .unv: data set 58), .npy, .npz, or text tables with
-any separator, decimal commas and lines above the header; arrays may be complex. Without --map, the command prints the
-content of the files as a map to complete. With a map it writes a CSV file for each run or frequency response, and
-`measurements.toml`, reads them back, and reports faults.
+any separator, decimal commas and lines above the header; arrays may be complex. Time, command, response, reference,
+current, force, temperature and frequency responses are recognised by names and units in several languages, and the
+command says how each column was understood. It asks for what the files do not say in one message: the printed map with
+`?` where an answer is needed. Save it, answer, and pass it with --map. Output: a CSV file for each run or frequency
+response, and `measurements.toml`, read back; faults are reported.
 
 **Examples**
 
-    flexdesign import sweep.mat > map.toml
+    flexdesign import scope_*.csv -o recordings/scope
 
-    flexdesign import sweep.mat --map map.toml -o recordings/sweep
+    flexdesign import sweep.mat > map.toml
 
     flexdesign import u.npy y.npy --map map.toml -o recordings/mirror
 
-    flexdesign import scope_*.csv --map map.toml -o recordings/scope
-
 **Map:** the variable of each column (`variable`, `unit`, `scale`, `offset`, `channel`, `input`), the sampling `rate` if
 there is no column t, and the `axes` of arrays: sample or frequency, channel, input, realisation (one run each), period
-(in sequence). Keys of `measurements.toml` are passed on. With `per_file = true` one map applies to many files of the
-same variables: each file gives its own runs, named after it.
+(in sequence). Keys of `measurements.toml` are passed on. With `per_file = true` one map applies to many files: each
+file gives its own runs, named after it. A `[[run]]` with `files = ["scope_*.csv"]` is for these files alone.
 
 **Frequency responses** have a column `f` and a complex one, `response`; or `magnitude` and `phase`; or `re` and `im`;
 and `coherence` if it was recorded.
@@ -40,7 +41,8 @@ pi, abs, sqrt, exp, sin, cos, real, imag, conj, angle. Units are checked, and co
 
 **Requirement:** `pip install 'flexdesign[import]'` for HDF5, .mat of version 7.3, .tdms and universal files.
 
-**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
+**Exit codes:** 0 done; 2 unusable input or a map to complete, with one message that names the cause; 1 internal error;
+130 interrupted.
 """
 
 
@@ -53,14 +55,26 @@ def import_(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="DIR", help="The folder [default: recordings/FILE].")
     ] = None,
+    print_map: Annotated[bool, typer.Option("--print-map", help="Only print the map, complete or not.")] = False,
 ) -> None:
-    """Print the map of the files, or write their runs."""
+    """Write the runs of the files, or print the map that is to be completed."""
     from flexdesign.measurements import importing
 
-    if map_file is None:
-        typer.echo(importing.propose(recordings), nl=False)
-        return
-    found = importing.bring_in(recordings, map_file, out or Path("recordings") / recordings[0].stem)
+    folder = out or Path("recordings") / recordings[0].stem
+    if map_file is not None:
+        found = importing.bring_in(recordings, map_file, folder)
+    else:
+        proposal = importing.proposal(recordings)
+        if print_map or proposal.questions:
+            typer.echo(proposal.text, nl=False)
+        if print_map:
+            return
+        if proposal.questions:
+            raise importing.asking(recordings, proposal.questions)
+        found = importing.bring_in(recordings, proposal.map(), folder)
+        typer.echo(f"Understood {', '.join(proposal.understood)}. Otherwise: --print-map > map.toml, change it, --map.")
+        if proposal.left_out:
+            typer.echo(f"Left out: {', '.join(map(printable, proposal.left_out))}.")
     for run in found.runs:
         names = ", ".join([*run.commands, *(name for name in run.columns if name not in run.commands)])
         rate = f"{1 / run.period:.6g} Hz"

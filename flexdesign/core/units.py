@@ -60,8 +60,11 @@ MEASURES = {
 
 @cache
 def _registry() -> Any:
+    import logging
+
     import pint  # costs a third of a second: only where text with units is read or written
 
+    logging.getLogger("pint").setLevel(logging.ERROR)  # what it thinks of "amps" is nothing for the terminal
     try:  # parsing its definitions takes as long again: once parsed they are kept in the user's cache
         return pint.UnitRegistry(autoconvert_offset_to_baseunit=False, cache_folder=":auto:")
     except Exception:  # a folder that cannot be written, or a file that another process is writing
@@ -113,6 +116,8 @@ def factor(unit: str, si: str) -> float:
         raise ValueError(f"{unit!r} is wrong here: {what}") from error
     if zero != 0:
         raise ValueError(f"{unit!r} does not count from zero; use {si!r}")
+    if si == "Hz" and "radian" in _registry().get_root_units(parsed)[1]._units:
+        return one / (2 * math.pi)  # to pint a radian is one, and a turn in a second is 6.28 Hz
     return one
 
 

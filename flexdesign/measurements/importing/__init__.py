@@ -1,12 +1,27 @@
 """Recordings of other programs brought into a folder of runs, as a map says.
 
-`readers` opens a file and says what variables it holds; `template` proposes a map; `mapping` reads one; `assembling`
+`readers` opens a file and says what variables it holds. `guessing` tells which of them is which column, by `roles` and
+`header_cells`; `template` writes that as a map, and asks for what nobody can know. `mapping` reads a map; `assembling`
 makes runs of the variables; `folder` writes them beside a ``measurements.toml``.
 """
 
 from flexdesign.measurements.importing.contents import Contents, Variable
 from flexdesign.measurements.importing.folder import Imported, bring_in
+from flexdesign.measurements.importing.mapping import Map, parse_map
 from flexdesign.measurements.importing.readers import look
-from flexdesign.measurements.importing.template import propose, template
+from flexdesign.measurements.importing.template import Proposal, asking, proposal, propose, template
 
-__all__ = ["Contents", "Imported", "Variable", "bring_in", "look", "propose", "template"]
+__all__ = [
+    "Contents",
+    "Imported",
+    "Map",
+    "Proposal",
+    "Variable",
+    "asking",
+    "bring_in",
+    "look",
+    "parse_map",
+    "proposal",
+    "propose",
+    "template",
+]

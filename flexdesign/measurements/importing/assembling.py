@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,8 @@ from flexdesign.measurements.recordings.frequency_response import FREQUENCY
 
 #: Times from a rate that differ by less than this, relative, are one.
 ALIKE = 1e-9
+#: Files keep so many digits, relative; a time is to be right within this part of a period.
+WRITTEN, FINE = 1e-12, 1e-4
 #: Axes of an array of which a map chooses one number, and those along which there are realisations and samples.
 CHOSEN, ALONG = ("channel", "input"), ("realisation", "period", "sample", "frequency")
 
@@ -46,8 +48,8 @@ class Recording:
     remarks: tuple[str, ...] = ()
 
 
-def assemble(contents: Contents, plan: Map) -> list[Recording]:
-    """Return all runs of a map, each realisation a run of its own.
+def assemble(contents: Contents, plan: Map, numbers: Sequence[int] | None = None) -> list[Recording]:
+    """Return the runs of a map, all or those of some numbers, each realisation a run of its own.
 
     Raises
     ------
@@ -55,7 +57,8 @@ def assemble(contents: Contents, plan: Map) -> list[Recording]:
         If a variable is not there, the axes of an array are not told or not as told, a unit or the time is missing,
         units of a formula do not go together, or columns of one run differ in length.
     """
-    return [recording for number in range(len(plan.runs)) for recording in _Maker(contents, plan, number).made()]
+    chosen = range(len(plan.runs)) if numbers is None else numbers
+    return [recording for number in chosen for recording in _Maker(contents, plan, number).made()]
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,7 @@ class _Maker:
             else:
                 time = rows.pop("t") if "t" in rows else self._period(parts) * np.arange(length)
                 cells = {f"{column} [{parts[column].unit}]": np.real(values) for column, values in rows.items()}
-                made.append(Recording(called, self.number, cells, np.real(time)))
+                made.append(_in_time(Recording(called, self.number, cells, np.real(time))))
         return made
 
     def _part(self, name: str) -> _Part:
@@ -218,6 +221,16 @@ class _Maker:
             remedy = f"the columns were sampled at different rates ({said}); make runs of columns of one rate"
             raise self.refused(f"{self.place}.columns", None, remedy)
         return stated[0]
+
+
+def _in_time(recording: Recording) -> Recording:
+    """Return a run in time; where its clock began long before, time counts from the first sample: no digit is lost."""
+    time = recording.time
+    assert time is not None
+    start, period = float(time[0]), float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    if not (np.isfinite(start) and abs(start) * WRITTEN > FINE * period > 0):
+        return recording
+    return replace(recording, time=time - start, remarks=(f"time counts from the first sample, at {start:.12g} s",))
 
 
 def _parted(values: Numbers, table: VariableTable, maker: _Maker, field: str) -> Numbers:

@@ -11,17 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from flexdesign.core import unit_tables
 from flexdesign.core.errors import InputError
+from flexdesign.measurements.importing import header_cells, moments
 from flexdesign.measurements.importing.contents import Array, Variable, stored
 
 #: What cells may be separated by; the last one is any white space.
-SEPARATORS = (";", "\t", ",", " ")
+SEPARATORS = (";", "\t", ",", "|", " ")
 #: Rows from which the separator is told.
 SAMPLE = 20
-#: Units of more letters are words, in which capitals mean nothing: mV is not MV, but Volt is volt.
-LONGEST_SYMBOL = 3
-_WHOLE_CELL = re.compile(r"(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]$")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
 
 
@@ -51,9 +48,9 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
     """Return the columns of a table by name, and the lines above its header.
 
     Header lines are those before the first row of numbers that have as many cells, whatever their number: a line whose
-    cells are all units gives the units, the line above it the names. A unit may stand behind its name in brackets,
-    ``x [um]`` or ``x (um)``. Columns without a name are called ``column 1`` and so on. Empty cells, and words where a
-    number should be, are NaN.
+    cells are all units gives the units, the line above it the names. A unit may stand in its name's cell, ``x [um]``,
+    ``x (um)`` or ``x_um``: see `header_cells`. Columns without a name are called ``column 1`` and so on; those of words
+    are left out. Empty cells, and words where a number should be, are NaN. Times of day become seconds since the first.
 
     Raises
     ------
@@ -65,7 +62,8 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
     separator = dialect.separator or _separator(kept)
     table = [_cells(line.lstrip("#% ") if line[0] in "#%" else line, separator) for line in kept]
     decimal = dialect.decimal or _decimal(table)
-    first = next((k for k, row in enumerate(table) if _is_numbers(row, decimal)), None)
+    numeric = _numeric(table, decimal)
+    first = next((k for k, row in enumerate(table) if _is_data(row, decimal, numeric)), None)
     if first is None:
         remedy = "has no row of numbers; say in [text] how it is written (separator, decimal, skip, encoding)"
         raise InputError(path, "", None, remedy)
@@ -75,12 +73,70 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
     if ragged := next((k for k, row in enumerate(rows) if len(row) != width), None):
         remedy = f"has {len(rows[ragged])} cells where the first row of numbers has {width}"
         raise InputError(path, f"row {ragged + 1} of numbers", kept[first + ragged], f"{remedy}; remove or complete it")
-    numbers = np.array([[_number(cell, decimal) for cell in row] for row in rows])
-    above = [k for k in range(first) if (len(table[k]) == width and width > 1) or (k == first - 1 and width == 1)]
-    headers = _headers([table[k] for k in above])
-    names, units = _names([table[above[k]] for k in headers], width)
-    notes = tuple(line.strip() for k, line in enumerate(kept[:first]) if k not in [above[k] for k in headers])
-    return {name: stored(numbers[:, k], units[k]) for k, name in enumerate(names)}, notes
+    heads, of_head = _head(table[:first], kept[:first], width)
+    names, units = _names(heads, width)
+    notes = tuple(line.strip() for k, line in enumerate(kept[:first]) if k not in of_head)
+    found = {}
+    for k, name in enumerate(names):
+        if k in numeric or not numeric:
+            cells = [row[k] for row in rows]
+            of_day = _of_day(cells)
+            numbers = np.array([_number(cell, decimal) for cell in cells]) if of_day is None else of_day
+            found[name] = stored(numbers, units[k] if of_day is None else "s")
+    return found, notes
+
+
+def _numeric(table: Sequence[Sequence[str]], decimal: str) -> frozenset[int]:
+    """Return which columns hold numbers, or times of day, in at least half of the filled cells of the last rows."""
+    sample = table[-SAMPLE:]
+    width = Counter(map(len, sample)).most_common(1)[0][0] if sample else 0
+    columns = zip(*(row for row in sample if len(row) == width), strict=True)
+    found = set()
+    for k, column in enumerate(columns):
+        filled = [cell for cell in column if cell]
+        if filled and 2 * sum(_is_number(cell, decimal) for cell in filled) >= len(filled):
+            found.add(k)
+    return frozenset(found)
+
+
+def _is_number(cell: str, decimal: str) -> bool:
+    return not (np.isnan(_number(cell, decimal)) and np.isnan(moments.seconds(cell)))
+
+
+def _is_data(row: Sequence[str], decimal: str, numeric: frozenset[int]) -> bool:
+    """Tell whether the cells of the numeric columns are numbers, but for empty ones, and one is."""
+    filled = [cell for k, cell in enumerate(row) if cell and (k in numeric or not numeric)]
+    return max(numeric, default=0) < len(row) and bool(filled) and all(_is_number(cell, decimal) for cell in filled)
+
+
+def _of_day(cells: Sequence[str]) -> Array | None:
+    """Return a column of times of day as seconds since the first; None of another one."""
+    if ":" not in next((cell for cell in cells if cell), ""):
+        return None
+    times = np.array([moments.seconds(cell) for cell in cells])
+    return moments.since_first(times) if np.isfinite(times).any() else None
+
+
+def _head(
+    table: Sequence[Sequence[str]], lines: Sequence[str], width: int
+) -> tuple[list[Sequence[str]], frozenset[int]]:
+    """Return the header lines, of names and perhaps of units, in cells, and which lines they are."""
+    last = len(table) - 1
+    above = [
+        k
+        for k, row in enumerate(table)
+        if (len(row) == width > 1) or (k == last and (width == 1 or len(row) == width + 1))
+    ]
+    if above:
+        chosen = [above[k] for k in _headers([table[k] for k in above])]
+        return [table[k] for k in chosen], frozenset(chosen)
+    if last >= 0 and width > 1:  # names are separated otherwise than numbers
+        line = lines[last].lstrip("#% ").strip()
+        ways = (r"\s*;\s*", r"\s*\t\s*", r"\s*,\s*", r"\s{2,}", r"\s+(?![\[({])", r"[\s,;]+")
+        for way in ways:
+            if len(cells := re.split(way, line)) == width:
+                return [cells], frozenset([last])
+    return [], frozenset()
 
 
 def _decoded(path: Path, encoding: str | None) -> str:
@@ -132,12 +188,6 @@ def _number(cell: str, decimal: str) -> float:
         return np.nan
 
 
-def _is_numbers(row: Sequence[str], decimal: str) -> bool:
-    """Tell whether all cells but empty ones are numbers, and one is."""
-    filled: Array = np.array([_number(cell, decimal) for cell in row if cell])
-    return len(filled) > 0 and not np.isnan(filled).any()
-
-
 def _headers(lines: Sequence[Sequence[str]]) -> list[int]:
     """Return which of the header lines has the names and, behind it, which the units, if one has.
 
@@ -153,32 +203,21 @@ def _headers(lines: Sequence[Sequence[str]]) -> list[int]:
 
 def _are_units(cells: Sequence[str]) -> bool:
     """Tell whether all cells but empty ones name a unit, and one does."""
-    filled = [cell.strip("[]() ") for cell in cells if cell.strip("[]() ")]
-    return bool(filled) and all(_unit(cell) for cell in filled)
-
-
-def _unit(cell: str) -> str:
-    """Return the unit that a cell names, also as instruments write it: ``Volt``, ``second``; empty if none."""
-    for written in (cell, cell.lower() if len(cell) > LONGEST_SYMBOL else cell):
-        try:
-            unit_tables.si_of(written)
-        except ValueError:
-            continue
-        return written
-    return ""
+    filled = [cell.strip("[](){} ") for cell in cells if cell.strip("[](){}- ")]
+    return bool(filled) and all(header_cells.unit_of(cell) for cell in filled)
 
 
 def _names(headers: Sequence[Sequence[str]], width: int) -> tuple[list[str], list[str]]:
     """Return names and units of the columns from at most two lines above the numbers."""
     titles = [*(headers[0] if headers else ()), *[""] * width][:width]
-    below = list(headers[1]) if len(headers) > 1 else [""] * width
+    below = [*(headers[1] if len(headers) > 1 else ()), *[""] * width][:width]
     names, units = [], []
-    for k, (title, unit) in enumerate(zip(titles, below, strict=True)):
-        match = _WHOLE_CELL.match(title) if len(title) <= unit_tables.LONGEST else None
-        name = match[1] if match else title
-        unit = (match[2] if match else "") or unit.strip("[]() ")
+    for k, (title, under) in enumerate(zip(titles, below, strict=True)):
+        name, unit = header_cells.parted(title)
+        stripped = under.strip("[](){} ")
+        unit = unit or header_cells.unit_of(stripped) or stripped.strip("-")
         if not name or name in names:
             name = f"{name} {k + 1}" if name else f"column {k + 1}"
         names.append(name)
-        units.append(_unit(unit) or unit)
+        units.append(unit)
     return names, units

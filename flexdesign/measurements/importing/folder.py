@@ -41,8 +41,17 @@ class Imported:
     responses: tuple[FrequencyResponse, ...] = ()
 
 
-def bring_in(paths: Sequence[Path], map_file: Path, folder: Path) -> Imported:
+def bring_in(paths: Sequence[Path], plan: Path | Map, folder: Path) -> Imported:
     """Write the runs that a map makes of some files into a folder.
+
+    Parameters
+    ----------
+    paths
+        The files.
+    plan
+        The map, or its file.
+    folder
+        Where to.
 
     Raises
     ------
@@ -50,7 +59,7 @@ def bring_in(paths: Sequence[Path], map_file: Path, folder: Path) -> Imported:
         If a file or the map cannot be read, they do not fit together, a run that comes out cannot be used, or the
         folder cannot be written or has a ``measurements.toml`` already.
     """
-    plan = read_map(map_file)
+    plan = read_map(plan) if isinstance(plan, Path) else plan
     recordings = _assembled(paths, plan)
     described = folder / DESCRIPTION
     if described.exists():
@@ -60,7 +69,7 @@ def bring_in(paths: Sequence[Path], map_file: Path, folder: Path) -> Imported:
     names = [recording.name for recording in recordings]
     if twice := next((name for name in names if names.count(name) > 1), None):
         remedy = "two runs would be written to one file; give another name, or rename one of the files"
-        raise InputError(map_file, "run.name", twice, remedy)
+        raise InputError(plan.path, "run.name", twice, remedy)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix=".writing-") as scratch:
@@ -82,7 +91,7 @@ def _assembled(paths: Sequence[Path], plan: Map) -> list[Recording]:
         return assemble(look(paths, plan.dialect), plan)
     made = []
     for path in paths:
-        for recording in assemble(look([path], plan.dialect), plan):
+        for recording in assemble(look([path], plan.dialect), plan, plan.of(path)):
             own = plan.runs[recording.number][0].name
             made.append(replace(recording, name=f"{path.stem}_{recording.name}") if own else recording)
     return made

@@ -45,7 +45,7 @@ A column may be computed, with units checked; what a formula may have says `core
     unit = "V"
 
 One map serves many files that hold the same variables: with ``per_file = true`` it is applied to each file by itself,
-and each makes runs of its own, named after the file.
+and each makes runs of its own, named after the file. A run with ``files = ["scope_*.csv"]`` is for these alone.
 
 What ``measurements.toml`` may say (``command_is``, ``limits``, ``sensors``, ``role`` ...) may stand here as well, and
 is passed on. Channels are chosen; each realisation is a run of its own; periods follow one another in time. A table in
@@ -54,6 +54,7 @@ text that is not understood is described in ``[text]``: separator, decimal, skip
 
 from __future__ import annotations
 
+import fnmatch
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,7 +75,7 @@ LONGEST = 100
 #: What the axes of an array can be; along the first or the second one of them there are the numbers of a column.
 AXES = ("sample", "frequency", "channel", "input", "realisation", "period")
 #: Keys of a map that are not passed on to ``measurements.toml``.
-OWN = ("rate", "axes", "per_file", "text", "constants", "variables", "run", "name", "columns")
+OWN = ("rate", "axes", "per_file", "text", "constants", "variables", "run", "name", "files", "columns")
 #: The column of a frequency response in complex numbers.
 RESPONSE = "response"
 #: Which SI units the columns of a frequency response may have.
@@ -102,6 +103,12 @@ def _decimal(given: Any) -> str:
     if given not in (".", ","):
         raise ValueError('expected "." or ","')
     return str(given)
+
+
+def _patterns(given: Any) -> tuple[str, ...]:
+    if not isinstance(given, list) or not given or not all(isinstance(each, str) and each for each in given):
+        raise ValueError('expected a list of names of files: files = ["scope_*.csv"]')
+    return tuple(given)
 
 
 class TextTable(toml_files.Table):
@@ -134,6 +141,7 @@ class RunMap(RunSettings):
     """``[[run]]`` of a map; its rate and axes go before those of all."""
 
     name: str = ""
+    files: Annotated[tuple[str, ...], BeforeValidator(_patterns)] = ()
     rate: in_si("Hz", 1e-6, 1e12) | None = None  # type: ignore[valid-type]
     axes: Annotated[tuple[str, ...] | None, BeforeValidator(_axes)] = None
     columns: Any = None
@@ -213,9 +221,32 @@ class Map:
     said_of_runs: tuple[Mapping[str, Any], ...]
     per_file: bool = False
 
+    def of(self, file: Path) -> tuple[int, ...]:
+        """Return which runs are for a file, of a map that is applied to each file by itself.
+
+        Raises
+        ------
+        InputError
+            If none is.
+        """
+        numbers = tuple(
+            number
+            for number, (run, _) in enumerate(self.runs)
+            if not run.files or any(fnmatch.fnmatch(file.name, pattern) for pattern in run.files)
+        )
+        if not numbers:
+            remedy = "no run is for this file; name it, or a pattern such as scope_*.csv, in files of a [[run]]"
+            raise InputError(self.path, "run.files", file.name, remedy)
+        return numbers
+
 
 def read_map(path: Path) -> Map:
-    """Read a map.
+    """Read a map from a file; raise as `parse_map` does."""
+    return parse_map(toml_files.read_toml(path), path)
+
+
+def parse_map(content: Mapping[str, Any], path: Path) -> Map:
+    """Return a map of what a TOML file says; `path` stands in messages.
 
     Raises
     ------
@@ -223,7 +254,6 @@ def read_map(path: Path) -> Map:
         If a key is unknown, a value cannot be used, there is no run or one without columns, two have one name, a unit
         does not suit its column, or a formula cannot be understood.
     """
-    content = toml_files.read_toml(path)
     tables: Any = content.get("run")
     if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
         raise InputError(path, "run", None, "is missing; write a table for each run: [[run]]")
@@ -234,8 +264,11 @@ def read_map(path: Path) -> Map:
         run = run.model_copy(update={"rate": run.rate or table.rate, "axes": run.axes or table.axes})
         runs.append((run, _columns(each.get("columns"), path, f"run {number}.columns")))
     names = [run.name for run, _ in runs]
-    for number, name in enumerate(names, start=1):
-        if name in names[: number - 1]:
+    if any(run.files for run, _ in runs) and not table.per_file:
+        raise InputError(path, "run.files", None, "chooses files of many that are read by themselves: per_file = true")
+    for number, (run, _) in enumerate(runs, start=1):
+        name = run.name
+        if name in names[: number - 1] and not run.files:
             raise InputError(path, f"run {number}.name", name or '""', "is the name of two runs; give each its own")
         if len(name) > LONGEST:
             raise InputError(path, f"run {number}.name", name, f"has more than {LONGEST} letters; a file is named so")

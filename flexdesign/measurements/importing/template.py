@@ -3,35 +3,51 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from flexdesign.core import unit_tables
+from flexdesign.core.errors import InputError, printable
 from flexdesign.measurements.importing.contents import Contents, Variable
-from flexdesign.measurements.importing.mapping import OF_RESPONSES, RESPONSE
+from flexdesign.measurements.importing.guessing import USUAL, Column, Guess, guess
+from flexdesign.measurements.importing.mapping import Map, parse_map
 from flexdesign.measurements.importing.readers import look
-from flexdesign.measurements.recordings import ALLOWED
 
-#: Words by which programs call the columns of a run, in small letters; a name that begins with one will do.
-WORDS = {
-    "t": ("t", "time", "zeit"),
-    "u": ("u", "command", "cmd", "input", "dac", "drive", "voltage", "v"),
-    "x": ("x", "y", "position", "pos", "displacement", "disp", "output", "sensor"),
-}
-#: The same of a frequency response, whose other column is the first array of complex numbers.
-OF_LINES = {"f": ("f", "freq", "frequency", "frequencies", "hz"), "coherence": ("coherence", "coh")}
-#: Names of scalars that are a sampling rate in Hz.
-RATES = ("fs", "fsamp", "rate", "sample_rate", "samplerate", "samplingrate", "sampling_rate")
-#: What those columns measure, by which a variable is guessed whose name says nothing.
-BY_UNIT = {"t": ("s",), "x": ("m", "rad"), "u": ("V",)}
-#: The unit that is written where nothing is known.
-USUAL = {"t": "s", "u": "V", "x": "um", "f": "Hz", RESPONSE: "um/V", "coherence": "1"}
+#: A line above a table is repeated up to so many letters, and no more than so many lines.
+LETTERS, LINES = 110, 30
 
 
-def propose(paths: Sequence[Path]) -> str:
-    """Return a map for files: for each by itself where all hold variables of the same names, else for all together.
+@dataclass(frozen=True)
+class Proposal:
+    """A map for some files.
+
+    Parameters
+    ----------
+    text
+        The map, in TOML.
+    questions
+        What only the owner of the files can know, each with the file it is asked of; empty if the map is complete.
+    understood
+        How each column was understood, in words.
+    left_out
+        Variables that are no columns.
+    """
+
+    text: str
+    questions: tuple[str, ...]
+    understood: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+    def map(self) -> Map:
+        """Return the map as it is used; raise InputError where something in it is still to be answered."""
+        return parse_map(tomllib.loads(self.text), Path("map"))
+
+
+def proposal(paths: Sequence[Path]) -> Proposal:
+    """Return a map for files: for each by itself where each holds a whole recording, else for all together.
+
+    Files that hold the same variables share one run of the map; so do their questions.
 
     Raises
     ------
@@ -39,9 +55,24 @@ def propose(paths: Sequence[Path]) -> str:
         As `look` does.
     """
     alone = [look([path]) for path in paths]
-    if len(alone) > 1 and all(list(each.variables) == list(alone[0].variables) for each in alone):
-        return template(alone[0], beside=paths[1:])
-    return template(look(paths))
+    guesses = [guess(each) for each in alone]
+    groups: list[list[int]] = []
+    for k, each in enumerate(alone):
+        group = next((group for group in groups if _names(alone[group[0]]) == _names(each)), None)
+        if group is None:
+            groups.append([k])
+        else:
+            group.append(k)
+    if len(groups) > 1 and not all(_is_whole(guesses[group[0]]) for group in groups):
+        together = look(paths)
+        return _written([together], [guess(together)], [paths])
+    first = [alone[group[0]] for group in groups]
+    return _written(first, [guesses[group[0]] for group in groups], [[paths[k] for k in group] for group in groups])
+
+
+def propose(paths: Sequence[Path]) -> str:
+    """Return the text of the map that `proposal` makes; raise as that does."""
+    return proposal(paths).text
 
 
 def template(contents: Contents, beside: Sequence[Path] = ()) -> str:
@@ -50,38 +81,97 @@ def template(contents: Contents, beside: Sequence[Path] = ()) -> str:
     The text is TOML. Guesses are marked; lines that nobody can guess are ``?`` and refused until they are replaced.
     Files `beside` hold the same variables, and the map is for each of them.
     """
-    more = f", and likewise in {len(beside)} more" if beside else ""
-    lines = [f"# What is in {', '.join(path.name for path in contents.paths)}{more}:", "#"]
+    return _written([contents], [guess(contents)], [[*contents.paths, *beside]]).text
+
+
+def asking(paths: Sequence[Path], questions: Sequence[str]) -> InputError:
+    """Return the message that asks for what cannot be known."""
+    more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+    count = f"{len(questions)} thing{'s' if len(questions) > 1 else ''}"
+    files = " ".join(path.name for path in paths[:3]) + (" ..." if len(paths) > 3 else "")
+    remedy = f"does not say {'; '.join(questions)}"
+    closing = f". Save the map above, answer there, then flexdesign import {files} --map map.toml"
+    room = 330 - len(closing)
+    if len(remedy) > room:
+        remedy = f"{remedy[:room]}... ({count} in all)"
+    return InputError(f"{paths[0]}{more}", "", None, remedy + closing)
+
+
+def _names(contents: Contents) -> list[tuple[str, str, bool]]:
+    return [(name, variable.unit, variable.size > 1) for name, variable in contents.variables.items()]
+
+
+def _is_whole(found: Guess) -> bool:
+    """Tell whether a file holds what a run needs by itself: command and response, or a response over frequency."""
+    return all(column.variable or column.formula for column in found.columns)
+
+
+def _written(contents: Sequence[Contents], guesses: Sequence[Guess], files: Sequence[Sequence[Path]]) -> Proposal:
+    """Return the map of some groups of files, each with what its first file holds and the guess for it."""
+    head: list[str] = []
+    questions: list[str] = []
+    count = sum(map(len, files))
+    per_file = len(contents) > 1 or (count > 1 and len(contents[0].paths) == 1)
+    for each, found, group in zip(contents, guesses, files, strict=True):
+        head += _content(each, group)
+        of = f" of {group[0].name}" if len(contents) > 1 else ""
+        questions += [f"{question}{of}" for question in found.questions]
+    head += ["# A map: complete it, then flexdesign import FILES --map map.toml -o FOLDER"]
+    head += [f"# Nobody but you knows {_line(question)}." for question in questions]
+    head += ["", f"title = {json.dumps(printable(contents[0].paths[0].stem), ensure_ascii=False)}"]
+    if per_file:
+        head.append("per_file = true  # each file by itself makes a run, named after it")
+    rates = {found.rate for found in guesses}
+    if rates != {""} and len(guesses) == 1:
+        head.append(f"rate = {json.dumps(guesses[0].rate)}  # or map a column t")
+    if len(guesses) == 1 and guesses[0].axes:
+        head.append(_axes(guesses[0]))
+    body: list[str] = []
+    tables: dict[str, list[str]] = {}
+    for each, found, group in zip(contents, guesses, files, strict=True):
+        body += ["", "[[run]]"]
+        if not per_file:
+            body.append(f"name = {json.dumps(_file_name(each.paths[0].stem), ensure_ascii=False)}")
+        if len(contents) > 1:
+            body.append(f"files = {json.dumps([path.name for path in group], ensure_ascii=False)}")
+            body += [f"rate = {json.dumps(found.rate)}  # or map a column t"] if found.rate else []
+            body += [_axes(found)] if found.axes else []
+        body.append('# kind = "multisine"')
+        for column in found.columns:
+            body += ["", f"[run.columns.{column.name}]", *_column(column, each)]
+            tables |= {f"constants.{name}": [f"{name} = {json.dumps(q)}"] for name, q in column.constants.items()}
+            for name, unit in column.variables.items():
+                tables[f"variables.{name}"] = ["", f"[variables.{name}]", f"unit = {json.dumps(unit)}"]
+    constants = [line for name, lines in tables.items() if name.startswith("constants.") for line in lines]
+    if constants:
+        head += ["", "[constants]", *constants]
+    head += [line for name, lines in tables.items() if name.startswith("variables.") for line in lines]
+    understood = [_understood(column, each) for each, f in zip(contents, guesses, strict=True) for column in f.columns]
+    left = tuple(dict.fromkeys(name for found in guesses for name in found.left_out))
+    text = "\n".join([*head, *body]) + "\n"
+    return Proposal(text, tuple(questions), tuple(dict.fromkeys(understood)), left)
+
+
+def _content(contents: Contents, group: Sequence[Path]) -> list[str]:
+    """Return in comments what the files hold."""
+    others = len(group) - len(contents.paths)
+    more = f", and likewise in {others} more" if others else ""
+    lines = [f"# What is in {_line(', '.join(path.name for path in contents.paths))}{more}:", "#"]
     rows = [_row(name, variable) for name, variable in contents.variables.items()]
     widths = [max(len(row[k]) for row in rows) for k in range(3)]
     for row in rows:
         cells = [cell.ljust(width) for cell, width in zip(row, [*widths, 0], strict=True)]
         lines.append(f"#   {'  '.join(cells)}".rstrip())
-    lines += ["#", *(f"# {' '.join(note.split())[:110]}" for note in contents.notes)]
-    is_response = any(v.is_complex and v.size > 1 for v in contents.variables.values())
-    guesses = _of_response(contents) if is_response else _guesses(contents, WORDS)
-    several = any(np.squeeze(np.empty(v.shape, dtype=bool)).ndim > 1 for v in contents.variables.values())
-    lines += [
-        "# A map: complete it, then flexdesign import FILES --map map.toml -o FOLDER",
-        "",
-        f"title = {json.dumps(contents.paths[0].stem)}",
-    ]
-    if beside:
-        lines.append("per_file = true  # each file by itself makes a run, named after it")
-    has_time = is_response or "t" in guesses or any(v.step for v in contents.variables.values())
-    if not has_time:
-        lines.append(f'rate = "{_rate(contents) or "?"}"  # or map a column t')
-    if several:
-        of = "frequency, channel, input, realisation" if is_response else "sample, channel, realisation, period"
-        lines.append(f'axes = ["?", "?"]  # of {of}')
-    named = [] if beside else [f"name = {json.dumps(contents.paths[0].stem)}"]
-    lines += ["", "[[run]]", *named, '# kind = "multisine"']
-    optional = {"t", "coherence"} - guesses.keys()
-    for column in ("f", RESPONSE, "coherence") if is_response else ("t", "u", "x"):
-        if column in optional:
-            continue
-        lines += ["", f"[run.columns.{column}]", *_column(column, guesses.get(column), contents)]
-    return "\n".join(lines) + "\n"
+    return [*lines, "#", *(f"# {_line(note)}" for note in contents.notes[:LINES])]
+
+
+def _line(text: str) -> str:
+    return printable(" ".join(text.split()))[: 2 * LETTERS]
+
+
+def _axes(found: Guess) -> str:
+    of = "frequency, channel, input, realisation" if found.is_response else "sample, channel, realisation, period"
+    return f'axes = ["?", "?"]  # of {of}'
 
 
 def _row(name: str, variable: Variable) -> list[str]:
@@ -92,74 +182,45 @@ def _row(name: str, variable: Variable) -> list[str]:
     said = [f"{1 / variable.step:.6g} Hz"] if variable.step else []
     if variable.size == 1:
         said.append(f"= {variable.values().item():.6g}")
-    return [json.dumps(name, ensure_ascii=False), size, unit, "; ".join([*said, variable.note]).strip("; ")]
+    note = _line("; ".join([*said, variable.note]).strip("; "))
+    return [_quoted(name), size, _line(unit), note]
 
 
-def _of_response(contents: Contents) -> dict[str, str]:
-    first = next(name for name, variable in contents.variables.items() if variable.is_complex and variable.size > 1)
-    return {RESPONSE: first, **_guesses(contents, OF_LINES)}
+def _quoted(name: str) -> str:
+    return json.dumps(name, ensure_ascii=not name.isprintable())
 
 
-def _guesses(contents: Contents, wanted: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    """Return the variables that are called as columns are; each for one column."""
-    found: dict[str, str] = {}
-    arrays = [name for name, variable in contents.variables.items() if variable.size > 1 and not variable.is_complex]
-    for column, words in wanted.items():
-        for name in arrays:
-            last = name.replace(":", "/").replace(".", "/").rpartition("/")[2].lower()
-            begins = [word for word in words if last == word or (len(word) > 1 and last.startswith(word))]
-            if name not in found.values() and (begins or last.partition("_")[0] in words):
-                found[column] = name
-                break
-    if wanted is WORDS:
-        found |= _by_units(contents, [name for name in arrays if name not in found.values()], set(wanted) - set(found))
-    return found
-
-
-def _by_units(contents: Contents, arrays: Sequence[str], missing: Collection[str]) -> dict[str, str]:
-    """Return the variables that can be but one column by their units: seconds, volts of a command, motion."""
-    found: dict[str, str] = {}
-    for column in (column for column in BY_UNIT if column in missing):
-        fits = [name for name in arrays if name not in found.values() and _measures(contents, name, BY_UNIT[column])]
-        if len(fits) == 1 or (fits and column == "u"):  # of several voltages a scope's first channel is the command
-            found[column] = fits[0]
-    left = [name for name in arrays if name not in found.values()]
-    if "x" in missing and "x" not in found and len(left) == 1:
-        found["x"] = left[0]
-    return found
-
-
-def _measures(contents: Contents, name: str, allowed: Sequence[str]) -> bool:
-    """Tell whether the unit of a variable is one of those of some SI units."""
-    try:
-        return bool(unit_tables.si_of(contents.variables[name].unit, allowed))
-    except ValueError:
-        return False
-
-
-def _column(column: str, name: str | None, contents: Contents) -> list[str]:
-    variable = contents.variables[name] if name else None
-    lines = [f"variable = {json.dumps(name or '?', ensure_ascii=False)}" + ("  # a guess" if name else "")]
-    try:
-        if not variable or not variable.unit:
-            raise ValueError("no unit is known")
-        unit_tables.si_of(variable.unit, (OF_RESPONSES if column in OF_RESPONSES else ALLOWED)[column])
-    except ValueError:
-        stands = f"  # the file says {variable.unit!r}" if variable and variable.unit else ""
-        lines.append(f'unit = "?"{stands}' if stands or not variable else f'unit = "?"  # {USUAL[column]}?')
-    if variable and name and column == "x" and _measures(contents, name, ("V",)):
-        lines.append('# if that is the voltage of a sensor: unit = "um" and scale, in um for each unit of it')
-    if variable and np.squeeze(np.empty(variable.shape, dtype=bool)).ndim > 1:
+def _column(column: Column, contents: Contents) -> list[str]:
+    if column.formula:
+        said = f"  # {column.remark}" if column.remark else ""
+        return [f"formula = {json.dumps(column.formula)}{said}", f"unit = {json.dumps(column.unit)}"]
+    variable = contents.variables.get(column.variable)
+    lines = [f"variable = {_quoted(column.variable or '?')}" + ("  # a guess" if column.variable else "")]
+    if column.unit == "?":
+        lines.append(f'unit = "?"  # {_line(column.remark) or USUAL.get(column.name, USUAL[_kind(column.name)]) + "?"}')
+    elif column.unit:
+        lines.append(f"unit = {json.dumps(column.unit)}")
+    if column.remark and column.unit != "?":
+        lines.append(f"# {_line(column.remark)}")
+    if variable and sum(length > 1 for length in variable.shape) > 1:
         lines.append("channel = 1")
     return lines
 
 
-def _rate(contents: Contents) -> str:
-    for name, variable in contents.variables.items():
-        if (
-            name.replace(":", ".").rpartition(".")[2].lower() in RATES
-            and variable.size == 1
-            and not variable.is_complex
-        ):
-            return f"{variable.values().item():.12g} Hz"
-    return ""
+def _kind(name: str) -> str:
+    """Return the column without its axis: ``u`` of ``ux``, ``x`` of ``y``."""
+    return "u" if name.startswith("u") else "x" if name in ("x", "y", "z") else "t"
+
+
+def _understood(column: Column, contents: Contents) -> str:
+    if column.formula:
+        return f"{column.name} = {column.formula}"
+    if not column.variable:
+        return f"{column.name} = ?"
+    unit = column.unit or contents.variables[column.variable].unit
+    return f'{column.name} = "{printable(column.variable)}" [{unit}]'
+
+
+def _file_name(stem: str) -> str:
+    """Return a name for a run that a file can have."""
+    return "".join(sign if sign.isprintable() and sign not in '/\\:*?"<>|' else "_" for sign in stem)[:100]

@@ -1,0 +1,311 @@
+"""Tables as programs of many makers and countries write them, imported without a map; and what is asked."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexdesign.core import units
+from flexdesign.measurements.importing import header_cells, roles
+from flexdesign.measurements.recordings import FrequencyResponse, Run, read_recordings, read_runs
+
+RATE, N = 2000.0, 120
+T = np.arange(N) / RATE
+U = 40 + 30 * np.sin(2 * np.pi * 55 * T)
+X = 3 * U + 0.01 * np.cos(731 * T)
+F = np.linspace(10.0, 400.0, 60)
+H = 2.0 / (1 - (F / 118.0) ** 2 + 2j * 0.03 * F / 118.0)
+
+
+def rows(*columns: Any, separator: str = ",", decimal: str = ".", digits: int = 10) -> str:
+    lines = [separator.join(f"{v:.{digits}g}".replace(".", decimal) for v in row) for row in zip(*columns, strict=True)]
+    return "\n".join(lines) + "\n"
+
+
+#: Header lines; factors of t [s], u [V] and x [um] as they are written; separator and decimal.
+TABLES: dict[str, tuple[str, tuple[float, float, float], str, str]] = {
+    "brackets": ("t [s],u [V],x [um]\n", (1, 1, 1), ",", "."),
+    "suffixes": ("time_ms,command_V,position_nm\n", (1e3, 1, 1e3), ",", "."),
+    "parentheses": ("Time (s),Drive Voltage (mV),Displacement (mm)\n", (1, 1e3, 1e-3), ",", "."),
+    "German": ("Zeit in ms;Spannung in V;Weg in µm\n", (1e3, 1, 1), ";", ","),
+    "German words": ("Messzeit;Stellgröße;Wegsensor\nSekunden;Volt;Mikrometer\n", (1, 1, 1), ";", ","),
+    "German standard": ("Zeit/s\tPiezospannung/V\tAuslenkung/µm\n", (1, 1, 1), "\t", ","),
+    "French": ("Temps (s);Consigne (V);Déplacement (µm)\n", (1, 1, 1), ";", ","),
+    "Italian": ("tempo [s];ingresso [V];spostamento [mm]\n", (1, 1, 1e-3), ";", ","),
+    "Spanish": ("Tiempo (ms)\tTensión (V)\tPosición (um)\n", (1e3, 1, 1), "\t", "."),
+    "Japanese": ("時間 (s),電圧 (V),変位 (um)\n", (1, 1, 1), ",", "."),
+    "three lines": ("Bench 3\nTime,Cmd,Sensor\n[ms],[V],[um]\n", (1e3, 1, 1), ",", "."),
+    "five lines": ("Logger 4.2\nOperator;K\n\nKanal;1;2\nZeit;Eingang;Ausgang\n(s);(V);(µm)\n", (1, 1, 1), ";", ","),
+    "capitals": ("TIME (S),VOLTAGE (V),POSITION (UM)\n", (1, 1, 1), ",", "."),
+    "a comment": ("# run 7\n# t[s]  u[V]  x[um]\n", (1, 1, 1), "  ", "."),
+    "names apart": ("Time (s), Command (V), Position (um)\n", (1, 1, 1), " ", "."),
+    "camels": ("timeMs,piezoVoltage_V,sensorReading_um\n", (1e3, 1, 1), ",", "."),
+    "quoted": ('"Time, s","Input, V","Output, um"\n', (1, 1, 1), ",", "."),
+    "a data acquisition card": ("Time (s)\tDev1/ao0 (V)\tInterferometer (nm)\n", (1, 1, 1e3), "\t", "."),
+    "garbled": ("t (s);u (V);x (Âµm)\n", (1, 1, 1), ";", "."),
+    "pipes": ("time [s]|drive [V]|pos [um]\n", (1, 1, 1), "|", "."),
+    "an Arduino": ("millis,dac_V,laser_mm\n", (1e3, 1, 1e-3), ",", "."),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_tables_are_imported_without_a_map(name: str, tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    header, factors, separator, decimal = TABLES[name]
+    numbers = rows(factors[0] * T, factors[1] * U, factors[2] * X, separator=separator, decimal=decimal)
+    (tmp_path / "log.csv").write_text(header + numbers, encoding="utf-8")
+    ended = command_line("import", "log.csv", "-o", "out")
+    assert (ended.code, ended.stderr) == (0, ""), ended.stderr
+    (run,) = read_runs([tmp_path / "out"])
+    assert run.command() == pytest.approx(U, rel=1e-8)
+    assert run.measured() == pytest.approx(1e-6 * X, rel=1e-8)
+    assert run.period == pytest.approx(1 / RATE, rel=1e-6)
+    assert 'u = "' in ended.stdout and 'x = "' in ended.stdout
+
+
+def imported(folder: Path, command_line: Callable[..., Any], text: str, name: str = "log.csv") -> Any:
+    (folder / name).write_text(text, encoding="utf-8")
+    ended = command_line("import", name, "-o", "out")
+    assert (ended.code, ended.stderr) == (0, ""), ended.stderr
+    return read_recordings([folder / "out"])[0]
+
+
+@pytest.mark.parametrize(
+    ("header", "columns"),
+    [
+        ("t [s],ux [V],uy [V],x [um],y [um]", ["ux", "uy", "x", "y"]),
+        ("Time [s],Drive 1 [V],Drive 2 [V],Sensor 1 [um],Sensor 2 [um]", ["ux", "uy", "x", "y"]),
+        ("time_s,voltage_V,position_um,setpoint_um,current_mA", ["u", "x", "r", "i"]),
+        ("Zeit [s],Sollwert [V],HV-Monitor [V],Istposition [µm],Temperatur [°C]", ["u", "v", "x", "T"]),
+        ("t [s],command [V],x [um],velocity [mm/s],force [N]", ["u", "x", None, "f"]),
+        ("t [s],Sensor X [um],Sensor Y [um],Command X [V],Command Y [V]", ["x", "y", "ux", "uy"]),
+        ("Sample,Time [s],Command [V],Position [um],Status", [None, "t", "u", "x", None]),
+        ("t [s],drive [V],position z [um],sensor [V],x [1]", ["u", "z", None, None]),
+    ],
+)  # fmt: skip
+def test_further_columns(
+    header: str, columns: Sequence[str | None], tmp_path: Path, command_line: Callable[..., Any]
+) -> None:
+    wanted = columns if "t" in columns else ["t", *columns]
+    values = np.array([[k + j + (7 * k * (j + 2)) % 11 for j in range(len(wanted))] for k in range(N)], dtype=float)
+    values[:, wanted.index("t")] = T
+    run = imported(tmp_path, command_line, header + "\n" + rows(*values.T))
+    assert isinstance(run, Run)
+    assert {*run.columns} == {name for name in wanted if name not in (None, "t")}
+    for k, (name, cell) in enumerate(zip(wanted, header.split(","), strict=True)):
+        if name and name not in ("t", "T"):
+            factor = units.factor(header_cells.parted(cell)[1], run.si[name])
+            assert run.columns[name] == pytest.approx(factor * values[:, k], rel=1e-9)
+
+
+def test_times_of_day_and_words_beside_numbers(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    """Midnight passes; a column of words is none."""
+    said = []
+    for k in range(N):
+        moment = 86399.5 + k / 100
+        clock = moment % 86400
+        hour, minute, second = int(clock // 3600), int(clock % 3600 // 60), clock % 60
+        day = 2 + int(moment // 86400)
+        said.append(f"2024-05-{day:02d} {hour:02d}:{minute:02d}:{second:06.3f};OK;{U[k]:.9g};{X[k]:.9g}\n")
+    run = imported(tmp_path, command_line, "Timestamp;State;Drive [V];Position [um]\n" + "".join(said))
+    assert run.time == pytest.approx(np.arange(N) / 100, abs=1e-6)
+    assert run.command() == pytest.approx(U, rel=1e-8)
+
+
+def test_a_clock_that_began_in_1970_keeps_its_steps(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    lines = "".join(f"{1714644000 + t:.6f},{u:.9g},{x:.9g}\n" for t, u, x in zip(T, U, X, strict=True))
+    run = imported(tmp_path, command_line, "time [s],command [V],position [um]\n" + lines)
+    assert run.period == pytest.approx(1 / RATE, rel=1e-4)
+    assert run.time[0] == 0
+
+
+def test_a_rate_above_the_table_is_read(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    for said in ("Sample Rate: 2 kHz", "Abtastrate;2000;Hz", "Sampling interval = 0.5 ms", "fs=2000"):
+        text = f"{said}\nCommand [V];Position [um]\n" + rows(U, X, separator=";")
+        run = imported(tmp_path, command_line, text)
+        assert run.period == pytest.approx(1 / RATE, rel=1e-9), said
+        for file in (tmp_path / "out").iterdir():
+            file.unlink()
+
+
+# --- Frequency responses
+
+LINES: dict[str, tuple[str, Sequence[Any]]] = {
+    "magnitude and phase": ("Frequency (Hz),Magnitude (um/V),Phase (deg),Coherence", ["abs", "deg", "one"]),
+    "German": ("Frequenz [Hz],Betrag [µm/V],Phase [°],Kohärenz", ["abs", "deg", "one"]),
+    "parts": ("freq_Hz,Real [um/V],Imag [um/V]", ["re", "im"]),
+    "degrees by their size": ("f [Hz],gain [nm/V],phase", ["nm", "wide"]),
+}
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_frequency_responses(name: str, tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    header, wanted = LINES[name]
+    made = {
+        "abs": np.abs(H), "nm": 1e3 * np.abs(H), "deg": np.angle(H, deg=True), "re": H.real, "im": H.imag,
+        "one": np.full(len(F), 0.97), "wide": np.angle(H, deg=True) - 720,
+    }  # fmt: skip
+    found = imported(tmp_path, command_line, header + "\n" + rows(F, *(made[each] for each in wanted), digits=12))
+    assert isinstance(found, FrequencyResponse)
+    assert np.abs(1e6 * found.response / H - 1).max() < 1e-7
+
+
+def test_responses_of_matlab_in_angular_frequency_and_in_decibels(
+    tmp_path: Path, command_line: Callable[..., Any]
+) -> None:
+    from scipy.io import savemat
+
+    savemat(tmp_path / "sweep.mat", {"G": H, "w": 2 * np.pi * F})
+    ended = command_line("import", "sweep.mat")
+    assert ended.code == 2 and 'does not say the unit of "G", the response per volt (um/V?)' in ended.stderr
+    (tmp_path / "map.toml").write_text(ended.stdout.replace('unit = "?"', 'unit = "um/V"'))
+    assert command_line("import", "sweep.mat", "--map", "map.toml", "-o", "G").code == 0
+    (tmp_path / "bode.csv").write_text(
+        "f_Hz,gain_dB,phase_deg\n" + rows(F, 20 * np.log10(np.abs(H)), np.angle(H, deg=True))
+    )
+    ended = command_line("import", "bode.csv")
+    assert ended.code == 2 and "what 0 dB of" in ended.stderr
+    (tmp_path / "map.toml").write_text(ended.stdout.replace("? um/V", "1 um/V"))
+    assert command_line("import", "bode.csv", "--map", "map.toml", "-o", "B").code == 0
+    for folder in ("G", "B"):
+        (found,) = read_recordings([tmp_path / folder])
+        assert isinstance(found, FrequencyResponse)
+        assert found.frequencies == pytest.approx(F, rel=1e-9)
+        assert np.abs(1e6 * found.response / H - 1).max() < 1e-7
+
+
+# --- Many files
+
+
+def test_many_files_of_different_kinds_go_into_one_folder(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    for k in range(3):
+        (tmp_path / f"step_{k}.csv").write_text("t [s],u [V],x [um]\n" + rows(T, U, (1 + k) * X))
+    (tmp_path / "loop.csv").write_text(
+        "Zeit [ms];Spannung [V];Weg [µm]\n" + rows(1e3 * T, U, X, separator=";", decimal=",")
+    )
+    (tmp_path / "bode.csv").write_text("f [Hz],re [um/V],im [um/V]\n" + rows(F, H.real, H.imag))
+    names = ["step_0.csv", "step_1.csv", "step_2.csv", "loop.csv", "bode.csv"]
+    ended = command_line("import", *names, "-o", "out")
+    assert (ended.code, ended.stderr) == (0, "")
+    found = {each.name: each for each in read_recordings([tmp_path / "out"])}
+    assert set(found) == {Path(name).stem for name in names}
+    for k in range(3):
+        run = found[f"step_{k}"]
+        assert isinstance(run, Run) and run.measured() == pytest.approx(1e-6 * (1 + k) * X, rel=1e-8)
+    assert found["loop"].measured() == pytest.approx(1e-6 * X, rel=1e-8)
+    assert isinstance(found["bode"], FrequencyResponse)
+
+
+def test_runs_of_a_map_for_some_files(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    for name in ("a_1.csv", "b_1.csv"):
+        (tmp_path / name).write_text("t [s],u [V],x [um]\n" + rows(T, U, X))
+    columns = "".join(f'[run.columns.{c}]\nvariable = "{c}"\n' for c in "tux")
+    (tmp_path / "map.toml").write_text(f'per_file = true\n[[run]]\nfiles = ["a_*.csv"]\nkind = "sine"\n{columns}')
+    assert command_line("import", "a_1.csv", "--map", "map.toml", "-o", "out").code == 0
+    ended = command_line("import", "b_1.csv", "--map", "map.toml", "-o", "b")
+    assert ended.code == 2 and "run.files = b_1.csv: no run is for this file" in ended.stderr
+    text = (tmp_path / "map.toml").read_text()
+    (tmp_path / "map.toml").write_text(text.replace("per_file = true\n", ""))
+    ended = command_line("import", "a_1.csv", "--map", "map.toml", "-o", "c")
+    assert "run.files: chooses files of many that are read by themselves: per_file = true" in ended.stderr
+
+
+# --- What is asked
+
+QUESTIONS: list[tuple[str, Sequence[str], Sequence[tuple[str, str]]]] = [
+    ("time,u,x", ['unit of "time"', 'unit of "u"', 'unit of "x"'], [("t", "s"), ("u", "V"), ("x", "um")]),
+    ("t [s],command [V],position", ['unit of "position", the response x (um?)'], [("x", "um")]),
+    ("t [s],CH1 [V],CH2 [V]", ['which of "CH1" and "CH2" is the command u', "how many um a volt of it is"], []),
+    ("t [s],command [counts],x [um]", ['unit and scale of "command"', "the file says counts"], [("u", "V")]),
+    ("t [s],left [um],right [um],u [V]", ['which of "left" and "right" is the response x'], []),
+    ("t [s],setpoint [um],position [um]", ["how many volts a commanded um"], []),
+    ("t [s],x [um],noise [Pa]", ["which variable is the command u"], []),
+    ("u [V],x [um]", ["the sampling rate, as there is no time"], []),
+]
+
+
+@pytest.mark.parametrize(("header", "questions", "answers"), QUESTIONS, ids=[q[0] for q in QUESTIONS])
+def test_what_cannot_be_known_is_asked_in_one_message(
+    header: str,
+    questions: Sequence[str],
+    answers: Sequence[tuple[str, str]],
+    tmp_path: Path,
+    command_line: Callable[..., Any],
+) -> None:
+    columns = [T, U, X, X + 1][: header.count(",") + 1] if header.startswith("t") else [U, X]
+    (tmp_path / "log.csv").write_text(header + "\n" + rows(*columns))
+    ended = command_line("import", "log.csv", "-o", "out")
+    assert ended.code == 2 and not (tmp_path / "out").exists()
+    assert len(ended.stderr.splitlines()) == 1
+    assert "Save the map above" in ended.stderr and len(ended.stderr) < 450
+    for question in questions:
+        assert question in ended.stderr, ended.stderr
+    tables = tomllib.loads(ended.stdout)
+    assert tables["run"][0]["columns"]
+    assert "# Nobody but you knows" in ended.stdout
+    if answers and "counts" not in header:
+        text = ended.stdout
+        for column, unit in answers:
+            before, head, after = text.partition(f"[run.columns.{column}]")
+            text = before + head + after.replace('unit = "?"', f'unit = "{unit}"', 1)
+        (tmp_path / "map.toml").write_text(text)
+        ended = command_line("import", "log.csv", "--map", "map.toml", "-o", "out")
+        assert (ended.code, ended.stderr) == (0, "")
+        (run,) = read_runs([tmp_path / "out"])
+        assert run.measured() == pytest.approx(1e-6 * X, rel=1e-8)
+
+
+def test_a_commanded_position_becomes_volts_once_their_ratio_is_told(
+    tmp_path: Path, command_line: Callable[..., Any]
+) -> None:
+    (tmp_path / "log.csv").write_text("t [s],setpoint [um],position [um]\n" + rows(T, X, 0.9 * X))
+    ended = command_line("import", "log.csv")
+    assert "? V/um" in ended.stdout
+    (tmp_path / "map.toml").write_text(ended.stdout.replace("? V/um", "0.5 V/um"))
+    assert command_line("import", "log.csv", "--map", "map.toml", "-o", "out").code == 0
+    (run,) = read_runs([tmp_path / "out"])
+    assert run.command() == pytest.approx(0.5 * X, rel=1e-8)
+    assert run.columns["r"] == pytest.approx(1e-6 * X, rel=1e-8)
+    assert run.closed_loop
+
+
+def test_a_map_with_open_questions_is_refused(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    (tmp_path / "log.csv").write_text("t [s],setpoint [um],position [um]\n" + rows(T, X, 0.9 * X))
+    (tmp_path / "map.toml").write_text(command_line("import", "log.csv").stdout)
+    ended = command_line("import", "log.csv", "--map", "map.toml", "-o", "out")
+    assert ended.code == 2 and "constants.volts_per_length = ? V/um: does not begin with a number" in ended.stderr
+
+
+# --- Words and units
+
+
+@pytest.mark.parametrize(
+    ("cell", "name", "unit"),
+    [
+        ("Channel A", "Channel A", ""), ("out_A", "out_A", ""), ("pos_m", "pos", "m"), ("in", "in", ""),
+        ("Position (X) [um]", "Position (X)", "um"), ("x (counts)", "x", "counts"), ("Weg [µm] roh", "Weg  roh", "µm"),
+        ("gain um/V", "gain", "um/V"), ("Volts", "Volts", "V"), ("t", "t", ""), ("noise [arb]", "noise", "arb"),
+        ("Time, s", "Time", "s"), ("temperature_C", "temperature", "degC"), ("U_Piezo_V", "U_Piezo", "V"),
+    ],
+)  # fmt: skip
+def test_header_cells(cell: str, name: str, unit: str) -> None:
+    assert header_cells.parted(cell) == (name, unit)
+
+
+def test_words_are_no_units() -> None:
+    """A name of one word is not taken for a unit: no word of the vocabulary but those that are units."""
+    known = {word for kind in roles.WORDS.values() for word in kind}
+    taken = {word for word in known if header_cells.parted(word)[1]}
+    assert taken <= {"seconds", "secs", "sec", "millis", "micros", "volt", "volts", "hz", "sekunden", "amps"}
+
+
+def test_angular_frequencies_are_no_frequencies() -> None:
+    """To the register of units a radian is one."""
+    assert units.factor("rad/s", "Hz") == pytest.approx(1 / (2 * np.pi), rel=1e-12)
+    assert units.factor("rpm", "Hz") == pytest.approx(1 / 60, rel=1e-12)
+    assert units.from_text("1 krad/s", "Hz") == pytest.approx(159.15494309, rel=1e-9)
+    assert units.factor("kHz", "Hz") == 1000.0
