@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from flexdesign.api.models import plan as plan
     from flexdesign.api.models import read_model as read_model
     from flexdesign.api.models import simulate as simulate
+    from flexdesign.api.published import published as published
     from flexdesign.api.recordings import add_effect as add_effect
     from flexdesign.api.recordings import compare as compare
     from flexdesign.api.recordings import diagnose as diagnose
@@ -62,6 +63,7 @@ _HOME = {
     "flexdesign.api.catalogue": ("materials",),
     "flexdesign.api.designs": ("draw", "read_design", "read_study", "validate"),
     "flexdesign.api.models": ("plan", "read_model", "simulate"),
+    "flexdesign.api.published": ("published",),
     "flexdesign.api.recordings": ("add_effect", "compare", "diagnose", "identify", "read_recordings"),
     "flexdesign.api.studies": ("optimize", "reproduce", "sweep"),
     "flexdesign.core.errors": ("InputError",),

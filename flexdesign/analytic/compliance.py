@@ -216,22 +216,23 @@ class ComplianceModel:
     # --- quantities -------------------------------------------------------------------------------------------
 
     def input_stiffness(self, output_load: float = 0.0) -> float:
-        """K_in with a spring at the output [N/m]; an infinite one holds it."""
-        return 1 / self._driven(output_load)[0]
+        """K_in with a spring at the output [N/m]; an infinite one holds it. Infinite where nothing gives way."""
+        extension = self._driven(output_load)[0]
+        return 1 / extension if extension > 0 else math.inf
 
     def amplification(self, output_load: float = 0.0) -> float:
-        """Amplification with a spring at the output, signed along the output's normal."""
+        """Amplification with a spring at the output, signed along the output's normal; NaN where nothing gives way."""
         extension, travel = self._driven(output_load)
-        return travel / extension
+        return travel / extension if extension > 0 else math.nan
 
     def output_stiffness(self, input_stiffness: float = 0.0) -> float:
         """K_out with a spring between the inputs [N/m]: 0 leaves them free, infinite holds them."""
         (c11, c12), (c21, c22) = self.port_compliance
         hold = input_stiffness + self.base["input_restraint"] if input_stiffness == 0 else input_stiffness
         if hold == 0:
-            return float(1 / c22)
+            return float(1 / c22) if c22 > 0 else math.inf
         series = c11 + 1 / hold + seats(self.base, input_stiffness)
-        left = c22 - c12 * c21 / series
+        left = c22 - c12 * c21 / series if series > 0 else c22
         return float(1 / left) if left > 1e-12 * abs(c22) else math.inf
 
     def _driven(self, output_load: float) -> tuple[float, float]:
@@ -242,7 +243,7 @@ class ComplianceModel:
         return float(c11 - c12 * c21 * per_travel), float(c21 - c22 * c21 * per_travel)
 
     def quantities(self) -> dict[str, Quantity]:
-        """Return stiffnesses and amplification, as FEM states them, by `Quantity.key`; infinite ones are left out."""
+        """Return stiffnesses and amplification, as FEM states them, by `Quantity.key`, if they are finite."""
         holds = {"input free": 0.0, "input held": math.inf}
         if self.actuator_stiffness is not None:
             holds["actuator installed"] = self.actuator_stiffness
@@ -251,10 +252,8 @@ class ComplianceModel:
             Quantity("lambda", self.amplification(), "1", "", "output free", SOURCE),
         ]
         for boundary, stiffness in holds.items():
-            value = self.output_stiffness(stiffness)
-            if math.isfinite(value):
-                found.append(Quantity("K_out", value, "N/m", "N/mm", boundary, SOURCE))
-        return by_key(found)
+            found.append(Quantity("K_out", self.output_stiffness(stiffness), "N/m", "N/mm", boundary, SOURCE))
+        return by_key(quantity for quantity in found if math.isfinite(quantity.value))
 
 
 def seats(base: Mapping[str, float], stiffness: float) -> float:

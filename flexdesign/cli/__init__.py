@@ -21,6 +21,7 @@ from flexdesign.cli import sweep as sweep
 from flexdesign.cli import optimize as optimize
 from flexdesign.cli import simulate as simulate
 from flexdesign.cli import reproduce as reproduce
+from flexdesign.cli import published as published
 from flexdesign.cli import identify as identify
 from flexdesign.cli import compare as compare
 from flexdesign.cli import diagnose as diagnose

@@ -24,6 +24,9 @@ JUDGED = ("K_in_output_free", "lambda_output_free", "K_out_input_free")
 OF_AXIS = ("K_in_{}_table_free", "lambda_{}_table_free", "K_out_{}_inputs_free")
 #: Axes are as each other if their quantities differ by less than this, relative.
 ALIKE = 1e-6
+#: A model that is so much stiffer than FEM, or softer, is a rigid frame and rounding: hinges that only rotate do not
+#: move a part whose leaves end in bodies that cannot turn.
+SMALLEST = 1e-6
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,9 @@ class ErrorStep:
 
     @property
     def size(self) -> float:
-        """Root mean square of the logarithms of model over FEM."""
+        """Root mean square of the logarithms of model over FEM; infinite where the model does not move."""
+        if not all(SMALLEST < 1 + error < 1 / SMALLEST for error in self.errors.values()):
+            return math.inf
         return float(np.sqrt(np.mean([math.log1p(error) ** 2 for error in self.errors.values()])))
 
 
@@ -54,7 +59,7 @@ class Ladder:
     Parameters
     ----------
     rungs
-        From the pseudo-rigid model to all that the drawing tells.
+        From the pseudo-rigid model, or the first that can move, to all that the drawing tells.
     tolerances
         Twice the standard deviation that tolerances of dimensions and modulus give a quantity, relative, by its key.
     """
@@ -83,6 +88,7 @@ def model_ladder(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
         there[best.effect] = effects[best.effect]
         left.remove(best.effect)
         rungs.append(best)
+    rungs = [rung for rung in rungs if math.isfinite(rung.size)] or rungs[-1:]
     if design.is_stage:
         axes = {fem[key].boundary.partition(", ")[0] for key in judged}
         fem = {key: quantity for key, quantity in fem.items() if quantity.boundary.partition(", ")[0] in axes}
@@ -106,7 +112,7 @@ def _rung(
     name: str, model: StaticModel, known: Mapping[str, float], effects: Mapping[str, Mapping[str, float]]
 ) -> ErrorStep:
     found = replace(model, effects=effects).compliance({}).quantities()
-    return ErrorStep(name, {key: found[key].value / value - 1 for key, value in known.items()})
+    return ErrorStep(name, {k: found[k].value / value - 1 if k in found else math.inf for k, value in known.items()})
 
 
 def _tolerances(model: StaticModel, fem: Mapping[str, Quantity]) -> dict[str, float]:

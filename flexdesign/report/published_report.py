@@ -1,0 +1,145 @@
+"""The page of published mechanisms: theirs beside ours, with the uncertainty and the effects that close each gap."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from flexdesign.core import toml_files, units
+from flexdesign.effects import statics
+from flexdesign.report import charts
+from flexdesign.report.document import Document, Figure, Section, Table
+from flexdesign.workflows.published import Compared, Mechanism, PublishedMechanisms
+from flexdesign.workflows.published.course import VERDICTS
+
+HEAD = ("quantity", "place", "published", "ours", "difference", "uncertainty", "verdict", "what closes the gap")
+
+
+def document(found: PublishedMechanisms) -> Document:
+    """Return the report."""
+    told = ", ".join(f"{count} {verdict}" for verdict, count in found.counted().items() if count)
+    summary = [
+        f"{len(found.rows)} published numbers of {len(found.mechanisms)} mechanisms, beside finite elements: {told}.",
+        _unexplained(found),
+    ]
+    sections = [Section("Overview", [_how()], [overview(found)], [_picture(found)])]
+    sections += [_section(each) for each in found.mechanisms]
+    return Document("Published mechanisms", summary, sections)
+
+
+def overview(found: PublishedMechanisms) -> Table:
+    """Return how many numbers of each mechanism have which verdict, and the largest difference before and after."""
+    rows = []
+    for each in found.mechanisms:
+        counts = [str(sum(row.verdict == verdict for row in each.rows)) for verdict in VERDICTS]
+        before, after = (max(abs(value) for value in values) for values in zip(*map(_gaps, each.rows), strict=True))
+        rows.append([each.folder.study.design.title, str(len(each.rows)), *counts, _percent(before), _percent(after)])
+    head = ["mechanism", "numbers", *VERDICTS, "largest difference", "with the named effects"]
+    return Table(head, rows)
+
+
+def rows(found: PublishedMechanisms) -> list[dict[str, Any]]:
+    """Return one record for each number, SI."""
+    return [
+        {
+            "mechanism": each.folder.name,
+            "quantity": row.number.key,
+            "place": row.number.printed.place,
+            "kind": row.number.kind,
+            "published": row.theirs,
+            "ours": row.ours.value,
+            "unit": row.ours.si,
+            "half_width": row.ours.half_width,
+            "difference": row.gap,
+            "uncertainty": row.allowed,
+            "verdict": row.verdict,
+            "effects": list(row.closing.effects) if row.closing else [],
+            "remaining": row.closing.remaining if row.closing else None,
+        }
+        for each in found.mechanisms
+        for row in each.rows
+    ]
+
+
+def result(found: PublishedMechanisms) -> dict[str, Any]:
+    """Return result.json's content."""
+    head = {"format": toml_files.FORMAT, "kind": "published", "title": "Published mechanisms"}
+    return {**head, "verdicts": found.counted(), "rows": rows(found), "seconds": found.seconds}
+
+
+def _how() -> str:
+    meanings = "; ".join(f"{verdict}: {meaning}" for verdict, meaning in VERDICTS.items())
+    return (
+        "The difference is that of the published number from ours. The uncertainty is that of the published number "
+        "(two standard deviations, or half a unit of its last digit) plus the estimated error of our finite elements. "
+        "A gap is closed by the fewest effects without which the compliance model takes our number to the published "
+        f"one. {meanings}."
+    )
+
+
+def _unexplained(found: PublishedMechanisms) -> str:
+    named = [
+        f"{each.folder.study.design.title}, {row.number.printed.place}: {row.number.quantity} {_percent(row.gap)}"
+        for each in found.mechanisms
+        for row in each.rows
+        if row.verdict == "differs"
+    ]
+    return f"What differs and no effect explains: {'; '.join(named) or 'nothing'}."
+
+
+def _section(each: Mechanism) -> Section:
+    table = Table(HEAD, [_row(row) for row in each.rows])
+    return Section(each.folder.study.design.title, [each.folder.source], [table])
+
+
+def _row(row: Compared) -> list[str]:
+    ours = replace(row.ours, unit=row.number.printed.unit or row.ours.unit)
+    theirs = row.number.printed.text
+    if row.number.sigma:
+        width = units.to_text(row.number.half_width(ours.si), ours.unit, 2, si=ours.si)
+        theirs = f"{theirs} ± {width}"
+    what = f"{row.number.quantity}, {row.number.boundary}"
+    place = f"{row.number.printed.place} ({row.number.kind})"
+    shown = [_percent(row.gap), f"± {units.significant(100 * row.allowed, 2)} %"]
+    return [what, place, theirs, ours.shown(), *shown, row.verdict, _closing(row)]
+
+
+def _closing(row: Compared) -> str:
+    if row.closing is None:
+        return "–"
+    names = ", ".join(statics.find(name).name.replace("_", " ") for name in row.closing.effects)
+    return f"without {names}: {_percent(row.closing.remaining)}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:+.2f} %"
+
+
+def _gaps(row: Compared) -> tuple[float, float]:
+    return row.gap, row.closing.remaining if row.closing else row.gap
+
+
+def _picture(found: PublishedMechanisms) -> Figure:
+    labels = [
+        f"{each.folder.name}: {row.number.quantity}, {row.number.printed.place}"
+        for each in found.mechanisms
+        for row in each.rows
+    ]
+    figure, axes = charts.drawing(7.2, 0.26 * len(labels) + 1.4)
+    places = range(len(labels))
+    before, after = zip(*map(_gaps, found.rows), strict=True)
+    for place, one, other in zip(places, before, after, strict=True):
+        axes.plot([100 * one, 100 * other], [place, place], color=charts.NEUTRAL, linewidth=1)
+    for values, colour, label in (
+        (before, charts.COLOURS[1], "as published"),
+        (after, charts.COLOURS[0], "with the named effects"),
+    ):
+        axes.plot([100 * value for value in values], list(places), "o", color=colour, label=label)
+    axes.axvline(0.0, color=charts.NEUTRAL, linewidth=1)
+    axes.set_yticks(list(places), labels)
+    axes.invert_yaxis()
+    axes.set_xscale("symlog", linthresh=10)
+    axes.set_xlabel("difference from our finite elements [%]")
+    axes.grid(color=charts.NEUTRAL, alpha=0.25)
+    charts.below(figure, axes, 2)
+    return Figure("gaps.svg", charts.svg(figure), "Published numbers beside ours, before and after the named effects")

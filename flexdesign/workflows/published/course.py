@@ -1,0 +1,158 @@
+"""Solve every published mechanism, and set its published numbers beside ours."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Literal
+
+from flexdesign.core.errors import InputError, suggest
+from flexdesign.core.model import Quantity, by_key
+from flexdesign.core.result_cache import Cache
+from flexdesign.workflows import validation
+from flexdesign.workflows.published.closing import Closing, closing, model_of
+from flexdesign.workflows.published.folder import PublishedFolder, PublishedNumber, read
+from flexdesign.workflows.validation import Validation, validate_stage
+from flexdesign.workflows.validation.validate_stage import StageValidation
+
+Progress = Callable[[str], None]
+Verdict = Literal["agrees", "explained", "differs"]
+#: What each verdict means.
+VERDICTS: dict[Verdict, str] = {
+    "agrees": "both lie within what is known of them",
+    "explained": "they differ, and named effects that the published number leaves out close the gap",
+    "differs": "they differ, and no effect of the catalogue closes the gap",
+}
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A published number beside ours.
+
+    Parameters
+    ----------
+    number
+        Theirs.
+    ours
+        Of finite elements, with its estimated error.
+    closing
+        The effects that close the gap, where there is one.
+    """
+
+    number: PublishedNumber
+    ours: Quantity
+    closing: Closing | None
+
+    @property
+    def theirs(self) -> float:
+        """The published number [SI]."""
+        return self.number.printed.value(self.ours.si)
+
+    @property
+    def gap(self) -> float:
+        """Theirs over ours, less one."""
+        return self.theirs / self.ours.value - 1
+
+    @property
+    def allowed(self) -> float:
+        """How far they may be apart, relative: what is known of theirs, and our estimated error."""
+        return (self.number.half_width(self.ours.si) + (self.ours.half_width or 0.0)) / abs(self.ours.value)
+
+    @property
+    def verdict(self) -> Verdict:
+        """One of `VERDICTS`."""
+        if abs(self.gap) <= self.allowed:
+            return "agrees"
+        return "explained" if self.closing else "differs"
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """One mechanism.
+
+    Parameters
+    ----------
+    folder
+        What was published.
+    found
+        Our finite elements.
+    rows
+        The numbers.
+    """
+
+    folder: PublishedFolder
+    found: Validation | StageValidation
+    rows: tuple[Compared, ...]
+
+
+@dataclass(frozen=True)
+class PublishedMechanisms:
+    """All of them.
+
+    Parameters
+    ----------
+    mechanisms
+        In the order of their names.
+    seconds
+        How long it took.
+    """
+
+    mechanisms: tuple[Mechanism, ...]
+    seconds: float
+
+    @property
+    def rows(self) -> list[Compared]:
+        """All numbers."""
+        return [row for mechanism in self.mechanisms for row in mechanism.rows]
+
+    def counted(self) -> dict[str, int]:
+        """Return how many numbers have each verdict."""
+        return {verdict: sum(row.verdict == verdict for row in self.rows) for verdict in VERDICTS}
+
+
+def run(folders: Sequence[Path], cache: Cache, progress: Progress = lambda _: None) -> PublishedMechanisms:
+    """Solve mechanisms and compare them with what is published.
+
+    Parameters
+    ----------
+    folders
+        One for each mechanism, see `folder`.
+    cache
+        Where meshes and solutions are looked up and kept: an interrupted run goes on where it stopped.
+    progress
+        Is told what is going on.
+
+    Raises
+    ------
+    InputError
+        If a folder cannot be used, or names a quantity that its validation does not find.
+    """
+    began = perf_counter()
+    read_first = [read(folder) for folder in folders]
+    found = [_solved(each, cache, lambda text, each=each: progress(f"{each.name}: {text}")) for each in read_first]  # type: ignore[misc]
+    return PublishedMechanisms(tuple(found), perf_counter() - began)
+
+
+def _solved(folder: PublishedFolder, cache: Cache, progress: Progress) -> Mechanism:
+    solve = validate_stage.validate_stage if folder.study.design.is_stage else validation.validate
+    found = solve(folder.study, cache, progress)
+    ours, model = by_key([*(c.fem for c in found.comparisons), *found.further]), model_of(folder.study.design)
+    rows = []
+    for number in folder.numbers:
+        if number.key not in ours:
+            remedy = f"{number.boundary}: no such quantity of this design{suggest(number.key, list(ours))}"
+            raise InputError(folder.table, f"line {number.line}, column quantity", number.quantity, remedy)
+        try:
+            beside = Compared(number, ours[number.key], None)
+            differs = abs(beside.gap) > beside.allowed
+        except ValueError as error:
+            raise InputError(
+                folder.table, f"line {number.line}, column unit", number.printed.unit, str(error)
+            ) from None
+        if differs and model is not None and math.isfinite(beside.gap):
+            beside = Compared(number, beside.ours, closing(model, number, 1 + beside.gap, beside.allowed))
+        rows.append(beside)
+    return Mechanism(folder, found, tuple(rows))
