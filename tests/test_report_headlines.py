@@ -52,7 +52,7 @@ def test_headlines_state_the_stroke_with_large_displacements_and_the_linear_one_
     on_terminal = " ".join(capsys.readouterr().out.split())
     assert sentence in on_terminal and on_terminal.index(large) < on_terminal.index(linear)
     for text in (render.to_markdown(document), render.to_html(document)):
-        assert text.index(large) < text.index(linear) < text.index("FEM gives")
+        assert text.index(large) < text.index(linear)
     headline = validation_report.result(validation)["headline"]
     assert headline["stroke"]["value"] == pytest.approx(1e6 * validation.fem(LARGE).value)
     assert headline["stroke_linear"]["value"] == pytest.approx(1e6 * validation.fem(LINEAR).value)

@@ -195,10 +195,15 @@ def test_a_report_has_date_command_and_links(tmp_path: Path, monkeypatch: pytest
             assert f"({file})" in text or f'href="{file}"' in text, file
 
 
-def test_a_card_and_warnings_come_before_the_summary() -> None:
-    document = Document("A", ["Summary."], [], [Fact("stroke", "406 um", "linear")], ["No yield strength is known."])
-    for text in (render.to_html(document), render.to_markdown(document)):
-        at = [text.index(words) for words in ("stroke", "406 um", "No yield strength", "Summary.")]
+def test_answer_warnings_and_card_come_before_the_rest() -> None:
+    card, warnings = [Fact("stroke", "406 um", "linear")], ["No yield strength is known."]
+    document = Document("A", ["Answer.", "More."], [], card, warnings)
+    orders = {
+        render.to_html: ("Answer.", "No yield strength", "stroke", "406 um", "More."),
+        render.to_markdown: ("stroke", "406 um", "No yield strength", "Answer.", "More."),
+    }
+    for write, order in orders.items():
+        at = [write(document).index(words) for words in order]
         assert at == sorted(at)
 
 

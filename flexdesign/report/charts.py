@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import io
 import re
 from collections.abc import Mapping, Sequence
@@ -115,7 +116,61 @@ def svg(figure: Any) -> bytes:
         FigureCanvasSVG(figure)
         layout.execute(figure)
         figure.set_layout_engine("none")
+    said = {"Date": None, "Description": in_words(figure)}
     stream = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "flexdesign", "path.simplify_threshold": 0.2}):
-        figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
+        figure.savefig(stream, format="svg", transparent=True, metadata=said)
     return re.sub(rb' d="[^"]*"', lambda path: _SURPLUS.sub(rb"\1", path[0]), stream.getvalue())
+
+
+def in_words(figure: Any) -> str:
+    """Say what a drawing shows, for who cannot see it: the axes with their ranges, and the curves or bars."""
+    return " ".join(text for axes in figure.axes if (text := _axes_in_words(axes)))
+
+
+def _axes_in_words(axes: Any) -> str:
+    names = (axes.get_title(loc="left") or axes.get_title(), axes.get_ylabel(), axes.get_xlabel())
+    title, ylabel, xlabel = (" ".join(name.split()) for name in names)
+    shown = " over ".join(each for each in (ylabel, xlabel) if each)
+    told = [f"{title}: {shown}" if title and shown else title or shown]
+    lines = [line for line in axes.get_lines() if not line.get_label().startswith("_") and len(line.get_ydata())]
+    told += [f"{line.get_label()} {_span(line.get_ydata())}" for line in lines]
+    bars = [patch for patch in axes.patches if hasattr(patch, "get_height")]
+    if not lines and bars:
+        told.append(f"{len(bars)} bars")
+    named = [label.get_text() for axis in (axes.xaxis, axes.yaxis) for label in _fixed(axis) if label.get_text()]
+    if named:
+        told.append(", ".join(" ".join(name.split()) for name in named))
+    told = [text for text in told if text]
+    return f"{'; '.join(told)}." if told else ""
+
+
+def _fixed(axis: Any) -> Sequence[Any]:
+    """Return the labels of an axis that has names in place of numbers."""
+    from matplotlib.ticker import FixedFormatter
+
+    return axis.get_ticklabels() if isinstance(axis.get_major_formatter(), FixedFormatter) else ()
+
+
+def _span(values: Any) -> str:
+    import numpy as np
+
+    finite = np.asarray(values, dtype=float)
+    finite = finite[np.isfinite(finite)]
+    if not finite.size:
+        return "without values"
+    low, high = f"{finite.min():.3g}", f"{finite.max():.3g}"
+    return f"at {low}" if low == high else f"from {low} to {high}"
+
+
+def description(drawing: bytes) -> str:
+    """Return what an SVG says of itself; empty for other pictures.
+
+    >>> figure, axes = drawing(3.0, 2.0)
+    >>> axes.set_xlabel("time [s]"), axes.plot([0, 1], [2, 3], label="x") and None
+    (Text(0.5, 0, 'time [s]'), None)
+    >>> description(svg(figure))
+    'time [s]; x from 2 to 3.'
+    """
+    found = re.search(rb"<dc:description>(.*?)</dc:description>", drawing[:4000], re.DOTALL)
+    return html.unescape(found[1].decode()) if found else ""

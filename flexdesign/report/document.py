@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from flexdesign.report import charts
+from flexdesign.report.traces import Traces
 
 
 @dataclass(frozen=True)
@@ -41,6 +47,21 @@ def _words(cells: Sequence[str]) -> bool:
 LONGEST = 100
 
 
+class Live(Protocol):
+    """What a page shows in place of a picture while its scripts run."""
+
+    @property
+    def kind(self) -> str:
+        """The script that shows it: traces or view."""
+
+    @property
+    def curves(self) -> int:
+        """How many curves share the room of a page."""
+
+    def payload(self, points: int) -> dict[str, Any]:
+        """Return its data for the page, with at most so many points in a curve."""
+
+
 @dataclass(frozen=True)
 class Figure:
     """A picture in a file of its own.
@@ -53,11 +74,28 @@ class Figure:
         Its content.
     caption
         What it shows.
+    live
+        What the page shows in its place on a screen: curves to zoom into, a part to turn.
+    alt
+        What someone who cannot see it needs to know; none for what the drawing says of itself.
     """
 
     file: str
     data: bytes
     caption: str
+    live: Live | None = None
+    alt: str = ""
+
+    @classmethod
+    def of_traces(cls, file: str, traces: Traces, caption: str) -> Figure:
+        """Return curves as a drawing, and as curves to zoom into where they run over an abscissa that increases."""
+        live = traces if all(curve.x.size and (np.diff(curve.x) > 0).all() for curve in traces.every) else None
+        return cls(file, traces.svg(), caption, live)
+
+    @property
+    def text(self) -> str:
+        """What stands for the picture where it cannot be seen."""
+        return self.alt or charts.description(self.data) or self.caption
 
     def __post_init__(self) -> None:
         """Make a name for a file of any name that a run or a quantity has."""
@@ -68,8 +106,9 @@ class Figure:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with paragraphs, then tables, then figures; `folded` ones are opened on demand.
+    """A heading with paragraphs, then tables, then figures.
 
+    A `folded` one is opened on demand; its `brief` is read before.
     The figures of a `gallery` are small and stand side by side.
     """
 
@@ -79,6 +118,7 @@ class Section:
     figures: Sequence[Figure] = ()
     folded: bool = False
     gallery: bool = False
+    brief: str = ""
 
 
 @dataclass(frozen=True)
@@ -112,6 +152,8 @@ class Document:
         The numbers that most readers look for, before the summary.
     warnings
         What a reader must know before using any of the numbers.
+    picture
+        File name of the figure that shows the answer, and stands beside it; none for the first that is not folded.
     """
 
     title: str
@@ -119,6 +161,7 @@ class Document:
     content: Sequence[Section] | Callable[[], Sequence[Section]] = ()
     card: Sequence[Fact] = ()
     warnings: Sequence[str] = ()
+    picture: str = ""
 
     @cached_property
     def sections(self) -> Sequence[Section]:
@@ -129,3 +172,16 @@ class Document:
     def figures(self) -> list[Figure]:
         """All figures, in order."""
         return [figure for section in self.sections for figure in section.figures]
+
+    @cached_property
+    def lead(self) -> Figure | None:
+        """The figure that shows the answer."""
+        named = (figure for figure in self.figures if figure.file == self.picture)
+        first = (figure for section in self.sections if not section.folded for figure in section.figures)
+        return next(named, None) or next(first, None)
+
+    @cached_property
+    def body(self) -> list[Section]:
+        """The sections without the figure that stands beside the answer."""
+        rest = [replace(s, figures=[f for f in s.figures if f is not self.lead]) for s in self.sections]
+        return [s for s in rest if s.paragraphs or s.tables or s.figures]

@@ -7,10 +7,13 @@ import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, select_autoescape
 
 from flexdesign.core.errors import InputError
@@ -18,6 +21,11 @@ from flexdesign.core.serialise import to_json
 from flexdesign.core.versions import __version__
 from flexdesign.report import origin
 from flexdesign.report.document import Document, Figure
+
+#: What shows each kind of live picture.
+SCRIPTS = {"traces": ("uplot.min.js", "traces.js"), "view": ("three.min.js", "view.js")}
+#: All curves of a page together take about so many bytes, each of their points so many; the least and most points.
+CURVES_BYTES, BYTES, POINTS = 2e6, 5.0, (1000, 20000)
 
 
 @dataclass(frozen=True)
@@ -40,8 +48,36 @@ class Made:
 
 def to_html(document: Document, made: Made | None = None) -> str:
     """Return one self-contained page, readable in light and dark."""
-    template = _environment().get_template("report.html")
-    return template.render(document=document, embed=_embedded, made=made, link=quote)
+    live = [figure.live for figure in document.figures if figure.live is not None]
+    kinds = {each.kind for each in live}
+    curves = sum(each.curves for each in live)
+    points = int(np.clip(CURVES_BYTES / (BYTES * max(curves, 1)), *POINTS))
+    return (
+        _environment()
+        .get_template("report.html")
+        .render(
+            document=document,
+            body=document.body,
+            embed=_embedded,
+            made=made,
+            link=quote,
+            asset=asset,
+            kinds=kinds,
+            scripts=[name for kind in sorted(kinds) for name in SCRIPTS[kind]] + ["page.js"],
+            payload=lambda figure: _in_script(figure.live.payload(points)),
+        )
+    )
+
+
+@cache
+def asset(name: str) -> str:
+    """Return a style or script of a page, as it stands in the package."""
+    return resources.files("flexdesign.report").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def _in_script(data: Mapping[str, Any]) -> str:
+    """Return data as JSON that ends no script element."""
+    return json.dumps(data, ensure_ascii=False, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def to_markdown(document: Document, made: Made | None = None) -> str:

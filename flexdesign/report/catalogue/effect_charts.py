@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from flexdesign.diagnosis.experiment_design.commands import Array, Command
 from flexdesign.diagnosis.experiment_design.signature import Seen
 from flexdesign.report.charts import COLOURS, NEUTRAL, plain, svg
-from flexdesign.report.simulation.simulation_charts import thinned
+from flexdesign.report.traces import thinned
 
 #: Of the readings with and without the effect, and of their difference.
 WITH, DIFFERENCE = COLOURS[1], COLOURS[0]

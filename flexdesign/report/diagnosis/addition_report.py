@@ -28,7 +28,7 @@ from flexdesign.report.diagnosis import diagnosis_words as said
 from flexdesign.report.diagnosis import response_pages
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.simulation import simulation_report
-from flexdesign.report.simulation.simulation_charts import Curve, panels
+from flexdesign.report.traces import Curve, Traces
 
 #: Less than this is rounding, not a length [m].
 ROUNDING = 1e-12
@@ -193,9 +193,9 @@ def _side_by_side(found: AddedEffect, pair: tuple[Case, Case]) -> Figure:
     motions.append(Curve("reference", time, first.reference[first.row(found.axis)][: len(time)] / scale, dashed=True))
     labels = [f"{found.axis} [{unit}]", f"motion − reference [{unit}]"]
     asked_for = first.experiment.name.partition(" ")[0]
-    drawn = panels([motions, errors], "time [s]", labels, limits=_closely(first))
+    drawn = Traces([motions, errors], "time [s]", labels, limits=_closely(first))
     caption = f"{asked_for.capitalize()} under {first.controller}, on the stage without the effect and with it"
-    return Figure(f"loop_{asked_for}.svg", drawn, caption)
+    return Figure.of_traces(f"loop_{asked_for}.svg", drawn, caption)
 
 
 def _closely(case: Case) -> tuple[float, float] | None:

@@ -20,7 +20,7 @@ from flexdesign.report.diagnosis import response_pages
 from flexdesign.report.diagnosis.identification_report import SLOW
 from flexdesign.report.diagnosis.residual_charts import Bars, Trace
 from flexdesign.report.document import Document, Figure, Section, Table
-from flexdesign.report.simulation.simulation_charts import Curve, panels
+from flexdesign.report.traces import Curve, Traces
 
 #: An error below this many times the noise floor is noise; the floor itself is known to some percent.
 NOISE = 1.15
@@ -219,12 +219,12 @@ def _figures(found: Comparison, run: RunComparison) -> list[Figure]:
     file = f"{run.name}.svg"
     ratio = units.significant(run.ratio, 3)
     caption = f"{run.name} ({run.role}): {words.error(found.response, run.rms)} rms, {ratio} times the noise floor"
-    made = [Figure(f"run_{file}", panels([signal, left], "time [s]", labels), caption)]
+    made = [Figure.of_traces(f"run_{file}", Traces([signal, left], "time [s]", labels), caption)]
     if shows_a_loop(run, found.model.axes[found.axis].natural_frequency):
         command = run.command[compared]
         loop = [Curve("measured", command, measured), Curve("predicted", command, predicted, dashed=True)]
-        drawing = panels([loop], "command [V]", labels[:1], height=3.4)
-        made.append(Figure(f"loop_{file}", drawing, f"{run.name}: response over command"))
+        drawing = Traces([loop], "command [V]", labels[:1], height=3.4)
+        made.append(Figure.of_traces(f"loop_{file}", drawing, f"{run.name}: response over command"))
     return made
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.report.charts import COLOURS, NEUTRAL, below, plain, svg
-from flexdesign.report.simulation.simulation_charts import Curve, panels
+from flexdesign.report.traces import Curve, Traces
 
 Array = NDArray[np.float64]
 WIDTH, HEIGHT = 7.2, 3.4
@@ -79,7 +79,7 @@ def ladder(steps: Sequence[Step], floor: float, floor_text: str, unit: str) -> b
 
 def beside(
     time: Array, measured: Array, predicted: Sequence[tuple[str, Array]], labels: tuple[str, str], factor: float
-) -> bytes:
+) -> Traces:
     """Draw a run, what models predict of it, and below what each leaves.
 
     Parameters
@@ -95,10 +95,10 @@ def beside(
     """
     above = [Curve("measured", time, measured, dashed=True), *(Curve(name, time, values) for name, values in predicted)]
     left = [Curve(name, time, factor * (measured - values)) for name, values in predicted]
-    return panels([above, left], "time [s]", list(labels), height=2.3)
+    return Traces([above, left], "time [s]", list(labels), height=2.3)
 
 
-def loop(command: Array, left: Sequence[tuple[str, Array]], label: str) -> bytes:
+def loop(command: Array, left: Sequence[tuple[str, Array]], label: str) -> Traces:
     """Draw what models leave of a run over its command [V]: a loop means memory.
 
     Parameters
@@ -110,4 +110,4 @@ def loop(command: Array, left: Sequence[tuple[str, Array]], label: str) -> bytes
     label
         Of the ordinate.
     """
-    return panels([[Curve(name, command, values) for name, values in left]], "command [V]", [label], height=2.9)
+    return Traces([[Curve(name, command, values) for name, values in left]], "command [V]", [label], height=2.9)

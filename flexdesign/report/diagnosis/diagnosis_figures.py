@@ -123,7 +123,7 @@ def run_figures(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
         measured = run.measured[there] / scale
         predicted = [(s, each.predicted[there] / scale) for (s, _), each in zip(stands, runs, strict=True)]
         drawn = drawings.beside(run.time[there], measured, predicted, labels, factor)
-        made.append(Figure(f"run_{name}.svg", drawn, _run_caption(stands, runs)))
+        made.append(Figure.of_traces(f"run_{name}.svg", drawn, _run_caption(stands, runs)))
     return made
 
 
@@ -186,7 +186,8 @@ def _loops(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
     scale = units.factor(small, first.response)
     left = [(name, run.residual[there] / scale) for (name, _), run in zip(stands, runs, strict=True)]
     drawn = drawings.loop(runs[0].command[there], left, f"residual [{words.sign(small)}]")
-    return [Figure("loop.svg", drawn, f"{slow}, its end: the residual over the command; a loop means memory")]
+    caption = f"{slow}, its end: the residual over the command; a loop means memory"
+    return [Figure.of_traces("loop.svg", drawn, caption)]
 
 
 def _last_turns(command: Array) -> Flags:

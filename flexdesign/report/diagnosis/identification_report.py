@@ -14,7 +14,7 @@ from flexdesign.diagnosis.identify import Identification, RunMatch
 from flexdesign.estimation import Estimate
 from flexdesign.report.comparison_words import shown_in
 from flexdesign.report.document import Document, Figure, Section, Table
-from flexdesign.report.simulation.simulation_charts import Curve, panels
+from flexdesign.report.traces import Curve, Traces
 
 #: A command that moves less than this share of its span in a period of the mode is slow: then a loop is drawn.
 SLOW = 0.1
@@ -186,21 +186,22 @@ def _figures(found: Identification, run: RunMatch) -> list[Figure]:
     t, measured = run.time[compared], run.measured[compared] / scale
     left = (run.measured - run.predicted)[compared] / fine
     signal = [Curve("measured", t, measured), Curve("predicted", t, run.predicted[compared] / scale, dashed=True)]
-    over_time = panels(
+    over_time = Traces(
         [signal, [Curve("residual, measured less predicted", t, left)]],
         "time [s]",
         [f"{found.axis} [{_sign(large)}]", f"residual [{_sign(small)}]"],
     )
     file = f"{run.name}.svg"
-    made = [Figure(file, over_time, f"{run.name} ({run.role}): measured, predicted, and the residual")]
+    caption = f"{run.name} ({run.role}): measured, predicted, and the residual"
+    made = [Figure.of_traces(file, over_time, caption)]
     if is_slow(run, found.model.axes[found.axis].natural_frequency):
         command = run.command[compared]
         loop = [
             Curve("measured", command, measured),
             Curve("predicted", command, run.predicted[compared] / scale, dashed=True),
         ]
-        drawing = panels([loop], "command [V]", [f"{found.axis} [{_sign(large)}]"], height=3.4)
-        made.append(Figure(f"loop_{file}", drawing, f"{run.name}: response over command"))
+        drawing = Traces([loop], "command [V]", [f"{found.axis} [{_sign(large)}]"], height=3.4)
+        made.append(Figure.of_traces(f"loop_{file}", drawing, f"{run.name}: response over command"))
     return made
 
 

@@ -12,7 +12,7 @@ from flexdesign.dynamics.experiments.simulation import Case
 from flexdesign.dynamics.trajectories import Sine, Square, Step, Triangle
 from flexdesign.report import comparison_words as words
 from flexdesign.report.document import Figure
-from flexdesign.report.simulation.simulation_charts import Curve, panels
+from flexdesign.report.traces import Curve, Traces
 
 
 def draw(experiment: Experiment, cases: Sequence[Case], unit: str) -> list[Figure]:
@@ -44,7 +44,7 @@ def _loop(experiment: Experiment, cases: Sequence[Case], name: str, said: str, u
     below = "command [V]" if volts else f"{axis} asked for {written}"
     beside = f"{axis} {written}" if volts else f"motion − reference {written}"
     what = f"Motion of {axis} over its command" if volts else f"Error of {axis} over its reference"
-    return Figure(f"{name}_loop.svg", panels([curves], below, [beside], height=3.4), f"{what}{said}")
+    return Figure.of_traces(f"{name}_loop.svg", Traces([curves], below, [beside], height=3.4), f"{what}{said}")
 
 
 def _over_time(experiment: Experiment, cases: Sequence[Case], name: str, said: str, unit: str) -> Figure:
@@ -62,8 +62,8 @@ def _over_time(experiment: Experiment, cases: Sequence[Case], name: str, said: s
         ]
         every = [(case, name) for case in cases for name in experiment.axes]
         errors = [replace(_error(case, name, scale), label=f"{name}, {case.controller}") for case, name in every]
-        drawn = panels([motions, errors], "time [s]", [f"motion [{words.sign(unit)}]", away])
-        return Figure(f"{name}_time.svg", drawn, f"Motion ({first.controller}) and errors{said}")
+        drawn = Traces([motions, errors], "time [s]", [f"motion [{words.sign(unit)}]", away])
+        return Figure.of_traces(f"{name}_time.svg", drawn, f"Motion ({first.controller}) and errors{said}")
     others = [name for name in first.axes if name not in experiment.axes]
     if len(cases) == 1 and len(experiment.axes) == 1 and others:
         rows.append([Curve(n, first.response.time, first.response.motion[first.row(n)] / scale) for n in others])
@@ -71,8 +71,8 @@ def _over_time(experiment: Experiment, cases: Sequence[Case], name: str, said: s
     elif experiment.reference is not None and limits is None:
         rows.append([_error(case, axis, scale) for case in cases])
         labels.append(away)
-    drawn = panels(rows, "time [s]", labels, limits=limits)
-    return Figure(f"{name}_time.svg", drawn, f"Motion of {axis}{said}")
+    drawn = Traces(rows, "time [s]", labels, limits=limits)
+    return Figure.of_traces(f"{name}_time.svg", drawn, f"Motion of {axis}{said}")
 
 
 def _error(case: Case, axis: str, scale: float) -> Curve:

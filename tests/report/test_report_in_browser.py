@@ -1,0 +1,175 @@
+"""A report in a browser: what its scripts do, what remains without them and on paper, that nothing is fetched."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from flexdesign.report import render
+from flexdesign.report.document import Document, Figure, Section, Table
+from flexdesign.report.traces import Curve, Traces
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+sync_api = pytest.importorskip("playwright.sync_api")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+#: Without a graphics card Chromium draws in software.
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+
+def document() -> Document:
+    time = np.linspace(0.0, 2.0, 5000)
+    measured = 100.0 * np.sin(2 * np.pi * time)
+    above = [Curve("measured", time, measured, dashed=True), Curve("as designed", time, 0.9 * measured)]
+    below = [Curve("as designed", time, 100.0 * measured)]
+    traces = Traces([above, below], "time [s]", ["x [µm]", "residual [nm]"])
+    rows = [
+        ["travel", "1.2 µm"],
+        ["noise", "900 ± 5 nm"],
+        ["drift", "−3 nm"],
+        ["unknown", "–"],
+        ["stroke", "0.4 mm"],
+    ]
+    sections = [
+        Section("Measured and predicted", ["Both runs."], [Table(["what", "size"], rows, "Sizes")]),
+        Section("More", ["Kept for who asks."], [], [Figure.of_traces("more.svg", traces, "More")], folded=True),
+        *(Section(f"Section {k}", ["Words. " * 200]) for k in range(4)),
+    ]
+    lead = Section("Runs", [], [], [Figure.of_traces("run.svg", traces, "A run beside the model")])
+    return Document("A stage", ["The model misses the run by 7 µm rms.", "More words."], [lead, *sections])
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    path.write_text(render.to_html(document()), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with sync_api.sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield opened
+        opened.close()
+
+
+@contextmanager
+def opened(browser: Any, file: Path, width: int = 1280, **options: Any) -> Iterator[Any]:
+    """Open a page; at its end nothing was written to the console and nothing fetched."""
+    context = browser.new_context(viewport={"width": width, "height": 900}, **options)
+    page, said, fetched = context.new_page(), list[str](), list[str]()
+    page.on("console", lambda message: said.append(message.text) if message.type in ("error", "warning") else None)
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("request", lambda request: fetched.append(request.url))
+    page.goto(file.as_uri())
+    yield page
+    context.close()
+    assert not said
+    assert {url for url in fetched if not url.startswith("data:")} == {file.as_uri()}
+
+
+def test_the_answer_and_its_picture_come_first(browser: Any, file: Path) -> None:
+    with opened(browser, file) as page:
+        page.wait_for_selector("figure.lead .uplot")
+        tops = [page.locator(place).first.bounding_box()["y"] for place in ("h1", ".answer", "figure.lead", "section")]
+        assert tops == sorted(tops)
+        assert page.locator("figure.lead").bounding_box()["y"] < 300
+
+
+def test_curves_zoom_together_and_come_back(browser: Any, file: Path) -> None:
+    with opened(browser, file) as page:
+        page.wait_for_selector("figure.lead .uplot")
+        ranges = "[...document.querySelector('figure.lead').live.plots].map(p => [p.scales.x.min, p.scales.x.max])"
+        page.get_by_role("button", name="Zoom in").first.click()
+        page.wait_for_function(f"() => ({ranges})[0][0] > 0.4")
+        assert page.evaluate(ranges) == [[0.5, 1.5], [0.5, 1.5]]
+        over = page.locator("figure.lead .u-over").nth(1).bounding_box()
+        middle = over["y"] + over["height"] / 2
+        page.mouse.move(over["x"] + 0.25 * over["width"], middle)
+        page.mouse.down()
+        page.mouse.move(over["x"] + 0.75 * over["width"], middle, steps=4)
+        page.mouse.up()
+        page.wait_for_function(f"() => ({ranges})[0][0] > 0.7")
+        assert np.allclose(page.evaluate(ranges), [[0.75, 1.25]] * 2, atol=0.01)
+        page.keyboard.press("ArrowRight")
+        page.wait_for_function(f"() => ({ranges})[1][0] > 0.78")
+        page.keyboard.press("0")
+        page.wait_for_function(f"() => ({ranges})[0][0] === 0")
+
+
+def test_the_cursor_reads_values_with_their_units(browser: Any, file: Path) -> None:
+    with opened(browser, file) as page:
+        page.wait_for_selector("figure.lead .uplot")
+        over = page.locator("figure.lead .u-over").first.bounding_box()
+        page.mouse.move(over["x"] + over["width"] / 8, over["y"] + 20)
+        page.wait_for_function("() => document.querySelector('figure.lead .u-legend').textContent.includes('µm')")
+        read = page.locator("figure.lead .u-legend").first.inner_text()
+        assert "measured" in read and " s" in read
+        # Linked: the panel below reads at the same time, a sine's crest, of which the residual is 10 µm.
+        left = page.locator("figure.lead .u-legend").nth(1).locator(".u-value").nth(1).inner_text()
+        assert left.endswith(" nm") and float(left.split()[0]) == pytest.approx(10_000, rel=0.01)
+
+
+def test_tables_sort_by_number_whatever_the_prefix(browser: Any, file: Path) -> None:
+    with opened(browser, file) as page:
+        names = "[...document.querySelectorAll('tbody tr td:first-child')].map(cell => cell.textContent)"
+        first = page.evaluate(names)
+        head = page.get_by_role("button", name="size")
+        head.focus()
+        page.keyboard.press("Enter")
+        assert page.evaluate(names) == ["drift", "noise", "travel", "stroke", "unknown"]
+        assert page.get_by_role("columnheader", name="size").get_attribute("aria-sort") == "ascending"
+        head.click()
+        assert page.evaluate(names) == ["stroke", "travel", "noise", "drift", "unknown"]
+        head.click()
+        assert page.evaluate(names) == first
+
+
+def test_contents_follow_and_open_folded_sections(browser: Any, file: Path) -> None:
+    with opened(browser, file) as page:
+        page.get_by_role("link", name="More").click()
+        page.wait_for_selector("section.folded details[open]")
+        page.wait_for_function("() => document.querySelector('nav [aria-current]')?.textContent === 'More'")
+        page.get_by_role("link", name="Section 2").click()
+        page.wait_for_function("() => document.querySelector('nav [aria-current]')?.textContent === 'Section 2'")
+        assert page.get_by_role("link", name="Section 2").is_visible()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_nothing_is_wider_than_the_window(browser: Any, file: Path, width: int, scheme: str) -> None:
+    with opened(browser, file, width, color_scheme=scheme) as page:
+        page.wait_for_selector("figure.lead .uplot")
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_without_scripts_pictures_remain(browser: Any, file: Path) -> None:
+    with opened(browser, file, java_script_enabled=False) as page:
+        assert page.locator("figure.lead img").is_visible()
+        assert page.locator("img").count() == page.locator("img[alt]:not([alt=''])").count() == 2
+
+
+def test_paper_shows_drawings_and_no_folds(browser: Any, file: Path, tmp_path: Path) -> None:
+    with opened(browser, file) as page:
+        page.wait_for_selector("figure.lead .uplot")
+        page.emulate_media(media="print")
+        page.evaluate("dispatchEvent(new Event('beforeprint'))")
+        assert page.locator("figure.lead img").is_visible() and page.locator(".folded img").is_visible()
+        assert not page.locator(".live").first.is_visible() and not page.locator("nav").is_visible()
+        page.evaluate("dispatchEvent(new Event('afterprint'))")
+        assert page.locator("section.folded details[open]").count() == 0
+
+
+def test_a_drawing_says_what_it_shows() -> None:
+    figure = document().lead
+    assert figure is not None
+    assert figure.text == (
+        "x [µm]; measured from -100 to 100; as designed from -90 to 90. "
+        "residual [nm] over time [s]; as designed from -1e+04 to 1e+04."
+    )
