@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from flexdesign.api.models import simulate as simulate
     from flexdesign.api.published import published as published
     from flexdesign.api.recordings import add_effect as add_effect
+    from flexdesign.api.recordings import check as check
     from flexdesign.api.recordings import compare as compare
     from flexdesign.api.recordings import diagnose as diagnose
     from flexdesign.api.recordings import identify as identify
@@ -64,7 +65,7 @@ _HOME = {
     "flexdesign.api.designs": ("draw", "read_design", "read_study", "validate"),
     "flexdesign.api.models": ("plan", "read_model", "simulate"),
     "flexdesign.api.published": ("published",),
-    "flexdesign.api.recordings": ("add_effect", "compare", "diagnose", "identify", "read_recordings"),
+    "flexdesign.api.recordings": ("add_effect", "check", "compare", "diagnose", "identify", "read_recordings"),
     "flexdesign.api.studies": ("optimize", "reproduce", "sweep"),
     "flexdesign.core.errors": ("InputError",),
     "flexdesign.core.model": (

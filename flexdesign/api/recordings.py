@@ -14,8 +14,10 @@ from flexdesign.api.result import Result
 from flexdesign.design.design import Design
 from flexdesign.diagnosis import Diagnosis, discriminating_experiments, initialised_comparison
 from flexdesign.diagnosis import add_effect as additions
+from flexdesign.diagnosis import check as checking
 from flexdesign.diagnosis import identify as identification
 from flexdesign.diagnosis.add_effect import AddedEffect
+from flexdesign.diagnosis.check import Check, facts, is_table
 from flexdesign.diagnosis.comparison import Comparison
 from flexdesign.diagnosis.comparison.static_table import TableComparison
 from flexdesign.diagnosis.identify import Identification
@@ -26,6 +28,7 @@ from flexdesign.measurements import recordings as reading
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.report.diagnosis import (
     addition_report,
+    check_report,
     comparison_report,
     diagnosis_report,
     diagnosis_result,
@@ -54,6 +57,45 @@ def read_recordings(paths: Recordings) -> tuple[Run | FrequencyResponse, ...]:
     ready = [each for each in given if isinstance(each, (Run, FrequencyResponse))]
     files = [each for each in given if isinstance(each, (str, Path))]
     return (*ready, *(reading.read_recordings(files) if files or not ready else ()))
+
+
+def check(recordings: Recordings) -> Result[Check]:
+    """Say what recordings hold, what is suspicious about them, and which effects a diagnosis could find in them.
+
+    Parameters
+    ----------
+    recordings
+        Runs, frequency responses, and static tables: files or folders, or what `read_recordings` returned.
+
+    Returns
+    -------
+    Result
+        With `recordings`, `suspicions`, `shown` and `hidden`: effects that the recordings cannot reveal.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used.
+    """
+    given = [recordings] if isinstance(recordings, (str, Path)) else list(recordings)
+    named = [Path(each) for each in given if isinstance(each, (str, Path))]
+    files = [file for path in named for file in (sorted(path.glob("*.csv")) if path.is_dir() else [path])]
+    tables = [path for path in files if is_table(path)]
+    rest = [each for each in given if not isinstance(each, (str, Path)) or not _holds_only(Path(each), tables)]
+    found = checking.check(read_recordings(rest) if rest else (), [facts(path) for path in tables])
+    return Result(
+        found,
+        check_report.document(found),
+        check_report.table(found),
+        partial(check_report.result, found),
+        numbers={each.effect: each.kinds for each in found.shown},
+    )
+
+
+def _holds_only(path: Path, tables: Sequence[Path]) -> bool:
+    """Tell whether a path is a static table, or a folder of nothing else."""
+    inside = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+    return bool(inside) and all(file in tables for file in inside)
 
 
 def compare(

@@ -30,6 +30,7 @@ from flexdesign.cli import effects as effects
 from flexdesign.cli import materials as materials
 from flexdesign.cli import plan as plan
 from flexdesign.cli import import_ as import_
+from flexdesign.cli import check as check
 from flexdesign.cli import init as init
 # isort: on
 

@@ -1,0 +1,13 @@
+"""What recordings hold, what is suspicious about them, and what a diagnosis can tell from them: no model is needed.
+
+`coverage` says which kinds of experiment the recordings are and which effects these reveal; `suspicion` looks for what
+would mislead a fit; `timing` for what happens between samples; `tables` for what does not go together in static tables;
+`checking` puts them together.
+"""
+
+from flexdesign.diagnosis.check.checking import Channel, Check, Recorded, check
+from flexdesign.diagnosis.check.coverage import Shown
+from flexdesign.diagnosis.check.suspicion import Suspicion
+from flexdesign.diagnosis.check.tables import TableFacts, facts, is_table
+
+__all__ = ["Channel", "Check", "Recorded", "Shown", "Suspicion", "TableFacts", "check", "facts", "is_table"]

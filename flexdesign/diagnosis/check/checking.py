@@ -1,0 +1,224 @@
+"""The check of recordings: what is there, what is suspicious, what a diagnosis can tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis.check import coverage, suspicion
+from flexdesign.diagnosis.check.coverage import Shown
+from flexdesign.diagnosis.check.suspicion import Suspicion
+from flexdesign.diagnosis.check.tables import TableFacts
+from flexdesign.measurements.noise_level.floor import NoiseFloor, noise_floor
+from flexdesign.measurements.recordings import FrequencyResponse, Run, split
+
+#: How long a stage rings after its command has come to rest, where no model says it [s].
+SETTLE = 0.2
+#: A response has several samples in each period of what it does; fewer bend every sine.
+FEWEST_PER_PERIOD = 8
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One column of a recording.
+
+    Parameters
+    ----------
+    name, si
+        Its name and its SI unit.
+    low, high
+        Smallest and largest value, SI.
+    missing
+        Share of samples without a value.
+    noise
+        Standard deviation, SI; None where it is unknown or the column is no response.
+    """
+
+    name: str
+    si: str
+    low: float
+    high: float
+    missing: float = 0.0
+    noise: float | None = None
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One recording as it is.
+
+    Parameters
+    ----------
+    name
+        Of the recording.
+    kind
+        What somebody said it is; empty if nobody did.
+    kinds
+        Which kinds of experiment it is, as found.
+    role
+        ``identify``, ``validate`` or ``test``; with both for one that is split in blocks.
+    samples
+        How many samples, or lines of a frequency response.
+    rate
+        Samples per second; of a frequency response zero.
+    seconds
+        How long it is; of a frequency response zero.
+    channels
+        What was recorded.
+    band
+        Lowest and highest frequency of a frequency response [Hz]; None of a run.
+    """
+
+    name: str
+    kind: str
+    kinds: tuple[str, ...]
+    role: str
+    samples: int
+    rate: float
+    seconds: float
+    channels: tuple[Channel, ...]
+    band: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Check:
+    """What was found.
+
+    Parameters
+    ----------
+    recordings
+        What is there.
+    suspicions
+        What may be wrong, in order of the recordings.
+    shown
+        Which effects of the catalogue the recordings can reveal, and which not.
+    noise
+        Where the noise of each response was taken from, in words.
+    tables
+        Static tables, each with what is suspicious about it.
+    """
+
+    recordings: tuple[Recorded, ...]
+    suspicions: tuple[Suspicion, ...]
+    shown: tuple[Shown, ...]
+    noise: dict[str, str]
+    tables: tuple[TableFacts, ...] = ()
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        """Effects that the recordings cannot reveal."""
+        return tuple(each.effect for each in self.shown if not each.kinds)
+
+
+def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableFacts] = ()) -> Check:
+    """Return what recordings hold, what is suspicious, and what a diagnosis can tell from them.
+
+    Parameters
+    ----------
+    recordings
+        Runs and frequency responses.
+    tables
+        What static tables hold.
+
+    Raises
+    ------
+    InputError
+        If there is no recording and no table.
+    """
+    if not recordings and tables:
+        return Check((), tuple(each for table in tables for each in table.suspicions), (), {}, tuple(tables))
+    if not recordings:
+        raise InputError("command line", "RUNS", None, "name at least one recorded run")
+    runs = [each for each in recordings if isinstance(each, Run)]
+    responses = [each for each in recordings if isinstance(each, FrequencyResponse)]
+    parts = split(runs, test=True) if runs else ()
+    suspicions = suspicion.of_runs(parts)
+    floors = {axis: _noise(runs, axis) for axis in dict.fromkeys(axis for run in runs for axis in run.responses)}
+    for axis, floor in floors.items():
+        suspicions += suspicion.of_noise(axis, floor)
+    for response in responses:
+        suspicions += suspicion.of_response(response)
+    suspicions += _of_all(runs, responses, parts)
+    kinds = dict.fromkeys(kind for each in recordings for kind in coverage.kinds_of(each))
+    roles = {
+        run.name: " and ".join(part.role for part in parts if part.name.partition(":")[0] == run.name) for run in runs
+    }
+    there = [_recorded(run, roles[run.name], floors) for run in runs] + [_lines(each) for each in responses]
+    order = {each.name: number for number, each in enumerate(recordings)}
+    there.sort(key=lambda each: order[each.name])
+    return Check(
+        tuple(there),
+        tuple(dict.fromkeys([*suspicions, *(each for table in tables for each in table.suspicions)])),
+        coverage.shown(list(kinds)),
+        {axis: floor.source if floor.known else "unknown" for axis, floor in floors.items()},
+        tuple(tables),
+    )
+
+
+def _noise(runs: Sequence[Run], axis: str) -> NoiseFloor:
+    return noise_floor([run for run in runs if axis in run.columns], axis, settle=SETTLE)
+
+
+def _recorded(run: Run, role: str, floors: dict[str, NoiseFloor]) -> Recorded:
+    channels = []
+    for name, values in run.columns.items():
+        there = values[np.isfinite(values)]
+        floor = floors.get(name)
+        noise = floor.rms.get(run.name) if floor is not None and floor.known else None
+        low, high = (float(there.min()), float(there.max())) if len(there) else (float("nan"), float("nan"))
+        channels.append(Channel(name, run.si[name], low, high, 1 - len(there) / len(values), noise))
+    kinds, seconds = coverage.kinds_of(run), float(run.time[-1] - run.time[0])
+    return Recorded(run.name, run.kind, kinds, role, len(run.time), 1 / run.period, seconds, tuple(channels))
+
+
+def _lines(response: FrequencyResponse) -> Recorded:
+    size = np.abs(response.response[response.present])
+    unit = "1" if response.si == "V" else f"{response.si}/V"
+    channel = Channel(f"response of {response.axis or 'the axis'}", unit, float(size.min()), float(size.max()))
+    band = (float(response.frequencies[0]), float(response.frequencies[-1]))
+    count = len(response.frequencies)
+    return Recorded(response.name, response.kind, ("multisine",), response.role, count, 0.0, 0.0, (channel,), band)
+
+
+def _of_all(runs: Sequence[Run], responses: Sequence[FrequencyResponse], parts: Sequence[Run]) -> list[Suspicion]:
+    """Return what is suspicious of the recordings together."""
+    found = []
+    if runs and not any(part.role != "identify" for part in parts):
+        remedy = 'record a second run, or state role = "validate" for one: a fit is judged by what it has not seen'
+        found.append(Suspicion("", "no run can be kept for validation", remedy))
+    for name, (least, most) in coverage.levels_of(runs).items():
+        if most < 1.5 * least and len(runs) > 1:
+            remedy = "record the same command small and large: nonlinear effects show in the difference"
+            found.append(Suspicion("", f"{name} has one size in all runs, {most:.4g} V peak to peak", remedy))
+    for run in runs:
+        for axis in run.responses:
+            if (fastest := _resonance(run, axis)) and 1 / run.period < FEWEST_PER_PERIOD * fastest:
+                what = f"{axis} rings at about {fastest:.4g} Hz and is sampled at {1 / run.period:.5g} Hz"
+                remedy = f"sample {FEWEST_PER_PERIOD} times in a period or more"
+                found.append(Suspicion(run.name, what, remedy))
+    return found
+
+
+def _resonance(run: Run, axis: str) -> float | None:
+    """Return the frequency of a clear peak of the response over its command; None if there is none."""
+    from scipy.signal import csd, welch
+
+    from flexdesign.measurements.recordings.run import commanded_by
+
+    column = commanded_by(axis, run.columns)
+    values = run.columns[axis]
+    if len(run.commands) != 1 or column is None or not np.isfinite(values).all() or len(values) < 256:
+        return None
+    if np.ptp(run.columns[column]) == 0:
+        return None
+    length = min(4096, len(values) // 4)
+    frequencies, across = csd(run.columns[column], values, fs=1 / run.period, nperseg=length, detrend="linear")
+    _, power = welch(run.columns[column], fs=1 / run.period, nperseg=length, detrend="linear")
+    driven = power > 1e-4 * power.max()
+    if np.count_nonzero(driven) < 0.2 * len(power):
+        return None
+    gain = np.where(driven, np.abs(across) / np.where(driven, power, 1.0), 0.0)
+    top = int(np.argmax(gain))
+    return float(frequencies[top]) if top > 2 and gain[top] > 3 * np.median(gain[driven]) else None

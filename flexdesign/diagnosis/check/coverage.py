@@ -1,0 +1,163 @@
+"""Which kinds of experiment recordings are, and which effects of the catalogue these can reveal.
+
+The kinds are those of `experiment_design.signature.WORDS`, by which the catalogue says what reveals an effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign import effects
+from flexdesign.diagnosis.experiment_design.signature import WORDS, named
+from flexdesign.measurements.recordings import FrequencyResponse, Run
+
+Array = NDArray[np.float64]
+#: A command stands still where it moves by less than this share of its span; a step moves by more than that share.
+STILL, STEP = 1e-3, 0.02
+#: Quiet for so many samples; held for so long [s] after a step: a decade of creep.
+QUIET, HOLD = 100, 10.0
+#: A spectrum of so many octaves, at half a percent of its largest line, is that of a multisine or noise.
+OCTAVES, LINE = 2.0, 5e-3
+#: A rise or a fall has so many samples.
+STROKE = 10
+#: Levels at which a staircase rests; rises and falls of a slow command.
+LEVELS, TURNS = 4, 3
+#: A temperature that changes by so much [K] shows what heat does.
+WARMER = 0.5
+#: What the catalogue calls each kind, in words of the result.
+SAID = {
+    "quiet": "a quiet stretch",
+    "steps": "steps",
+    "multisine": "a broad band of frequencies",
+    "triangle": "a slow command that turns",
+    "staircase": "several levels, with motion about them",
+    "hold": f"a step held for {HOLD:.0f} s or more",
+    "push": "a force on the stage",
+    "temperature": f"a change of temperature of {WARMER:g} K",
+    "other axis": "another axis driven",
+}
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Whether recordings can reveal an effect.
+
+    Parameters
+    ----------
+    effect
+        Its name.
+    kinds
+        Kinds of experiment that are there and reveal it; empty if none does.
+    lacking
+        What would reveal it, in the catalogue's words.
+    """
+
+    effect: str
+    kinds: tuple[str, ...]
+    lacking: str = ""
+
+
+def shown(kinds: Sequence[str]) -> tuple[Shown, ...]:
+    """Return what some kinds of experiment reveal of every effect of the catalogue that acts in time."""
+    found = []
+    for name in effects.names():
+        effect = effects.find(name)
+        if effect.acts_in_time:
+            there = tuple(kind for kind in WORDS if kind in kinds and named(effect.reveal, kind))
+            found.append(Shown(name, there, "" if there else effect.reveal))
+    return tuple(found)
+
+
+def kinds_of(recording: Run | FrequencyResponse) -> tuple[str, ...]:
+    """Return which kinds of experiment a recording is.
+
+    >>> t = np.arange(2000) * 1e-3
+    >>> kinds_of(Run("loop", t, {"u": np.abs(t % 1 - 0.5), "x": t}, {"u": "V", "x": "m"}))
+    ('triangle',)
+    """
+    if isinstance(recording, FrequencyResponse):
+        return ("multisine",)
+    found = set()
+    commands = {name: recording.columns[name] for name in recording.commands}
+    if sum(np.ptp(values) > 0 for values in commands.values()) and len(recording.responses) > 1 and len(commands) > 1:
+        found.add("other axis")
+    for values in commands.values():
+        found |= _of_command(values, recording.period)
+    if _span(recording, "T") > WARMER:
+        found.add("temperature")
+    if any(_span(recording, name) > 0 for name in ("f", "fx", "fy", "fz")):
+        found.add("push")
+    return tuple(kind for kind in WORDS if kind in found)
+
+
+def _span(run: Run, column: str) -> float:
+    values = run.columns.get(column, np.zeros(0))
+    there = values[np.isfinite(values)]
+    return float(np.ptp(there)) if len(there) else 0.0
+
+
+def _of_command(values: Array, period: float) -> set[str]:
+    span = float(np.ptp(values))
+    if span == 0:
+        return {"quiet"} if len(values) >= QUIET else set()
+    found = set()
+    rests = resting(values)
+    lengths = [last - first for first, last in rests]
+    jumps = np.abs(np.diff(values)) > STEP * span
+    if max(lengths, default=0) >= QUIET:
+        found.add("quiet")
+    if lengths and 0 < np.count_nonzero(jumps) <= len(values) / 20:
+        found.add("steps")
+        if max(lengths) * period >= HOLD:
+            found.add("hold")
+    if _octaves(values) >= OCTAVES and not lengths_cover(lengths, len(values)):
+        found.add("multisine")
+    levels = {round(float(np.mean(values[first:last])) / span, 2) for first, last in rests}
+    if len(levels) >= LEVELS:
+        found.add("staircase")
+    if "multisine" not in found and _strokes(values) >= TURNS:
+        found.add("triangle")
+    return found
+
+
+def _strokes(values: Array) -> int:
+    """Return how often a command rises or falls for a while, without a jump."""
+    rising = np.sign(np.diff(values))
+    ends = np.flatnonzero(np.diff(rising, prepend=2, append=2) != 0)
+    steps = [(int(a), int(b)) for a, b in pairwise(ends) if rising[a] != 0 and b - a >= STROKE]
+    return sum(abs(values[b] - values[a]) > STEP * np.ptp(values) for a, b in steps)
+
+
+def lengths_cover(lengths: Sequence[int], count: int) -> bool:
+    """Tell whether rests take most of a record."""
+    return sum(lengths) > 0.5 * count
+
+
+def resting(values: Array) -> list[tuple[int, int]]:
+    """Return first and one past the last sample of each stretch of ten samples or more in which a command rests."""
+    still = np.abs(np.diff(values)) <= STILL * float(np.ptp(values))
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
+    return [(int(a), int(b) + 1) for a, b in ends.reshape(-1, 2) if b - a >= 10]
+
+
+def _octaves(values: Array) -> float:
+    """Return over how many octaves a command is spread, each with a part of its power."""
+    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
+    edges = np.unique(np.geomspace(1, len(power), 2 * int(np.log2(max(len(power), 2))) + 1).astype(int))
+    bands = np.add.reduceat(power, edges[edges < len(power)]) if len(power) > 1 else power
+    return 0.5 * float(np.count_nonzero(bands > LINE * bands.sum()) - 1)
+
+
+def levels_of(runs: Sequence[Run]) -> Mapping[str, tuple[float, float]]:
+    """Return the smallest and the largest span of each command over the runs in which it moves [V]."""
+    spans: dict[str, list[float]] = {}
+    for run in runs:
+        for name in run.commands:
+            if (span := float(np.ptp(run.columns[name]))) > 0:
+                spans.setdefault(name, []).append(span)
+    return {name: (min(each), max(each)) for name, each in spans.items()}

@@ -1,0 +1,255 @@
+"""What would mislead a fit: commands that repeat, clipped or held ones, filtered noise, readings that do not follow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.diagnosis.check.timing import timing_of
+from flexdesign.measurements.noise_level.floor import NoiseFloor
+from flexdesign.measurements.recordings import FrequencyResponse, Run
+from flexdesign.measurements.recordings.run import commanded_by
+
+Array = NDArray[np.float64]
+#: Commands that differ by less than this share of their span are equal.
+EQUAL = 1e-3
+#: A command is clipped if it stands at an end of its range in so many separate stretches, and this share of the record.
+STRETCHES, CLIPPED = 3, 0.02
+#: Noise is filtered if its density in the upper part of the band is below this share of that in the middle.
+FILTERED = 0.1
+#: A coherence below this: the response does not follow its command.
+FOLLOWS = 0.2
+#: A command that is held changes so often, and is held for no more samples: else it is one of levels.
+MANY, LONGEST = 50, 20
+#: Lines with a coherence below this say little.
+COHERENT = 0.8
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """Something that may be wrong.
+
+    Parameters
+    ----------
+    recording
+        Where; empty if it concerns all.
+    what
+        What was seen, in a sentence without its full stop.
+    remedy
+        What to do about it.
+    """
+
+    recording: str
+    what: str
+    remedy: str
+
+
+def of_runs(runs: Sequence[Run]) -> list[Suspicion]:
+    """Return what is suspicious of runs, once roles are given: see `splitting.split`."""
+    said = dict.fromkeys((run.name.partition(":")[0], remark) for run in runs for remark in run.remarks)
+    found = [
+        Suspicion(name, remark, _REMEDIES.get(_about(remark), ""))
+        for name, remark in said
+        if "blocks of one record" not in remark
+    ]
+    found += _equal_commands(runs)
+    whole = {run.name.partition(":")[0]: run for run in runs}
+    for name, run in whole.items():
+        found += _of_command(name, run)
+        for response in run.responses:
+            found += _of_response(name, run, response)
+    return found
+
+
+def _about(remark: str) -> str:
+    return next((word for word in _REMEDIES if word in remark), "")
+
+
+#: What to do about a remark of a reader, by a word in it.
+_REMEDIES = {
+    "saturated": "record again with a smaller motion; these samples are not used",
+    "end of its range": "record again with a smaller motion; these samples are not used",
+    "stuck": "check the sensor; these samples are not used",
+    "resampled": "record with a fixed clock: interpolation adds errors that a fit may take for an effect",
+    "missing before": "samples were dropped; a slower rate, or a larger buffer",
+    "bridged": "samples of the command were dropped; a slower rate, or a larger buffer",
+    "out of order": "check how the file was put together",
+    "copies": "check how the file was put together",
+    "beyond the limits": "correct limits, scale or bias in measurements.toml",
+    "rounded": "write times with more digits",
+}
+
+
+def _equal_commands(runs: Sequence[Run]) -> list[Suspicion]:
+    """Return pairs of a fitted and another run with one command: the second tests memory, not the model."""
+    found = []
+    fitted = [run for run in runs if run.role == "identify"]
+    for other in (run for run in runs if run.role != "identify"):
+        for run in fitted:
+            if run.name.partition(":")[0] != other.name.partition(":")[0] and _same(run, other):
+                what = f"has the same command as {run.name}, which is fitted"
+                remedy = "validate on another command, or swap roles: a repeated run cannot show what the model lacks"
+                found.append(Suspicion(other.name, what, remedy))
+                break
+    return found
+
+
+def _same(one: Run, other: Run) -> bool:
+    count = min(len(one.time), len(other.time))
+    if one.commands != other.commands or count < 0.9 * max(len(one.time), len(other.time)):
+        return False
+    spans = [float(np.ptp(one.columns[name])) for name in one.commands]
+    if not any(spans):
+        return False
+    return all(
+        float(np.abs(one.columns[name][:count] - other.columns[name][:count]).max()) <= EQUAL * span
+        for name, span in zip(one.commands, spans, strict=True)
+    )
+
+
+def _of_command(name: str, run: Run) -> list[Suspicion]:
+    found = []
+    for column in run.commands:
+        values = run.columns[column]
+        if np.ptp(values) == 0:
+            continue
+        if (every := held_for(values)) > 1:
+            rate = 1 / (every * run.period)
+            what = f"{column} changes at every {every}. sample only: it is held, at {rate:.5g} Hz"
+            remedy = "" if run.between_is_stated else 'write between_samples = "hold" in measurements.toml'
+            found.append(Suspicion(name, what, remedy))
+        for end, said in ((values.max(), "largest"), (values.min(), "smallest")):
+            if _is_clipped(values, float(end)):
+                what = f"{column} stays at its {said} value, {end:.5g} V, in many stretches: it looks clipped"
+                remedy = "state the limits of the driver in the model, or record the voltage behind it"
+                found.append(Suspicion(name, what, remedy))
+    return found
+
+
+def held_for(values: Array) -> int:
+    """Return after how many samples a command changes, if it changes at multiples of them alone; else 1.
+
+    >>> held_for(np.repeat(np.arange(60.0) % 7, 4))
+    4
+    """
+    places = np.flatnonzero(np.diff(values) != 0) + 1
+    if len(places) < MANY:
+        return 1
+    steps = np.diff(places)
+    every = int(np.gcd.reduce(steps))
+    return every if 1 < every <= LONGEST and len(places) >= MANY and len(places) * every > 0.5 * len(values) else 1
+
+
+def _is_clipped(values: Array, end: float) -> bool:
+    """Tell whether a smooth command rests at one end in several stretches, and nowhere else as long."""
+    near = 1e-9 * float(np.ptp(values))
+    at_end = np.abs(values - end) <= near
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], at_end, [False]]).astype(int))).reshape(-1, 2)
+    long = [b - a for a, b in ends if b - a >= 3]
+    rests = np.diff(values) == 0
+    between = (values > values.min() + near) & (values < values.max() - near)
+    elsewhere = np.count_nonzero(rests & between[1:])
+    return len(long) >= STRETCHES and sum(long) > CLIPPED * len(values) and elsewhere < 0.2 * sum(long)
+
+
+def _of_response(name: str, run: Run, response: str) -> list[Suspicion]:
+    found = []
+    values, column = run.columns[response], commanded_by(response, run.columns)
+    if run.si[response] == "V" and column is not None:
+        remedy = "if that is the voltage of a sensor, give its scale when you import it"
+        found.append(Suspicion("", f"{response} is in volts", remedy))
+    if column is None or np.ptp(run.columns[column]) == 0:
+        return found
+    if (agrees := coherence(run.columns[column], values)) is not None and agrees < FOLLOWS:
+        what = f"{response} hardly follows {column}: their coherence is {agrees:.2f}"
+        found.append(Suspicion(name, what, "check that both were recorded together, and the names of the columns"))
+        return found
+    if (timing := timing_of(run, response)) is not None:
+        if timing.ahead:
+            what = f"{response} answers {column} before it changes: the columns are shifted by a sample"
+            found.append(Suspicion(name, what, "check the trigger; shift one of the columns by a row"))
+        elif timing.held and not run.between_is_stated:
+            what = f"{response} answers {column} half a sample later than straight lines between its samples make it"
+            remedy = 'the command was held: write between_samples = "hold" in measurements.toml; else it looks late'
+            found.append(Suspicion(name, what, remedy))
+    return found
+
+
+def coherence(command: Array, response: Array) -> float | None:
+    """Return how much of a response follows its command linearly, in the band in which the command has its power."""
+    from scipy.signal import coherence as spectrum
+    from scipy.signal import welch
+
+    there = np.isfinite(response)
+    if there.mean() < 0.9 or len(command) < 64:
+        return None
+    filled = np.interp(np.arange(len(response)), np.flatnonzero(there), response[there])
+    if np.ptp(filled) == 0:
+        return 0.0
+    length = min(max(64, len(command) // 8), 4096)
+    _, power = welch(command, nperseg=length, detrend="linear")
+    _, agrees = spectrum(command, filled, nperseg=length, detrend="linear")
+    usable = np.isfinite(agrees)
+    weight = np.where(usable, power, 0.0)
+    return float((weight @ np.nan_to_num(agrees)) / weight.sum()) if weight.sum() > 0 else None
+
+
+def of_noise(response: str, noise: NoiseFloor) -> list[Suspicion]:
+    """Return what is suspicious of the noise of a response."""
+    found = [Suspicion("", f"noise of {response}: {remark}", "") for remark in noise.remarks]
+    if not noise.known:
+        remedy = 'record a quiet stretch or one command twice, or write noise = "3 nm" in measurements.toml'
+        return [*found, Suspicion("", f"the noise of {response} is unknown: nothing shows it alone", remedy)]
+    for name in noise.rms:
+        if (density := _upper_density(noise, name)) < FILTERED:
+            what = f"the noise of {response} is filtered: near the Nyquist frequency its density falls to {density:.2g}"
+            remedy = "switch filters and averaging off, or give the sensor its bandwidth in the model: filters delay"
+            return [*found, Suspicion(name, what, remedy)]
+    return found
+
+
+def _upper_density(noise: NoiseFloor, name: str) -> float:
+    """Return the density of the noise near the Nyquist frequency over that in the middle of the band."""
+    coefficients = noise.whitening.process(name).coefficients
+    lags = np.arange(len(coefficients))
+
+    def density(low: float, high: float) -> float:
+        frequencies = np.linspace(low, high, 20)
+        transfer = np.exp(-2j * np.pi * np.outer(frequencies, lags)) @ coefficients
+        return float(np.mean(1 / np.abs(transfer) ** 2))
+
+    return density(0.42, 0.5) / density(0.1, 0.2)
+
+
+def of_response(response: FrequencyResponse) -> list[Suspicion]:
+    """Return what is suspicious of a frequency response."""
+    found = [Suspicion(response.name, remark, "") for remark in response.remarks]
+    if response.coherence is None:
+        remedy = "record the coherence and the number of averages: they tell the noise of each line"
+        found.append(Suspicion(response.name, "has no coherence", remedy))
+    elif (share := float(np.mean(response.coherence < COHERENT))) > 0.1:
+        what = f"{share:.0%} of its lines have a coherence below {COHERENT:g}"
+        found.append(Suspicion(response.name, what, "average longer, or drive harder"))
+    elif response.averages is None:
+        remedy = "write averages = ... for it in measurements.toml: with the coherence it tells the noise"
+        found.append(Suspicion(response.name, "nobody says how many averages it is the mean of", remedy))
+    step = float(np.median(np.diff(response.frequencies)))
+    if (sharp := _sharpest(response)) and sharp[1] < 3 * step:
+        what = f"its peak at {sharp[0]:.4g} Hz is {sharp[1]:.3g} Hz wide, its lines are {step:.3g} Hz apart"
+        found.append(Suspicion(response.name, what, "measure more lines about the peak: damping is read from them"))
+    return found
+
+
+def _sharpest(response: FrequencyResponse) -> tuple[float, float] | None:
+    """Return frequency and width at half the power of the largest peak inside the band."""
+    size = np.abs(np.nan_to_num(response.response))
+    top = int(np.argmax(size))
+    if not 0 < top < len(size) - 1:
+        return None
+    above = size >= size[top] / np.sqrt(2)
+    left = top - int(np.argmin(above[: top + 1][::-1])) if not above[: top + 1].all() else 0
+    right = top + int(np.argmin(above[top:])) if not above[top:].all() else len(size) - 1
+    return float(response.frequencies[top]), float(response.frequencies[right] - response.frequencies[left])

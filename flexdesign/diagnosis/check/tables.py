@@ -1,0 +1,185 @@
+"""Static tables without their design: what was measured of how many parts, and whether it goes together.
+
+A linear part with one input and one output has three compliances, so that four measurements of it must agree: with
+K_out of the input free and held, 1/K_out,free - 1/K_out,held = lambda^2 / K_in,free (reciprocity of both compliances).
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from flexdesign.core import units
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis.check.suspicion import Suspicion
+from flexdesign.measurements.static_table import AXIS, HEAD, QUANTITIES
+
+#: Where nobody states a standard deviation a measurement is trusted to this share.
+TRUSTED = 0.02
+#: Differences beyond so many standard deviations are no noise.
+SIGMAS = 4.0
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One row of a table, SI.
+
+    Parameters
+    ----------
+    quantity, boundary
+        What was measured, the other port free, held, or with the actuator installed.
+    value, sigma
+        The value and its standard deviation; None where nobody says.
+    part
+        Everything else in the row, which tells one part from another.
+    line
+        Of the file.
+    """
+
+    quantity: str
+    boundary: str
+    value: float
+    sigma: float | None
+    part: tuple[tuple[str, str], ...]
+    line: int
+
+    @property
+    def doubt(self) -> float:
+        """Standard deviation, relative."""
+        return TRUSTED if self.sigma is None else self.sigma / abs(self.value)
+
+
+@dataclass(frozen=True)
+class TableFacts:
+    """What a table holds.
+
+    Parameters
+    ----------
+    name
+        The stem of its file.
+    rows
+        Its measurements.
+    suspicions
+        What does not go together.
+    """
+
+    name: str
+    rows: tuple[Measured, ...]
+    suspicions: tuple[Suspicion, ...]
+
+    @property
+    def parts(self) -> int:
+        """How many different parts were measured."""
+        return len({row.part for row in self.rows})
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """What was measured, each with its boundary."""
+        return tuple(dict.fromkeys(f"{row.quantity}, {row.boundary}" for row in self.rows))
+
+
+def is_table(path: Path) -> bool:
+    """Tell whether a CSV file is a static table: its header begins with ``quantity``."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            header = next((line for line in file if line.strip() and not line.lstrip().startswith("#")), "")
+    except (OSError, UnicodeDecodeError):
+        return False
+    return "quantity" in (cell.strip() for cell in header[:1000].split(","))
+
+
+def facts(path: Path) -> TableFacts:
+    """Return what a static table holds and what is suspicious about it.
+
+    Raises
+    ------
+    InputError
+        If it lacks a column, or a value or unit cannot be used.
+    """
+    rows = _read(path)
+    found = []
+    if all(row.sigma is None for row in rows):
+        remedy = f"write sigma, such as 0.5 %; without it {100 * TRUSTED:g} % is assumed here"
+        found.append(Suspicion(path.stem, "no row states its standard deviation", remedy))
+    for part in dict.fromkeys(row.part for row in rows):
+        found += _of_part(path.stem, [row for row in rows if row.part == part])
+    if len({row.part for row in rows}) == 1:
+        remedy = "measure parts that differ in a dimension: they tell a wrong modulus from hinges that are too thin"
+        found.append(Suspicion(path.stem, "all rows are of one part", remedy))
+    measured = {row.quantity for row in rows}
+    if lacking := [name for name in QUANTITIES if name not in measured]:
+        words = ", ".join(f"{name} ({QUANTITIES[name][2]})" for name in lacking)
+        found.append(Suspicion(path.stem, f"{words} was not measured", "several effects differ in it alone"))
+    return TableFacts(path.stem, tuple(rows), tuple(found))
+
+
+def _of_part(name: str, rows: Sequence[Measured]) -> list[Suspicion]:
+    found, first = [], dict[tuple[str, str], Measured]()
+    for row in rows:
+        same = first.setdefault((row.quantity, row.boundary), row)
+        if same is not row:
+            off = abs(row.value / same.value - 1)
+            if off > SIGMAS * math.hypot(row.doubt, same.doubt):
+                what = f"lines {same.line} and {row.line}: {row.quantity}, {row.boundary}, differs by {100 * off:.3g} %"
+                found.append(Suspicion(name, what, "check both, or give the column that tells the parts apart"))
+    needed = [("K_in", "free"), ("lambda", "free"), ("K_out", "free"), ("K_out", "held")]
+    of = {(quantity, boundary.split()[-1]): row for (quantity, boundary), row in first.items()}
+    if all(key in of for key in needed):
+        k_in, ratio, free, held = (of[key] for key in needed)
+        driven, released = ratio.value**2 / k_in.value, 1 / free.value - 1 / held.value
+        doubt = math.hypot(
+            driven * math.hypot(2 * ratio.doubt, k_in.doubt), free.doubt / free.value, held.doubt / held.value
+        )
+        if abs(driven - released) > SIGMAS * doubt:
+            what = (
+                f"lines {', '.join(str(row.line) for row in (k_in, ratio, free, held))} do not go together: "
+                f"1/K_out,free - 1/K_out,held is {released / driven:.3f} times lambda^2 / K_in"
+            )
+            found.append(Suspicion(name, what, "one of the four is wrong, or its boundary was not what the table says"))
+    return found
+
+
+def _read(path: Path) -> list[Measured]:
+    try:
+        lines = list(enumerate(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()), start=1))
+    except OSError as error:
+        raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(path, "", None, "is no table in CSV and UTF-8; save it again") from error
+    kept = [(n, [cell.strip() for cell in cells]) for n, cells in lines if any(c.strip() for c in cells)]
+    kept = [(n, cells) for n, cells in kept if not cells[0].startswith("#")]
+    (_, head), *body = kept or [(0, [])]
+    if lacking := [name for name in HEAD if name not in (*head, "sigma")]:
+        raise InputError(path, "header", None, f"there is no column {lacking[0]}; the header is {','.join(HEAD)}")
+    if not body:
+        raise InputError(path, "", None, "holds no measurement; write one in each row")
+    rows = []
+    for line, cells in body:
+        if len(cells) != len(head):
+            raise InputError(path, f"line {line}", f"{len(cells)} cells", f"the header has {len(head)}")
+        rows.append(_row(path, line, dict(zip(head, cells, strict=True))))
+    return rows
+
+
+def _row(path: Path, line: int, cells: dict[str, str]) -> Measured:
+    quantity = cells["quantity"]
+    if quantity not in QUANTITIES:
+        raise InputError(path, f"line {line}, column quantity", quantity, f"known: {', '.join(QUANTITIES)}")
+    unit = cells["unit"] or "1"
+    try:
+        scale = units.factor(unit, QUANTITIES[quantity][0])
+        value, told = float(cells["value"]), cells.get("sigma", "")
+        share = told.endswith("%")
+        sigma = float(told.rstrip("% ")) * (abs(value) / 100 if share else 1) if told else None
+    except ValueError as error:
+        raise InputError(
+            path, f"line {line}", cells["value"], f"has no number or unit that can be used: {error}"
+        ) from None
+    if not (math.isfinite(value * scale) and value):
+        raise InputError(path, f"line {line}, column value", cells["value"], "is zero or not finite; leave the row out")
+    rest = tuple((name, cell) for name, cell in cells.items() if name not in HEAD and name != AXIS and cell)
+    boundary = ", ".join(text for text in (cells.get(AXIS, ""), cells["boundary"]) if text)
+    return Measured(quantity, boundary, value * scale, None if sigma is None else sigma * scale, rest, line)

@@ -1,0 +1,263 @@
+"""`flexdesign check`: recordings with one fault each, put there on purpose, and clean ones, where nothing is said."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, lfilter, ss2tf
+
+import flexdesign as fd
+from flexdesign.diagnosis.check import coverage, suspicion, timing
+from flexdesign.measurements.recordings import Run, write_run
+
+ROOT = Path(__file__).resolve().parent.parent
+SHARED = ROOT.parent / "shared" / "data"
+RATE, N = 1000.0, 4000
+T = np.arange(N) / RATE
+NOISE = 20e-9
+
+
+def multisine(seed: int, span: float = 50.0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    made = sum(np.cos(2 * np.pi * k * 2 * T + rng.uniform(0, 6.28)) for k in range(1, 150))
+    made[:1000] = 0.0
+    return 60 + span * made / np.ptp(made)
+
+
+def reading(u: np.ndarray, seed: int = 0, *, method: str = "foh", noise: float = NOISE, f0: float = 90.0) -> np.ndarray:
+    """Return the response of a mass on a spring, by SciPy's discretisation of it."""
+    w = 2 * np.pi * f0
+    a, b = np.array([[0, 1], [-(w**2), -0.06 * w]]), np.array([[0], [2e-6 * w**2]])
+    *system, _ = cont2discrete((a, b, np.array([[1.0, 0.0]]), np.zeros((1, 1))), 1 / RATE, method=method)
+    numerator, denominator = ss2tf(*system)
+    x = lfilter(numerator[0], denominator, u - u[0]) + 2e-6 * u[0]
+    return np.asarray(x + noise * np.random.default_rng(seed).normal(size=len(u)))
+
+
+def run(name: str, u: np.ndarray, x: np.ndarray, **more: Any) -> Run:
+    return Run(name, T, {"u": u, "x": x}, {"u": "V", "x": "m"}, **more)
+
+
+def clean() -> list[Run]:
+    small = multisine(2, 10.0)
+    return [run("a", multisine(1), reading(multisine(1), 1)), run("b", small, reading(small, 2), role="validate")]
+
+
+def said(*runs: Run) -> str:
+    return "\n".join(f"{s.recording}: {s.what} -> {s.remedy}" for s in fd.check(runs).suspicions)
+
+
+def test_nothing_is_said_of_clean_recordings() -> None:
+    assert said(*clean()) == ""
+    found = fd.check(clean())
+    assert all({"quiet", "multisine"} <= set(each.kinds) for each in found.recordings)
+    channel = next(c for c in found.recordings[0].channels if c.name == "x")
+    assert channel.noise == pytest.approx(NOISE, rel=0.1)
+
+
+def test_equal_commands_in_fitted_and_validation_runs() -> None:
+    one, other = clean()
+    again = run("again", one.command(), reading(one.command(), 9), role="validate")
+    assert "again: has the same command as a, which is fitted" in said(one, other, again)
+
+
+def test_half_a_sample() -> None:
+    u = multisine(1)
+    held = run("a", u, reading(u, 1, method="zoh"))
+    assert "half a sample later than straight lines between its samples make it -> the command was held: write" in said(
+        held, clean()[1]
+    )
+    assert "half a sample" not in said(replace(held, between_samples="hold", between_is_stated=True), clean()[1])
+
+
+@pytest.mark.parametrize("noise", [2e-9, 20e-9, 100e-9])
+def test_timing_is_never_told_wrongly(noise: float) -> None:
+    """Held and linear commands of several kinds, resonances and noise: unclear is allowed, wrong is not."""
+    told = 0
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        for f0 in (60.0, 118.0, 250.0):
+            for u in (
+                multisine(seed),
+                rng.normal(size=N),
+                np.repeat(rng.normal(size=N // 100), 100),
+                50 * np.abs(T % 1 - 0.5),
+            ):
+                for method in ("foh", "zoh"):
+                    found = timing.timing_of(run("a", u, reading(u, seed, method=method, noise=noise, f0=f0)), "x")
+                    if found is not None:
+                        assert not found.ahead
+                        assert found.held in (None, method == "zoh")
+                        told += found.held is not None
+    assert told > 20
+
+
+def test_columns_that_are_shifted() -> None:
+    one, other = clean()
+    early = run("a", one.command(), np.roll(one.measured(), -2))
+    assert "x answers u before it changes: the columns are shifted by a sample" in said(early, other)
+
+
+def test_a_held_command() -> None:
+    u = np.repeat(multisine(3)[::4], 4)
+    assert "u changes at every 4. sample only: it is held, at 250 Hz" in said(run("a", u, reading(u)), clean()[1])
+
+
+def test_a_clipped_command() -> None:
+    u = np.clip(60 + 80 * np.sin(2 * np.pi * 5 * T), 0, 120)
+    text = said(run("a", u, reading(u)), clean()[1])
+    assert "u stays at its largest value, 120 V, in many stretches: it looks clipped" in text
+
+
+def test_a_response_that_does_not_follow() -> None:
+    one, other = clean()
+    other_noise = reading(np.random.default_rng(5).normal(size=N), 3)
+    assert "x hardly follows u: their coherence is 0." in said(run("a", one.command(), other_noise), other)
+
+
+def test_filtered_noise() -> None:
+    runs = [
+        replace(each, columns={"u": each.command(), "x": each.measured() - reading(each.command(), noise=0) + 0})
+        for each in clean()
+    ]
+    filtered = []
+    for each in runs:
+        colour = lfilter([0.25, 0.25, 0.25, 0.25], [1.0], each.measured())
+        filtered.append(replace(each, columns={"u": each.command(), "x": reading(each.command(), noise=0) + colour}))
+    assert "the noise of x is filtered" in said(*filtered)
+
+
+def test_unknown_noise_one_size_and_no_validation() -> None:
+    u = 60 + 50 * np.sin(2 * np.pi * 3.3 * T)
+    lone = Run("a", T[:300], {"u": u[:300], "x": reading(u)[:300]}, {"u": "V", "x": "m"})
+    text = said(lone)
+    assert "the noise of x is unknown" in text and "no run can be kept for validation" in text
+    v = 60 + 50 * np.sin(2 * np.pi * 4.7 * T + 1)
+    assert "u has one size in all runs, 100 V peak to peak" in said(run("a", u, reading(u)), run("b", v, reading(v)))
+
+
+def test_too_few_samples_in_a_period() -> None:
+    u = multisine(1)
+    assert "x rings at about" in said(run("a", u, reading(u, f0=220.0)), clean()[1])
+
+
+def test_faults_that_the_reader_finds_get_a_remedy(tmp_path: Path) -> None:
+    u = multisine(1)
+    x = np.clip(reading(u), None, 1.5e-4)
+    write_run(
+        tmp_path / "a.csv",
+        np.delete(T, [50, 900]),
+        {"u [V]": np.delete(u, [50, 900]), "x [um]": np.delete(x, [50, 900])},
+    )
+    text = "\n".join(f"{s.what} -> {s.remedy}" for s in fd.check(tmp_path).suspicions)
+    assert "2 rows are missing before" in text and "samples were dropped" in text
+    assert "x is saturated" in text and "record again with a smaller motion" in text
+
+
+# --- coverage
+
+KINDS: dict[str, tuple[np.ndarray, str]] = {
+    "triangle": (50 * np.abs((1.7 * T) % 1 - 0.5), "triangle"),
+    "slow sine": (50 * np.sin(2 * np.pi * T), "triangle"),
+    "multisine": (multisine(1), "multisine"),
+    "noise": (np.random.default_rng(1).normal(size=N), "multisine"),
+    "step": (np.where(T > 1, 50.0, 0.0), "steps"),
+    "levels": (np.repeat([0.0, 30, 10, 50, 20, 40, 5, 35], N // 8), "staircase"),
+    "rest": (np.full(N, 20.0), "quiet"),
+}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_kinds_of_experiment(name: str) -> None:
+    u, kind = KINDS[name]
+    found = coverage.kinds_of(run("a", u, u))
+    assert kind in found
+    assert kind == "multisine" or "multisine" not in found
+    assert kind == "triangle" or "triangle" not in found
+
+
+def test_what_is_shown_follows_from_the_experiments() -> None:
+    quiet = run("a", np.full(N, 20.0), reading(np.full(N, 20.0)))
+    step = Run(
+        "b",
+        np.arange(15000) / RATE,
+        {"u": np.where(np.arange(15000) > 100, 50.0, 0.0), "x": np.zeros(15000)},
+        {"u": "V", "x": "m"},
+    )
+    assert "mains_hum" not in fd.check([quiet]).hidden and "creep" in fd.check([quiet]).hidden
+    assert "creep" not in fd.check([step]).hidden
+    assert fd.check([quiet])["creep"] == ()
+    warm = replace(quiet, columns={**quiet.columns, "T": 293 + T}, si={**quiet.si, "T": "K"})
+    assert "thermal_expansion" not in fd.check([warm]).hidden
+
+
+# --- frequency responses and static tables
+
+
+def test_frequency_responses(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    f = np.arange(10.0, 300.0, 10.0)
+    h = 2.0 / (1 - (f / 118) ** 2 + 2j * 0.01 * f / 118)
+    rows = "\n".join(f"{a},{abs(b):.6g},{np.angle(b, deg=True):.6g}" for a, b in zip(f, h, strict=True))
+    (tmp_path / "r.csv").write_text("f [Hz],magnitude [um/V],phase [deg]\n" + rows + "\n")
+    ended = command_line("check", "r.csv")
+    assert ended.code == 0
+    text = " ".join(ended.stdout.split())
+    assert "29 lines" in text and "10.00 to 290.0 Hz" in text
+    assert "has no coherence" in text and "its lines are 10 Hz apart" in text
+
+
+def test_a_static_table_that_goes_together_and_one_that_does_not(tmp_path: Path) -> None:
+    table = (ROOT / "studies" / "hidden_over_cut" / "bench.csv").read_text()
+    (tmp_path / "t.csv").write_text(table)
+    found = fd.check(tmp_path / "t.csv")
+    assert not found.suspicions and found.tables[0].parts == 3
+    (tmp_path / "t.csv").write_text(table.replace("K_out,4.386", "K_out,4.786"))
+    (only,) = fd.check(tmp_path / "t.csv").suspicions
+    assert "lines 3, 4, 5, 6 do not go together" in only.what
+    (tmp_path / "t.csv").write_text(table + "K_in,700,N/mm,0.5 %,free,0.35\n")
+    assert any(
+        "lines 3 and 15: K_in, free, differs by 6.48 %" in s.what for s in fd.check(tmp_path / "t.csv").suspicions
+    )
+
+
+def test_the_command(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    runs = str(ROOT / "studies" / "hidden_effect_demo" / "runs")
+    ended = command_line("check", runs, "--json")
+    content = json.loads(ended.stdout)
+    assert ended.code == 0 and len(content["recordings"]) == 6 and content["suspicions"] == []
+    ended = command_line("check", runs, "--out", "report")
+    assert {path.name for path in (tmp_path / "report").iterdir()} >= {"report.html", "report.md", "result.json"}
+    assert "6 recordings, nothing suspicious" in " ".join(ended.stdout.split())
+    assert command_line("check", "none.csv").code == 2
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason=f"the recordings of others are not at {SHARED}")
+@pytest.mark.parametrize(
+    ("folder", "words"),
+    [
+        ("positioning-drive", ["2-pulses: has the same command as 1-identify"]),
+        ("duffing-circuit", ["x is in volts"]),
+        ("piezo-loops", ["the noise of x is unknown"]),
+        ("piezo-actuator", []),
+        ("disc-player-arm", ["y is in volts"]),
+    ],
+)
+def test_recordings_of_others(folder: str, words: list[str]) -> None:
+    found = fd.check(SHARED / folder)
+    text = "\n".join(f"{s.recording}: {s.what}" for s in found.suspicions)
+    assert all(word in text for word in words)
+    assert words or not text
+    assert "before it changes" not in text  # nothing of these is shifted
+
+
+def test_holding_is_told_from_levels() -> None:
+    rng = np.random.default_rng(3)
+    assert suspicion.held_for(np.repeat(rng.normal(size=200), 5)) == 5
+    assert suspicion.held_for(np.repeat(rng.normal(size=20), 200)) == 1
+    assert suspicion.held_for(rng.normal(size=200)) == 1
