@@ -14,6 +14,8 @@ HELP = """Write files to start from.
 **Examples**
 
     flexdesign init project my_stage
+
+    flexdesign init part my_part && flexdesign validate my_part.toml
 """
 PROJECT = """Write a working project: an amplifier, a stage model, recordings of the stage, and a README.
 
@@ -26,6 +28,43 @@ PROJECT = """Write a working project: an amplifier, a stage model, recordings of
     cd my_stage && flexdesign diagnose model.toml runs
 
 **Output:** README.md, amplifier.toml, model.toml and runs/ in FOLDER, which must not exist, or be empty.
+
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
+"""
+
+PART = """Write the smallest part that validates, a class with solid and ports, and its design.
+
+**Examples**
+
+    flexdesign init part my_part
+
+    flexdesign validate my_part.toml
+
+**Output:** NAME.py and NAME.toml, which must not exist.
+
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
+"""
+EFFECT = """Write an effect of your own, which works as it is.
+
+**Examples**
+
+    flexdesign init effect my_effect
+
+    flexdesign effects my_effect.py
+
+**Output:** NAME.py, which must not exist.
+
+**Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
+"""
+STUDY = """Write a study, which says how a design is solved.
+
+**Examples**
+
+    flexdesign init study my_study
+
+    flexdesign validate my_study.toml
+
+**Output:** NAME.toml, which must not exist.
 
 **Exit codes:** 0 done; 2 unusable input, with one message that names the cause; 1 internal error; 130 interrupted.
 """
@@ -50,3 +89,33 @@ def project(
     for path in scaffolding.write_project(folder):
         typer.echo(path)
     typer.echo(f"Next: cd {folder}, and read README.md", err=True)
+
+
+@commands.command(help=PART)
+def part(name: Annotated[str, typer.Argument(help="Of the new files, without ending.")] = "my_part") -> None:
+    """Write the files, and say what comes next."""
+    from flexdesign.workflows import scaffolding
+
+    _told(scaffolding.write_part(name), "flexdesign validate {}")
+
+
+@commands.command(help=EFFECT)
+def effect(name: Annotated[str, typer.Argument(help="Of the new file, without ending.")] = "my_effect") -> None:
+    """Write the file, and say what comes next."""
+    from flexdesign.workflows import scaffolding
+
+    _told(scaffolding.write_effect(name), "flexdesign effects {}")
+
+
+@commands.command(help=STUDY)
+def study(name: Annotated[str, typer.Argument(help="Of the new file, without ending.")] = "my_study") -> None:
+    """Write the file, and say what comes next."""
+    from flexdesign.workflows import scaffolding
+
+    _told(scaffolding.write_study(name), "flexdesign validate {}")
+
+
+def _told(written: list[Path], command: str) -> None:
+    for path in written:
+        typer.echo(path)
+    typer.echo(f"Next: {command.format(written[-1])}", err=True)

@@ -1,4 +1,4 @@
-"""A new folder with files, written completely or not at all."""
+"""New files, alone or in a new folder, written completely or not at all."""
 
 from __future__ import annotations
 
@@ -50,3 +50,40 @@ def write_folder(folder: Path, files: Mapping[str, str | bytes]) -> list[Path]:
         remedy = f"cannot be written ({error.strerror or error}); choose another folder"
         raise InputError("command line", "FOLDER", str(folder), remedy) from error
     return [folder / name for name in files]
+
+
+def write_files(folder: Path, files: Mapping[str, str]) -> list[Path]:
+    """Write new files into a folder, which is made if it is not there.
+
+    Parameters
+    ----------
+    folder
+        Where they are written.
+    files
+        Name and text of each.
+
+    Returns
+    -------
+    list of Path
+        The written files, in the given order.
+
+    Raises
+    ------
+    InputError
+        If one of them exists, or the folder cannot be written.
+    """
+    paths = [folder / name for name in files]
+    for path in paths:
+        if path.exists():
+            raise InputError("command line", "NAME", str(path), "exists; choose another name")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".writing-") as scratch:
+            for name, text in files.items():
+                (Path(scratch) / name).write_text(text, encoding="utf-8")
+            for path in paths:
+                (Path(scratch) / path.name).rename(path)
+    except OSError as error:
+        remedy = f"cannot be written ({error.strerror or error}); choose another place"
+        raise InputError("command line", "NAME", str(folder), remedy) from error
+    return paths
