@@ -153,7 +153,8 @@ class Document:
     warnings
         What a reader must know before using any of the numbers.
     picture
-        File name of the figure that shows the answer, and stands beside it; none for the first that is not folded.
+        File name of the figure that shows the answer, and stands beside it; none for the first, if
+        possible of a section that is not folded.
     """
 
     title: str
@@ -178,7 +179,7 @@ class Document:
         """The figure that shows the answer."""
         named = (figure for figure in self.figures if figure.file == self.picture)
         first = (figure for section in self.sections if not section.folded for figure in section.figures)
-        return next(named, None) or next(first, None)
+        return next(named, None) or next(first, None) or next(iter(self.figures), None)
 
     @cached_property
     def body(self) -> list[Section]:

@@ -14,12 +14,32 @@ import pytest
 from flexdesign.report import render
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.traces import Curve, Traces
+from flexdesign.report.views import State, Surface, View
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 sync_api = pytest.importorskip("playwright.sync_api")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 #: Without a graphics card Chromium draws in software.
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+#: Corners of a box, and its triangles seen from outside.
+CORNERS = 1e-3 * np.array([[x, y, z] for x in (0, 60) for y in (0, 30) for z in (0, 10)], dtype=float)
+SIDES = np.array(
+    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+     [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+)  # fmt: skip
+
+
+def view() -> View:
+    """Return a box whose points move along x by a thousandth of their x, and a mode of it."""
+    moved = np.zeros_like(CORNERS)
+    moved[:, 0] = 1e-3 * CORNERS[:, 0]
+    states = [
+        State("Stretched", 0, moved, 100.0, full="full voltage"),
+        State("Stress", 0, moved, 100.0, label="stress", unit="MPa", values=np.full(8, 42.0), full="full voltage"),
+        State("Mode 1", 0, moved, 100.0, "phase"),
+    ]
+    return View([Surface(CORNERS, SIDES)], states)
 
 
 def document() -> Document:
@@ -35,7 +55,9 @@ def document() -> Document:
         ["unknown", "–"],
         ["stroke", "0.4 mm"],
     ]
+    still = Figure("still.svg", traces.svg(), "The box stretched", view(), "A box, stretched along x by 60 µm")
     sections = [
+        Section("The part", ["A box."], [], [still]),
         Section("Measured and predicted", ["Both runs."], [Table(["what", "size"], rows, "Sizes")]),
         Section("More", ["Kept for who asks."], [], [Figure.of_traces("more.svg", traces, "More")], folded=True),
         *(Section(f"Section {k}", ["Words. " * 200]) for k in range(4)),
@@ -116,6 +138,65 @@ def test_the_cursor_reads_values_with_their_units(browser: Any, file: Path) -> N
         assert left.endswith(" nm") and float(left.split()[0]) == pytest.approx(10_000, rel=0.01)
 
 
+@contextmanager
+def turned(browser: Any, file: Path) -> Iterator[Any]:
+    with opened(browser, file) as page:
+        page.get_by_role("link", name="The part").click()
+        page.wait_for_selector(".view canvas")
+        page.evaluate("window.box = document.querySelector('figure:has(.view)').live")
+        yield page
+
+
+def test_the_part_turns_by_pointer_and_keyboard(browser: Any, file: Path) -> None:
+    with turned(browser, file) as page:
+        where = "box.camera.position.toArray()"
+        first = page.evaluate(where)
+        seen = page.locator(".scene").bounding_box()
+        page.mouse.move(seen["x"] + seen["width"] / 2, seen["y"] + seen["height"] / 2)
+        page.mouse.down()
+        page.mouse.move(seen["x"] + seen["width"] / 2 + 120, seen["y"] + seen["height"] / 2 + 30, steps=5)
+        page.mouse.up()
+        dragged = page.evaluate(where)
+        assert not np.allclose(dragged, first, rtol=0.01)
+        page.keyboard.press("ArrowLeft")
+        assert not np.allclose(page.evaluate(where), dragged, rtol=0.001)
+        page.get_by_role("button", name="Reset view").click()
+        assert np.allclose(page.evaluate(where), first)
+
+
+def test_the_slider_sets_load_and_phase(browser: Any, file: Path) -> None:
+    with turned(browser, file) as page:
+        longest = "Math.max(...box.positions().filter((_, k) => k % 3 === 0))"
+        slider = page.locator(".view input[type=range]")
+        assert page.evaluate(longest) == pytest.approx(66.0, rel=1e-4)
+        slider.fill("50")
+        assert page.evaluate(longest) == pytest.approx(63.0, rel=1e-4)
+        page.locator(".view select").first.select_option(label="Mode 1")
+        slider.fill("180")
+        assert page.evaluate(longest) == pytest.approx(54.0, rel=1e-4)
+        page.locator(".view select").nth(1).select_option(label="1 ×")
+        assert page.evaluate(longest) == pytest.approx(59.94, rel=1e-5)
+
+
+def test_a_click_on_the_part_reads_the_value_there(browser: Any, file: Path) -> None:
+    with turned(browser, file) as page:
+        page.get_by_role("button", name="Front").click()
+        page.locator(".view select").nth(1).select_option(label="1 ×")
+        seen = page.locator(".scene canvas").bounding_box()
+        page.mouse.click(seen["x"] + seen["width"] / 2, seen["y"] + seen["height"] / 2)
+        reading = page.locator(".view .reading")
+        told = reading.inner_text()
+        # The middle of the front, x = 30 mm, moves by a thousandth of it.
+        moved, place = float(told.split()[1]), told.partition("at (")[2].split(",")[0]
+        assert told.startswith("displacement: ") and " µm" in told and told.endswith("mm")
+        assert moved == pytest.approx(float(place), rel=0.01) == pytest.approx(30.0, rel=0.02)
+        page.locator(".view select").first.select_option(label="Stress")
+        page.mouse.click(seen["x"] + seen["width"] / 2, seen["y"] + seen["height"] / 2)
+        assert reading.inner_text().startswith("stress: 42 MPa")
+        assert "stress [MPa]" in page.locator(".legend").inner_text() and "42" in page.locator(".legend").inner_text()
+        assert page.locator(".ruler").inner_text().endswith(" mm")
+
+
 def test_tables_sort_by_number_whatever_the_prefix(browser: Any, file: Path) -> None:
     with opened(browser, file) as page:
         names = "[...document.querySelectorAll('tbody tr td:first-child')].map(cell => cell.textContent)"
@@ -152,7 +233,7 @@ def test_nothing_is_wider_than_the_window(browser: Any, file: Path, width: int, 
 def test_without_scripts_pictures_remain(browser: Any, file: Path) -> None:
     with opened(browser, file, java_script_enabled=False) as page:
         assert page.locator("figure.lead img").is_visible()
-        assert page.locator("img").count() == page.locator("img[alt]:not([alt=''])").count() == 2
+        assert page.locator("img").count() == page.locator("img[alt]:not([alt=''])").count() == 3
 
 
 def test_paper_shows_drawings_and_no_folds(browser: Any, file: Path, tmp_path: Path) -> None:

@@ -23,6 +23,9 @@ from flexdesign.report.simulation import simulation_figures
 #: Those that a terminal shows.
 BRIEF = ("loop_width_relative", "overshoot", "settling_time", "steady_error", "max_error", "max_contour_error")
 
+#: More experiments than so many are folded.
+UNFOLDED = 4
+
 
 def result(simulation: Simulation) -> dict[str, Any]:
     """Return result.json's content: every measure with its unit, and what made it."""
@@ -143,7 +146,22 @@ def _experiment(simulation: Simulation, experiment: Experiment) -> Section:
     tables = [_measured(cases), _others(cases), _loops(cases)]
     title = f"{experiment.name}: {experiment.title}" if experiment.title else experiment.name
     unit = simulation.model.axes[experiment.axes[0]].shown.large
-    return Section(title, paragraphs, [t for t in tables if t.rows], simulation_figures.draw(experiment, cases, unit))
+    figures = simulation_figures.draw(experiment, cases, unit)
+    folded = len(simulation.plan.experiments) > UNFOLDED
+    return Section(title, paragraphs, [t for t in tables if t.rows], figures, folded=folded, brief=_brief(cases))
+
+
+def _brief(cases: Sequence[Case]) -> str:
+    """Say what a folded experiment found, of its first axis."""
+    told = []
+    for case in cases:
+        axis = case.experiment.axes[0]
+        found = [
+            f"{ALONE.get(q.name) or WORDS[q.name]} {_text(q)}" for q in case.measures.get(axis, ()) if q.name in BRIEF
+        ]
+        if found:
+            told.append(f"{who(case)}: {', '.join(found)}")
+    return "; ".join(told[:3]) + ("; …" if len(told) > 3 else "")
 
 
 def _gathered(cautions: Sequence[str]) -> list[str]:

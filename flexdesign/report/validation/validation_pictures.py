@@ -13,17 +13,14 @@ from flexdesign.core.model import Member
 from flexdesign.fem import quantities
 from flexdesign.fem.analysis import ModeRecord, Solution
 from flexdesign.fem.meshing.mesh import mirrored
-from flexdesign.fem.solving import port_compliance
 from flexdesign.report import pictures
 from flexdesign.report.document import Figure
 from flexdesign.report.pictures import Picture, Reel, Shot
-from flexdesign.report.validation import vibrations
+from flexdesign.report.validation import part_view, vibrations
 from flexdesign.workflows.validation import Validation
 
 FloatArray = NDArray[np.float64]
 
-#: Exaggerated motions are drawn as large as this fraction of the part.
-DRAWN = 0.06
 #: So many of the lowest modes are drawn.
 DRAWN_MODES = 6
 
@@ -39,7 +36,11 @@ def draw(validation: Validation) -> tuple[list[Figure], list[Figure]]:
     jobs, drawn, main = _static(validation), drawn_modes(validation), carrying_output(validation)
     swinging = reel(validation, drawn)
     images = pictures.draw([picture for picture, _ in jobs], swinging)
-    still = [Figure(picture.file, images[picture.file], caption) for picture, caption in jobs]
+    whole = part_view.view(validation, drawn)
+    still = [
+        Figure(picture.file, images[picture.file], caption, whole if picture.file == "deformation.png" else None)
+        for picture, caption in jobs
+    ]
     vibrating = [
         Figure(shot.file, images[shot.file], _mode_caption(validation, rank, mode, main=mode is main))
         for rank, (shot, (mode, _)) in enumerate(zip(swinging.shots, drawn, strict=True), start=1)
@@ -58,7 +59,7 @@ def _static(validation: Validation) -> list[tuple[Picture, str]]:
     vertices, linear, _ = mirrored(level.mesh.points, level.mesh.tets, planes, {})
     motion, stress, label = whole["motion"], whole["stress"], "von Mises stress [MPa]"
     travel = np.linalg.norm(motion, axis=1)
-    scale = _round_down(DRAWN * _size(points) / travel.max())
+    scale = part_view.round_down(part_view.DRAWN * part_view.extent(points) / travel.max())
     place, peak, hinge = hinge_maximum(solution)
     mark = (place, f"{'largest on this mesh' if validation.sharp else 'maximum'}: {1e-6 * force * peak:.3g} MPa")
     focus = (hinge.centre, 1.6 * max(hinge.length, 4 * hinge.thickness))
@@ -103,7 +104,7 @@ def _without_members(validation: Validation) -> list[tuple[Picture, str]]:
     points, tets, whole = mirrored(solution.positions, solution.nodes, planes, {"motion": load * field})
     vertices, linear, _ = mirrored(level.mesh.points, level.mesh.tets, planes, {})
     travel = np.linalg.norm(whole["motion"], axis=1)
-    scale = _round_down(DRAWN * _size(points) / travel.max())
+    scale = part_view.round_down(part_view.DRAWN * part_view.extent(points) / travel.max())
     jobs = [
         (
             Picture("mesh.png", vertices, linear, edges=True, view="oblique"),
@@ -175,19 +176,10 @@ def reel(validation: Validation, drawn: Sequence[tuple[ModeRecord, FloatArray]])
     points, tets, whole = mirrored(solution.positions, solution.nodes, validation.domain.planes, shapes)
     shots = []
     for file, (mode, _) in zip(shapes, drawn, strict=True):
-        shape = whole[file] * _image_signs(validation, mode)[:, None]
+        shape = whole[file] * part_view.image_signs(validation, mode)[:, None]
         largest = np.linalg.norm(shape, axis=1).max()
-        shots.append(Shot(file, DRAWN * _size(points) / largest * shape, moving=mode is main))
+        shots.append(Shot(file, part_view.DRAWN * part_view.extent(points) / largest * shape, moving=mode is main))
     return Reel(points, tets, shots)
-
-
-def _image_signs(validation: Validation, mode: ModeRecord) -> FloatArray:
-    """Return for each node of the whole the sign by which an odd mode differs from the even one `mirrored` makes."""
-    cls = next(c for c in port_compliance.classes(validation.domain) if c.name == mode.symmetry)
-    signs = np.ones(1)
-    for sign in cls.signs:
-        signs = np.concatenate([signs, sign * signs])
-    return np.repeat(signs, len(validation.modal.solution.positions))
 
 
 def _mode_caption(validation: Validation, rank: int, mode: ModeRecord, *, main: bool) -> str:
@@ -198,12 +190,3 @@ def _mode_caption(validation: Validation, rank: int, mode: ModeRecord, *, main: 
     return (
         f"Mode {rank}{role}: {units.significant(mode.frequency, 4)} Hz, {vibrations.symmetry(mode.symmetry)}; {shaken}"
     )
-
-
-def _size(points: np.ndarray) -> float:
-    return float(np.linalg.norm(np.ptp(points, axis=0)))
-
-
-def _round_down(value: float) -> float:
-    step = float(10 ** math.floor(math.log10(value)))
-    return step * max(m for m in (1, 2, 5) if m * step <= value)

@@ -104,7 +104,9 @@ def document(validation: Validation, progress: Progress = lambda _: None) -> Doc
     """Write the report of a validation, pictures included where they can be drawn."""
     title = f"{validation.study.design.title}: validation"
     sections = partial(_sections, validation, progress)
-    return Document(title, _summary(validation), sections, card.facts(validation), card.warnings(validation))
+    return Document(
+        title, _summary(validation), sections, card.facts(validation), card.warnings(validation), "deformation.png"
+    )
 
 
 def _sections(validation: Validation, progress: Progress) -> list[Section]:
