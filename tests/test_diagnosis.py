@@ -528,6 +528,7 @@ def test_candidates_are_the_catalogue_without_what_the_axis_has() -> None:
     assert set(effects.names()) - set(names) == absent
     assert len(names) == len(set(names))
     assert "payload_mass" in [c.name for c in candidates(model, loaded=True)]
+    assert {*names} - {c.name for c in candidates(model, swings=False)} == {"base_motion"}  # a force of inertia
     filtered = replace(model, axis=replace(model.axis, driver=replace(model.axis.driver, bandwidth=500.0)))
     assert set(names) - {c.name for c in candidates(filtered)} == {"driver_bandwidth"}
 

@@ -14,6 +14,7 @@ import pytest
 
 from flexdesign.diagnosis import verdict
 from flexdesign.diagnosis.effect_selection import prior_conflicts
+from flexdesign.estimation import criterion
 from flexdesign.estimation.model_selection import determination, model_comparison, score_test, stepwise_selection
 from flexdesign.estimation.uncertainty import profile_likelihood
 from studies.hidden_effect_trial.folder import Answer
@@ -94,16 +95,16 @@ def test_a_value_that_went_into_something_else_is_refused(gauged: Any, tmp_path:
 def test_indistinguishable_decides_whether_two_answers_are_alike() -> None:
     a, b = (SimpleNamespace(effects=(1,), cost=cost, validation_chi2=0.0, discrepancy=1.0) for cost in (100.0, 115.0))
     assert not model_comparison.is_alike(a, b)  # type: ignore[arg-type]
-    with changed(BY_KEY["model_comparison.INDISTINGUISHABLE"], 20.0):
+    with changed(BY_KEY["criterion.INDISTINGUISHABLE"], 20.0):
         assert model_comparison.is_alike(a, b)  # type: ignore[arg-type]
     assert not model_comparison.is_alike(a, b)  # type: ignore[arg-type]
 
 
 def test_constants_of_the_package_change_where_they_were_copied_and_nowhere_else() -> None:
-    with changed(BY_KEY["model_comparison.LEVEL"], 0.5), changed(BY_KEY["model_comparison.SHARE"], 0.25):
+    with changed(BY_KEY["criterion.LEVEL"], 0.5), changed(BY_KEY["criterion.SHARE"], 0.25):
         assert determination.LEVEL == 0.5 and score_test.LEVEL == 0.01
-        assert model_comparison.SHARE == stepwise_selection.SHARE == 0.25 and profile_likelihood.TRUSTED == 0.1
-    with changed(BY_KEY["prior_conflicts.LARGE"], 7.0):
+        assert criterion.SHARE == stepwise_selection.SHARE == 0.25 and profile_likelihood.TRUSTED == 0.1
+    with changed(BY_KEY["criterion.LARGE"], 7.0):
         assert prior_conflicts.LARGE == verdict.LARGE == 7.0
     assert prior_conflicts.LARGE == verdict.LARGE == 2.0
 
@@ -111,7 +112,7 @@ def test_constants_of_the_package_change_where_they_were_copied_and_nowhere_else
 def test_every_constant_of_the_list_is_there_and_can_be_changed() -> None:
     assert chosen(None) == list(CONSTANTS)
     assert len({each.key for each in CONSTANTS}) == len(CONSTANTS)
-    assert chosen("model_comparison.SHARE") == chosen("SHARE") == [BY_KEY["model_comparison.SHARE"]]
+    assert chosen("criterion.SHARE") == chosen("SHARE") == [BY_KEY["criterion.SHARE"]]
 
 
 def test_values_at_half_and_twice(gauged: Any) -> None:
@@ -152,7 +153,7 @@ def test_a_constant_that_is_not_in_the_list_is_refused(capsys: pytest.CaptureFix
 
 
 def test_settings_are_all_cases_at_half_and_twice_and_once_as_they_are() -> None:
-    constant = BY_KEY["prior_conflicts.CONFLICT"]
+    constant = BY_KEY["criterion.CONFLICT"]
     found = settings.all_of([constant], [10000, 20000])
     keys = [(each.key, each.factor) for each in found]
     assert keys == [("", 1.0)] * 2 + [(constant.key, 0.5)] * 2 + [(constant.key, 2.0)] * 2
@@ -165,7 +166,7 @@ def test_more_cases_hold_the_first_ones() -> None:
 
 
 def test_what_is_kept_is_read_again_for_the_same_package(tmp_path: Path) -> None:
-    first, second = ended(), ended("prior_conflicts.CONFLICT", 0.5, value=1.5, right=False)
+    first, second = ended(), ended("criterion.CONFLICT", 0.5, value=1.5, right=False)
     for each in (first, ended(number=1, source="before"), second):
         settings.keep(each, tmp_path)
     with (tmp_path / settings.ENDED).open("a") as file:
@@ -173,7 +174,7 @@ def test_what_is_kept_is_read_again_for_the_same_package(tmp_path: Path) -> None
     settings.keep(third := ended(number=2), tmp_path)
     known = settings.kept(tmp_path, "now")
     assert list(known.values()) == [first, second, third]
-    assert known[Setting("prior_conflicts.CONFLICT", 0.5, 20000)] == second
+    assert known[Setting("criterion.CONFLICT", 0.5, 20000)] == second
     assert not settings.kept(tmp_path / "nowhere", "now")
 
 
@@ -193,7 +194,7 @@ def test_false_names_are_those_that_are_not_there() -> None:
 
 
 def test_the_report_counts_each_setting_and_names_what_changes(tmp_path: Path) -> None:
-    key = "prior_conflicts.CONFLICT"
+    key = "criterion.CONFLICT"
     every = [
         ended(),
         ended(number=10000),

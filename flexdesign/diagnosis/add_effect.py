@@ -28,9 +28,9 @@ from flexdesign.dynamics.experiments import AS_MODELLED, simulation, standard_ex
 from flexdesign.dynamics.experiments.simulation import Simulation
 from flexdesign.dynamics.stage_dynamics import missing
 from flexdesign.dynamics.stage_model import StageModel, fields
+from flexdesign.estimation.criterion import HALF_WIDTH
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, predict_tests
-from flexdesign.estimation.model_selection.model_comparison import HALF_WIDTH
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.measurements.noise_level import LineNoise, NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
@@ -149,17 +149,19 @@ def add(
         (candidate,) = alone(gone.calibrated)
         final, reason = _added(task, gone, candidate)
         ladder = [predict_tests(task, fit) for fit in (gone.nominal, gone.calibrated, final)]
-        named = with_runs(IdentifiedEffect(name, verdict.values_of(final, candidate.free), 0.0), of_runs(task, final))
-        own_values = verdict.values_of(final, verdict.own_numbers(final))
+        values = verdict.values_of(final)
+        of_effect = tuple(values[number] for number in candidate.free)
+        named = with_runs(IdentifiedEffect(name, of_effect, 0.0), of_runs(task, final))
+        own_values = tuple(values[number] for number in verdict.own_numbers(final))
     errors = [data.test_error(fit) for fit in ladder]
     unexplained = max(errors[1] ** 2 - (data.floor**2 if data.noise.known else 0.0), 1e-300)
-    numbers, said = [*own_values, *of_further_run(named)], verdict.model_of(model, data, final)
+    numbers, said = [*own_values, *of_further_run(named)], verdict.model_of(model, data, final, values)
     labels = ("as designed", "recalibrated", f"+ {name}")
     return AddedEffect(
         name=name,
         axis=data.name,
         before=model,
-        without=verdict.model_of(model, data, gone.calibrated),
+        without=verdict.model_of(model, data, gone.calibrated, {}),
         model=with_knowledge(said, data.name, numbers, data.recorded),
         values=named.values,
         calibration=own_values,

@@ -37,6 +37,7 @@ from flexdesign.diagnosis.result import Diagnosis, SelectionHistory
 from flexdesign.diagnosis.verdict import conclude, decide, is_adequate, ladder_of
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.estimation.criterion import BETTER, INDISTINGUISHABLE, WORSE
 from flexdesign.estimation.model_selection.calibration import calibrate, evaluate_design
 from flexdesign.estimation.model_selection.determination import drop_undetermined, hold_undetermined
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -49,17 +50,12 @@ from flexdesign.estimation.model_selection.fitted_model import (
     with_effects,
     with_values,
 )
-from flexdesign.estimation.model_selection.model_comparison import INDISTINGUISHABLE, Step, compare
+from flexdesign.estimation.model_selection.model_comparison import Step, compare
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel, cost_of_terms, sparse_model
 from flexdesign.estimation.model_selection.stepwise_selection import GROSS, confusable, select, select_otherwise
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
-#: Calibration is refused where it makes the validation error larger by this factor, and chi^2 by more than chance does.
-WORSE = 1.02
-#: Smooth functions are the better explanation where they leave no more than this share of what effects leave above the
-#: noise, in squares.
-BETTER = 0.5
 #: Largest number of effects that are added to explain runs in time, and to explain frequency responses: there a driver,
 #: a delay and two modes act in bands of their own.
 MOST, MOST_OF_LINES = 3, 5
@@ -121,6 +117,7 @@ def diagnose(
                 lines,
                 loaded=data.is_loaded,
                 at_stack=data.is_at_stack,
+                swings="natural_frequency" in fit.solution.problem.where.names,
                 band=None if data.runs else data.band,
             )
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
-from flexdesign.diagnosis.effect_selection.prior_conflicts import LARGE, Conflict
+from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.diagnosis.result import (
     CandidateRecord,
@@ -22,6 +22,7 @@ from flexdesign.diagnosis.result import (
     Verdict,
 )
 from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.estimation.criterion import LARGE
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step, Trial
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel
@@ -192,7 +193,8 @@ def conclude(
     final, (_, calibrated, *_) = ladder[-1], ladder
     is_noise = is_adequate(data, history.final, left)
     doubt = "" if is_noise else _in_words(data, remainder(data, history.final), left)
-    effects = tuple(with_runs(_named(data, ladder[1:], name), by_run or {}) for name in final.names)
+    values = values_of(final, is_fitted=not history.is_refused or bool(final.effects))
+    effects = tuple(with_runs(_named(data, ladder[1:], name, values), by_run or {}) for name in final.names)
     if implied:
         verdict = "effects-found"
         effects = (*effects, *(conflict.named for conflict in implied if conflict.named))
@@ -201,13 +203,13 @@ def conclude(
         verdict=verdict,
         axis=data.name,
         before=model,
-        model=model_of(model, data, final, implied),
+        model=model_of(model, data, final, values, implied),
         effects=effects,
         confusable=groups,
         near=tuple(name for name in history.final.names if name not in final.names),
         candidates=_tried(history.steps),
         ladder=(*_offset_step(alone), *_error_steps(data, ladder)),
-        calibration=values_of(final, own_numbers(final)),
+        calibration=tuple(values[name] for name in own_numbers(final)),
         conflicts=tuple(conflict.words for conflict in moved),
         noise=data.noise,
         noise_floor=data.floor,
@@ -285,14 +287,16 @@ def _unexplained_on_tests(data: DiagnosisData, fit: FittedModel) -> float:
     return math.sqrt(max(data.test_error(fit) ** 2 - floor**2, 0.0))
 
 
-def _named(data: DiagnosisData, ladder: Sequence[FittedModel], name: str) -> IdentifiedEffect:
+def _named(
+    data: DiagnosisData, ladder: Sequence[FittedModel], name: str, values: Mapping[str, Value]
+) -> IdentifiedEffect:
     final = ladder[-1]
     effect = next(effect for effect in final.effects if effect.name == name)
     shares = [_share(data, ladder, name, data.scored, data.floor if data.noise.known else 0.0)]
     if data.runs and (scored := [each.name for each in data.responses if each.role != "identify"]):
         floor = math.sqrt(float(np.mean([data.noise.rms[each] ** 2 for each in scored])))
         shares.append(_share(data, ladder, name, scored, floor))  # what runs do not show a response may
-    return IdentifiedEffect(name, values_of(final, effect.free), max(shares))
+    return IdentifiedEffect(name, tuple(values[number] for number in effect.free), max(shares))
 
 
 def _share(data: DiagnosisData, ladder: Sequence[FittedModel], name: str, scored: Sequence[str], floor: float) -> float:
@@ -303,21 +307,20 @@ def _share(data: DiagnosisData, ladder: Sequence[FittedModel], name: str, scored
     return float(np.clip((before - after) / max(errors[0] ** 2 - floor**2, 1e-300), 0.0, 1.0))
 
 
-def values_of(fit: FittedModel, names: Sequence[str], known_variance: float | None = 1.0) -> tuple[Value, ...]:
-    """Return fitted numbers with their 95 % intervals, by the profile likelihood.
+def values_of(fit: FittedModel, *, is_fitted: bool = True) -> dict[str, Value]:
+    """Return the fitted numbers that belong to no run, with their 95 % intervals by the profile likelihood, by name.
 
     Parameters
     ----------
-    fit, names
-        The fit, and its numbers that are asked for.
-    known_variance
-        Of the whitened residual where the noise is known; None where it is not.
+    fit, is_fitted
+        The fit, and whether its numbers are fitted: then a better point that a profile meets on its way gives the
+        values, too. Those of the design stay.
     """
-    where, x = fit.solution.problem.where, fit.solution.x
-    present = where.values(x)
-    shown = [name for name in where.names if name in names]
-    found = intervals(fit.solution, shown, known_variance=known_variance)
-    return tuple(Value(e.parameter, present[e.name], e.interval or e.parameter.plausible) for e in found)
+    where = fit.solution.problem.where
+    present = where.values(fit.solution.x)
+    found = intervals(fit.solution, [p.name for p in where.parameters if not p.run])
+    values = {e.name: e.value if is_fitted and e.value is not None else present[e.name] for e in found}
+    return {e.name: Value(e.parameter, values[e.name], e.interval or e.parameter.plausible) for e in found}
 
 
 def own_numbers(fit: FittedModel) -> list[str]:
@@ -366,9 +369,25 @@ def _error_steps(data: DiagnosisData, ladder: Sequence[FittedModel]) -> tuple[Er
     return tuple(rungs)
 
 
-def model_of(model: StageModel, data: DiagnosisData, fit: FittedModel, implied: Sequence[Conflict] = ()) -> StageModel:
-    """Return the stage model with what was fitted, and with what its numbers stand for that moved too far."""
-    dynamics = with_means(fit)
+def model_of(
+    model: StageModel,
+    data: DiagnosisData,
+    fit: FittedModel,
+    values: Mapping[str, Value],
+    implied: Sequence[Conflict] = (),
+) -> StageModel:
+    """Return the stage model with what was fitted, and with what its numbers stand for that moved too far.
+
+    Parameters
+    ----------
+    model, data, fit
+        The stage model as it was, what was diagnosed, and the fit.
+    values
+        Numbers of the fit that are stated.
+    implied
+        Numbers that moved beyond their prior and stand for an effect.
+    """
+    dynamics = with_means(replace(fit, model=fit.model.replace({name: each.value for name, each in values.items()})))
     for conflict in implied:
         dynamics = conflict.written(dynamics)
     axis = dynamics.axis

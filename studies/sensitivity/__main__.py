@@ -22,7 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--seed", type=int, help="draws all cases [default: a fresh one, which is printed]")
     parser.add_argument("--cases", type=int, default=12, metavar="N", help="size of the sample [default: %(default)s]")
-    parser.add_argument("--only", metavar="CONSTANT", help="one constant, e.g. model_comparison.SHARE")
+    parser.add_argument("--only", metavar="CONSTANT", help="one constant, e.g. criterion.SHARE")
     parser.add_argument("--jobs", type=int, default=trial.settings().jobs, help="processes [default: %(default)s]")
     parser.add_argument("--out", type=Path, default=Path("reports/sensitivity"), help="folder, with one for each seed")
     given = parser.parse_args(arguments)

@@ -73,24 +73,24 @@ class Constant:
 #: Constants that decide, each with what it decides. Edit here.
 CONSTANTS: tuple[Constant, ...] = (
     Constant(
-        "flexdesign.estimation.model_selection.model_comparison",
+        "flexdesign.estimation.criterion",
         "LEVEL",
         "family-wise probability of a false effect in one step",
         most=1.0,
     ),
     Constant(
-        "flexdesign.estimation.model_selection.model_comparison",
+        "flexdesign.estimation.criterion",
         "SHARE",
         "least share of the unexplained that an effect removes",
         most=1.0,
     ),
     Constant(
-        "flexdesign.estimation.model_selection.model_comparison",
+        "flexdesign.estimation.criterion",
         "INDISTINGUISHABLE",
         "difference of BIC below which two effects are alike",
     ),
     Constant(
-        "flexdesign.estimation.model_selection.determination",
+        "flexdesign.estimation.criterion",
         "SHARE_OF_RANGE",
         "width of an interval that says nothing, of the range",
     ),
@@ -110,24 +110,24 @@ CONSTANTS: tuple[Constant, ...] = (
         "relevance where the noise is unknown, in shares of the stroke",
     ),
     Constant(
-        "flexdesign.diagnosis.procedure",
+        "flexdesign.estimation.criterion",
         "WORSE",
         "validation error at which calibration is refused, over the design",
         1.0,
     ),
     Constant(
-        "flexdesign.diagnosis.procedure",
+        "flexdesign.estimation.criterion",
         "BETTER",
         "share left by smooth functions that are the better explanation",
         most=1.0,
     ),
     Constant(
-        "flexdesign.diagnosis.effect_selection.prior_conflicts",
+        "flexdesign.estimation.criterion",
         "CONFLICT",
         "standard deviations from its prior at which a number is a finding",
     ),
     Constant(
-        "flexdesign.diagnosis.effect_selection.prior_conflicts",
+        "flexdesign.estimation.criterion",
         "LARGE",
         "how much more than remains an effect explains that is named",
     ),

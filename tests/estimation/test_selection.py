@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexdesign.estimation.criterion import INDISTINGUISHABLE, LEVEL, SHARE
 from flexdesign.estimation.least_squares.parallel_map import shared_pool
 from flexdesign.estimation.least_squares.residual_function import Dataset
 from flexdesign.estimation.model_selection import stepwise_selection
 from flexdesign.estimation.model_selection.calibration import evaluate_design
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model
-from flexdesign.estimation.model_selection.model_comparison import INDISTINGUISHABLE, LEVEL, SHARE, Step, compare
+from flexdesign.estimation.model_selection.model_comparison import Step, compare
 from flexdesign.estimation.model_selection.score_test import Candidate, Screening
 from flexdesign.estimation.model_selection.stepwise_selection import (
     FINALISTS,

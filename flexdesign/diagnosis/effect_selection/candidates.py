@@ -25,6 +25,8 @@ IMITATED = ("payload_mass", "stiffness_loss", "sensor_gain")
 LOADED = "payload_mass"
 #: A delay of the sensor.
 READS_LATE = "sensor_delay"
+#: Forces of inertia: they show where a mode does, and in runs that show none they stand for something else.
+INERTIAL = ("base_motion",)
 #: Readings in whole steps are noise to a fit.
 NOISE = ("quantisation",)
 #: In the band of frequency responses modes and lags are tried at so many frequencies, delays of so many cycles of its
@@ -59,6 +61,7 @@ def candidates(
     *,
     loaded: bool = False,
     at_stack: bool = False,
+    swings: bool = True,
     band: tuple[float, float] | None = None,
 ) -> tuple[Candidate, ...]:
     """Return every effect of the catalogue that the axis does not have.
@@ -75,12 +78,14 @@ def candidates(
         Whether some runs carry a known mass: then the table's own mass shows.
     at_stack
         Whether all runs know the voltage at the stack: then nothing ahead of it shows, and only the sensor is late.
+    swings
+        Whether the runs show the mode of the axis.
     band
         Lowest and highest frequency [Hz] of frequency responses, where there are no runs in time: these show small
         sines and nothing else. Modes are then tried all over the band.
     """
     made = []
-    left_out = (*(name for name in IMITATED if not (loaded and name == LOADED)), *NOISE)
+    left_out = (*(name for name in IMITATED if not (loaded and name == LOADED)), *NOISE, *(() if swings else INERTIAL))
     several = [each for name in effects.names() for each in effects.again(name)]
     for name in (*effects.names(), *several, *more):
         if name in left_out or name in model.axis.effects or (at_stack and acts_ahead_of_stack(effects.find(name))):

@@ -23,12 +23,12 @@ from flexdesign.diagnosis.preparation.initial_conditions import (
 )
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
+from flexdesign.estimation.criterion import INDISTINGUISHABLE
 from flexdesign.estimation.least_squares.dataset import Dataset
 from flexdesign.estimation.least_squares.parallel_map import ParallelMap, shared_pool
 from flexdesign.estimation.model_selection.calibration import STARTED
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, difference, fit_model
-from flexdesign.estimation.model_selection.model_comparison import INDISTINGUISHABLE
 from flexdesign.estimation.noise.whitening import Whitening
 from flexdesign.measurements.recordings import Run
 

@@ -2,7 +2,7 @@
 
 The strength of an effect is one number for all runs at first. It may instead have a mean and a deviation in each run (a
 random effect, Laird and Ware 1982). What decides is what decides about effects, see
-`estimation.model_selection`: the deviations must lower chi^2 of the fitted runs by more than chance allows
+`estimation.criterion`: the deviations must lower chi^2 of the fitted runs by more than chance allows
 for so many more numbers, the discrepancy of the model counted; on the validation runs, each with a deviation of its
 own, as it has initial conditions of its own, they must remove the stated share, and more than the tolerance.
 
@@ -26,18 +26,15 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.model import Disturbance, Model, Parameter
 from flexdesign.diagnosis.result import IdentifiedEffect, Value
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
+from flexdesign.estimation.criterion import HALF_WIDTH, LEVEL, SHARE, explained_share
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution, solve
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
 from flexdesign.estimation.model_selection.model_comparison import (
-    HALF_WIDTH,
-    LEVEL,
-    SHARE,
     Step,
     Trial,
     best_of,
     compare,
-    explained_share,
     rank,
 )
 from flexdesign.estimation.model_selection.score_test import Candidate
@@ -223,7 +220,7 @@ def _is_needed(task: EstimationTask, before: FittedModel, after: FittedModel, na
     dof = [len({*own} & {*dataset.names}) for dataset in (task.identify, task.validate)]
     return (
         before.fitted_chi2 - after.fitted_chi2 > float(chdtri(dof[0], level)) * after.discrepancy
-        and explained_share(task, *errors) > SHARE
+        and explained_share(errors[0], errors[1], task.floor) > SHARE
         and math.sqrt(max(errors[0] ** 2 - errors[1] ** 2, 0.0)) > task.tolerance
         and _foretold(task, after, name) > float(chdtri(dof[1], level)) * after.discrepancy
     )

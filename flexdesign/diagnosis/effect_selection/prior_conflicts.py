@@ -23,17 +23,12 @@ from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 from flexdesign.diagnosis.result import IdentifiedEffect, Value
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY, SENSOR_DELAY, TRIGGER
+from flexdesign.estimation.criterion import CONFLICT, HALF_WIDTH, LARGE
 from flexdesign.estimation.least_squares.parameter_transforms import value
 from flexdesign.estimation.model_selection.calibration import STARTED
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model
-from flexdesign.estimation.model_selection.model_comparison import HALF_WIDTH
 
-#: A number that the fit moves by more standard deviations of the prior than this is a finding.
-CONFLICT = 3.0
-#: Beside a remainder an effect is named that explains this many times as much as remains, in mean squares: two thirds
-#: of what both are together.
-LARGE = 2.0
 #: A run shows how late it began where that is known better afterwards, by this factor.
 SHOWN = 0.5
 

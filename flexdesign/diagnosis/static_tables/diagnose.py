@@ -24,7 +24,7 @@ from flexdesign.diagnosis.comparison.static_table import compare
 from flexdesign.diagnosis.result import ErrorStep, Verdict
 from flexdesign.diagnosis.static_tables.fit import Cases, Trial, cases, fitted
 from flexdesign.effects import statics
-from flexdesign.estimation.model_selection.model_comparison import INDISTINGUISHABLE
+from flexdesign.estimation.criterion import INDISTINGUISHABLE
 
 Array = NDArray[np.float64]
 #: Effects that are the answer only if no other is: turned arms pass for any offset that was not drawn, and tables are

@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from flexdesign.estimation.criterion import HALF_WIDTH, LEVEL, is_undetermined
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, refit, with_effects
-from flexdesign.estimation.model_selection.model_comparison import HALF_WIDTH, LEVEL
 from flexdesign.estimation.uncertainty.intervals import intervals
-
-#: A number is undetermined if its 95 % interval is wider than this share of the plausible range.
-SHARE_OF_RANGE = 0.5
 
 
 def drop_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedModel, tuple[str, ...]]:
@@ -62,6 +59,6 @@ def _is_open(fit: FittedModel, name: str, default: float) -> bool:
     j = where.names.index(name)
     parameter, span = where.parameters[j], float(where.span[j])
     half = HALF_WIDTH * math.sqrt(max(float(solution.covariance[j, j]) * fit.discrepancy, 0.0))
-    if math.isfinite(span) and 2 * half > SHARE_OF_RANGE * span:
+    if is_undetermined(half, span):
         return True
     return default == 0 and parameter.scale == "linear" and abs(float(solution.x[j])) < half

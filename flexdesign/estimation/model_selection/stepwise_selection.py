@@ -2,7 +2,7 @@
 
 Candidates are many and fits are expensive. They compete in rounds (successive halving: Jamieson and Talwalkar 2016).
 All that promise enough take steps with the Jacobian that is known; the best of them are fitted roughly; the finalists
-are fitted to the end and compared, see `flexdesign.estimation.model_selection.model_comparison`.
+are fitted to the end and compared, see `flexdesign.estimation.criterion`.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
+from flexdesign.estimation.criterion import LEVEL, SHARE, critical_value
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, QUICK, ROUGH, Solution
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -27,14 +28,11 @@ from flexdesign.estimation.model_selection.fitted_model import (
     with_values,
 )
 from flexdesign.estimation.model_selection.model_comparison import (
-    LEVEL,
-    SHARE,
     Step,
     Trial,
     best_of,
     bic_lead,
     compare,
-    critical_value,
     is_alike,
     rank,
 )
@@ -213,7 +211,7 @@ def backward(task: EstimationTask, fit: FittedModel, tested: Sequence[str]) -> F
         rest = tuple(other for other in fit.effects if other.name != effect.name)
         if effect.name not in tested or not rest:
             continue
-        needed = critical_value(float(chdtri(1, LEVEL)), (effect,)) * fit.discrepancy
+        needed = critical_value(float(chdtri(1, LEVEL)), len(effect.free)) * fit.discrepancy
         without = refit(task, fit, rest)
         if without is not None and without.cost - fit.cost < needed:
             return backward(task, without, tested)

@@ -1,0 +1,131 @@
+"""The criterion: when an effect is added to a model, which of several is preferred, and when it is named.
+
+An effect is *added* if it passes four checks.
+
+1. *Evidence.* chi^2 of the fitted runs falls by more than the largest score of the catalogue does by chance
+   (family-wise critical value of the score test), times the discrepancy of the model: reduced chi^2 times the number of
+   samples that count as one (Bartlett 1946). What no model explains is coloured noise, and a thousand correlated
+   samples are not a thousand proofs.
+2. *Share.* It removes a stated share of the unexplained mean square of the validation runs.
+3. *Relevance.* It changes the prediction by more than the tolerance, also by itself.
+4. *Determination.* The 95 % interval of its strength excludes the null, and it is not at the end of its range.
+
+Of several that pass, the one with the least BIC is *preferred*. Where BIC cannot tell them apart and none of them is
+adequate, so that each is an approximation, one that predicts the validation runs better by that share comes before it.
+
+All added effects are *named* if the residual is noise. Else they are if they explain much beside the residual, and if
+smooth functions do not explain more in their place.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from scipy.special import chdtri
+
+#: Family-wise probability of a false effect in one step; half of it or twice it moves the critical value by 1.4.
+LEVEL = 1e-3
+#: Least share of the unexplained mean square of the validation runs; what explains less is no finding for a user.
+SHARE = 0.05
+#: BIC cannot tell models apart that differ by less: "very strong" evidence begins at 10 (Kass and Raftery 1995).
+INDISTINGUISHABLE = 10.0
+#: Standard deviations of a 95 % interval.
+HALF_WIDTH = 1.96
+#: Standard deviations beyond which a deviation from what is known is a finding: one in 370 is larger.
+CONFLICT = 3.0
+#: A number is undetermined if its 95 % interval is wider than this share of the plausible range.
+SHARE_OF_RANGE = 0.5
+#: An effect is named beside a residual if it explains this many times as much, in squares: two thirds of both together.
+LARGE = 2.0
+#: Smooth functions are the better explanation if they leave no more than this share of what effects leave, in squares.
+BETTER = 0.5
+#: Calibration is refused if it makes the validation error larger by this factor, and chi^2 by more than chance does.
+WORSE = 1.02
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for an effect, or for two that are added at once.
+
+    Parameters
+    ----------
+    gain, needed
+        Fall of chi^2 of the fitted runs, less what further initial conditions explain by chance; and the critical value
+        of it, discrepancy counted.
+    helps
+        Whether chi^2 of the validation runs falls.
+    share
+        Share of the unexplained mean square of the validation runs that it removes.
+    change, own_change, tolerance
+        Change of the prediction against the model before, and against the model without the effect alone; and the
+        change that matters [response].
+    at_bound, open
+        Strengths at the end of the plausible range; and those with intervals that include the null.
+    """
+
+    gain: float
+    needed: float
+    helps: bool
+    share: float
+    change: float
+    own_change: float
+    tolerance: float
+    at_bound: tuple[str, ...] = ()
+    open: tuple[str, ...] = ()
+
+    @property
+    def is_small(self) -> bool:
+        """Tell whether the check that fails first is that of relevance."""
+        return self.refusal.startswith("moves")
+
+    @property
+    def refusal(self) -> str:
+        """Return the reason why nothing is added; empty if it is."""
+        if self.gain < self.needed:
+            return "no more than chance gives"
+        if not self.helps:
+            return "does not help on the validation runs"
+        if self.share < SHARE:
+            return f"explains less than {100 * SHARE:.0f} % of what is unexplained"
+        if min(self.change, self.own_change) < self.tolerance:
+            itself = "" if self.change < self.tolerance else "itself "
+            return f"{itself}moves the prediction by less than the tolerance"
+        if self.at_bound:  # other numbers may come back as further effects are added
+            return f"{' and '.join(self.at_bound)} at the end of what is plausible"
+        if self.open:
+            return f"{' and '.join(self.open)} is not determined: its 95 % interval includes the null"
+        return ""
+
+
+def critical_value(score: float, numbers: int) -> float:
+    """Return the fall of chi^2 that chance does not reach.
+
+    Parameters
+    ----------
+    score
+        Critical value of the largest score of the catalogue, each with one free number.
+    numbers
+        How many free numbers are added; each further one has a quantile of chi^2 of its own.
+    """
+    return score + float(chdtri(max(numbers, 1), LEVEL) - chdtri(1, LEVEL))
+
+
+def explained_share(before: float, after: float, floor: float) -> float:
+    """Return the share of the mean square above the noise that goes where an rms residual falls."""
+    return (before**2 - after**2) / max(before**2 - floor**2, 1e-300)
+
+
+def excludes(value: float, null: float, sigma: float) -> bool:
+    """Tell whether a 95 % interval excludes the null."""
+    return abs(value - null) > HALF_WIDTH * sigma
+
+
+def is_undetermined(half_width: float, plausible: float) -> bool:
+    """Tell whether a 95 % interval says next to nothing in its plausible range."""
+    return math.isfinite(plausible) and 2 * half_width > SHARE_OF_RANGE * plausible
+
+
+def cannot_tell_apart(difference: float, discrepancy: float) -> bool:
+    """Tell whether a difference of BIC decides nothing, discrepancy counted."""
+    return difference < INDISTINGUISHABLE * discrepancy
