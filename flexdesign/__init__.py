@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from flexdesign.core.model import Formulas as Formulas
     from flexdesign.core.model import Linkage as Linkage
     from flexdesign.core.model import Member as Member
+    from flexdesign.core.model import Notch as Notch
     from flexdesign.core.model import Parameter as Parameter
     from flexdesign.core.model import Quantity as Quantity
     from flexdesign.core.model import Reshape as Reshape
@@ -69,7 +70,7 @@ _HOME = {
     "flexdesign.api.studies": ("optimize", "reproduce", "sweep"),
     "flexdesign.core.errors": ("InputError",),
     "flexdesign.core.model": (
-        "Adjust", "Block", "Disturbance", "Effect", "Formulas", "Linkage", "Member", "Parameter", "Quantity",
+        "Adjust", "Block", "Disturbance", "Effect", "Formulas", "Linkage", "Member", "Notch", "Parameter", "Quantity",
         "Reshape", "Resonance", "Root", "Socket", "Term",
     ),
     "flexdesign.core.versions": ("__version__",),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
 from flexdesign.analytic.compliance import ComplianceModel, drawn
 from flexdesign.core import toml_files
@@ -16,8 +17,10 @@ from flexdesign.design import design as designs
 from flexdesign.design import part as parts
 from flexdesign.design import study as studies
 from flexdesign.design.design import Design
+from flexdesign.design.sketch import polygons
 from flexdesign.fem.meshing import domain, outlined
 from flexdesign.workflows.validation import Validation, validate
+from studies.notch_profiles import levers
 
 GEOMETRY = Path(__file__).resolve().parents[1] / "geometry"
 SKETCHES = GEOMETRY / "sketches"
@@ -237,6 +240,34 @@ def test_fem_of_an_example_agrees_with_its_rigid_bodies(name: str, tmp_path: Pat
             assert abs(comparison.error("rigid bodies") or 0.0) < limit
 
 
+@pytest.mark.parametrize("profile", levers.PROFILES)
+def test_a_hinge_of_every_profile_is_drawn_as_its_member_says(profile: str, tmp_path: Path) -> None:
+    """The solid's volume is that of the bodies and of the integral of the thickness along the hinge."""
+    part = designs.read(levers.lever(profile, tmp_path)).part()
+    (hinge,) = (member for member in part.linkage().members if member.kind == "hinge")
+    area, _ = quad(hinge.thickness_at, -hinge.length / 2, hinge.length / 2, epsrel=1e-10, limit=200)
+    bodies = sum(polygons.area_moments(body.corners)[0] for body in part.drawing.bodies.values())  # type: ignore[attr-defined]
+    assert part.solid().isValid()
+    assert 1e-9 * part.solid().Volume() == pytest.approx((area + bodies) * hinge.width, rel=1e-7)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("profile", levers.PROFILES)
+def test_a_hinge_of_every_profile_gives_way_as_finite_elements_do(profile: str, tmp_path: Path) -> None:
+    """Within 1 %, and an error of 0.5 % that is estimated."""
+    found = levers.solve(profile, tmp_path)
+    for key in levers.KEYS:
+        fem = found.fem[key]
+        assert (fem.half_width or 0.0) < 5e-3 * abs(fem.value)
+        assert found.model[key].value == pytest.approx(fem.value, rel=0.01)
+
+
+def test_one_profile_meets_the_gate_and_the_model_on_coarse_meshes(tmp_path: Path) -> None:
+    found = levers.solve("v", tmp_path, "mesh.accuracy=0.05", "mesh.at_root=0.07", "mesh.growth=0.9")
+    fem = found.fem["K_in_output_free"]
+    assert found.model["K_in_output_free"].value == pytest.approx(fem.value, rel=0.02)
+
+
 # --- what is refused ----------------------------------------------------------------------------------------------
 
 TWO_LEAVES = (SKETCHES / "parallelogram.toml").read_text(encoding="utf-8")
@@ -283,6 +314,21 @@ REFUSED = {
     "Python": ((HIGH, '"__import__(1).getcwd()"]'), "body.table.box.4", "in it; a formula has"),
     "an unknown key": (("[plate]", "[plate]\nwidht = 3"), "plate.widht", "is not a known key"),
     "no plate": (('[plate]\nthickness = "width"', ""), "plate", "is missing"),
+    "a notch without depth": (
+        ('thickness = "thickness"', 'thickness = "thickness", profile = "parabolic"'),
+        "flexure.leaf.depth", "must be more than 0 mm",
+    ),
+    "a leaf with depth": (
+        ('thickness = "thickness"', 'thickness = "thickness", depth = "1 mm"'), "flexure.leaf.depth", "a leaf has none",
+    ),
+    "an ellipse with fillets": (
+        ('thickness = "thickness"', 'thickness = "thickness", profile = "elliptic", depth = "1 mm", fillet = "1 mm"'),
+        "flexure.leaf.fillet", "only a leaf has fillets",
+    ),
+    "a V without an arc": (
+        ('thickness = "thickness"', 'thickness = "thickness", profile = "v", depth = "1 mm"'),
+        "flexure.leaf.fillet", "more than 0 mm",
+    ),
     "a wrong side": (('side = "-y"', 'side = "down"'), "port.3.side", "'-x', '+x', '-y' or '+y'"),
 }  # fmt: skip
 

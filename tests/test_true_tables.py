@@ -20,7 +20,7 @@ from flexdesign.core.model import Elastic, Member
 from flexdesign.design import design
 from flexdesign.diagnosis.comparison import static_table as comparison
 from flexdesign.diagnosis.static_tables import diagnose
-from flexdesign.effects.hinge_compliance import beam, roots
+from flexdesign.effects.hinge_compliance import beam, roots, slopes
 from flexdesign.report.diagnosis import table_report, table_words
 from studies.static_trial.cases import STACK, case, references
 
@@ -181,13 +181,16 @@ def test_the_width_for_what_is_not_stated_is_as_large_as_what_it_stands_for():
     assert np.abs(shares).max() < 3.3  # of two hundred normal numbers one is larger once in five times
 
 
-def test_a_notch_is_guessed_as_much_softer_than_its_beam_as_finite_elements_are():
+def test_a_notch_is_as_much_softer_than_its_beam_as_finite_elements_are():
     """R 2 mm, t 0.5 mm, b 10 mm: 5923 N mm/rad in plane stress (`flexdesign.analytic.notch`)."""
     shape = {"thickness": 0.5e-3, "width": 10e-3, "curvature_radius": 2e-3}
     notch = Member("hinge", "hinge", ("a", "b"), (0.0, 0.0, 0.0), (4e-3, 0.0, 0.0), **shape)
     plane_stress = Elastic(71e9, 0.33)
     assert beam.rotation(notch, plane_stress) == pytest.approx(1 / 6.486, rel=1e-3)
-    assert beam.rotation(roots.guessed(notch), plane_stress) == pytest.approx(1 / 5.923, rel=2e-3)
+    slope = slopes.compliance(notch, plane_stress)[2, 2]
+    assert beam.rotation(notch, plane_stress) + slope == pytest.approx(1 / 5.923, rel=3e-3)
+    ends = roots.compliance(roots.guessed(notch), plane_stress)[2, 2]
+    assert 0 < ends < 5e-3 / 5.923
 
 
 @dataclass(frozen=True)
@@ -200,12 +203,13 @@ class Notched(BRIDGE.part_class):
         return replace(whole, members=tuple(replace(m, **round_) if m.kind == "hinge" else m for m in whole.members))
 
 
-@pytest.mark.parametrize("softer", [0.06, 0.11])
-def test_notches_that_give_way_more_than_beams_are_no_other_modulus(softer):
-    """All stiffnesses 6 % below the beams', as of a lever with notches: what the model is known to lack."""
+def test_notches_that_give_way_more_than_beams_are_no_other_modulus():
+    """Of beams alone all stiffnesses would be 9 % higher; what the notches' ends run into nobody said."""
     model = static_model.of_design(replace(BRIDGE, part_class=Notched))
     rows = tuple(Row(name, boundary, 1.0, None, "", {}) for name, boundary in FREE)
-    values = model.predict(StaticTable("", rows)) * np.array([1 - softer, 1.0, 1 - softer])
+    beams = replace(model, effects={k: v for k, v in model.effects.items() if k != "sloping_sides"})
+    values = beams.predict(StaticTable("", rows)) * np.array([1 / 1.09, 1.0, 1 / 1.09])
+    assert values == pytest.approx(model.predict(StaticTable("", rows)), rel=0.02)
     found = diagnose.diagnose(model, noisy([replace(r, value=v) for r, v in zip(rows, values, strict=True)], 0.005, 1))
     assert found.verdict == "nothing-missing"
     assert any("Member.roots" in remark for remark in found.remarks)

@@ -10,7 +10,7 @@ import numpy as np
 
 from flexdesign.core.model import Root
 from flexdesign.effects.hinge_compliance import roots, width
-from studies.hinge_coefficients import planar, plate
+from studies.hinge_coefficients import notches, planar, plate
 
 NAMES = ("MM", "MV", "NN", "NM")
 ENDS = (1.25, 1.75, 2.0, 2.5, 3.5, 5.0, 8.0, 16.0)
@@ -39,6 +39,14 @@ def rows() -> Iterator[Row]:
         _, _, nn, _ = roots.coefficients(Root("flank", depth, 0.4 * height, height=height), 1.0)
         solved_nn = planar.evenly_loaded(depth, 0.4 * height, height)
         yield f"pressed block, d/t {depth:g}, h/t {height:g}: NN", solved_nn, nn
+    for name, shape, neck in notches.CASES:
+        solved, beams, program = notches.compliances(shape, neck)
+        for number, motion in ((2, "rotation"), (0, "stretch"), (1, "sway")):
+            yield (
+                f"{name}, t/l {neck / (2 * shape.half_length):g}: {motion} over the beam's",
+                float(solved[number, number] / beams[number, number]),
+                float(program[number, number] / beams[number, number]),
+            )
     for ratio in (0.05, 0.15, 0.4, 1.0, 3.0):
         yield f"relief, bent, l/w {ratio:g}", plate.bent(ratio), float(np.interp(ratio, width.RATIOS, width.BENDING))
         at = float(np.interp(ratio, width.RATIOS, width.STRETCHING))
@@ -55,10 +63,10 @@ def _of(what: str, solved: planar.Array, root: Root, radius: float = 0.0) -> Ite
 
 def main() -> int:
     """Print solved and interpolated coefficients."""
-    print(f"{'':44}{'solved':>9}{'program':>9}{'less':>9}")
+    print(f"{'':52}{'solved':>9}{'program':>9}{'less':>9}")
     worst = 0.0
     for what, solved, program in rows():
-        print(f"{what:44}{solved:9.3f}{program:9.3f}{program - solved:+9.3f}", flush=True)
+        print(f"{what:52}{solved:9.3f}{program:9.3f}{program - solved:+9.3f}", flush=True)
         worst = max(worst, math.fabs(program - solved))
     print(f"the largest difference is {worst:.2f}")
     return 0

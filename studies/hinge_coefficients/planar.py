@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from skfem.helpers import ddot, sym_grad, trace
 
+from flexdesign.core.model import Notch
 from flexdesign.fem.meshing.planar import triangulate
 from flexdesign.fem.meshing.section import Curve
 
@@ -22,6 +23,8 @@ LEAF, POISSON = 4.0, 0.33
 #: Edges at the roots, their growth, and the order of what they leave open at sharp roots; two meshes are extrapolated.
 FINEST, GROWTH, ORDER = 0.01, 0.25, 1.09
 SHEAR = 0.5 / (1 + POISSON)
+#: Corners of a side of a notch; its chords are off by 1e-4 of the neck where that is a tenth of the radius.
+CORNERS = 321
 
 
 class Solved:
@@ -201,3 +204,34 @@ def evenly_loaded(depth: float, overhang: float, height: float) -> float:
     inertia = depth**3 / 12
     beam = 2 * height**3 / (15 * inertia) + 1.2 * height / (3 * SHEAR * depth)
     return float(extrapolated(root)[0, 0] - beam)
+
+
+@cache
+def notch(shape: Notch, neck: float) -> Array:
+    """Return what a notch gives way about its centre, without the beams at its ends that are as deep as it is there.
+
+    Parameters
+    ----------
+    shape
+        Of its sides.
+    neck
+        Thickness of its neck, in the unit of the shape.
+    """
+    half = shape.half_length
+    along = half * np.sin(np.linspace(-np.pi / 2, np.pi / 2, CORNERS))
+    up = neck / 2 + shape.rise(along)
+    deep = 2 * float(up[0])
+    reach = half + 2 * deep
+    upper = [(-reach, deep / 2), *zip(along.tolist(), up.tolist(), strict=True), (reach, deep / 2)]
+    outline = upper + [(x, -y) for x, y in reversed(upper)]
+    solved = Solved(outline, [(0.0, neck / 2), (0.0, -neck / 2)], 0.06 * neck, deep / 12)
+    tip = solved.side(lambda x: np.isclose(x[0], reach))
+    loads = [
+        solved.load(tip, lambda x: (1 / deep + 0 * x[0], 0 * x[0])),
+        solved.load(tip, lambda x: (0 * x[0], 1.5 / deep * (1 - (2 * x[1] / deep) ** 2))),
+        solved.load(tip, lambda x: (-12 * x[1] / deep**3, 0 * x[0])),
+    ]
+    whole = solved.compliance(loads, solved.held(solved.side(lambda x: np.isclose(x[0], -reach))))
+    inertia, beams = deep**3 / 12, 2 * (reach - half)
+    sway = 2 * (reach**3 - half**3) / (3 * inertia) + 1.2 * beams / (SHEAR * deep)
+    return at_root(whole, reach) - np.diag([beams / deep, sway, beams / inertia])

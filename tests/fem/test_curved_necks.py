@@ -40,7 +40,7 @@ def test_a_notch_is_refined_on_its_profile_and_not_inside_the_metal(member: Memb
     """On the profile min(a t(s), sqrt(8 R d)), inside no more than b t(s); no roots at (+-l/2, +-t/2) in the metal."""
     neck = Neck(member, surface=0.1, inside=0.2, chord=1e-3 * T)
     s = np.linspace(-R, R, 41)
-    height = profile.thickness(member, s)
+    height = member.thicknesses(s)
     assert height == pytest.approx(T + 2 * (R - np.sqrt(R**2 - s**2)), abs=1e-12)
     on_profile = np.column_stack([s, height / 2, np.zeros_like(s)])
     assert neck(on_profile, 0.5) == pytest.approx(np.minimum(0.1 * height, math.sqrt(8 * R * 1e-3 * T)))

@@ -17,6 +17,7 @@ from flexdesign.core.model.effect import (
 )
 from flexdesign.core.model.formulas import Formulas
 from flexdesign.core.model.linkage import Linkage, Member, Root
+from flexdesign.core.model.notch import Notch
 from flexdesign.core.model.observation import Model, Observation
 from flexdesign.core.model.parameter import Parameter
 from flexdesign.core.model.quantity import Quantity, by_key, output_boundary
@@ -35,6 +36,7 @@ __all__ = [
     "Linkage",
     "Member",
     "Model",
+    "Notch",
     "Observation",
     "Parameter",
     "Quantity",

@@ -10,6 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
+from flexdesign.core.model.notch import Array, Notch
+
 Vector = tuple[float, float, float]
 MemberKind = Literal["hinge", "arm", "rod", "block", "guide", "stub"]
 RootKind = Literal["end", "flank", "block"]
@@ -43,7 +47,7 @@ class Root:
 
 @dataclass(frozen=True)
 class Member:
-    """A slender piece of a mechanism, prismatic along its axis unless its profile says otherwise.
+    """A slender piece of a mechanism, prismatic along its axis unless it has fillets or a notch.
 
     Parameters
     ----------
@@ -61,6 +65,8 @@ class Member:
         Fillet radius at its ends [m]; 0 for a sharp root.
     curvature_radius
         Radius of a circular notch [m]; infinite for a leaf.
+    notch
+        A notch of another shape; None for a leaf or a circular notch.
     roots
         What its start and its end run into, where theory needs to know; None at the other ends.
     lever
@@ -79,6 +85,7 @@ class Member:
     curvature_radius: float = math.inf
     roots: tuple[Root | None, Root | None] = (None, None)
     lever: float = 0.0
+    notch: Notch | None = None
 
     @property
     def length(self) -> float:
@@ -105,19 +112,29 @@ class Member:
         """Second moment of area for bending in the plane [m^4]."""
         return self.width * self.thickness**3 / 12
 
+    @property
+    def profile(self) -> Notch | None:
+        """The notch, circular or not; None for a leaf."""
+        if math.isfinite(self.curvature_radius):
+            return Notch.circular(self.curvature_radius, self.length / 2)
+        return self.notch
+
     def thickness_at(self, s: float) -> float:
         """Return the nominal thickness at the distance `s` from the member's centre [m].
 
-        Root fillets thicken a leaf near its ends; a circular notch thickens away from its neck.
+        Root fillets thicken a leaf near its ends; a notch thickens away from its neck.
         """
-        if math.isfinite(self.curvature_radius):
-            rise = self.curvature_radius - math.sqrt(max(self.curvature_radius**2 - s**2, 0.0))
-            return self.thickness + 2 * rise
-        into_fillet = abs(s) - (self.length / 2 - self.root_radius)
-        if self.root_radius > 0 and into_fillet > 0:
-            rise = self.root_radius - math.sqrt(max(self.root_radius**2 - into_fillet**2, 0.0))
-            return self.thickness + 2 * rise
-        return self.thickness
+        return float(self.thicknesses(np.array([s]))[0])
+
+    def thicknesses(self, s: Array) -> Array:
+        """Return the nominal thickness at each of several distances from the centre, as `thickness_at` [m]."""
+        if (notch := self.profile) is not None:
+            return np.asarray(self.thickness + 2 * notch.rise(s))
+        if self.root_radius == 0:
+            return np.full(np.shape(s), self.thickness)
+        into = np.clip(np.abs(s) - (self.length / 2 - self.root_radius), 0.0, self.root_radius)
+        rise = self.root_radius - np.sqrt((self.root_radius - into) * (self.root_radius + into))
+        return np.asarray(self.thickness + 2 * rise)
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
+from flexdesign.core.model import Notch
 from flexdesign.design.part import Port
 from flexdesign.design.sketch import polygons
 
 Array = NDArray[np.float64]
-Profile = Literal["leaf", "circular"]
-#: Corners of half a circular notch, where a polygon stands for it.
+Profile = Literal["leaf", "circular", "elliptic", "parabolic", "v"]
+#: Corners of a side of a notch, where a polygon stands for it.
 NOTCH_CORNERS = 24
 
 
@@ -44,11 +45,13 @@ class Flexure:
     start, end
         Ends of its axis [m].
     thickness
-        In the plane; of a circular notch at its neck [m].
+        In the plane; of a notch at its neck [m].
     profile
-        ``leaf``, or ``circular``: two half circles whose diameter is the length.
+        ``leaf``; ``circular``, two half circles whose diameter is the length; ``elliptic``, ``parabolic`` or ``v``.
     fillet
-        Radius at its roots [m].
+        Radius at its roots, of a V at its neck [m].
+    depth
+        Of a notch, how far each side rises from the neck to the ends [m]; of a circle half the length.
     kind
         ``hinge``, or ``rod``: a beam that bends as a cantilever does, held at its end.
     """
@@ -61,6 +64,29 @@ class Flexure:
     profile: Profile = "leaf"
     fillet: float = 0.0
     kind: Literal["hinge", "rod"] = "hinge"
+    depth: float = 0.0
+
+    @cached_property
+    def notch(self) -> Notch | None:
+        """The shape of a notch; None for a leaf."""
+        half = self.length / 2
+        if self.profile == "circular":
+            return Notch.circular(half, half)
+        if self.profile == "elliptic":
+            return Notch.elliptic(half, self.depth)
+        if self.profile == "parabolic":
+            return Notch.parabolic(half, self.depth)
+        return Notch.v(half, self.depth, self.fillet) if self.profile == "v" else None
+
+    @property
+    def end_thickness(self) -> float:
+        """Thickness at its ends, without fillets [m]."""
+        return self.thickness + (2 * self.notch.depth if self.notch is not None else 0.0)
+
+    @property
+    def root_fillet(self) -> float:
+        """Radius of the fillets at its roots [m]."""
+        return 0.0 if self.profile == "v" else self.fillet
 
     @property
     def length(self) -> float:
@@ -85,12 +111,12 @@ class Flexure:
     @cached_property
     def corners(self) -> Array:
         """Its outline [m]; of a notch chords."""
-        if self.profile == "leaf":
+        notch = self.notch
+        if notch is None:
             half = self.thickness / 2 * self.normal
             return np.array([self.start - half, self.end - half, self.end + half, self.start + half])
-        angles = np.linspace(0.0, math.pi, NOTCH_CORNERS + 1)
-        radius = self.length / 2
-        along, up = -radius * np.cos(angles), self.thickness / 2 + radius * (1 - np.sin(angles))
+        along = -self.length / 2 * np.cos(np.linspace(0.0, math.pi, NOTCH_CORNERS + 1))
+        up = self.thickness / 2 + notch.rise(along)
         middle = (self.start + self.end) / 2
         lower, upper = (middle + np.outer(along, self.axis) + sign * np.outer(up, self.normal) for sign in (-1.0, 1.0))
         return np.concatenate([lower, upper[::-1]])
@@ -151,7 +177,8 @@ class Drawing:
             raise InputError("design", f"{field}.thickness", _mm(flexure.thickness), "must be more than 0 mm")
         if flexure.length <= 10 * polygons.NEAR:
             raise InputError("design", field, _mm(flexure.length), "its two ends coincide; move one of them")
-        if flexure.fillet < 0 or flexure.fillet > 0.45 * flexure.length:
+        _require_notch(flexure, field)
+        if flexure.profile != "v" and (flexure.fillet < 0 or flexure.fillet > 0.45 * flexure.length):
             remedy = f"allowed: 0 mm to {_mm(0.45 * flexure.length)}, so that two fillets fit on its length"
             raise InputError("design", f"{field}.fillet", _mm(flexure.fillet), remedy)
         for name, point, _ in flexure.ends:
@@ -228,6 +255,25 @@ class Drawing:
         found = int(shape.max(axis=1).argmax())
         turning = shape[found, 2] >= shape[found].max() - 1e-9
         return [(free[found], "it turns" if turning else "it shifts")]
+
+
+def _require_notch(flexure: Flexure, field: str) -> None:
+    """Refuse a notch without a depth, a depth of what has none, and a V without an arc."""
+    if flexure.profile in ("leaf", "circular"):
+        if flexure.depth:
+            what = "a leaf has none" if flexure.profile == "leaf" else "that of a circular notch is half its length"
+            raise InputError("design", f"{field}.depth", _mm(flexure.depth), f"{what}; leave it out")
+        return
+    if flexure.depth <= 0:
+        remedy = f"must be more than 0 mm: how far each side of the {flexure.profile} notch rises from neck to end"
+        raise InputError("design", f"{field}.depth", _mm(flexure.depth), remedy)
+    if flexure.profile != "v" and flexure.fillet:
+        remedy = "only a leaf has fillets at its roots, and a v one at its neck; leave it out"
+        raise InputError("design", f"{field}.fillet", _mm(flexure.fillet), remedy)
+    try:
+        flexure.notch  # noqa: B018
+    except ValueError as error:
+        raise InputError("design", f"{field}.fillet", _mm(flexure.fillet), str(error)) from None
 
 
 def _require_simple(body: Body) -> None:

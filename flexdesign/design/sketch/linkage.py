@@ -96,11 +96,12 @@ def _flexed(flexure: Flexure, section: Section, places: dict[tuple[str, str], st
     """Return a flexure as a member with its roots."""
     drawing = section.drawing
     first, second = (places[body, flexure.name] for body in flexure.bodies)
-    roots = (_root(flexure, 0, section), _root(flexure, 1, section)) if flexure.profile == "leaf" else (None, None)
-    radius = flexure.length / 2 if flexure.profile == "circular" else math.inf
+    roots = (_root(flexure, 0, section), _root(flexure, 1, section))
+    round_ = flexure.profile == "circular"
     member = Member(
         flexure.name, flexure.kind, (first, second), _space(flexure.start), _space(flexure.end),
-        flexure.thickness, drawing.thickness, flexure.fillet, radius, roots,
+        flexure.thickness, drawing.thickness, flexure.root_fillet,
+        flexure.length / 2 if round_ else math.inf, roots, notch=None if round_ else flexure.notch,
     )  # fmt: skip
     if flexure.kind == "rod":
         others = [each for each, _, _ in drawing.attached[flexure.bodies[0]] if each is not flexure]
@@ -133,7 +134,7 @@ def _root(flexure: Flexure, number: int, section: Section) -> Root | None:
         return Root("end", left + right)
     if behind:
         return Root("block", depth / 2, overhang, side)  # type: ignore[arg-type]
-    if depth > left + right or overhang < flexure.thickness / 2:
+    if depth > left + right or overhang < flexure.end_thickness / 2:
         return Root("end", left + right)
     twins = [
         abs(float((at - point) @ flexure.normal))

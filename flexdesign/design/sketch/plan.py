@@ -110,11 +110,12 @@ class Plan:
         for table in self.tables.flexure:
             start, end = _ends(table, number)
             thickness, fillet = (number(f"flexure.{table.name}.{key}") for key in ("thickness", "fillet"))
+            depth = 0.0 if table.depth is None else number(f"flexure.{table.name}.depth")
             for suffix, turn in _images(table):
                 name = f"{table.name}{suffix}"
                 first, second = (_image(bodies, body, turn, f"flexure.{name}") for body in table.between)
                 ends = turn @ start, turn @ end
-                flexure = Flexure(name, (first, second), *ends, thickness, table.profile, fillet, table.kind)
+                flexure = Flexure(name, (first, second), *ends, thickness, table.profile, fillet, table.kind, depth)
                 _add(flexures, flexure, "flexure")
         return flexures
 

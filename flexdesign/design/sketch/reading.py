@@ -148,6 +148,8 @@ def _texts(tables: SketchTables, path: Path) -> Iterator[tuple[str, Text, str]]:
             yield f"{where}.length", flexure.length, "m"
         yield f"{where}.thickness", flexure.thickness, "m"
         yield f"{where}.fillet", flexure.fillet, "m"
+        if flexure.depth is not None:
+            yield f"{where}.depth", flexure.depth, "m"
 
 
 def _understood(

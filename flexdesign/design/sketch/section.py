@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.errors import InputError
+from flexdesign.core.model import Notch
 from flexdesign.design.part import Outline, SymmetryPlane
 from flexdesign.design.sketch import polygons
 from flexdesign.design.sketch.drawing import Drawing, Flexure
@@ -67,7 +68,7 @@ class Section:
     def outline(self) -> Outline | None:
         """Return the section by its corners; None with curved edges."""
         drawing = self.drawing
-        if any(f.profile != "leaf" or f.fillet > 0 for f in drawing.flexures.values()):
+        if any(f.profile != "leaf" or f.root_fillet > 0 for f in drawing.flexures.values()):
             return None
         loops = [_corners(wire) for wire in (self.face.outerWire(), *self.face.innerWires())]
         return Outline(loops, -drawing.thickness / 2, drawing.thickness / 2)
@@ -79,8 +80,10 @@ class Section:
         half = 1e3 * self.drawing.thickness / 2
         low = self.face.translate(cq.Vector(0, 0, -half))
         body = cq.Workplane(cq.Solid.extrudeLinear(low, cq.Vector(0, 0, 2 * half)))
-        for radius in sorted({f.fillet for f in self.drawing.flexures.values()} - {0.0}):
-            places = [place for f in self.drawing.flexures.values() if f.fillet == radius for place in self._roots(f)]
+        for radius in sorted({f.root_fillet for f in self.drawing.flexures.values()} - {0.0}):
+            places = [
+                place for f in self.drawing.flexures.values() if f.root_fillet == radius for place in self._roots(f)
+            ]
             edges = [e for e in body.edges("|Z").vals() if _near((e.Center().x, e.Center().y), places)]
             body = body.newObject(edges).fillet(1e3 * radius)
         return body.solids().val()
@@ -131,23 +134,50 @@ def _polygon(corners: Array) -> Any:
 
 
 def _outlined(flexure: Flexure) -> Any:
-    """Return the outline of a flexure; the arcs of a notch are arcs."""
+    """Return the outline of a flexure; sides of notches are arcs, half ellipses, parabolas or lines and an arc."""
     import cadquery as cq
 
-    if flexure.profile == "leaf":
+    notch = flexure.notch
+    if notch is None:
         return _polygon(flexure.corners)
-    radius, middle = flexure.length / 2, (flexure.start + flexure.end) / 2
+    half, high = notch.half_length, flexure.end_thickness / 2
+    lower, upper = _side(flexure, notch, 1.0), _side(flexure, notch, -1.0)
+    right, left = (
+        cq.Edge.makeLine(_placed(flexure, way * half, -way * high), _placed(flexure, way * half, way * high))
+        for way in (1, -1)
+    )
+    return cq.Wire.assembleEdges([*lower, right, *upper, left])
 
-    def place(along: float, up: float) -> Any:
-        x, y = 1e3 * (middle + along * flexure.axis + up * flexure.normal)
-        return cq.Vector(float(x), float(y), 0.0)
 
-    high, neck = flexure.thickness / 2 + radius, flexure.thickness / 2
-    lower = cq.Edge.makeThreePointArc(place(-radius, -high), place(0, -neck), place(radius, -high))
-    upper = cq.Edge.makeThreePointArc(place(radius, high), place(0, neck), place(-radius, high))
-    right = cq.Edge.makeLine(place(radius, -high), place(radius, high))
-    left = cq.Edge.makeLine(place(-radius, high), place(-radius, -high))
-    return cq.Wire.assembleEdges([lower, right, upper, left])
+def _placed(flexure: Flexure, along: float, up: float) -> Any:
+    """Return a point by its distances from a flexure's middle along it and to its left [m], as a vector [mm]."""
+    import cadquery as cq
+
+    x, y = 1e3 * ((flexure.start + flexure.end) / 2 + along * flexure.axis + up * flexure.normal)
+    return cq.Vector(float(x), float(y), 0.0)
+
+
+def _side(flexure: Flexure, notch: Notch, turn: float) -> list[Any]:
+    """Return the edges of a notch's right side from start to end; turned by half a turn, -1, the left side's back."""
+    import cadquery as cq
+
+    def place(along: float, rise: float) -> Any:
+        return _placed(flexure, turn * along, -turn * (flexure.thickness / 2 + rise))
+
+    half, depth = notch.half_length, notch.depth
+    first, last = place(-half, depth), place(half, depth)
+    if notch.shape == "parabolic":  # the middle pole of a parabola lies as far beyond its vertex as its ends
+        return [cq.Edge.makeBezier([first, place(0, -depth), last])]
+    if notch.shape == "elliptic":
+        along, up = (cq.Vector(*map(float, turn * each), 0.0) for each in (flexure.axis, flexure.normal))
+        centre, plane, long, short = place(0, depth), cq.Vector(0, 0, -1), 1e3 * half, 1e3 * depth
+        if short > long:  # the kernel wants the longer axis first
+            return [cq.Edge.makeEllipse(short, long, centre, plane, up, -90.0, 90.0)]
+        return [cq.Edge.makeEllipse(long, short, centre, plane, -along, 0.0, 180.0)]
+    bend = notch.arc_half
+    low, high = (place(at, float(notch.rise(np.array([bend]))[0])) for at in (-bend, bend))
+    arc = cq.Edge.makeThreePointArc(low, place(0, 0), high)
+    return [arc] if notch.shape == "circular" else [cq.Edge.makeLine(first, low), arc, cq.Edge.makeLine(high, last)]
 
 
 def _corners(wire: Any) -> list[tuple[float, float]]:

@@ -45,7 +45,8 @@ class FlexureTable(Repeated):
     direction: Text = "0 deg"
     length: Text | None = None
     thickness: Text
-    profile: Literal["leaf", "circular"] = "leaf"
+    profile: Literal["leaf", "circular", "elliptic", "parabolic", "v"] = "leaf"
+    depth: Text | None = None
     fillet: Text = 0
     kind: Literal["hinge", "rod"] = "hinge"
 

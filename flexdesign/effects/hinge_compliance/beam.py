@@ -7,6 +7,7 @@ thickness varies along the member these are the integrals of 1/EA, s^2/EI, 1/kGA
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -18,8 +19,8 @@ from flexdesign.effects.hinge_compliance import width
 Array = NDArray[np.float64]
 #: Share of a rectangular section that carries shear.
 SHEAR_SHARE = 5 / 6
-#: Points of the quadrature along an arc.
-POINTS = 32
+#: Points of the quadrature along each smooth piece of a profile.
+POINTS = 64
 
 
 def stretch(member: Member, elastic: Elastic) -> float:
@@ -98,19 +99,71 @@ def from_place(compliance: Array, place: float) -> Array:
 
 def integral(member: Member, power: int, moment: int) -> float:
     """Return the integral of s^moment / t(s)^power along the member [m], s from its centre; `moment` is even."""
-    length, thickness = member.length, member.thickness
-    radius = min(member.curvature_radius, length / 2) if math.isfinite(member.curvature_radius) else member.root_radius
-    straight = length / 2 - radius
-    whole = 2 * straight ** (moment + 1) / ((moment + 1) * thickness**power)
-    if radius == 0:
+    straight = straight_half(member)
+    whole = 2 * straight ** (moment + 1) / ((moment + 1) * member.thickness**power)
+    if straight == member.length / 2:
         return float(whole)
-    # Along an arc s runs as the sine of an angle in which the integrand is smooth.
-    angles, weights = _quarter()
-    arc = member.curvature_radius if math.isfinite(member.curvature_radius) else radius
-    angles, weights = angles * math.asin(radius / arc), weights * math.asin(radius / arc)
-    s = straight + arc * np.sin(angles)
-    t = thickness + 2 * arc * (1 - np.cos(angles))
-    return float(whole + 2 * (weights * arc * np.cos(angles)) @ (s**moment / t**power))
+    side = sides(member)
+    return float(whole + 2 * side.lengths @ (side.s**moment / side.thicknesses**power))
+
+
+@dataclass(frozen=True)
+class Sides:
+    """A half of a member where its sides rise, at points of a quadrature.
+
+    Parameters
+    ----------
+    s, lengths
+        Distances from the centre, and the length that each point stands for [m].
+    thicknesses
+        Thickness there [m].
+    slopes
+        Slope of either side.
+    """
+
+    s: Array
+    lengths: Array
+    thicknesses: Array
+    slopes: Array
+
+
+def straight_half(member: Member) -> float:
+    """Return how far from the centre a member is prismatic [m]."""
+    return 0.0 if member.profile is not None else member.length / 2 - member.root_radius
+
+
+def sides(member: Member) -> Sides:
+    """Return where the sides of a notch or of fillets rise, each piece in a variable in which it is smooth."""
+    unit, weights = _quarter()
+    half, thin = member.length / 2, member.thickness
+    notch = member.profile
+    if notch is None or notch.shape in ("circular", "elliptic"):
+        # Along an arc s runs as the sine of an angle.
+        reach = member.root_radius if notch is None else notch.half_length
+        axis = notch.radius if notch is not None and notch.shape == "circular" else reach
+        last = math.asin(min(reach / axis, 1.0))
+        into, lengths = axis * np.sin(last * unit), last * axis * weights * np.cos(last * unit)
+        s = half - member.root_radius + into if notch is None else into
+        slopes = np.tan(last * unit) if notch is None else notch.slope(s)
+    elif notch.shape == "parabolic":
+        # s / neck is the tangent of an angle, neck being where the thickness is twice that of the neck.
+        neck = half * math.sqrt(thin / (2 * notch.depth))
+        last = math.atan(half / neck)
+        s, lengths = neck * np.tan(last * unit), last * neck * weights / np.cos(last * unit) ** 2
+        slopes = notch.slope(s)
+    else:
+        # The arc by its angle, the flank by the logarithm of its thickness.
+        angle, bend = notch.flank_angle, notch.arc_half
+        rising = 2 * math.tan(angle)
+        at_bend = thin + 2 * float(notch.rise(np.array([bend]))[0])
+        ratio = (at_bend + rising * (half - bend)) / at_bend
+        flank = at_bend * ratio**unit
+        s = np.concatenate([notch.radius * np.sin(angle * unit), bend + (flank - at_bend) / rising])
+        lengths = np.concatenate(
+            [angle * notch.radius * weights * np.cos(angle * unit), math.log(ratio) * weights * flank / rising]
+        )
+        slopes = notch.slope(s)
+    return Sides(s, lengths, member.thicknesses(s), slopes)
 
 
 @cache

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.model import Elastic, Member, Root
-from flexdesign.effects.hinge_compliance import width
+from flexdesign.effects.hinge_compliance import slopes, width
 from flexdesign.effects.hinge_compliance.beam import from_place
 
 Array = NDArray[np.float64]
@@ -71,13 +71,11 @@ FILLET_MV: Knots = _FILLET, (0.0, -0.087, -0.179, -0.357, -0.525, -0.833, -1.236
 FILLET_NN: Knots = _FILLET, (0.0, -0.018, -0.038, -0.075, -0.108, -0.166, -0.237, -0.310)
 #: What a hinge or rod is guessed to run into where its linkage does not state it: a beam so many times as thick.
 TYPICAL = 6.0
-#: By how much a circular notch gives way more than the beam that it is, over the root of neck over radius: plane stress
-#: finite elements have 9.5 % for 0.5 mm over 2 mm (`flexdesign.analytic.notch`).
-NOTCH = 0.19
 
 
 def compliance(member: Member, elastic: Elastic) -> Array:
     """Return what a member's roots give way, 3 by 3; zero where nobody said what it runs into."""
+    member = _at_its_ends(member)
     total = np.zeros((3, 3))
     for root, way in zip(member.roots, (-1, 1), strict=True):
         if root is not None:
@@ -88,15 +86,20 @@ def compliance(member: Member, elastic: Elastic) -> Array:
 def guessed(member: Member) -> Member:
     """Return a hinge or rod with a guess of what its linkage does not state of its ends; any other as it is.
 
-    A rod that states one root has none at the other end. For a notch, which has no roots, what it gives way more than a
-    beam is put into its width.
+    A rod that states one root has none at the other end.
     """
-    if member.kind == "hinge" and math.isfinite(member.curvature_radius):
-        return replace(member, width=member.width / (1 + NOTCH * math.sqrt(member.thickness / member.curvature_radius)))
     if (member.kind == "hinge" and None in member.roots) or (member.kind == "rod" and not any(member.roots)):
-        typical = Root("end", TYPICAL * member.thickness)
+        typical = Root("end", TYPICAL * _at_its_ends(member).thickness)
         return replace(member, roots=(member.roots[0] or typical, member.roots[1] or typical))
     return member
+
+
+def _at_its_ends(member: Member) -> Member:
+    """Return a notch, or a leaf with long fillets, as a leaf as thick as it is at its roots; any other as it is."""
+    if not slopes.counts(member):
+        return member
+    thick = member.thickness_at(member.length / 2)
+    return replace(member, thickness=thick, root_radius=0.0, curvature_radius=math.inf, notch=None)
 
 
 def out_of_plane(member: Member, elastic: Elastic) -> tuple[Array, float]:
@@ -107,6 +110,7 @@ def out_of_plane(member: Member, elastic: Elastic) -> tuple[Array, float]:
     2/pi ln(r) / E in its plane and by 1/pi ln(r) / G along z, which is 1 + nu times as much. A strip that bends into
     an S turns at its roots, (l/2)^2 MM / E t^2 each, beside l^3 / E t^3 of its own.
     """
+    member = _at_its_ends(member)
     total, strips = np.zeros((3, 3)), 0.0
     scale = width.root_modulus(member, elastic) * member.width
     for root, way in zip(member.roots, (-1, 1), strict=True):
@@ -144,7 +148,7 @@ def coefficients(root: Root, thickness: float, radius: float = 0.0) -> tuple[flo
     thickness, radius
         Of the leaf, and of the fillet at its root [m].
     """
-    depth, overhang = root.depth / thickness, root.overhang / thickness
+    depth, overhang = max(root.depth / thickness, 1.0), root.overhang / thickness
     if root.kind == "end":
         mm, mv, nn, nm = _at(depth, END_MM), _at(depth, END_MV), _at(depth, END_NN), 0.0
     else:

@@ -28,6 +28,7 @@ BY_DRAWING = (
     "rod_shear",
     "block_bending",
     "root_flexibility",
+    "sloping_sides",
     "plane_strain",
 )
 

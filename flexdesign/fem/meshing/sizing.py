@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Neck:
-    """The target edge length at a curved hinge, from its local thickness t(s) and the radius R of its profile.
+    """The target edge length at a curved hinge, from its local thickness t(s) and the radius R(s) of its profile.
 
     On the profile it is min(a t(s), sqrt(8 R d)), d the chord error that is allowed; inside it grows with the distance
     from the profile, up to b t(s).
@@ -51,17 +51,16 @@ class Neck:
     def key(self) -> tuple[object, ...]:
         """What the field depends on, for the cache."""
         h = self.hinge
-        shape = (h.start, h.end, h.thickness, h.width, h.root_radius, h.curvature_radius)
+        shape = (h.start, h.end, h.thickness, h.width, h.root_radius, h.curvature_radius, h.notch)
         return (*shape, self.surface, self.inside, self.chord)
 
     @property
     def finest(self) -> float:
         """The edge length on the profile at the neck [m]."""
-        return min(self.surface * self.hinge.thickness, self._longest)
+        return float(min(self.surface * self.hinge.thickness, self._longest(np.zeros(1))[0]))
 
-    @property
-    def _longest(self) -> float:
-        return float(np.sqrt(8 * profile.radius(self.hinge) * self.chord))
+    def _longest(self, s: FloatArray) -> FloatArray:
+        return np.asarray(np.sqrt(8 * profile.radius(self.hinge, s) * self.chord))
 
     def __call__(self, points: FloatArray, growth: float) -> FloatArray:
         """Return the target edge length [m] at points of shape (n, 3); beyond the hinge's ends it grows on."""
@@ -70,18 +69,18 @@ class Neck:
         s, n = away @ axis, np.abs(away @ normal)
         half = self.hinge.length / 2
         along = np.clip(s, -half, half)
-        thickness = profile.thickness(self.hinge, along)
+        thickness = self.hinge.thicknesses(along)
         beyond = np.abs(s - along)
         off = np.abs(n - thickness / 2)  # from the profile
         outside = np.hypot(beyond, np.maximum(n - thickness / 2, 0.0))
-        at_profile = np.minimum(self.surface * thickness, self._longest) + growth * np.hypot(beyond, off)
+        at_profile = np.minimum(self.surface * thickness, self._longest(along)) + growth * np.hypot(beyond, off)
         return np.asarray(np.minimum(at_profile, self.inside * thickness + growth * outside))
 
     def cloud(self, growth: float) -> FloatArray:
         """Return points on the profile and the axis of the hinge, about two edge lengths apart, shape (n, 3) [m]."""
         axis, normal = profile.frame(self.hinge)
         s = np.linspace(-self.hinge.length / 2, self.hinge.length / 2, 401)
-        centre, half = np.array(self.hinge.centre), profile.thickness(self.hinge, s) / 2
+        centre, half = np.array(self.hinge.centre), self.hinge.thicknesses(s) / 2
         lines = []
         for side in (-1.0, 0.0, 1.0):
             line = centre + s[:, None] * axis + (side * half)[:, None] * normal

@@ -91,7 +91,7 @@ class Section:
         """
         s = np.linspace(0.0, self.member.length / 2, PLACES)
         s = np.append(s, profile.flat_half(self.member))
-        thickness = profile.thickness(self.member, s)
+        thickness = self.member.thicknesses(s)
         moment = abs(self.moment) + abs(self.shear) * s
         bending = 6 * moment / (self.member.width * thickness**2)
         return float((abs(self.normal) / (self.member.width * thickness) + bending).max())
@@ -120,7 +120,7 @@ def _section(member: Member, body: Elasticity, domain: Domain, displacement: Flo
     near = np.flatnonzero((s.min(axis=1) < reach) & (s.max(axis=1) > -reach))
     near = near[np.abs(away[near, :, 2].mean(axis=1)) <= member.width / 2 * (1 + 1e-6)]
     s, n = s[near].mean(axis=1), np.abs(n[near])
-    thickness = profile.thickness(member, np.clip(s, -half, half)) * (1 + 1e-6)
+    thickness = member.thicknesses(np.clip(s, -half, half)) * (1 + 1e-6)
     # An element may reach into the member from the body at its end.
     elements = near[np.where(np.abs(s) <= half, n.mean(axis=1), n.min(axis=1)) <= thickness / 2]
     barycentric, weights = stress_points()

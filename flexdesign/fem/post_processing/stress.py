@@ -7,7 +7,6 @@ fillet or a round notch it has one, and meshes fine enough to follow the curve a
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -56,7 +55,7 @@ def nodal_von_mises(body: Elasticity, displacement: FloatArray) -> FloatArray:
 
 def is_sharp(member: Member) -> bool:
     """Tell whether a member ends in sharp roots: neither fillets nor a round notch."""
-    return member.root_radius == 0 and math.isinf(member.curvature_radius)
+    return member.root_radius == 0 and member.profile is None
 
 
 def growth(peaks: Sequence[float], sizes: Sequence[float]) -> float:
