@@ -1,4 +1,4 @@
-"""Published closed forms of one hinge: leaf, right-circular or shallower circular notch, corner-filleted leaf.
+"""Published closed forms of one hinge: leaf, corner-filleted leaf, circular, elliptic, parabolic and V notch.
 
 One end is held, the other carries force and moment in the plane; between them lies a beam of width b whose height t(x)
 varies. All forms here are, exactly or for a thin neck, the integrals of Euler-Bernoulli theory::
@@ -18,22 +18,29 @@ and no equation numbers are given. Where no text is named, form and name are as 
   thin neck; rotation 1 + t / 8R too compliant, as the next term of the expansion says. The simplified rotation was also
   seen in public notes and programs; Yong, Lu and Handley (2008), it says there, find it good to about 5 % for
   0.05 <= t / R <= 0.2.
+- Wu and Zhou (2002), right-circular, rotation and stretch: exact.
+- Elliptic and parabolic notches, of which Smith et al. (1997) and Lobontiu (2002) print forms of their own, and the V
+  with a rounded tip: worked out anew, and exact. Along an ellipse of half length a and depth c the height is that of a
+  circle of radius c, stretched by a / c along the axis.
 - Lobontiu (2002), right-circular, and Lobontiu et al. (2001), corner-filleted: exact. Their deflections per force,
   and the circular one's per moment, were seen in a public transcription. In that of the corner-filleted hinge the last
   arc tangent lacks its square root; restored, as the quadrature demands.
 
 **Left out.** Koseki et al. (2002): no text of its formulas was found, so none stands under that name; `thin_neck` and
 `leaf`, with `EndCompliance.with_shear`, cover the same hinges. Paros and Weisbord's own deflection per force across was
-not found either. Elliptic and other profiles, and formulas fitted to finite elements, are not this module's business.
+not found either. Formulas fitted to finite elements are not this module's business.
 
-**What beams neglect.** Blocks that give way around the notch, and a width too large to contract. In plane stress finite
-elements have the notch R 2 mm, t 0.5 mm, b 10 mm, E 71 GPa at 5923 N mm/rad: the integral is 9.5 % above it, the
-simplified formula 6.0 %, its two errors being of opposite signs.
+**What beams neglect.** Sections that do not stay plane between sloping sides
+(`flexdesign.effects.hinge_compliance.slopes`), blocks that give way around the notch, and a width too large to
+contract. In plane stress finite elements have the notch R 2 mm, t 0.5 mm, b 10 mm, E 71 GPa at 5923 N mm/rad: the
+integral is 9.5 % above it, the simplified formula 6.0 %, its two errors being of opposite signs.
 
-Sources: J. M. Paros and L. Weisbord, How to design flexure hinges, Machine Design 37 (1965), 151-156. N. Lobontiu,
-J. S. N. Paine, E. Garcia and M. Goldfarb, Corner-filleted flexure hinges, Journal of Mechanical Design 123 (2001),
-346-352. N. Lobontiu, Compliant Mechanisms: Design of Flexure Hinges, CRC Press (2002). Y. K. Yong, T.-F. Lu and
-D. C. Handley, Review of circular flexure hinge design equations and derivation of empirical formulations, Precision
+Sources: J. M. Paros and L. Weisbord, How to design flexure hinges, Machine Design 37 (1965), 151-156. N. Lobontiu, J.
+S. N. Paine, E. Garcia and M. Goldfarb, Corner-filleted flexure hinges, Journal of Mechanical Design 123 (2001),
+346-352. S. T. Smith, V. G. Badami, J. S. Dale and Y. Xu, Elliptical flexure hinges, Review of Scientific Instruments 68
+(1997), 1474-1483. Y. Wu and Z. Zhou, Design calculations for flexure hinges, Review of Scientific Instruments 73
+(2002), 3101-3106. N. Lobontiu, Compliant Mechanisms: Design of Flexure Hinges, CRC Press (2002). Y. K. Yong, T.-F. Lu
+and D. C. Handley, Review of circular flexure hinge design equations and derivation of empirical formulations, Precision
 Engineering 32 (2008), 63-70.
 """
 
@@ -44,7 +51,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
+import numpy as np
 from scipy.integrate import quad
+
+from flexdesign.core.model import Notch
 
 #: Shear stress of a rectangular section, as its work says, over its mean.
 SHEAR_FACTOR = 6 / 5
@@ -277,6 +287,90 @@ def lobontiu_corner_filleted(
     axial = youngs_modulus * width
     rotation /= axial * thickness**2
     return EndCompliance(rotation, length / 2 * rotation, transverse / axial, stretch / axial)
+
+
+def wu_zhou(youngs_modulus: float, width: float, thickness: float, radius: float) -> tuple[float, float]:
+    """Return rotation per moment [rad/(N m)] and stretch per force [m/N] of a right-circular notch.
+
+    Wu and Zhou (2002), with s = R / t. Exact for Euler-Bernoulli beams; modulus in Pa, lengths in m.
+
+    Examples
+    --------
+    >>> round(1 / wu_zhou(71e9, 10e-3, 0.5e-3, 2e-3)[0], 4)
+    6.4863
+    """
+    _check(youngs_modulus=youngs_modulus, width=width, thickness=thickness, radius=radius)
+    s = radius / thickness
+    wide = 4 * s + 1
+    arc = math.atan(math.sqrt(wide))
+    rotation = 2 * s**3 * (6 * s**2 + 4 * s + 1) / ((2 * s + 1) * wide**2)
+    rotation += 12 * s**4 * (2 * s + 1) / wide**2.5 * arc
+    stretch = 2 * (2 * s + 1) / math.sqrt(wide) * arc - math.pi / 2
+    axial = youngs_modulus * width
+    return 12 * rotation / (axial * radius**2), stretch / axial
+
+
+def elliptic(youngs_modulus: float, width: float, thickness: float, half_length: float, depth: float) -> EndCompliance:
+    """Return an elliptic notch by its semi-axes along and across: exact for Euler-Bernoulli beams; Pa and m.
+
+    Examples
+    --------
+    >>> round(elliptic(71e9, 10e-3, 0.5e-3, 2e-3, 2e-3).rotational_stiffness, 4)
+    6.4863
+    """
+    _check(half_length=half_length)
+    circle = lobontiu_circular(youngs_modulus, width, thickness, depth)
+    longer = half_length / depth
+    rotation = longer * circle.rotation
+    about_middle = longer**3 * (circle.transverse - depth**2 * circle.rotation)
+    return EndCompliance(
+        rotation, half_length * rotation, half_length**2 * rotation + about_middle, longer * circle.axial
+    )
+
+
+def parabolic(youngs_modulus: float, width: float, thickness: float, half_length: float, depth: float) -> EndCompliance:
+    """Return a parabolic notch by half length and depth of a side: exact for Euler-Bernoulli beams; Pa and m.
+
+    With u = s / a and k = 2 c / t the height is t (1 + k u^2).
+    """
+    _check(youngs_modulus=youngs_modulus, width=width, thickness=thickness, half_length=half_length, depth=depth)
+    k = 2 * depth / thickness
+    arc = math.atan(math.sqrt(k)) / math.sqrt(k)
+    axial = youngs_modulus * width
+    bending = 24 * half_length / (axial * thickness**3)
+    rotation = bending * (1 / (4 * (1 + k) ** 2) + 3 / (8 * (1 + k)) + 3 * arc / 8)
+    about_middle = bending * half_length**2 * (arc + (k - 1) / (1 + k) ** 2) / (8 * k)
+    return EndCompliance(
+        rotation,
+        half_length * rotation,
+        half_length**2 * rotation + about_middle,
+        2 * half_length * arc / (axial * thickness),
+    )
+
+
+def v_notch(
+    youngs_modulus: float, width: float, thickness: float, half_length: float, depth: float, radius: float
+) -> tuple[float, float]:
+    """Return rotation per moment [rad/(N m)] and stretch per force [m/N] of a V with a rounded tip.
+
+    The arc is Paros and Weisbord's; on the flanks the height goes with the distance. Exact for Euler-Bernoulli beams.
+
+    Parameters
+    ----------
+    youngs_modulus
+        E [Pa].
+    width, thickness
+        b and t, the neck's [m].
+    half_length, depth, radius
+        From the neck to an end along the hinge and across, and of the tip [m].
+    """
+    _check(youngs_modulus=youngs_modulus, width=width, thickness=thickness, half_length=half_length, depth=depth)
+    notch = Notch.v(half_length, depth, radius)
+    low, high = thickness + 2 * notch.rise(np.array([notch.arc_half, half_length]))
+    rotation, stretch = paros_weisbord(youngs_modulus, width, thickness, radius, float(low))
+    rising, axial = 2 * math.tan(notch.flank_angle), youngs_modulus * width
+    rotation += 12 * float(low**-2 - high**-2) / (rising * axial)
+    return rotation, stretch + 2 * math.log(high / low) / (rising * axial)
 
 
 def _check(**sizes: float) -> None:

@@ -256,6 +256,7 @@ def solve(
             "tetrahedra": len(mesh.tets),
             "unknowns": body.n_dofs,
             "worst quality": float(mesh.quality().min()),
+            "loose vertices": len(mesh.loose),
             "symmetric class": port_compliance.classes(domain)[0].name,
             "mass": material.density * mesh.volume * domain.copies,
             "solver": solver,

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,6 +15,7 @@ from scipy.integrate import quad
 from flexdesign.analytic import notch
 from flexdesign.analytic.notch import EndCompliance
 from flexdesign.analytic.textbook import TextbookBridge
+from flexdesign.core.model import Notch
 
 YOUNG, WIDTH, THICKNESS, RADIUS = 71e9, 10e-3, 0.5e-3, 2e-3
 #: Neck over radius, from far thinner to far thicker than is built.
@@ -183,6 +185,48 @@ def test_small_fillets_make_a_leaf(fillet: float) -> None:
     # The next term is 3 r / t times the first, at most; terms of the size of the result leave 1e-15.
     assert 1 - rounded.rotation / flat.rotation == pytest.approx(first, rel=3 * fillet, abs=1e-14)
     assert 1 - rounded.axial / flat.axial == pytest.approx(first / 3, rel=3 * fillet, abs=1e-14)
+
+
+# --- other profiles
+
+#: Half length, depth and neck [m]: as deep as long, shallow, deep, and thick.
+NOTCHES = [(2e-3, 2e-3, 0.5e-3), (2e-3, 0.3e-3, 0.2e-3), (1e-3, 4e-3, 0.1e-3), (3e-3, 1e-3, 2e-3)]
+
+
+def by_quadrature(shape: Notch, thickness: float) -> EndCompliance:
+    a = shape.half_length
+
+    def height(x: float) -> float:
+        return thickness + 2 * float(shape.rise(np.array([x - a]))[0])
+
+    places = (a - shape.arc_half, a, a + shape.arc_half)
+    return notch.beam_integral(YOUNG, WIDTH, height, 2 * a, *places)
+
+
+@pytest.mark.parametrize("neck", NECKS)
+def test_wu_and_zhou_are_paros_and_weisbord(neck: float) -> None:
+    found = notch.wu_zhou(YOUNG, WIDTH, neck * RADIUS, RADIUS)
+    assert found == pytest.approx(notch.paros_weisbord(YOUNG, WIDTH, neck * RADIUS, RADIUS), rel=1e-9)
+
+
+@pytest.mark.parametrize(("a", "c", "t"), NOTCHES)
+def test_elliptic_and_parabolic_notches_are_their_integrals(a: float, c: float, t: float) -> None:
+    assert_close(notch.elliptic(YOUNG, WIDTH, t, a, c), by_quadrature(Notch.elliptic(a, c), t), 1e-8)
+    assert_close(notch.parabolic(YOUNG, WIDTH, t, a, c), by_quadrature(Notch.parabolic(a, c), t), 1e-8)
+
+
+@pytest.mark.parametrize(("a", "c", "t"), NOTCHES)
+def test_a_v_is_its_integral(a: float, c: float, t: float) -> None:
+    expected = by_quadrature(Notch.v(a, c, 0.1e-3), t)
+    found = notch.v_notch(YOUNG, WIDTH, t, a, c, 0.1e-3)
+    assert found == pytest.approx((expected.rotation, expected.axial), rel=1e-8)
+
+
+def test_a_thin_parabola_is_the_thin_neck_of_its_radius() -> None:
+    """Near a thin neck every profile is a parabola; what the ends add falls with (t / 2c)^(5/2)."""
+    a, t = 2e-3, 1e-5
+    parabola = notch.parabolic(YOUNG, WIDTH, t, a, a / 2)  # of radius a at the neck
+    assert parabola.rotation == pytest.approx(notch.thin_neck(YOUNG, WIDTH, t, a).rotation, rel=1e-5)
 
 
 # --- scaling, for all dimensions

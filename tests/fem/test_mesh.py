@@ -365,6 +365,34 @@ def test_snapping_drops_slivers_on_the_surface() -> None:
         }
 
 
+def bulged(count: int) -> tuple[Domain, TaggedMesh, int]:
+    """A box of which the mesher put one vertex 0.9e-3 above its face, and the one below it 0.5e-3 above it, too."""
+    body, tets = box(count)
+    points = tets.points.copy()
+    top = np.linalg.norm(points - [0.5, 0.5, 1.0], axis=1).argmin()
+    below = np.linalg.norm(points - points[top] + [0.0, 0.0, 1 / count], axis=1).argmin()
+    points[top, 2], points[below, 2] = 1 + 0.9e-3, 1 + 0.5e-3
+    assert mesh.signed_volumes(points, tets.tets).min() > 0
+    return body, dataclasses.replace(tets, points=points), int(top)
+
+
+def test_a_vertex_whose_snapping_would_turn_elements_stays_where_it_is() -> None:
+    """One of 386 on the surface; the volume is that of the box and of the bulge, off by less than the envelope."""
+    body, tets, top = bulged(8)
+    found = mesh.snap(tets, body, 1e-3)
+    assert found.loose.tolist() == [top]
+    np.testing.assert_array_equal(found.points[top], tets.points[top])
+    assert mesh.signed_volumes(found.points, found.tets).min() > 0
+    assert 0 < found.volume - 1.0 < 1e-3 * (2 / 8) ** 2
+
+
+def test_many_vertices_that_must_stay_refuse_the_mesh() -> None:
+    """One of 98 is more than one of two hundred."""
+    body, tets, _ = bulged(4)
+    with pytest.raises(MeshError, match="snapping inverts elements"):
+        mesh.snap(tets, body, 1e-3)
+
+
 def test_snapping_that_turns_elements_inside_out_is_refused() -> None:
     body, tets = box()
     points = tets.points.copy()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -19,6 +19,11 @@ IntArray = NDArray[np.int64]
 
 #: Corners of the four faces of a tetrahedron, each seen from outside counter-clockwise.
 TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+
+#: A tetrahedron is flat if its volume is less than this share of the cube of its size.
+FLAT = 1e-4
+#: Of the vertices on the surface, so many may stay off their CAD faces.
+MOST_LOOSE = 5e-3
 
 
 class Size(Protocol):
@@ -50,12 +55,15 @@ class TaggedMesh:
         Corners of the boundary facets, seen from outside counter-clockwise, shape (k, 3).
     faces
         Index of the CAD face each facet lies on, shape (k,).
+    loose
+        Vertices on the boundary that lie on their CAD faces within the mesher's envelope alone, by index.
     """
 
     points: FloatArray
     tets: IntArray
     facets: IntArray
     faces: IntArray
+    loose: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def volume(self) -> float:
@@ -76,7 +84,8 @@ class TaggedMesh:
 
     def arrays(self) -> dict[str, NDArray]:
         """Return the arrays that make up the mesh, for storing."""
-        return {"points": self.points, "tets": self.tets, "facets": self.facets, "faces": self.faces}
+        return {"points": self.points, "tets": self.tets, "facets": self.facets, "faces": self.faces,
+                "loose": self.loose}  # fmt: skip
 
 
 def tetrahedralize(domain: Domain, sizing: Size, envelope: float, passes: int = 80) -> TaggedMesh:
@@ -170,13 +179,40 @@ def snap(mesh: TaggedMesh, domain: Domain, envelope: float) -> TaggedMesh:
     """Move boundary vertices onto the CAD faces they belong to, and drop what this flattens.
 
     The mesher keeps the surface within its envelope; a hinge's stiffness goes with the cube of its thickness, so that
-    the last micrometre counts. A vertex on several faces goes to their intersection.
+    the last micrometre counts. A vertex on several faces goes to their intersection. Where several curved faces cross,
+    that may turn elements inside out: then the vertices of these elements stay where the mesher put them, off the
+    surface by no more than envelope and chord. They are few, or the mesh is refused.
 
     Raises
     ------
     MeshError
-        If a vertex has to move farther than three times the envelope, or a tetrahedron turns inside out.
+        If a vertex has to move farther than three times the envelope, or more than `MOST_LOOSE` of the vertices on
+        the surface would have to stay, or an element is inside out even so.
     """
+    goal = _on_faces(mesh, domain)
+    off = np.linalg.norm(goal - mesh.points, axis=1)
+    if domain.thin is not None:  # faces that nearly touch meet far away: one of them must do
+        far = np.flatnonzero(off > 3 * envelope)
+        goal[far] = _on_nearest(mesh.points[far], domain)
+        off = np.linalg.norm(goal - mesh.points, axis=1)
+    moved = float(off.max())
+    if moved > 3 * envelope + domain.chord:
+        raise MeshError(f"a surface vertex lies {moved * 1e6:.2g} um off its CAD face; reduce mesh.envelope")
+    loose = np.zeros(len(goal), dtype=bool)
+    most = MOST_LOOSE * len(np.unique(mesh.facets))
+    while True:
+        points = np.where(loose[:, None], mesh.points, goal)
+        turned = _turned(points, mesh.tets)
+        new = np.unique(mesh.tets[turned])
+        new = new[~loose[new] & (off[new] > 0)]
+        if not len(new) or loose.sum() + len(new) > most:
+            break
+        loose[new] = True
+    return _without_slivers(replace(mesh, points=points, loose=np.flatnonzero(loose)))
+
+
+def _on_faces(mesh: TaggedMesh, domain: Domain) -> FloatArray:
+    """Return the vertices moved onto the faces that each belongs to."""
     points = mesh.points.copy()
     vertex_faces = _memberships(mesh, domain)
     for _ in range(50):  # alternating projections converge to the intersection; planes at right angles in one round
@@ -186,15 +222,18 @@ def snap(mesh: TaggedMesh, domain: Domain, envelope: float) -> TaggedMesh:
             points[vertices] = _projected(points[vertices], face)
         if np.abs(points - before).max() < 1e-13:
             break
-    off = np.linalg.norm(points - mesh.points, axis=1)
-    if domain.thin is not None:  # faces that nearly touch meet far away: one of them must do
-        far = np.flatnonzero(off > 3 * envelope)
-        points[far] = _on_nearest(mesh.points[far], domain)
-        off = np.linalg.norm(points - mesh.points, axis=1)
-    moved = float(off.max())
-    if moved > 3 * envelope + domain.chord:
-        raise MeshError(f"a surface vertex lies {moved * 1e6:.2g} um off its CAD face; reduce mesh.envelope")
-    return _without_slivers(TaggedMesh(points, mesh.tets, mesh.facets, mesh.faces))
+    return points
+
+
+def _turned(points: FloatArray, tets: IntArray) -> NDArray[np.bool_]:
+    """Tell which tetrahedra are inside out, and not merely laid flat."""
+    return signed_volumes(points, tets) < -FLAT * _sizes(points, tets)
+
+
+def _sizes(points: FloatArray, tets: IntArray) -> FloatArray:
+    """Return the cube of the largest distance of a tetrahedron's corners from its middle [m^3]."""
+    corners = points[tets]
+    return np.asarray(np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1) ** 3)
 
 
 def _memberships(mesh: TaggedMesh, domain: Domain) -> IntArray:
@@ -247,10 +286,8 @@ def _projected(points: FloatArray, face: Face) -> FloatArray:
 
 def _without_slivers(mesh: TaggedMesh, smallest: float = 1e-9) -> TaggedMesh:
     """Drop tetrahedra that snapping laid flat into the boundary, layer by layer, and expose what was behind them."""
-    corners = mesh.points[mesh.tets]
-    size = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1) ** 3
     volumes = signed_volumes(mesh.points, mesh.tets)
-    flat = volumes < 1e-4 * size
+    flat = volumes < FLAT * _sizes(mesh.points, mesh.tets)
     if not flat.any():
         return mesh
     lost = np.abs(volumes[flat]).sum() / volumes.sum()
@@ -275,7 +312,8 @@ def _without_slivers(mesh: TaggedMesh, smallest: float = 1e-9) -> TaggedMesh:
     used, renumbered = np.unique(
         tets, return_inverse=True
     )  # a vertex of dropped elements alone would carry no stiffness
-    return TaggedMesh(mesh.points[used], renumbered.reshape(-1, 4), np.searchsorted(used, skin), owners)
+    loose = np.searchsorted(used, np.intersect1d(mesh.loose, used))
+    return TaggedMesh(mesh.points[used], renumbered.reshape(-1, 4), np.searchsorted(used, skin), owners, loose)
 
 
 def signed_volumes(points: FloatArray, tets: IntArray) -> FloatArray:

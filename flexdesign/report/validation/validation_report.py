@@ -259,6 +259,18 @@ def _judged(quantity: Quantity) -> str:
     return f"{shown(quantity)}{verdict}"
 
 
+def _loose(validation: Validation) -> str:
+    """Say how many vertices the mesher's tolerance alone keeps at the surface, if any."""
+    counts = [level.solution.facts.get("loose vertices", 0) for level in validation.levels]
+    if not any(counts):
+        return ""
+    shown = ", ".join(str(count) for count in counts)
+    return (
+        f"Where faces cross, {shown} vertices of the meshes lie off their CAD faces, by no more than mesh.envelope and "
+        "the chord of the tessellation; elements there would have turned inside out. "
+    )
+
+
 def _mesh(validation: Validation) -> Section:
     rows, checks = [], []
     for level in validation.levels:
@@ -295,7 +307,8 @@ def _mesh(validation: Validation) -> Section:
         f"{METHODS[validation.method.name]}, solved by "
         f"{validation.finest.solution.facts['solver']}{_memory(validation)}. Unknowns are those of "
         f"the domain; the whole part has {validation.domain.copies} times as many. {validation.extrapolation} "
-        f"{_index(validation)}{accuracy_words.reached(validation.study.mesh.accuracy, validation.found)}"
+        f"{_index(validation)}{_loose(validation)}"
+        f"{accuracy_words.reached(validation.study.mesh.accuracy, validation.found)}"
     )
     of_input = ["K_in", "λ"] if validation.has_input else []
     head = ["unknowns", "tetrahedra", "edge at roots", "worst quality", *of_input, "K_out input free", "time"]
