@@ -106,6 +106,7 @@ def _document(path: Path) -> tuple[_Labels, str]:
     from OCP.TColStd import TColStd_SequenceOfAsciiString
     from OCP.TDocStd import TDocStd_Document
 
+    _silence()
     reader = STEPCAFControl_Reader()
     reader.SetColorMode(True)
     reader.SetNameMode(True)
@@ -122,6 +123,13 @@ def _document(path: Path) -> tuple[_Labels, str]:
     labels = _labels(document)
     labels.in_order = _in_order(reader)
     return labels, unit
+
+
+def _silence() -> None:
+    """Keep the kernel from writing to standard output what it thinks of a file: results are written there."""
+    from OCP.Message import Message, Message_PrinterOStream
+
+    Message.DefaultMessenger_s().RemovePrinters(Message_PrinterOStream.get_type_descriptor_s())
 
 
 def _in_order(reader: Any) -> list[tuple[str, str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -203,6 +204,31 @@ def test_what_is_no_step_file_is_refused(tmp_path: Path, content: str) -> None:
     (tmp_path / "part.step").write_text(content)
     with pytest.raises(InputError, match=r"part\.step"):
         step_file.read(tmp_path / "part.step")
+
+
+def test_the_kernel_writes_nothing_of_its_own(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Results are written to standard output; a file that ends in its middle made the kernel write there, too."""
+    path = tmp_path / "cut.step"
+    cq.exporters.export(cq.Workplane().box(3, 3, 3), str(path))
+    capfd.readouterr()
+    whole = path.read_text()
+    path.write_text(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match="is no STEP file that can be read"):
+        step_file.read(path)
+    assert capfd.readouterr().out == ""
+
+
+def test_cavities_line_ends_and_round_faces_are_read(tmp_path: Path) -> None:
+    """A hollow cube, a truncated cone with the line ends of Windows, and a ball of one face, by their volumes."""
+    hollow = cq.Workplane().box(10, 10, 10).cut(cq.Workplane().box(5, 5, 5))
+    cone = cq.Workplane().circle(3).workplane(offset=6).circle(1).loft()
+    expected = {"hollow": 875.0, "cone": 26 * math.pi, "ball": 36 * math.pi}
+    for name, body in {"hollow": hollow, "cone": cone, "ball": cq.Workplane().sphere(3)}.items():
+        path = tmp_path / f"{name}.step"
+        cq.exporters.export(body, str(path))
+        if name == "cone":
+            path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
+        assert step_file.read(path).solid.Volume() == pytest.approx(expected[name], rel=1e-6)
 
 
 @pytest.mark.parametrize(
