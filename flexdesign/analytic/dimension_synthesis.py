@@ -6,7 +6,6 @@ has a half-width, the sum of what these halves do to it one by one: how far all 
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -29,10 +28,10 @@ from flexdesign.analytic.reconstruction import (
     amplification_from_gain,
     reconstruct,
 )
-from flexdesign.core import data_files, toml_files, units
+from flexdesign.core import data_files, toml_files, toml_writing, units
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Quantity
-from flexdesign.core.toml_files import Table, in_si, is_file, whole
+from flexdesign.core.toml_files import Table, in_si, whole
 from flexdesign.design import materials
 
 #: How the two kinds of axes are called.
@@ -186,14 +185,7 @@ def find(name: str | Path) -> Path:
     InputError
         If there is no such file; the message suggests the nearest names.
     """
-    path = Path(name)
-    if is_file(path):
-        return path
-    found, known = data_files.in_studies(name, "[targets.")
-    if found is not None:
-        return found
-    remedy = f"no such file of targets{suggest(path.stem, known)}"
-    raise InputError("command line", "TARGETS", toml_files.as_written(str(name)), remedy)
+    return data_files.find(name, "file of targets", "[targets.", "TARGETS")
 
 
 def size(name: str | Path, overrides: Sequence[str] = ()) -> Sizing:
@@ -379,16 +371,15 @@ def _lines(sizing: Sizing) -> Iterator[str]:
     """Yield the file of dimensions, line by line."""
 
     def length(name: str, value: float, meaning: str) -> str:
-        text = f'{name} = "{value / units.factor("mm", "m"):.6g} mm"'
-        return f"{text:<32}# {meaning}"
+        return toml_writing.commented(f'{name} = "{value / units.factor("mm", "m"):.6g} mm"', meaning, 32)
 
     found = sizing.found
     yield f"# Dimensions by flexdesign size from the targets {sizing.name}. They are no whole design: the targets say"
     yield "# nothing of the thickness of the arms and the size of the blocks."
     yield f"format = {toml_files.FORMAT}"
-    yield f"title = {json.dumps(f'{sizing.title}, reconstructed', ensure_ascii=False)}"
-    yield f"material = {json.dumps(sizing.material, ensure_ascii=False)}"
-    yield f"provenance = {json.dumps(PROVENANCE, ensure_ascii=False)}"
+    yield f"title = {toml_files.quoted(f'{sizing.title}, reconstructed')}"
+    yield f"material = {toml_files.quoted(sizing.material)}"
+    yield f"provenance = {toml_files.quoted(PROVENANCE)}"
     yield from ("", "[stage]")
     yield length("chain_length_y", found.chain_length_y, "L_1")
     yield length("chain_length_z", found.chain_length_z, "L_2")

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from flexdesign.core.errors import InputError, suggest
+from flexdesign.core.toml_files import as_written, is_file, is_folder
+
 
 def root() -> Path:
     """Return the folder that holds ``geometry/`` and ``studies/``."""
@@ -12,19 +15,42 @@ def root() -> Path:
     return installed if installed.is_dir() else package.parent
 
 
-def in_studies(name: str | Path, mark: str) -> tuple[Path | None, list[str]]:
-    """Return the file of a bare name in ``studies/``, here or as shipped, and the names of all files of its kind.
+def find(name: str | Path, kind: str, mark: str, argument: str, *, folder: str = "", remedy: str = "") -> Path:
+    """Find a file of one kind: a path, or a bare name looked up in ``studies/``, here and as shipped.
 
     Parameters
     ----------
     name
-        Without ``.toml``; what is a path belongs to none.
+        The path, or the name without ``.toml``.
+    kind
+        The kind of file in words, such as ``stage model``.
     mark
         A text that every file of the kind holds.
+    argument
+        The argument of the command line that names the file.
+    folder
+        The remedy if the path is a folder.
+    remedy
+        The end of the message if there is no such file.
+
+    Raises
+    ------
+    InputError
+        If there is no such file; the message suggests the nearest names.
     """
+    path = Path(name)
+    if is_file(path):
+        return path
     files = [file for base in (Path(), root()) for file in sorted((base / "studies").glob("*.toml"))]
-    found = next((file for file in files if file.stem == str(name)), None)
-    return found, sorted({file.stem for file in files if _holds(file, mark)})
+    for file in files:
+        if file.stem == str(name):
+            return file
+    if folder and is_folder(path):
+        raise InputError(path, "", None, folder)
+    known = sorted({file.stem for file in files if _holds(file, mark)})
+    raise InputError(
+        "command line", argument, as_written(str(name)), f"no such {kind}{suggest(path.stem, known)}{remedy}"
+    )
 
 
 def _holds(file: Path, mark: str) -> bool:

@@ -11,8 +11,8 @@ from typing import Any
 from pydantic import Field
 
 from flexdesign.core import data_files, toml_files, units
-from flexdesign.core.errors import InputError, suggest
-from flexdesign.core.toml_files import Table, is_file
+from flexdesign.core.errors import InputError
+from flexdesign.core.toml_files import Table
 
 #: A text that every such file holds.
 MARK = "[printed."
@@ -93,14 +93,7 @@ def find(name: str | Path) -> Path:
     InputError
         If there is no such file.
     """
-    path = Path(name)
-    if is_file(path):
-        return path
-    found, known = data_files.in_studies(name, MARK)
-    if found is None:
-        remedy = f"no such publication{suggest(path.stem, known)}"
-        raise InputError("command line", "PUBLICATION", toml_files.as_written(str(name)), remedy)
-    return found
+    return data_files.find(name, "publication", MARK, "PUBLICATION")
 
 
 def read(name: str | Path) -> Publication:

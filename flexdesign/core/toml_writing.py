@@ -10,6 +10,15 @@ from tomlkit.items import InlineTable, Item, Table
 from tomlkit.toml_document import TOMLDocument
 
 
+def commented(line: str, comment: str, column: int = 40) -> str:
+    """Return a line of TOML with a comment that begins at a column.
+
+    >>> commented('gain = "1 um/V"', "measured", 20)
+    'gain = "1 um/V"     # measured'
+    """
+    return f"{line:<{column}}# {comment}"
+
+
 def to_toml(content: Mapping[str, Any]) -> str:
     """Return a table as TOML: its own values, then the tables in it.
 

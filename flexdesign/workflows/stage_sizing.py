@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from flexdesign.analytic import dimension_synthesis
-from flexdesign.core import toml_files, units
+from flexdesign.core import toml_files, toml_writing, units
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Quantity, by_key
 from flexdesign.core.printed_numbers import Printed
@@ -397,4 +397,5 @@ def _lines(found: StageSizing) -> Iterator[str]:
         text = f'"{value / units.factor(parameter.unit, parameter.si):.6g} {parameter.unit}"'
         written = text if parameter.unit else f"{value:g}"
         symbol = f", {parameter.symbol}" if parameter.symbol else ""
-        yield f"{f'{name} = {written}':<36}# {'found' if name in found.free else 'start'}{symbol}"
+        comment = f"{'found' if name in found.free else 'start'}{symbol}"
+        yield toml_writing.commented(f"{name} = {written}", comment, 36)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from flexdesign.core import unit_tables, units
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.toml_files import FORMAT, quoted
+from flexdesign.core.toml_writing import commented
 from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS
 from flexdesign.diagnosis.experiment_design.limits import Limits
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.measurements.recordings import AXES, DESCRIPTION
+
+#: Where the comments of a description begin.
+_COLUMN = 44
 
 
 def names(commands: Sequence[Command]) -> dict[str, Command]:
@@ -73,11 +76,11 @@ def description(
     lines = [
         "# Record the response to each command and add it to its file as a third column; then correct what differs.",
         f"format = {FORMAT}",
-        f"title = {json.dumps(title, ensure_ascii=False)}",
+        f"title = {quoted(title)}",
         f'axis = "{axis}"',
-        _beside('command_is = "dac"', "what u is: dac (what was sent), stack or monitor"),
+        commented('command_is = "dac"', "what u is: dac (what was sent), stack or monitor", _COLUMN),
         f'limits = ["{limits.low:g} V", "{limits.high:g} V"]',
-        _beside('between_samples = "hold"', "what the command does between its samples"),
+        commented('between_samples = "hold"', "what the command does between its samples", _COLUMN),
         "closed_loop = false",
         "",
         f"[sensors.{axis}]",
@@ -98,15 +101,11 @@ def _sensor(axis: str, model: AxisModel, noise: float | None) -> list[str]:
         low, high = (units.to_text(end, large, 6, model.response) for end in model.sensor.range)
         span = f'range = ["{low}", "{high}"]'
     return [
-        _beside(said, "standard deviation of a reading at rest"),
+        commented(said, "standard deviation of a reading at rest", _COLUMN),
         span,
-        _beside('# point = ["... mm", "... mm", "... mm"]', "where on the table it looks"),
+        commented('# point = ["... mm", "... mm", "... mm"]', "where on the table it looks", _COLUMN),
         f"direction = {along}",
     ]
-
-
-def _beside(text: str, comment: str) -> str:
-    return f"{text:<44}# {comment}"
 
 
 def _conditions(command: Command, model: AxisModel) -> list[str]:
@@ -115,4 +114,4 @@ def _conditions(command: Command, model: AxisModel) -> list[str]:
     if model.mass is None:
         return ["# weigh the mass, and write it here:", '# conditions = { payload = "... g" }']
     mass = units.to_text(ADDED_MASS * model.mass, "g", 2, "kg")
-    return [_beside(f'conditions = {{ payload = "{mass}" }}', "suggested; write what you weighed")]
+    return [commented(f'conditions = {{ payload = "{mass}" }}', "suggested; write what you weighed", _COLUMN)]

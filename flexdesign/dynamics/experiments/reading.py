@@ -10,7 +10,7 @@ from pydantic import Field
 
 from flexdesign.core import data_files, toml_files
 from flexdesign.core.errors import InputError, suggest
-from flexdesign.core.toml_files import Table, in_si, is_file
+from flexdesign.core.toml_files import Table, in_si
 from flexdesign.dynamics.experiments.plan import (
     AS_MODELLED,
     COMMANDS,
@@ -213,13 +213,5 @@ def find(name: str | Path) -> Path:
     InputError
         If there is no such file; the message suggests the nearest names.
     """
-    path = Path(name)
-    if is_file(path):
-        return path
-    found, known = data_files.in_studies(name, "[[experiment]]")
-    if found is not None:
-        return found
-    if toml_files.is_folder(path):
-        raise InputError(path, "", None, "is a folder; name a study of experiments (.toml)")
-    remedy = f"no such study of experiments{suggest(path.stem, known)}"
-    raise InputError("command line", "STUDY", toml_files.as_written(str(name)), remedy)
+    folder = "is a folder; name a study of experiments (.toml)"
+    return data_files.find(name, "study of experiments", "[[experiment]]", "STUDY", folder=folder)

@@ -94,18 +94,16 @@ def find(name: str | Path) -> Path:
     InputError
         If there is no such file; the message suggests the nearest names.
     """
-    path = Path(name)
-    if is_file(path):
-        return path
-    found, known = data_files.in_studies(name, "[axis.")
-    if found is not None:
-        return found
-    if is_file(path / "stage_model.toml"):
-        raise InputError(path, "", None, f"is a folder; name the file in it: {path / 'stage_model.toml'}")
-    if toml_files.is_folder(path):
-        raise InputError(path, "", None, "is a folder; name a stage model, which flexdesign validate writes")
-    remedy = f"no such stage model{suggest(path.stem, known)}; flexdesign validate writes one: stage_model.toml"
-    raise InputError("command line", "MODEL", toml_files.as_written(str(name)), remedy)
+    there = Path(name) / "stage_model.toml"
+    hint = f"name the file in it: {there}" if is_file(there) else "name a stage model, which flexdesign validate writes"
+    return data_files.find(
+        name,
+        "stage model",
+        "[axis.",
+        "MODEL",
+        folder=f"is a folder; {hint}",
+        remedy="; flexdesign validate writes one: stage_model.toml",
+    )
 
 
 def read(name: str | Path, overrides: Sequence[str] = ()) -> StageModel:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import fields as members
 from pathlib import Path
 
 from flexdesign.core import toml_files, units
 from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.toml_writing import commented
 from flexdesign.dynamics.stage_model import fields
 from flexdesign.dynamics.stage_model.axis import AxisModel, lumped_frequency
 from flexdesign.dynamics.stage_model.model import Coupling, StageModel
@@ -18,8 +18,6 @@ _TEXT = fields.Text()
 _HEADING = "# Stage model. Any number may be changed, and any unit that measures the same may be written."
 #: The comment that names the effects for which there is no data.
 ABSENT = "# assumed to be none, as nothing here tells:"
-#: Where the comments begin.
-_COLUMN = 40
 #: What people should know of a field, beside where it comes from.
 _COMMENTS = {
     "stiffness": "at the output, actuators installed",
@@ -74,9 +72,9 @@ def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]
         yield f"unit = {_TEXT.write(axis.unit)}"
     for name, text in _numbers(axis):
         comment = "assumed: neither computed nor measured" if name in axis.assumed else _comment(name, axis)
-        yield f"{f'{name} = {text}':<{_COLUMN}}# {comment}" if comment else f"{name} = {text}"
+        yield commented(f"{name} = {text}", comment) if comment else f"{name} = {text}"
     if math.isnan(axis.gain):
-        yield f"{f'# gain = {gain.example()}':<{_COLUMN}}# an example: the gain is not known; see its source below"
+        yield commented(f"# gain = {gain.example()}", "an example: the gain is not known; see its source below")
     if "bouc_wen" in axis.effects:
         values = _effect("bouc_wen", axis.effects["bouc_wen"], axis.response)
         if not axis.effects["bouc_wen"].get("rest"):  # a stage that was never driven, as is understood
@@ -84,7 +82,7 @@ def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]
         yield f'hysteresis = {{ model = "bouc-wen", {", ".join(f"{k} = {v}" for k, v in values.items())} }}'
     if axis.uncertainty:
         relative = ", ".join(
-            f"{_key(_named(name, ways), '.')} = {fields.RELATIVE.write(value)}"
+            f"{_dotted(_named(name, ways))} = {fields.RELATIVE.write(value)}"
             for name, value in axis.uncertainty.items()
         )
         yield f"uncertainty = {{ {relative} }}    # relative, 1 sigma"
@@ -102,11 +100,12 @@ def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]
         yield from _table(f"{place}.{key}", getattr(axis, key), known[key])
     for name, effect in axis.effects.items():
         if name != "bouc_wen":
-            yield from ("", f"[{place}.effects.{_key(_named(name, ways))}]")
+            yield from ("", f"[{place}.effects.{toml_files.key(_named(name, ways))}]")
             yield from (f"{key} = {text}" for key, text in _effect(name, effect, axis.response).items())
     if axis.sources:
         yield from ("", f"[{place}.sources]")
-        yield from (f"{_key(_named(name, ways))} = {_TEXT.write(text)}" for name, text in axis.sources.items())
+        for name, text in axis.sources.items():
+            yield f"{toml_files.key(_named(name, ways))} = {_TEXT.write(text)}"
 
 
 def _numbers(axis: AxisModel) -> Iterator[tuple[str, str]]:
@@ -158,5 +157,6 @@ def _coupling(coupling: Coupling, responses: Mapping[str, str]) -> Iterator[str]
             yield f"{to}_from_{origin} = {field.write(value)}"
 
 
-def _key(name: str, dots: str = "") -> str:
-    return name if re.fullmatch(rf"[A-Za-z0-9_{dots}-]+", name) else _TEXT.write(name)
+def _dotted(name: str) -> str:
+    """Return a dotted key, or a quoted one where a part of it may not stand bare."""
+    return name if all(toml_files.key(part) == part for part in name.split(".")) else toml_files.quoted(name)
