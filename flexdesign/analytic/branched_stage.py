@@ -117,7 +117,7 @@ class Masses:
     strut: float
 
     def sideways(self, sides: int) -> tuple[Term, ...]:
-        """Return what moves along X with amplifiers on so many sides; what turns about an end counts a third."""
+        """Return the masses along X with amplifiers on `sides` sides; a body that turns about an end counts a third."""
         return (
             Term("table M_s", 1, self.table),
             Term("amplifiers M_b", sides, self.amplifier_xy),

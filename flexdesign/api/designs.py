@@ -123,7 +123,7 @@ def validate(
     cache
         Folder of meshes and solutions; default that of the command line.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Returns
     -------

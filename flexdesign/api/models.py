@@ -64,7 +64,7 @@ def simulate(
     changes, tables
         What differs of model and study, as `read_model` takes them.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def plan(
     changes
         ``key=value`` of the model.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
     request
         Limits and aims, see `Request`: ``slew="500 V/s"``, ``resolve=("creep", "sensor_drift")``.
 

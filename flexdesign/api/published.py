@@ -27,7 +27,7 @@ def published(
     cache
         Folder of meshes and solutions; default that of the command line.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Raises
     ------

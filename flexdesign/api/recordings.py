@@ -122,7 +122,7 @@ def compare(
     noise
         Standard deviation of the noise, ``"3 nm"``; estimated without it.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def identify(
     free
         What is fitted; None for gain, damping ratio, natural frequency and hysteresis.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Raises
     ------
@@ -239,7 +239,7 @@ def diagnose(
     bare
         For a design: begin with hinges that only rotate.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Returns
     -------
@@ -302,7 +302,7 @@ def add_effect(
     noise
         Standard deviation of the noise, ``"3 nm"``; estimated without it.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Returns
     -------

@@ -57,7 +57,7 @@ def sweep(
     scheduler
         Address of a Dask scheduler whose workers do the work.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def optimize(
     check
         Whether finite elements check and correct the formulas.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def reproduce(
     cache
         Folder of meshes and solutions; default that of the command line.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Raises
     ------

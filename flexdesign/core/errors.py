@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Sequence
 from pathlib import Path
 
-#: A message has at most so many letters beside the folder of its file; its field, its value and each of its words.
+#: Most letters of a message without the folder of its file; of its field, its value and each of its words.
 MESSAGE, FIELD, VALUE, WORD = 400, 100, 80, 120
 #: No name that anybody gives has more letters: nothing is like it.
 NAME = 100

@@ -120,7 +120,7 @@ def ask(seconds: float, function: Callable[P, T], *args: P.args, **kwargs: P.kwa
     Raises
     ------
     ProcessDied
-        If the process ended without an answer, or took longer than so many seconds and was ended.
+        If the process ended without an answer, or exceeded the time limit and was stopped.
     """
     is_error, answer = _helper.ask(seconds, pickle.dumps((function, args, kwargs)))
     if is_error:

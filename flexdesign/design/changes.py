@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from flexdesign.core.errors import shortened
 
-#: A title tells changes in so many letters, and the name of a folder has at most so many for them.
+#: Most letters for the changes in a title, and in the name of a folder.
 TITLE, NAME = 100, 60
 
 

@@ -40,7 +40,7 @@ OPTIONAL: Mapping[str, Callable[..., Any]] = {
     "formula_shares": lambda _self, _material: {},
     "intermediates": lambda _self, _material, _force: {},
 }
-#: What it calls on a whole stage, which is told from a part by the first.
+#: What it calls on a whole stage, the first of which distinguishes it from a part.
 STAGE_METHODS = ("assembly", "solid", "formulas", "springs", "arms")
 
 
@@ -96,7 +96,7 @@ class SymmetryPlane:
 
 @dataclass(frozen=True)
 class Outline:
-    """The section of an extrusion with straight sides, told by its corners, so that no solid has to be built for it.
+    """The section of an extrusion with straight sides, given by its corners, so that no solid has to be built for it.
 
     Parameters
     ----------

@@ -356,7 +356,7 @@ def _crossing(solid: Any) -> str:
 
 
 def _by_index(faces: Sequence[Any], told: Sequence[tuple[Any, str]]) -> dict[int, str]:
-    """Return what is told of faces by their index; of healed or bonded ones by their centre and area."""
+    """Return the names of faces by their index; of healed or bonded ones by their centre and area."""
     found: dict[int, str] = {}
     for face, text in told:
         same = [i for i, each in enumerate(faces) if each.isSame(face)]

@@ -129,7 +129,7 @@ class StepPart:
         return ()
 
     def prismatic(self) -> Axis | None:
-        """Return None: whether it is an extrusion, nobody said."""
+        """Return None: whether it is an extrusion is not stated."""
         return None
 
     def formulas(

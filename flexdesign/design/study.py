@@ -76,7 +76,7 @@ class OutputSettings(Table):
     `load` is the stiffness of what the output pushes against, for one more row of K_in and amplification; `stroke` the
     output motion at which stress is stated (default: all the actuator gives); `actuator_offset` how far off its axis
     the actuator pushes, for the coupling and the motion of the table. `sensor` is the point x, y, z in the part's frame
-    at which a sensor looks; it is fixed to the table, and its motion is told beside the table's. `large_steps` is in
+    at which a sensor looks; it is fixed to the table, and its motion is reported with the table's. `large_steps` is in
     how many steps of force large displacements are followed to full drive, on the coarsest mesh; 0 leaves them out.
     """
 

@@ -26,11 +26,11 @@ SAFETY = 1.5
 #: More steps in a sample than this are not tried.
 MOST_STEPS = 1024
 #: A delay divides samples, and the part behind the jump of a held command may have one step in both runs that are
-#: compared: a run with so many times the steps then has the last word.
+#: compared: a run with this multiple of the steps then decides.
 UNSEEN = 8
-#: With so many steps in a sample a divergence is that of the stage; with fewer it may be that of steps too long.
+#: With this number of steps in a sample a divergence is that of the stage; with fewer the steps may be too long.
 SURE = 64
-#: A motion so many times larger than full drive is taken for a divergence.
+#: A motion larger than this multiple of the motion at full drive is a divergence.
 RUNAWAY = 1e4
 
 

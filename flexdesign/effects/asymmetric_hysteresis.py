@@ -19,7 +19,7 @@ from flexdesign.core.model.effect import Floats, Values
 
 #: A first value comes of a jump where it is this share of the step's way from where the voltage was, and the way bends.
 JUMP, STRAIGHT = 0.01, 1e-9
-#: A describing function is that of the last of so many cycles, each of so many steps.
+#: Cycles and steps of each, for a describing function; the last cycle counts.
 CYCLES, POINTS = 3, 32
 
 

@@ -20,7 +20,7 @@ from flexdesign.core.model.effect import Floats, Values
 
 #: A Runge-Kutta step in voltage, for n other than 1, covers this much of the loop's own voltage scale.
 FINENESS = 0.04
-#: After so many voltage scales in one direction the hysteresis is saturated to rounding.
+#: Voltage scales in one direction after which the hysteresis is saturated to rounding.
 SATURATED = 40.0
 #: A first value comes of a jump where it is this share of the step's way from where the voltage was, and the way bends.
 JUMP, STRAIGHT = 0.01, 1e-9

@@ -21,7 +21,7 @@ from flexdesign.core.model.effect import Floats, Values
 
 #: A first value comes of a jump where it is this share of the step's way from where the voltage was, and the way bends.
 JUMP, STRAIGHT = 0.01, 1e-9
-#: A describing function is that of the second of two cycles, each of so many steps.
+#: Steps of each of two cycles for a describing function; the second counts.
 POINTS = 96
 
 

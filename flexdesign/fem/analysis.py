@@ -192,7 +192,7 @@ def solve(
         False to solve the fully symmetric class alone, which input and output along their axes belong to; what the
         compliance then lacks, lateral motions and tilts, stands as zero.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Raises
     ------

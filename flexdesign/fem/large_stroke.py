@@ -155,7 +155,7 @@ def follow(
     steps
         Steps to the force that linear theory has at full drive; a part that stiffens takes more.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Raises
     ------

@@ -177,7 +177,7 @@ def condensed(
     inside
         Whether to keep what goes on inside, for pictures and large displacements.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Raises
     ------

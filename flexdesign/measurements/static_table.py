@@ -57,7 +57,7 @@ class Row:
     value
         SI.
     sigma
-        Its standard deviation, SI; None where nobody said.
+        Its standard deviation, SI; None where not stated.
     unit
         The unit in which it was written.
     dimensions

@@ -202,7 +202,7 @@ def size(
     cache
         Where meshes and condensed parts are kept; needed without a `solver`.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
     solver
         Stands in for finite elements.
 

@@ -49,7 +49,7 @@ MODEL: Mapping[str, float] = {
     "K_out_inputs_held": 0.015,
     "K_out_actuators_installed": 0.015,
 }
-#: Of a measurement of which nobody said: relative.
+#: Of a measurement without a stated uncertainty: relative.
 UNSAID = 0.02
 #: How much wider a model is off where a guess stands for what the part does not state: 6.4 times in K_in, 7 in lambda,
 #: 2.5 to 3.7 in K_out.
@@ -93,7 +93,7 @@ class Uncertainty:
 
     @property
     def coverage(self) -> float:
-        """How many standard deviations count as a difference, so many rows being looked at."""
+        """Standard deviations that count as a difference, for the number of rows compared."""
         return float(norm.isf(LEVEL / 4 / len(self.data)))  # half of the level, on two sides of each row
 
     @property

@@ -153,7 +153,7 @@ class Assembly:
     table
         Name of the body that is positioned.
     point
-        Where the table's motion is told [m].
+        The point whose motion is reported [m].
     axes
         How it is driven, by axis.
 

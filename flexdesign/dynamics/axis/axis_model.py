@@ -85,7 +85,7 @@ class AxisDynamics:
     finest
         No more steps in a sample than these, whatever the error.
     fixed
-        Whether there are exactly so many, which saves finding out.
+        Whether the number of steps is fixed, which saves finding it.
     margin
         The number of steps found at the first values is multiplied by this, as other values may ask for more.
     apart
@@ -196,11 +196,11 @@ class AxisDynamics:
         return replace(self, tolerance=tolerance or self.tolerance, steps=Steps(self.axis, self.delay))
 
     def with_steps(self, finest: int, *, fixed: bool = False) -> AxisDynamics:
-        """Return the model with steps found anew, no more than so many in a sample; or exactly so many."""
+        """Return the model with steps found anew: at most this number in a sample, or exactly this number."""
         return replace(self, finest=finest, fixed=fixed, steps=Steps())
 
     def no_finer(self, finest: int) -> AxisDynamics:
-        """Return the model with the steps that it has, but no more than so many in a sample."""
+        """Return the model with its steps, limited to this number in a sample."""
         return self if min(self.finest, self.steps.most) <= finest else replace(self, finest=finest)
 
     def with_effect(self, effect: Effect, name: str = "") -> AxisDynamics:

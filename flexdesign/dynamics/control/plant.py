@@ -19,7 +19,7 @@ from scipy.linalg import expm
 from flexdesign.core.errors import InputError
 
 Array = NDArray[np.float64]
-#: Below so many samples per period of a mode, what happens between the samples is no longer seen by the controller.
+#: Least samples per period of a mode: below, the controller does not see what happens between the samples.
 FEWEST_SAMPLES = 4.0
 
 

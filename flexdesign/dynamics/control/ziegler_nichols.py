@@ -19,7 +19,7 @@ from flexdesign.dynamics.control.pid import PID
 from flexdesign.dynamics.control.sampled_loop import matrices, stable_ranges
 
 Array = NDArray[np.float64]
-#: A record has to hold so many oscillations, so that each window of its late half sees two.
+#: Least number of oscillations in a record, so that each window of its late half sees two.
 FEWEST_OSCILLATIONS = 32
 #: Growth per oscillation, as a share of the amplitude, that counts as none.
 STEADY = 1e-5

@@ -21,9 +21,9 @@ from flexdesign.dynamics.stage_model import AxisModel, StageModel
 Array = NDArray[np.float64]
 #: Length of the experiment that seeks the ultimate gain, in time constants of the slowest decay.
 EXPERIMENT = 12.0
-#: At least so many oscillations of the main mode.
+#: Least number of oscillations of the main mode.
 OSCILLATIONS = 100.0
-#: Size of its step: that of so many volts in an open loop.
+#: Voltage whose open-loop response is the size of its step.
 EXPERIMENT_STEP = 1.0
 
 

@@ -142,7 +142,7 @@ def program(
     is_linear
         Whether commands run straight from sample to sample; otherwise they are held.
     every
-        Controllers act at every so many samples.
+        Samples between two actions of a controller.
     """
     shares, steps, lengths, late = _division(period, substeps, delay)
     builder = _Moves(keep, lengths)

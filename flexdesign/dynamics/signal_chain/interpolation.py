@@ -1,9 +1,9 @@
-"""What a command does between its samples, where it was measured and is smooth: the slopes of a band-limited signal.
+"""A measured smooth command between its samples: interpolation of a band-limited signal by its derivatives.
 
 A command without content near the Nyquist frequency is determined by its samples. A straight line between them is
-wrong by (w h)^2 / 12 of a sine, 4 % at nine samples in a period; the cubic through the samples with the right slopes is
-wrong by (w h)^4 / 720 on average, 0.04 % there. The slopes come from the ideal differentiator, (-1)^m / m at a distance
-of m samples, within a window of Kaiser (Oppenheim and Schafer, Discrete-Time Signal Processing, section 7.5).
+wrong by (w h)^2 / 12 of a sine, 4 % at nine samples in a period; the cubic with the right derivatives at the samples is
+wrong by (w h)^4 / 720 on average, 0.04 % there. The derivatives come from the ideal differentiator, (-1)^m / m
+at a distance of m samples, within a window of Kaiser (Oppenheim and Schafer, Discrete-Time Signal Processing, section 7.5).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def slopes(samples: Array) -> Array:
 
 
 def smooth(samples: Array, at: Array) -> Array:
-    """Return a band-limited signal between its samples: the cubics through these with the right slopes.
+    """Return a band-limited signal between its samples: the cubics through these with the right derivatives.
 
     Parameters
     ----------

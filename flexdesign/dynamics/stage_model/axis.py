@@ -121,7 +121,7 @@ class ActuatorData:
     stroke_si
         SI unit of the free stroke: a length, or the unit of the axis' response.
     kind
-        One of `flexdesign.core.model.ACTUATORS`; empty if nobody said.
+        One of `flexdesign.core.model.ACTUATORS`; empty if not stated.
     """
 
     free_stroke: float | None = None

@@ -195,7 +195,7 @@ def actuator(stroke: str = "m") -> Fields:
 def stroke_of(given: object, response: str) -> str:
     """Return the SI unit of a free stroke, as a file has it, on an axis that responds in the SI unit `response`.
 
-    A stack pushes along a length whatever the axis does; what drives an axis directly may be told by its response.
+    A stack pushes along a length whatever the axis does; the stroke of a direct drive may be given by its response.
 
     >>> stroke_of("40 um", "rad"), stroke_of("2 mrad", "rad"), stroke_of("2 mrad", "m")
     ('m', 'rad', 'm')

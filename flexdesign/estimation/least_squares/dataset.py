@@ -21,7 +21,7 @@ from flexdesign.estimation.noise.whitening import Scaled, Whitening
 Array = NDArray[np.float64]
 #: A combination of columns so small, beside the largest, is hidden.
 HIDDEN = 1e-10
-#: Residuals smaller than this share of the data are the simulator's rounding: costs are not told apart there.
+#: Residuals smaller than this share of the data are the simulator's rounding: costs do not differ there.
 ROUNDING = 1e-7
 #: Columns that add to what was measured of an observation (samples by k), and how large each may be [response].
 Shapes = Callable[[Observation], tuple[Array, Array]]
@@ -136,7 +136,7 @@ class Dataset:
         return Dataset([record.observation for record in self.records], noise or self.noise, shapes)
 
     def scaled(self, factor: float) -> Dataset:
-        """Return the data set with noise so many times as large."""
+        """Return the data set with its noise times a factor."""
         own = {record.observation.name: (record.columns, record.sizes) for record in self.records}
         return self.with_shapes(lambda observation: own[observation.name], Scaled(self.noise, factor))
 

@@ -78,7 +78,7 @@ class ParallelMap:
 
 @contextmanager
 def shared_pool(threads: int) -> Iterator[ParallelMap]:
-    """Yield a map that is shared among so many threads, at least one."""
+    """Yield a map that runs in a number of threads, at least one."""
     pool = ThreadPoolExecutor(threads)
     try:
         yield ParallelMap(pool, threads)

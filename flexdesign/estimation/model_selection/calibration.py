@@ -14,7 +14,7 @@ from flexdesign.estimation.model_selection.fitted_model import FittedModel, eval
 
 #: A start ends where a step lowers chi^2 by less than 1e-4 of it; the calibration is refined afterwards.
 STARTED = Effort(20, 1e-4, is_exact=False)
-#: Starts beside the design, the best of so many points of a Sobol sample.
+#: Starts in addition to the design: the best of this number of points of a Sobol sample.
 STARTS, SAMPLED = 3, 16
 
 

@@ -102,7 +102,7 @@ class EstimationTask:
 
 
 def _near(where: Coordinates, prior_bound: float) -> Coordinates:
-    """Return coordinates with numbers of one run no farther from their priors than so many standard deviations."""
+    """Return coordinates with parameters of one run within this number of standard deviations of their priors."""
     lower, upper = where.lower.copy(), where.upper.copy()
     for j, parameter in enumerate(where.parameters):
         if parameter.run and parameter.name in where.known:

@@ -273,7 +273,7 @@ class Screening:
         signed = np.array([direction.candidate.signed for direction in plain])
         largest = np.where(signed, np.abs(null_errors), np.maximum(null_errors, 0.0)).max(axis=1)
         single = float(np.quantile(largest**2, 1 - LEVEL))
-        comparisons = LEVEL / float(chdtrc(1, single))  # so many independent ones would be exceeded as often
+        comparisons = LEVEL / float(chdtrc(1, single))  # this number of independent ones would be exceeded as often
         return float(chdtri(1, level / max(comparisons, 1.0)))
 
     def _scaled(self, directions: Sequence[Direction], error: Mapping[str, Array]) -> Array:

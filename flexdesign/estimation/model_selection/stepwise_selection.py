@@ -46,7 +46,7 @@ STARTS, PAIRS = 2, 2
 ROUGHLY, FINALISTS = 6, 3
 #: Reduced chi^2 above which the Jacobian and the initial states of the present fit mislead.
 GROSS = 30.0
-#: No more effects than these make a group that the runs cannot tell apart.
+#: Largest number of effects in a group of confounded effects.
 LARGEST_GROUP = 3
 
 
@@ -281,7 +281,7 @@ def select_otherwise(
 
 
 def confusable(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> tuple[tuple[str, ...], ...]:
-    """Return the groups of effects that these runs cannot tell apart, the one in the model first.
+    """Return the groups of confounded effects, the one in the model first.
 
     Effects that did as well when one was added are fitted in its place beside all that were added later.
     """

@@ -62,7 +62,7 @@ class White:
 
 @dataclass(frozen=True)
 class Scaled:
-    """Noise so many times as large as other noise."""
+    """Noise that is a multiple of other noise."""
 
     noise: Whitening
     factor: float

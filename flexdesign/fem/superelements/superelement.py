@@ -219,7 +219,7 @@ def condense(
     inside
         Whether to keep what goes on inside, too.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
     """
     body = Elasticity(mesh, material)
     stiffness, mass = body.stiffness(), body.mass()

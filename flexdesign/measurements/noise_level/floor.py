@@ -118,7 +118,7 @@ def noise_floor(
         Standard deviation that the sensor is stated to have [response]; used where the runs show none. If it is zero,
         what the runs say of their sensors counts.
     remove_lines
-        Whether sinusoids are told from noise.
+        Whether sinusoids are separated from noise.
 
     Raises
     ------

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 #: No line is known better than to this share of its size, nor to this share of the largest: analysers and their
 #: calibration are no better.
 OF_LINE, OF_LARGEST = 1e-4, 1e-6
-#: A coherence of few measurements is itself uncertain: so many are taken together, over neighbouring lines.
+#: A coherence of few measurements is uncertain: this number is averaged, over neighbouring lines.
 TOGETHER = 64
 #: Coherences below this are one: nothing is known of the line.
 LOWEST = 1e-3

@@ -17,7 +17,7 @@ from flexdesign.estimation.noise.whitening import stretches as where_up
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
-#: A stretch lasts so long at least [s], and has so many samples.
+#: Least duration of a stretch [s], and its least number of samples.
 SHORTEST, FEWEST = 0.15, 24
 #: Time over which a command is looked at [s]; what it may move in it and in a whole stretch, of its span.
 LOOK, STILL, DRIFTED = 0.05, 5e-4, 2e-3

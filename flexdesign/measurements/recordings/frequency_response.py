@@ -63,13 +63,13 @@ class FrequencyResponse:
     coherence
         n numbers between 0 and 1; None if it was not recorded.
     averages
-        How many measurements each line is the mean of; None if nobody said.
+        How many measurements each line is the mean of; None if not stated.
     amplitude
-        Of the command, for a sine stepped from line to line [V]; None if nobody said.
+        Of the command, for a sine stepped from line to line [V]; None if not stated.
     bias
         Of the command [V].
     axis
-        The axis that was read; None if nobody said.
+        The axis that was read; None if not stated.
     command_is
         What the command was, as in `Run`.
     period

@@ -63,21 +63,21 @@ class Run:
         What it is for: ``identify`` is fitted; ``validate`` is not fitted, but used to choose between models; ``test``
         is used for neither, so that its error is an unbiased estimate of the error on new runs.
     kind
-        What the experiment is, in words: ``multisine``, ``quiet``; empty if nobody said.
+        What the experiment is, in words: ``multisine``, ``quiet``; empty if not stated.
     command_is
         What the command column holds: the number sent to the amplifier (``dac``), the voltage at the stack
         (``stack``), or what the amplifier's monitor shows of it (``monitor``). The last two were taken behind the
         amplifier, so that its limits and its bandwidth are in them already.
     limits
-        Lowest and highest command the bench allows [V]; None if nobody said.
+        Lowest and highest command the bench allows [V]; None if not stated.
     closed_loop
         Whether a controller made the command from the reading: then the command carries the sensor's noise.
     payload
         Mass added at the output [kg].
     temperature
-        Of the stage [K]; None if nobody said.
+        Of the stage [K]; None if not stated.
     axis
-        The axis that a command named ``u`` drives; None if nobody said.
+        The axis that a command named ``u`` drives; None if not stated.
     sensors
         What is known of the sensors, by column.
     role_is_stated, between_is_stated

@@ -19,7 +19,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.design.design import Design
 from flexdesign.workflows.published.folder import PublishedNumber
 
-#: Effects that are tried together where nobody said which a formula leaves out; then all of them, and all but so many.
+#: Effects tried together where a formula does not state what it omits; then all of them, and all but this number.
 TOGETHER = 3
 #: An effect that changes a number by less than this, relative, explains nothing in it.
 SMALLEST = 1e-4

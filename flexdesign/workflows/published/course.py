@@ -123,7 +123,7 @@ def run(folders: Sequence[Path], cache: Cache, progress: Progress = lambda _: No
     cache
         Where meshes and solutions are looked up and kept: an interrupted run goes on where it stopped.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Raises
     ------

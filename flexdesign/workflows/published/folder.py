@@ -40,7 +40,7 @@ class PublishedNumber:
     printed
         Its place and its text with unit.
     sigma
-        Its standard deviation, as text with unit; empty where nobody said.
+        Its standard deviation, as text with unit; empty where not stated.
     kind
         One of `KINDS`.
     neglects

@@ -65,7 +65,7 @@ def reproduce(
     cache
         Where meshes and condensed parts are kept.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
     overrides
         For the study of the stage, ``table.key=value``.
 

@@ -30,7 +30,7 @@ ACCURACY = 0.01
 #: Edge length at the hinge roots, in hinge thicknesses, of the two meshes that stress and frequency are asked of: they
 #: are then known to about 1 %, in seconds.
 COARSE_AT_ROOT = 0.5
-#: What an optimum is told to be like beside its aim and limits.
+#: Quantities reported of an optimum in addition to its aim and limits.
 BESIDE = ("hinge_stress", "safety_against_yield", "safety_against_fatigue", "first_frequency", "drive_frequency")
 #: How boundaries call a part or stage with its actuators.
 INSTALLED = "installed"

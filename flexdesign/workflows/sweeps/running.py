@@ -30,7 +30,7 @@ from flexdesign.workflows.sweeps.store import Store
 from flexdesign.workflows.sweeps.workers import Cluster, Processes, Workers
 
 Progress = Callable[[str], None]
-#: A batch is what about so many seconds of work are, and no more cases than these.
+#: Seconds of work in a batch, about, and its largest number of cases.
 BATCH = {"pseudo-rigid": 2000, "analytic": 100, "planar": 16, "fem": 4, "simulation": 4}
 #: The sources whose change makes answers anew.
 _FORMULAS = (
@@ -51,7 +51,7 @@ ANSWERING = {
 }
 #: Distributions whose versions enter into an answer besides those that make meshes.
 SIMULATED = ("numpy", "scipy", "numba", "control")
-#: From so many designs in space the plane's correction is learned.
+#: Number of designs in space from which the correction of the plane is learned.
 SAMPLES = 12
 #: Modes of each symmetry class, where a limit or an aim asks for what takes modes.
 MODES = 2

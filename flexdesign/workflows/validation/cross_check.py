@@ -115,7 +115,7 @@ def run(
     cache
         Where meshes and solutions are looked up and kept.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
     """
     chosen = _answered(study, method, body, levels)
     bodies = [body]
@@ -142,7 +142,7 @@ def _tried(study: Study, part: Part, body: Domain, cache: Cache, progress: Progr
     """Solve in one way; a mesher or a memory that fails is an answer, too."""
     method = mesh_refinement.method_of(study, part, body)
     where = "symmetry domain" if body.planes else "whole part"
-    # The whole has so many times the unknowns, and time grows faster than they: two meshes are enough for an estimate.
+    # The whole part has a multiple of the unknowns, and time grows faster than they: two meshes give an estimate.
     omit = 0 if body.planes else max(study.mesh.levels - 2, 0)
 
     def say(text: str) -> None:

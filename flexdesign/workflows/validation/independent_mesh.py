@@ -97,7 +97,7 @@ def run(
     cache
         Where the mesh is looked up and kept.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
     """
     began = perf_counter()
     chosen = {key: reported[key] for key in KEYS if key in reported}

@@ -37,7 +37,7 @@ class Driven:
     cache
         Where drives are looked up and kept.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
     """
 
     def __init__(self, study: Study, level: StageLevel, cache: Cache, progress: Progress) -> None:

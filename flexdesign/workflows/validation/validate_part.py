@@ -37,7 +37,7 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
     cache
         Where meshes and solutions are looked up and kept.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Raises
     ------

@@ -34,7 +34,7 @@ from flexdesign.workflows.validation.stage_variants import changed
 
 Progress = Callable[[str], None]
 
-#: Large displacements, and variants, are on so many of the coarsest meshes.
+#: Number of the coarsest meshes for large displacements and variants.
 DRIVEN = 2
 
 
@@ -134,7 +134,7 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     cache
         Where meshes and condensed parts are looked up and kept.
     progress
-        Is told what is going on.
+        Receives a text about the progress.
 
     Raises
     ------
