@@ -3,7 +3,8 @@
 A command without content near the Nyquist frequency is determined by its samples. A straight line between them is
 wrong by (w h)^2 / 12 of a sine, 4 % at nine samples in a period; the cubic with the right derivatives at the samples is
 wrong by (w h)^4 / 720 on average, 0.04 % there. The derivatives come from the ideal differentiator, (-1)^m / m
-at a distance of m samples, within a window of Kaiser (Oppenheim and Schafer, Discrete-Time Signal Processing, section 7.5).
+at a distance of m samples, within a window of Kaiser (Oppenheim and Schafer, Discrete-Time Signal Processing,
+section 7.5).
 """
 
 from __future__ import annotations

@@ -69,12 +69,12 @@ _FILLET = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2)
 FILLET_MM: Knots = _FILLET, (0.0, -0.267, -0.515, -0.927, -1.252, -1.731, -2.204, -2.608)
 FILLET_MV: Knots = _FILLET, (0.0, -0.087, -0.179, -0.357, -0.525, -0.833, -1.236, -1.694)
 FILLET_NN: Knots = _FILLET, (0.0, -0.018, -0.038, -0.075, -0.108, -0.166, -0.237, -0.310)
-#: What a hinge or rod is guessed to run into where its linkage does not state it: a beam so many times as thick.
+#: Root assumed for a hinge or rod where its linkage states none: a beam of this multiple of its thickness.
 TYPICAL = 6.0
 
 
 def compliance(member: Member, elastic: Elastic) -> Array:
-    """Return what a member's roots give way, 3 by 3; zero where nobody said what it runs into."""
+    """Return the compliance of a member's roots, 3 by 3; zero where no root is stated."""
     member = _at_its_ends(member)
     total = np.zeros((3, 3))
     for root, way in zip(member.roots, (-1, 1), strict=True):
