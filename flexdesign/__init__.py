@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from flexdesign.api.designs import read_design as read_design
     from flexdesign.api.designs import read_study as read_study
     from flexdesign.api.designs import validate as validate
+    from flexdesign.api.health import doctor as doctor
     from flexdesign.api.models import plan as plan
     from flexdesign.api.models import read_model as read_model
     from flexdesign.api.models import simulate as simulate
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
 _HOME = {
     "flexdesign.api.catalogue": ("materials",),
     "flexdesign.api.designs": ("draw", "read_design", "read_study", "validate"),
+    "flexdesign.api.health": ("doctor",),
     "flexdesign.api.models": ("plan", "read_model", "simulate"),
     "flexdesign.api.published": ("published",),
     "flexdesign.api.recordings": ("add_effect", "check", "compare", "diagnose", "identify", "read_recordings"),

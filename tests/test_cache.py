@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 import os
+import subprocess
+import sys
+import time
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -13,6 +16,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from flexdesign.core import result_cache
+from flexdesign.core.errors import InputError
 from flexdesign.core.result_cache import Cache, content_key, default_folder
 
 ARRAYS = {"points": np.arange(12.0).reshape(4, 3), "tets": np.array([[0, 1, 2, 3]]), "none": np.zeros((0, 3))}
@@ -175,3 +180,91 @@ def test_the_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", "/home/someone")
     assert default_folder() == Path("/home/someone/.cache/flexdesign")
+
+
+# --- Checksums, processes, and what is left behind
+
+
+def test_an_array_that_is_lost_is_noticed(tmp_path: Path, entry: bytes) -> None:
+    """Of a name in the directory of the archive no checksum of its own knows."""
+    content = entry.replace(b"points.npy", b"pointz.npy")
+    assert content != entry
+    assert load_bytes(tmp_path, content) is None
+    assert str(tmp_path / "mesh" / "key.npz") in result_cache.damaged()
+
+
+def test_another_number_is_noticed(tmp_path: Path) -> None:
+    """As a file that was written by hand, or by an archive tool that repairs checksums."""
+    Cache(tmp_path).store("mesh", "key", ARRAYS, TABLE)
+    path = tmp_path / "mesh" / "key.npz"
+    with np.load(path) as stored:
+        content = {name: stored[name] for name in stored.files}
+    content["points"] = content["points"] + 1e-12
+    np.savez_compressed(path, **content)
+    assert Cache(tmp_path).load("mesh", "key") is None
+
+
+def test_an_entry_of_an_earlier_version_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "mesh" / "key.npz"
+    path.parent.mkdir()
+    np.savez_compressed(path, **ARRAYS, table=np.array('{"a": 1}'))
+    stored = Cache(tmp_path).load("mesh", "key")
+    assert stored is not None and stored[1] == {"a": 1}
+
+
+def test_a_damaged_entry_is_made_anew_and_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(result_cache, "_damaged", {})
+    cache = Cache(tmp_path)
+    cache.store("mesh", "key", ARRAYS, TABLE)
+    path = tmp_path / "mesh" / "key.npz"
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0x10
+    path.write_bytes(content)
+    assert cache.load("mesh", "key") is None and result_cache.damaged() == (str(path),)
+    cache.store("mesh", "key", ARRAYS, TABLE)
+    assert cache.load("mesh", "key") is not None
+
+
+WRITER = """
+import sys, numpy as np
+from pathlib import Path
+from flexdesign.core.result_cache import Cache
+cache, number = Cache(Path(sys.argv[1])), int(sys.argv[2])
+for k in range(60):
+    cache.store("mesh", "key", {"points": np.full(20000, 7.0)}, {"by": number})
+    found = cache.load("mesh", "key")
+    assert found is not None and (found[0]["points"] == 7.0).all(), k
+"""
+
+
+def test_two_processes_share_a_folder(tmp_path: Path) -> None:
+    running = [subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path), str(k)]) for k in range(2)]
+    assert [each.wait(120) for each in running] == [0, 0]
+    assert files(tmp_path) == ["key.npz"]
+
+
+def test_a_process_that_is_killed_as_it_writes_leaves_the_old_entry(tmp_path: Path) -> None:
+    Cache(tmp_path).store("mesh", "key", ARRAYS, TABLE)
+    code = WRITER.replace("range(60)", "range(10**9)").replace("20000", "2000000")
+    running = subprocess.Popen([sys.executable, "-c", code, str(tmp_path), "0"])
+    while not list(tmp_path.rglob("*.part")) and running.poll() is None:
+        time.sleep(0.01)
+    running.kill()
+    running.wait(60)
+    assert Cache(tmp_path).load("mesh", "key") is not None
+    left = list(tmp_path.rglob("*.part"))
+    for path in left:
+        os.utime(path, (0, 0))
+    Cache(tmp_path).prepare()
+    assert files(tmp_path) == ["key.npz"]
+
+
+def test_a_full_disk_is_said_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(file: io.IOBase, **_: object) -> None:
+        file.write(b"half of it")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", full)
+    with pytest.raises(InputError, match="cannot keep results here \\(No space left on device\\); free"):
+        Cache(tmp_path).store("mesh", "key", ARRAYS, TABLE)
+    assert files(tmp_path) == []

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli.shared import app
-from flexdesign.core.errors import InputError
+from flexdesign.core import foreign_code, result_cache
+from flexdesign.core.errors import InputError, printable
 from flexdesign.core.versions import __version__
 
 # A verb is one module with a function under @app.command(help=HELP), and one line here; the help has this order:
@@ -32,8 +33,11 @@ from flexdesign.cli import plan as plan
 from flexdesign.cli import import_ as import_
 from flexdesign.cli import check as check
 from flexdesign.cli import init as init
+from flexdesign.cli import doctor as doctor
 # isort: on
 
+#: The option that forbids code of others, at any place of the command line.
+NO_CODE = "--no-code"
 #: The exit code after Ctrl-C, by convention of the shell.
 INTERRUPTED = 130
 
@@ -49,14 +53,36 @@ def _options(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
+    no_code: Annotated[
+        bool, typer.Option(NO_CODE, help="Run no Python file that a design or a model names; at any place.")
+    ] = False,
 ) -> None:
-    pass
+    pass  # `main` has taken it out of the arguments, wherever it stood
+
+
+def _without_code(arguments: list[str]) -> list[str]:
+    """Return arguments without `--no-code`, which forbids files of others to run."""
+    if NO_CODE not in arguments:
+        return arguments
+    foreign_code.forbid()
+    return [each for each in arguments if each != NO_CODE]
+
+
+def _say_what_ran() -> None:
+    if ran := foreign_code.ran():
+        typer.echo(f"flexdesign: ran the code of {', '.join(map(printable, ran))}; {NO_CODE} forbids it", err=True)
+    for path in result_cache.damaged():
+        typer.echo(f"flexdesign: {printable(path)} in the cache was damaged; computed again", err=True)
 
 
 def main() -> None:
     """Run the command line; every InputError ends here as one message and exit code 2."""
+    sys.argv[1:] = _without_code(sys.argv[1:])
     try:
-        code = app(standalone_mode=False)  # the return value of a command, or its exit code
+        try:
+            code = app(standalone_mode=False)  # the return value of a command, or its exit code
+        finally:
+            _say_what_ran()
         if code == INTERRUPTED:
             raise KeyboardInterrupt
         sys.exit(code)

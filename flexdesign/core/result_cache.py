@@ -1,7 +1,8 @@
 """Results kept by the content that made them: the same question is never computed twice.
 
 A key is a hash of everything an answer depends on: the upstream result's content, options, the stage's version and the
-libraries' versions. Entries are npz files with arrays and one JSON text; they are written whole or not at all.
+libraries' versions. Entries are npz files with arrays, one JSON text and a checksum of both; they are written whole or
+not at all. Processes that share a folder see each other's entries.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import hashlib
 import json
 import os
 import tempfile
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +23,11 @@ from numpy.typing import NDArray
 from flexdesign.core.errors import InputError
 
 Arrays = dict[str, NDArray[Any]]
+#: Members of an entry beside its arrays: the table, and the checksum of all.
+TABLE, DIGEST = "table", "sha256"
+#: How unfinished entries end, and after how long [s] nobody is writing them any more.
+PART, ABANDONED = ".part", 3600.0
+_damaged: dict[str, None] = {}
 
 
 def default_folder() -> Path:
@@ -55,6 +62,36 @@ def _as_json(piece: object) -> Any:
     return repr(piece)
 
 
+def damaged() -> tuple[str, ...]:
+    """Return the entries that this process found damaged; what they held was computed again."""
+    return tuple(_damaged)
+
+
+def _digest(arrays: Mapping[str, NDArray[Any]], table: str) -> str:
+    """Return the checksum of an entry: of names, types, sizes and numbers of its arrays, and of its table."""
+    return content_key(table, {name: np.asarray(array) for name, array in arrays.items()})
+
+
+def _put(made: Path, path: Path) -> None:
+    """Put a file in its place; where another process holds the same entry open, that one is as good."""
+    try:
+        made.replace(path)
+    except PermissionError:  # on Windows alone
+        if not path.exists():
+            raise
+        made.unlink(missing_ok=True)
+
+
+def _clear(folder: Path) -> None:
+    """Remove what processes left behind that were killed while they wrote."""
+    for left in folder.glob(f"*/*{PART}"):
+        try:
+            if time.time() - left.stat().st_mtime > ABANDONED:
+                left.unlink()
+        except OSError:  # another process has just done it
+            continue
+
+
 @dataclass(frozen=True)
 class Cache:
     """A folder of results.
@@ -68,12 +105,23 @@ class Cache:
     folder: Path
 
     def load(self, stage: str, key: str) -> tuple[Arrays, dict[str, Any]] | None:
-        """Return the arrays and the table stored under `key`, or None; a damaged entry counts as none."""
+        """Return the arrays and the table stored under `key`, or None.
+
+        A damaged entry counts as none: one that is cut short, or of which the checksum is not that of its content.
+        `damaged` names it.
+        """
+        path = self._path(stage, key)
         try:
-            with self._path(stage, key).open("rb") as file, np.load(file, allow_pickle=False) as entry:
-                arrays = {name: entry[name] for name in entry.files if name != "table"}
-                return arrays, json.loads(str(entry["table"]))
-        except Exception:  # none, or damaged: zip, zlib, NumPy and JSON each have their own errors
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as entry:
+                arrays = {name: entry[name] for name in entry.files if name not in (TABLE, DIGEST)}
+                table, digest = str(entry[TABLE]), str(entry[DIGEST]) if DIGEST in entry.files else None
+            if digest is not None and digest != _digest(arrays, table):
+                raise ValueError("another checksum")
+            return arrays, json.loads(table)
+        except FileNotFoundError:
+            return None
+        except Exception:  # zip, zlib, NumPy and JSON each have their own errors
+            _damaged.setdefault(str(path))
             return None
 
     def prepare(self) -> None:
@@ -88,6 +136,7 @@ class Cache:
             self.folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=self.folder):
                 pass
+            _clear(self.folder)
         except OSError as error:
             raise self._refusal(error) from error
 
@@ -103,10 +152,12 @@ class Cache:
         temporary = ""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
+            with tempfile.NamedTemporaryFile(dir=path.parent, suffix=PART, delete=False) as file:
                 temporary = file.name
-                np.savez_compressed(file, **arrays, table=np.array(json.dumps(table)))  # type: ignore[arg-type]
-            Path(temporary).replace(path)
+                text = json.dumps(table)
+                own = {TABLE: np.array(text), DIGEST: np.array(_digest(arrays, text))}
+                np.savez_compressed(file, **arrays, **own)  # type: ignore[arg-type]
+            _put(Path(temporary), path)
         except BaseException as error:
             if temporary:
                 Path(temporary).unlink(missing_ok=True)

@@ -19,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Literal, Protocol
 
-from flexdesign.core import data_files
+from flexdesign.core import data_files, foreign_code
 from flexdesign.core.errors import InputError, import_remedy, suggest
 from flexdesign.core.model import Linkage, Parameter, Quantity
 from flexdesign.core.model.linkage import Vector
@@ -355,6 +355,10 @@ def _all_are(values: object, kind: type) -> bool:
 
 def _run(path: Path) -> ModuleType:
     name = f"flexdesign_part_{path.stem}_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]}"
+    try:
+        foreign_code.admit(path, "part")
+    except PermissionError as error:
+        raise InputError(path, "", None, str(error)) from None
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise InputError(path, "", None, "cannot be loaded as a Python module")

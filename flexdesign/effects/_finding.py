@@ -8,6 +8,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
+from flexdesign.core import foreign_code
 from flexdesign.core.errors import import_remedy, suggest
 from flexdesign.core.model import Effect
 from flexdesign.core.toml_files import is_file
@@ -89,6 +90,10 @@ def _from_file(path: Path) -> object:
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None or not is_file(path):
         raise ValueError("is no Python file")
+    try:
+        foreign_code.admit(path, "effect")
+    except PermissionError as error:
+        raise ValueError(str(error)) from None
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)

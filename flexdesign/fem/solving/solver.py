@@ -16,11 +16,15 @@ FloatArray = NDArray[np.float64]
 #: Tells pypardiso where its library is, and where pip puts that: a search of its own, twice a third of a second, walks
 #: through all that is installed.
 LIBRARY, PLACES = "PYPARDISO_MKL_RT", ("lib/libmkl_rt.so*", "Library/bin/mkl_rt*.dll")
+#: Where a container is told how much memory it may take.
+CONTAINER = "/sys/fs/cgroup"
 #: PARDISO's phases.
 ORDER, FACTORIZE, SOLVE = 11, 22, 33
 #: PARDISO's settings by number, instead of its defaults: nested dissection; no iterative refinement, which makes three
 #: solves of one and leaves the residual of a Cholesky factor where it was; the entries of the factor are counted.
 SETTINGS = {1: 1, 2: 3, 8: 0, 18: -1}
+#: Factors of solids grow with the number of unknowns to the power 4/3 (George 1973, Lipton, Rose and Tarjan 1979).
+GROWTH = 3 / 4
 #: What PARDISO answers where a pivot is zero or negative.
 NO_PIVOT = -4
 
@@ -107,7 +111,9 @@ class Pardiso:
         if free is not None and self.memory > free:
             self.free()
             sizes = f"{self.memory / 2**30:.1f} GiB of memory, and {free / 2**30:.1f} GiB are free"
-            raise NotEnoughMemory(f"{self._matrix.shape[0]} unknowns need {sizes}")
+            count = self._matrix.shape[0]
+            fits = count * (free / self.memory) ** GROWTH
+            raise NotEnoughMemory(f"{count} unknowns need {sizes}: about {float(f'{fits:.1g}'):.0f} would fit")
 
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the solution for one or several right-hand sides, shape (n,) or (n, k)."""
@@ -129,7 +135,12 @@ class SuperLU:
         full = (upper + sp.triu(upper, k=1).T).tocsc()
         from scipy.sparse.linalg import splu
 
-        self._factor = splu(full, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        way = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+        try:
+            self._factor = splu(full, **way)
+        except MemoryError:
+            remedy = "more memory than there is; Intel's MKL needs less: pip install pypardiso, where it has a wheel"
+            raise NotEnoughMemory(f"{upper.shape[0]} unknowns need {remedy}") from None
 
     def solve(self, right: FloatArray) -> FloatArray:
         """Return the solution for one or several right-hand sides, shape (n,) or (n, k)."""
@@ -149,7 +160,13 @@ def available_memory() -> int | None:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
     except OSError:
         return None
-    return next((1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")), None)
+    free = next((1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")), None)
+    try:  # a container may have less than its machine
+        most, taken = (Path(CONTAINER, name).read_text(encoding="ascii") for name in ("memory.max", "memory.current"))
+        left = int(most) - int(taken)
+    except (OSError, ValueError):
+        return free
+    return left if free is None else min(left, free)
 
 
 def factorize(upper: sp.csr_matrix) -> Factor:
