@@ -379,6 +379,27 @@ def test_the_section_is_exported_for_a_cutter(tmp_path: Path) -> None:
         assert round(1e3 * design.dimensions.get("spacing", 0.016) * (2 if arcs == 0 else 1), 6) in sides
 
 
+@pytest.mark.parametrize(
+    ("profile", "kind"), [("elliptic, depth 1 mm", "ELLIPSE"), ("parabolic", "SPLINE"), ("v", "ARC")]
+)
+def test_a_cutter_gets_both_sides_of_a_notch(profile: str, kind: str, tmp_path: Path) -> None:
+    from types import SimpleNamespace
+
+    import ezdxf
+    from ezdxf import bbox
+
+    from flexdesign.report.validation import export
+
+    design, path = designs.read(levers.lever(profile, tmp_path)), tmp_path / "lever.dxf"
+    export.write_solid(SimpleNamespace(study=SimpleNamespace(design=design)), path)  # type: ignore[arg-type]
+    edges = list(ezdxf.readfile(path).modelspace())
+    sides = [edge for edge in edges if edge.dxftype() == kind]
+    assert len(sides) == 2 and len(edges) == len(design.part().section.edges)  # type: ignore[attr-defined]
+    # The hinge stands upright: between its sides lies the neck.
+    left, right = sorted((bbox.extents([side]) for side in sides), key=lambda box: box.center.x)
+    assert right.extmin.x - left.extmax.x == pytest.approx(1e3 * design.dimensions["neck"], rel=2e-2)
+
+
 def test_a_dimension_that_makes_no_mechanism_is_refused_with_its_place() -> None:
     with pytest.raises(InputError, match="overlaps the flexure"):
         sketch("parallelogram", "dimensions.spacing=0.3 mm")
