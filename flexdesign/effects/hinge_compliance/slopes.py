@@ -11,7 +11,7 @@ whose sides are free of stress. Their energy per length and width is, besides wh
               +  N^2 / 2 h (1 + 2/3 q^2) ].
 
 Without q that is a Timoshenko beam. The sides of a right-circular notch stand upright at its ends, where an expansion
-in q says nothing; of functions that agree with q to second order, arsinh q is within 0.3 % of planar finite elements in
+in q says nothing; of functions that agree with q to second order, arsinh q is within 0.5 % of planar finite elements in
 rotation, for necks of up to half the radius (``python -m studies.hinge_coefficients``). A neck of t over R is softer by
 0.4 t/R in rotation, as long as it is thin.
 """
