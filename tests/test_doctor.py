@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import flexdesign as fd
@@ -86,3 +89,47 @@ def test_memory_of_a_container(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 def test_from_python(tmp_path: Path) -> None:
     found = fd.doctor(tmp_path)
     assert found["cache"] == "ok" and "extra design" in str(found)
+
+
+# --- What is missing as a report is written
+
+
+def test_a_report_without_opengl_has_no_pictures_and_says_so() -> None:
+    from flexdesign.report import pictures
+
+    said: list[str] = []
+    drawn = pictures.drawn_or_said(lambda: pictures.apart(os.abort), said.append)  # type: ignore[arg-type, return-value]
+    assert drawn[:2] == ([], []) and drawn[2] == said
+    assert said[0].startswith("No pictures: ")
+
+
+def test_without_mkl_superlu_solves(monkeypatch: pytest.MonkeyPatch) -> None:
+    import scipy.sparse as sp
+
+    monkeypatch.setitem(sys.modules, "pypardiso", None)
+    upper = sp.csr_matrix(np.triu(np.array([[4.0, 1.0], [1.0, 3.0]])))
+    factor = solver.factorize(upper)
+    assert factor.name == "SciPy SuperLU"
+    assert factor.solve(np.array([1.0, 2.0])) == pytest.approx([1 / 11, 7 / 11])
+
+
+def test_superlu_out_of_memory_is_refused_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    import scipy.sparse as sp
+    from scipy.sparse import linalg
+
+    def full(*_: Any, **__: Any) -> Any:
+        raise MemoryError
+
+    monkeypatch.setattr(linalg, "splu", full)
+    with pytest.raises(solver.NotEnoughMemory, match="2 unknowns need more memory than there is"):
+        solver.SuperLU(sp.csr_matrix(np.eye(2)))
+
+
+def test_what_would_fit_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    import scipy.sparse as sp
+
+    pytest.importorskip("pypardiso")
+    monkeypatch.setattr(solver, "available_memory", lambda: 1000)
+    laplacian = sp.diags([np.full(9999, -1.0), np.full(10000, 2.5)], [1, 0]).tocsr()
+    with pytest.raises(solver.NotEnoughMemory, match=r"10000 unknowns need .* are free: about \d+ would fit"):
+        solver.factorize(laplacian)
