@@ -29,7 +29,8 @@ is estimated from stretches with a constant command, or from periods or repeated
 **Static tables:** if MODEL is a design (a file with `part = ...`, or the bare name of one in geometry/), RUNS are
 static tables, CSV with the columns `quantity,value,unit,sigma,boundary` and one for each dimension that differs, such
 as `hinge_thickness [mm]`: K_in, lambda and K_out with the other port free, held or (K_out) with the actuator installed.
-A difference counts if it exceeds the validation uncertainty, of measurement, tolerances and model.
+Displacements `u_x`, `u_y` and `theta_z` under a load in columns `F_x [N]`, `F_y [N]`, `M_z [N m]` have the boundary
+`loaded`. A difference counts if it exceeds the validation uncertainty, of measurement, tolerances and model.
 
 **Output:** report.html, report.md, result.json and the figures, in --out.
 

@@ -31,6 +31,15 @@ QUANTITIES: Mapping[str, tuple[str, str, str]] = {
     "lambda": ("1", "output", "amplification"),
     "K_out": ("N/m", "input", "output stiffness"),
 }
+#: What else can be measured of a part under a load at its output, however large: SI unit, and in words.
+DISPLACEMENTS: Mapping[str, tuple[str, str]] = {
+    "u_x": ("m", "displacement along x"),
+    "u_y": ("m", "displacement along y"),
+    "theta_z": ("rad", "rotation about z"),
+}
+#: The load: columns and their SI units; and the boundary of such a row.
+LOADS: Mapping[str, str] = {"F_x": "N", "F_y": "N", "M_z": "N m"}
+LOADED = "loaded"
 #: Boundaries as files may write them, and in full.
 BOUNDARIES: Mapping[str, Mapping[str, str]] = {
     "output": {"free": "output free", "held": "output held"},
@@ -64,6 +73,8 @@ class Row:
         Those in which the part differs from the design, SI.
     numbers
         Names of those that are no lengths but numbers, such as how many branches there are.
+    load
+        Force along x and y [N] and moment about z [N m] at the output, of a displacement; None of a stiffness.
     """
 
     quantity: str
@@ -73,6 +84,7 @@ class Row:
     unit: str
     dimensions: Mapping[str, float] = field(default_factory=dict)
     numbers: frozenset[str] = frozenset()
+    load: tuple[float, ...] | None = None
 
     @property
     def part(self) -> tuple[tuple[str, float], ...]:
@@ -215,9 +227,9 @@ def _columns(path: Path, names: Sequence[str], design: Design) -> dict[str, tupl
     known = {p.name: Bounds(p.si, *p.plausible) for p in design.part_class.dimensions}
     found = {}
     for name in names:
-        if name in head:
-            continue
         match = _DIMENSION.match(name)
+        if name in head or (match and match[1] in LOADS and not design.is_stage):
+            continue
         if match is None or match[1] not in known or (known[match[1]].si == "1") != (match[2] == "1"):
             stem = match[1] if match else name
             remedy = f"is neither one of {', '.join(head)} nor a dimension with its unit{suggest(stem, list(known))}"
@@ -239,18 +251,19 @@ def _row(
     dimensions: Mapping[str, tuple[str, Bounds, str]],
     axes: Sequence[str],
 ) -> Row:
-    quantity = cells["quantity"]
-    if quantity not in QUANTITIES:
-        remedy = f"is no quantity of static tables{suggest(quantity, list(QUANTITIES))}"
+    quantity, others = cells["quantity"], () if axes else DISPLACEMENTS
+    if quantity not in QUANTITIES and quantity not in others:
+        remedy = f"is no quantity of static tables{suggest(quantity, [*QUANTITIES, *others])}"
         raise InputError(path, f"line {line}, column quantity", quantity, remedy)
-    si, port, _ = QUANTITIES[quantity]
+    si, port = QUANTITIES[quantity][:2] if quantity in QUANTITIES else (DISPLACEMENTS[quantity][0], "output")
     unit = cells["unit"] or "1"
     value = _number(path, line, "value", cells["value"], unit, si)
     sigma = _number(path, line, "sigma", cells["sigma"], unit, si, value) if cells.get("sigma") else None
-    if quantity != "lambda" and value <= 0:
+    if quantity in QUANTITIES and quantity != "lambda" and value <= 0:
         raise InputError(path, f"line {line}, column value", cells["value"], "a stiffness is above zero")
     if value == 0:
-        raise InputError(path, f"line {line}, column value", cells["value"], "an amplification is not zero")
+        remedy = "an amplification is not zero" if quantity == "lambda" else "is zero; leave the row out"
+        raise InputError(path, f"line {line}, column value", cells["value"], remedy)
     if sigma is not None and not 0 < sigma < math.inf:
         raise InputError(path, f"line {line}, column sigma", cells["sigma"], "is one standard deviation, above zero")
     read = {}
@@ -260,6 +273,8 @@ def _row(
                 read[name] = bounds.read(float(cells[column]) if its_unit == "1" else f"{cells[column]} {its_unit}")
             except ValueError as error:
                 raise InputError(path, f"line {line}, column {column}", cells[column], str(error)) from None
+    if quantity in DISPLACEMENTS:
+        return Row(quantity, LOADED, value, sigma, unit, read, _pure(dimensions, read), _load(path, line, cells))
     boundary = _boundary(path, line, cells["boundary"], port, quantity, STAGE_BOUNDARIES if axes else BOUNDARIES)
     if axes:
         axis = cells[AXIS]
@@ -267,8 +282,30 @@ def _row(
             remedy = f"is no axis of this stage{suggest(axis, list(axes))}"
             raise InputError(path, f"line {line}, column {AXIS}", axis or None, remedy)
         boundary = f"{axis}, {boundary}"
-    numbers = frozenset(name for name, _, its_unit in dimensions.values() if name in read and its_unit == "1")
-    return Row(quantity, boundary, value, sigma, unit, read, numbers)
+    return Row(quantity, boundary, value, sigma, unit, read, _pure(dimensions, read))
+
+
+def _pure(dimensions: Mapping[str, tuple[str, Bounds, str]], read: Mapping[str, float]) -> frozenset[str]:
+    return frozenset(name for name, _, its_unit in dimensions.values() if name in read and its_unit == "1")
+
+
+def _load(path: Path, line: int, cells: Mapping[str, str]) -> tuple[float, ...]:
+    """Return the load of a displacement, SI; a component without a column, or an empty cell, is zero."""
+    if cells["boundary"] != LOADED:
+        remedy = f"a displacement is measured under a load: write {LOADED}, and the load in columns such as F_y [N]"
+        raise InputError(path, f"line {line}, column boundary", cells["boundary"] or None, remedy)
+    found = dict.fromkeys(LOADS, 0.0)
+    for column, cell in cells.items():
+        match = _DIMENSION.match(column)
+        if match and match[1] in LOADS and cell:
+            try:
+                found[match[1]] = float(cell) * units.factor(match[2], LOADS[match[1]])
+            except ValueError as error:
+                raise InputError(path, f"line {line}, column {column}", cell, str(error)) from None
+    if not any(found.values()) or not all(map(math.isfinite, found.values())):
+        remedy = "a displacement needs a finite load that is not zero, in columns F_x [N], F_y [N] or M_z [N m]"
+        raise InputError(path, f"line {line}", None, remedy)
+    return tuple(found.values())
 
 
 def _boundary(

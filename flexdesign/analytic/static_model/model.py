@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.analytic import compliance, frame, stage_compliance
+from flexdesign.analytic import compliance, frame, large_frame, stage_compliance
 from flexdesign.analytic.compliance import ComplianceModel
 from flexdesign.analytic.stage_compliance import StageCompliance
 from flexdesign.core.errors import InputError
@@ -18,7 +18,7 @@ from flexdesign.core.model import Effect, Observation, Parameter
 from flexdesign.design.design import Design
 from flexdesign.effects import statics
 from flexdesign.effects.hinge_compliance import roots
-from flexdesign.measurements.static_table import Row, StaticTable
+from flexdesign.measurements.static_table import DISPLACEMENTS, Row, StaticTable
 
 Array = NDArray[np.float64]
 
@@ -44,6 +44,7 @@ class StaticModel:
     made_larger: Mapping[str, float] = field(default_factory=dict)
     guessed: bool = False
     _built: dict[tuple[object, ...], ComplianceModel | StageCompliance] = field(default_factory=dict, repr=False)
+    _states: dict[object, large_frame.State] = field(default_factory=dict, repr=False)
 
     @property
     def unstated(self) -> tuple[str, ...]:
@@ -81,7 +82,30 @@ class StaticModel:
         """Return what the model expects of each row of a `StaticTable`, SI."""
         table = cast(StaticTable, observation)
         models = {part: self.compliance(dict(part)) for part in dict.fromkeys(row.part for row in table.rows)}
-        return np.array([_value(models[row.part], row) for row in table.rows])
+        loaded = dict.fromkeys((row.part, row.load) for row in table.rows if row.load is not None)
+        moved = {key: self._displacement(models[key[0]], *key) for key in loaded}
+        found = []
+        for row in table.rows:
+            if row.load is None:
+                found.append(self._stiffness(models[row.part], row))
+            else:
+                found.append(float(moved[row.part, row.load][list(DISPLACEMENTS).index(row.quantity)]))
+        return np.array(found)
+
+    def _stiffness(self, model: ComplianceModel | StageCompliance, row: Row) -> float:
+        try:
+            return _value(model, row)
+        except frame.Mechanism as error:
+            remedy = f"has no finite {row.key} in this model: {error}; begin with the effects of the drawing"
+            raise InputError(self.design.file, "part", self.design.part_class.__name__, remedy) from error
+
+    def _displacement(
+        self, model: ComplianceModel | StageCompliance, part: object, load: tuple[float, ...] | None
+    ) -> Array:
+        """Return how the output moves under a load [m, m, rad]; a state found before for it is where it begins."""
+        assert isinstance(model, ComplianceModel) and load is not None
+        moved, self._states[part, load] = large_frame.displacement(model, load, self._states.get((part, load)))
+        return moved
 
     def compliance(self, dimensions: Mapping[str, float]) -> ComplianceModel | StageCompliance:
         """Return the compliance model of a part or stage that differs in some dimensions from the design.
@@ -123,16 +147,15 @@ def of_design(design: Design, *, bare: bool = False) -> StaticModel:
     InputError
         If the compliance model cannot say anything of the part.
     """
-    effects = {} if bare else drawn(design)
-    model = StaticModel(design, {**effects, **design.effects})
-    try:
-        model.compliance({}).quantities()
+    whole = StaticModel(design, {**drawn(design), **design.effects})
+    try:  # hinges that only rotate may hold a part that moves with all that the drawing tells: a parallelogram
+        whole.compliance({}).quantities()
     except frame.Mechanism as error:
         remedy = f"the part's linkage is no frame: {error}; name every hinge, arm and rod in linkage()"
         if design.is_stage:
             remedy = f"the parts are no frame together: {error}"
         raise InputError(design.file, "part", design.part_class.__name__, remedy) from error
-    return model
+    return replace(whole, effects=dict(design.effects)) if bare else whole
 
 
 def drawn(design: Design) -> dict[str, dict[str, float]]:

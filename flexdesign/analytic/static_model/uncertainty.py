@@ -42,6 +42,10 @@ MODEL: Mapping[str, float] = {
     "K_out_input_free": 0.002,
     "K_out_input_held": 0.015,
     "K_out_actuator_installed": 0.012,
+    # Of displacements under load: of a parallelogram against a published elastica (tests/analytic/test_large_frame.py).
+    "u_x_loaded": 0.01,
+    "u_y_loaded": 0.005,
+    "theta_z_loaded": 0.02,
     # Of a stage: of the XYZ stage against its condensed finite elements (`flexdesign validate table1`), rounded up.
     "K_in_table_free": 0.01,
     "lambda_table_free": 0.01,
@@ -162,5 +166,6 @@ def _slopes(model: StaticModel, table: StaticTable, predicted: Array) -> Array:
 
 
 def _of_modulus(table: StaticTable, predicted: Array) -> Array:
-    """Return the change per relative change of E: stiffnesses go with it, the amplification stays."""
-    return np.array([0.0 if row.quantity == "lambda" else v for row, v in zip(table.rows, predicted, strict=True)])
+    """Return the change per relative change of E: stiffnesses go with it, displacements against it, lambda stays."""
+    way = [0.0 if row.quantity == "lambda" else -1.0 if row.load else 1.0 for row in table.rows]
+    return np.asarray(way * predicted)

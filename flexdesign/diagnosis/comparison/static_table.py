@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from flexdesign.analytic.static_model import StaticModel, StaticTable, Uncertainty, uncertainty
 from flexdesign.analytic.static_model.uncertainty import UNSAID
 from flexdesign.core.errors import InputError
+from flexdesign.diagnosis.comparison import lost_signs
 
 Array = NDArray[np.float64]
 #: A value so near a power of 1000 from what is expected has the wrong unit: in decades.
@@ -63,11 +64,14 @@ def compare(model: StaticModel, table: StaticTable) -> TableComparison:
     InputError
         If the model has no number for a row, or a row seems to have another unit.
     """
-    predicted = model.predict(table)
-    believed = _believable(table, predicted)
+    signed, remarks = table, list[str]()
+    if any(row.load is not None for row in table.rows):
+        signed, lost = lost_signs.restored(model, table)
+        remarks += lost
+    predicted = model.predict(signed)
+    believed = _believable(signed, predicted)
     noise = uncertainty(model, believed)
-    remarks = []
-    if believed is not table:
+    if believed is not signed:
         remarks.append("amplifications were taken with the sign of the model, along the output's normal")
     if noise.unsaid:
         remarks.append(f"some rows state no sigma: {100 * UNSAID:g} % was taken for it")
@@ -84,7 +88,7 @@ def _believable(table: StaticTable, predicted: Array) -> StaticTable:
     """Return a table whose values can be meant: amplifications with the model's sign."""
     rows = []
     for row, expected in zip(table.rows, predicted, strict=True):
-        if math.isfinite(expected):
+        if row.load is None and math.isfinite(expected):
             power = math.log10(abs(row.value / expected)) / 3
             if round(power) != 0 and abs(power - round(power)) < WRONG_UNIT / 3:
                 remedy = f"is {1000.0 ** round(power):g} times what the model expects: correct the unit ({row.unit})"

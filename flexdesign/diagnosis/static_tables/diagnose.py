@@ -111,7 +111,9 @@ def diagnose(
         remarks += tuple(f"{name} explains the table as well, but is seldom the cause" for name in sorted(unlikely))
         nearest = next((trial for trial in singles if trial.counts_beside(before, len(singles))), before)
     if not (before.is_adequate or answers):
-        pairs = _sorted(fitted(before, pair) for pair in _pairs(candidates, progress))
+        # A displacement under load takes long to compute, and one member in a pair would be tried for each of them.
+        often = [c for c in candidates if not {*c} & {*LAST_OF_SEVERAL} or not any(r.load for r in table.rows)]
+        pairs = _sorted(fitted(before, pair) for pair in _pairs(often, progress))
         # Two causes, of which one contradicts the design, are believed of nothing.
         sound = [trial for trial in pairs if not trial.excess_modulus(before)]
         answers, tried = _answers(nearest, sound, len(pairs)), [*singles, *pairs]

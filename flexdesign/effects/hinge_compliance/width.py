@@ -13,6 +13,8 @@ A plate that is not thin is relieved along its free edges besides, over a width 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from flexdesign.core.model import Elastic, Member
@@ -54,3 +56,33 @@ def _edges(member: Member) -> float:
 def _constrained(elastic: Elastic, relief: float) -> float:
     kept = elastic.constraint * elastic.poissons_ratio**2 * (1 - min(relief, 1.0))
     return elastic.youngs_modulus / (1 - kept)
+
+
+def plate_modulus(member: Member, elastic: Elastic, lever: int) -> float:
+    """Return the modulus of a hinge as a plate, constrained most at its clamped ends [Pa].
+
+    The constraint is taken as cosh(s / d) / cosh(l / 2d), s from the middle, and d such that its mean over the length
+    is that of `BENDING`. The free edges relieve it where it is.
+
+    Parameters
+    ----------
+    member, elastic
+        The hinge and its material, whose own constraint is left aside.
+    lever
+        0 for an even moment, 2 for an S, whose moment grows with s: the compliance is weighted with s^lever.
+    """
+    length = member.length
+    mean = 1 - float(np.interp(length / member.width, RATIOS, BENDING))
+    u = _argument(mean)
+    weight = math.tanh(u) / u if lever == 0 else 3 * (math.tanh(u) * (1 / u + 2 / u**3) - 2 / u**2)
+    kept = elastic.poissons_ratio**2 * weight * (1 - min(_edges(member), 1.0))
+    return elastic.youngs_modulus / (1 - kept)
+
+
+def _argument(mean: float) -> float:
+    """Return u = l / 2d with tanh(u) / u = mean, by Newton's method."""
+    u = max(1 / mean, 1e-3) if mean < 0.5 else math.sqrt(3 * (1 / mean - 1)) + 1e-3
+    for _ in range(30):
+        value, slope = math.tanh(u) / u - mean, (1 - math.tanh(u) ** 2) / u - math.tanh(u) / u**2
+        u = max(u - value / slope, 1e-3)
+    return u

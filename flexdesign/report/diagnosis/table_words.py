@@ -15,7 +15,7 @@ from flexdesign.diagnosis.comparison.static_table import TableComparison
 from flexdesign.diagnosis.static_tables.diagnose import TableDiagnosis
 from flexdesign.diagnosis.static_tables.fit import Trial
 from flexdesign.effects import statics
-from flexdesign.measurements.static_table import QUANTITIES
+from flexdesign.measurements.static_table import DISPLACEMENTS, LOADS, QUANTITIES
 from flexdesign.report import charts
 from flexdesign.report.comparison_words import listed
 
@@ -35,13 +35,15 @@ def measurement(row: Row) -> str:
         f"{name} {value:.4g}" if name in row.numbers else f"{name} {1e3 * value:.4g} mm"
         for name, value in row.dimensions.items()
     )
-    return f"{row.quantity}, {row.boundary}{', ' + shown if shown else ''}"
+    load = zip(LOADS.items(), row.load or (0.0, 0.0, 0.0), strict=True)
+    pushed = [f"{name} {units.to_text(f, si, 4, si=si)}" for (name, si), f in load if f]
+    return ", ".join([row.quantity, *(pushed or [row.boundary]), *([shown] if shown else [])])
 
 
 def number(row: Row, value: float, digits: int = 4) -> str:
     """Return a number of a row, SI, in the row's unit."""
-    si = QUANTITIES[row.quantity][0]
-    unit = row.unit or {"N/m": "N/mm", "1": ""}[si]
+    si = (DISPLACEMENTS[row.quantity] if row.load else QUANTITIES[row.quantity])[0]
+    unit = row.unit or {"N/m": "N/mm", "1": "", "m": "mm", "rad": "mrad"}[si]
     shown = units.significant(value / units.factor(unit or "1", si), digits)
     return f"{shown} {'' if unit == '1' else unit}".rstrip()
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flexdesign.analytic.frame import Mechanism
 from flexdesign.analytic.static_model import Row, StaticModel, StaticTable, drawn, of_design, uncertainty
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Quantity
@@ -111,7 +112,10 @@ def _judged(design: Design, fem: Mapping[str, Quantity]) -> list[str]:
 def _rung(
     name: str, model: StaticModel, known: Mapping[str, float], effects: Mapping[str, Mapping[str, float]]
 ) -> ErrorStep:
-    found = replace(model, effects=effects).compliance({}).quantities()
+    try:
+        found = replace(model, effects=effects).compliance({}).quantities()
+    except Mechanism:  # held twice without giving way
+        found = {}
     return ErrorStep(name, {k: found[k].value / value - 1 if k in found else math.inf for k, value in known.items()})
 
 
