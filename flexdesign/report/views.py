@@ -71,6 +71,16 @@ class State:
     full: str = ""
     limit: float | None = None
 
+    @classmethod
+    def of_mode(cls, name: str, surface: int, shape: FloatArray, drawn: float) -> State:
+        """Return a mode, of whatever size its shape is, whose largest motion is drawn as long as stated [m].
+
+        Its crest is taken as 1 µm; its colours are relative to the largest motion.
+        """
+        size = np.linalg.norm(shape, axis=1)
+        crest, what = 1e-6 * shape / size.max(), "motion, relative to the largest"
+        return cls(name, surface, crest, 1e6 * drawn, "phase", what, "", size / size.max())
+
 
 @dataclass(frozen=True)
 class View:
@@ -101,7 +111,8 @@ class View:
 
     def payload(self, points: int) -> dict[str, Any]:
         """Return the data of a page; lengths in mm, displacements in µm. It has no curves, and `points` no meaning."""
-        merged = [_merged(surface) for surface in self.surfaces]
+        first = [next(s.displacement for s in self.states if s.surface == k) for k in range(len(self.surfaces))]
+        merged = [_merged(surface, motion) for surface, motion in zip(self.surfaces, first, strict=True)]
         return {
             "toward": self.toward,
             "up": self.up,
@@ -136,12 +147,16 @@ def _surface(surface: Surface) -> dict[str, Any]:
     }
 
 
-def _merged(surface: Surface) -> tuple[Surface, IntArray]:
-    """Return a surface of the points that its triangles need, each once, and which of the points these are."""
+def _merged(surface: Surface, motion: FloatArray) -> tuple[Surface, IntArray]:
+    """Return a surface of the points that its triangles need, each once, and which of the points these are.
+
+    Points that lie and move together are one; parts that only touch stay apart.
+    """
     every = surface.triangles if surface.glass is None else np.concatenate([surface.triangles, surface.glass])
     used, places = np.unique(every, return_inverse=True)
-    reach = MERGED * float(np.ptp(surface.points[used], axis=0).max())
-    _, first, joined = np.unique(np.round(surface.points[used] / reach), axis=0, return_index=True, return_inverse=True)
+    alike = [MERGED * max(float(np.abs(field[used]).max()), 1e-300) for field in (surface.points, motion)]
+    keys = np.hstack([np.round(f[used] / a) for f, a in zip((surface.points, motion), alike, strict=True)])
+    _, first, joined = np.unique(keys + 0.0, axis=0, return_index=True, return_inverse=True)
     triangles = joined.reshape(-1)[places.reshape(-1, 3)]
     solid = len(surface.triangles)
     glass = None if surface.glass is None else triangles[solid:]

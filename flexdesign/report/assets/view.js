@@ -165,6 +165,7 @@ function showView(place, data, text) {
     slider.setAttribute("aria-label", load ? `load, per cent of ${state.full}` : "phase of the mode, degrees");
     drawn.replaceChildren(...[...new Set([1, state.enlarged, 2 * state.enlarged])].map((times) => new Option(`${written(times)} ×`, times)));
     drawn.value = state.enlarged;
+    drawn.parentElement.hidden = !load; // a mode has no size of its own
     picked = null;
     marker.visible = false;
     reading.textContent = "Drag turns; a click on the part reads its value.";
@@ -181,8 +182,9 @@ function showView(place, data, text) {
     for (let k = 0; k < state.values.length; k++) tints.set(tint(level * state.values[k] / state.limit), 3 * k);
     body.moved.needsUpdate = body.tints.needsUpdate = true;
     output.textContent = state.slider === "load" ? `${slider.value} %` : `${slider.value}°`;
-    note.textContent = (state.slider === "load" ? `${slider.value} % of ${state.full}, linear solution; ` : "")
-      + `displacements drawn ${written(Number(drawn.value))} times as large.`;
+    note.textContent = state.slider === "load"
+      ? `${slider.value} % of ${state.full}, linear solution; displacements drawn ${written(Number(drawn.value))} times as large.`
+      : "A mode has no size of its own: how large it is drawn says nothing.";
     if (picked) read();
     render();
   }

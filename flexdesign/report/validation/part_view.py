@@ -57,15 +57,8 @@ def _modes(validation: Validation, drawn: Sequence[tuple[ModeRecord, FloatArray]
     for rank, (mode, shape) in enumerate(drawn, 1):
         points, _, whole = mesh.mirrored(solution.positions, solution.nodes, validation.domain.planes, {"shape": shape})
         moved = whole["shape"] * image_signs(validation, mode)[:, None]
-        size = np.linalg.norm(moved, axis=1)
         name = f"Mode {rank}, {units.significant(mode.frequency, 4)} Hz"
-        # A mode has no size of its own: its crest is drawn as 1 µm, enlarged to what deformations are drawn as.
-        states.append(
-            State(
-                name, 1, 1e-6 * moved / size.max(), 1e6 * DRAWN * extent(points), "phase",
-                "motion, relative to the largest", "", size / size.max(),
-            )
-        )  # fmt: skip
+        states.append(State.of_mode(name, 1, moved, DRAWN * extent(points)))
     return states
 
 
