@@ -394,8 +394,7 @@ def _lines(found: StageSizing) -> Iterator[str]:
     yield "[dimensions]"
     for name, value in sorted(found.design.dimensions.items(), key=lambda item: item[0] not in found.free):
         parameter = described[name]
-        text = f'"{value / units.factor(parameter.unit, parameter.si):.6g} {parameter.unit}"'
-        written = text if parameter.unit else f"{value:g}"
-        symbol = f", {parameter.symbol}" if parameter.symbol else ""
-        comment = f"{'found' if name in found.free else 'start'}{symbol}"
+        number = f"{value / units.factor(parameter.unit or '1', parameter.si):.6g}"
+        written = f'"{number} {parameter.unit}"' if parameter.unit else f"{value:g}"
+        comment = ", ".join(filter(None, ["found" if name in found.free else "start", parameter.symbol]))
         yield toml_writing.commented(f"{name} = {written}", comment, 36)
