@@ -13,7 +13,7 @@ PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo example test coverage benchmark peers trial verification error-bars slow docs lint format lock clean clean-venv
+.PHONY: help demo example test coverage benchmark peers trial verification error-bars slow docs wheel-test lint format lock clean clean-venv
 
 help: ## Show this list
 	@echo "make TARGET [PYTHON=python3.12]"
@@ -58,6 +58,9 @@ slow: $(VENV)/.ready ## Run the long studies that `test` leaves out
 docs: $(VENV)/.ready ## Build the documentation site in build/docs; it executes the notebooks
 	OMP_NUM_THREADS=1 $(BIN)/sphinx-build --builder html --fresh-env --fail-on-warning --keep-going --quiet docs build/docs
 	@echo "build/docs/index.html"
+
+wheel-test: $(VENV)/.ready ## Build sdist and wheel, and follow the tutorial with the wheel outside of here
+	.ci/wheel-test $(BIN)/python
 
 lint: $(VENV)/.ready ## Check style, types and the packages
 	$(BIN)/ruff check

@@ -35,6 +35,7 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 240
 nb_execution_show_tb = True
 nb_merge_streams = True
+nb_mime_priority_overrides = [("html", "text/html", 0)]
 
 # --- Docstrings -------------------------------------------------------------------------------------------------------
 

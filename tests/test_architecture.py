@@ -65,6 +65,16 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     assert not loaded & HEAVY
 
 
+@pytest.mark.parametrize("module", ["api.models", "api.recordings", "api.designs", "api.studies"])
+def test_commands_begin_without_the_slowest_imports(module: str) -> None:
+    """Each of these takes half a second or more; reports and statistics import them once they have something to say."""
+    code = f"import flexdesign.{module}, flexdesign.core.units as u; u.from_text('1 mm', 'm')"
+    code += "\nprint(*sorted(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", f"import sys; {code}"], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert not set(done.stdout.split()) & {"scipy.signal", "scipy.stats", "dask", "control", "matplotlib.pyplot"}
+
+
 @pytest.mark.parametrize(
     "module", ["cli", "design.part", "design.design", "design.study", "core.model", "workflows.validation", "testing"]
 )

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from _site import commands
+from _site import catalogue, commands, formats
 
-#: A page of the reference, by name: yields the paths inside docs/generated/ with their contents.
-MAKERS: tuple[Callable[[], Iterator[tuple[str, str | bytes]]], ...] = (commands.pages,)
+#: Makers of pages: each yields paths inside docs/generated/ with their contents.
+MAKERS: tuple[Callable[[], Iterator[tuple[str, str | bytes]]], ...] = (commands.pages, catalogue.pages, formats.pages)
 
 
 def setup(app: Any) -> dict[str, bool]:

@@ -19,7 +19,6 @@ from flexdesign.design.design import Design
 from flexdesign.design.study import Study
 from flexdesign.dynamics.stage_model import to_toml
 from flexdesign.measurements.static_table import to_csv
-from flexdesign.report.validation import stage_report, table_1, validation_report
 from flexdesign.workflows import validation
 from flexdesign.workflows.validation import Validation, validate_stage
 from flexdesign.workflows.validation.validate_stage import StageValidation
@@ -141,6 +140,8 @@ def validate(
 
 
 def _of_part(study: Study, store: Cache, progress: Progress) -> Result[Validation]:
+    from flexdesign.report.validation import table_1, validation_report
+
     found = validation.validate(study, store, progress)
     quantities = {q.key: q for q in [*(c.fem for c in found.comparisons), *found.further]}
     return Result(
@@ -157,6 +158,8 @@ def _of_part(study: Study, store: Cache, progress: Progress) -> Result[Validatio
 
 
 def _of_stage(study: Study, store: Cache, progress: Progress) -> Result[StageValidation]:
+    from flexdesign.report.validation import stage_report
+
     found = validate_stage.validate_stage(study, store, progress)
     return Result(
         found,

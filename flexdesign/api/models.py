@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flexdesign.api.changing import overrides
 from flexdesign.api.result import Result
 from flexdesign.core import toml_files
 from flexdesign.core.errors import InputError
-from flexdesign.diagnosis.experiment_design.planning import Plan, Request, plan_experiments
 from flexdesign.dynamics import experiments, stage_model
 from flexdesign.dynamics.experiments import simulation, standard_experiments
 from flexdesign.dynamics.experiments.simulation import Simulation
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.report.diagnosis import plan_pages
-from flexdesign.report.simulation import simulation_report
+
+if TYPE_CHECKING:
+    from flexdesign.diagnosis.experiment_design.planning import Plan
 
 Progress = Callable[[str], None]
 
@@ -71,6 +71,8 @@ def simulate(
     InputError
         If anything cannot be used.
     """
+    from flexdesign.report.simulation import simulation_report
+
     given = overrides(changes, tables)
     of_study = [each for each in given if toml_files.overridden(each) in experiments.SETTINGS]
     of_model = [each for each in given if each not in of_study]
@@ -114,6 +116,9 @@ def plan(
     InputError
         If anything cannot be used, or a limit is missing.
     """
+    from flexdesign.diagnosis.experiment_design.planning import Request, plan_experiments
+    from flexdesign.report.diagnosis import plan_pages
+
     asked = Request(**request)
     found = plan_experiments(read_model(model, changes), asked, progress)
     return Result(

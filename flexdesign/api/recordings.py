@@ -26,14 +26,6 @@ from flexdesign.diagnosis.static_tables.diagnose import TableDiagnosis
 from flexdesign.dynamics.stage_model import StageModel, edit
 from flexdesign.measurements import recordings as reading
 from flexdesign.measurements.recordings import FrequencyResponse, Run
-from flexdesign.report.diagnosis import (
-    addition_report,
-    check_report,
-    comparison_report,
-    diagnosis_report,
-    diagnosis_result,
-    identification_report,
-)
 
 Progress = Callable[[str], None]
 #: Recordings: files or folders, or what `read_recordings` returned.
@@ -77,6 +69,8 @@ def check(recordings: Recordings) -> Result[Check]:
     InputError
         If a file cannot be used.
     """
+    from flexdesign.report.diagnosis import check_report
+
     given = [recordings] if isinstance(recordings, (str, Path)) else list(recordings)
     named = [Path(each) for each in given if isinstance(each, (str, Path))]
     files = [file for path in named for file in (sorted(path.glob("*.csv")) if path.is_dir() else [path])]
@@ -129,6 +123,8 @@ def compare(
     InputError
         If anything cannot be used.
     """
+    from flexdesign.report.diagnosis import comparison_report
+
     if static_tables.is_design(model):
         static_tables.refuse({"--axis": axis, "--noise": noise})
         return static_tables.compare(model, recordings, changes)
@@ -175,6 +171,8 @@ def identify(
     InputError
         If anything cannot be used.
     """
+    from flexdesign.report.diagnosis import identification_report
+
     stage = read_model(model, changes)
     runs = reading.runs_alone(read_recordings(recordings))
     found = identification.identify(stage, runs, axis=axis, free=free, progress=progress)
@@ -251,6 +249,8 @@ def diagnose(
     InputError
         If anything cannot be used.
     """
+    from flexdesign.report.diagnosis import diagnosis_report, diagnosis_result
+
     if static_tables.is_design(model):
         static_tables.refuse({"--axis": axis, "--tolerance": tolerance, "--noise": noise})
         return static_tables.diagnose(model, recordings, changes, bare=bare, own=effects, progress=progress)
@@ -314,6 +314,8 @@ def add_effect(
     InputError
         If anything cannot be used.
     """
+    from flexdesign.report.diagnosis import addition_report
+
     if static_tables.is_design(model):
         static_tables.refuse({"--axis": axis, "--noise": noise})
         return static_tables.add_effect(model, effect, recordings, changes, progress=progress)

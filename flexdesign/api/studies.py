@@ -10,8 +10,6 @@ from typing import Any
 from flexdesign.api.changing import overrides
 from flexdesign.api.result import Result
 from flexdesign.core.result_cache import open_cache
-from flexdesign.report.sweeps import optimum_report, sweep_report
-from flexdesign.report.validation import reproduction_report
 from flexdesign.workflows import reproduction, sweeps
 from flexdesign.workflows.reproduction import Reproduction
 from flexdesign.workflows.sweeps import Sweep, SweepPlan, optimising
@@ -64,6 +62,8 @@ def sweep(
     InputError
         If anything cannot be used.
     """
+    from flexdesign.report.sweeps import sweep_report
+
     plan = read_sweep(study, changes, **tables)
     found = sweeps.run(plan, Store(Path(store)), jobs=jobs, scheduler=scheduler, progress=progress)
     return Result(
@@ -77,6 +77,8 @@ def sweep(
 
 
 def _tables(found: Sweep, _: Path) -> dict[str, str | bytes]:
+    from flexdesign.report.sweeps import sweep_report
+
     parquet = sweep_report.parquet(found)
     return {"cases.csv": sweep_report.csv(found), **({} if parquet is None else {"cases.parquet": parquet})}
 
@@ -107,6 +109,8 @@ def optimize(
     InputError
         If anything cannot be used.
     """
+    from flexdesign.report.sweeps import optimum_report
+
     found = optimising.optimise(read_sweep(study, changes, **tables), check=check, progress=progress)
     return Result(
         found,
@@ -142,6 +146,8 @@ def reproduce(
     InputError
         If anything cannot be used.
     """
+    from flexdesign.report.validation import reproduction_report
+
     store = open_cache(cache)
     found = reproduction.reproduce(str(publication), store, progress, changes)
     return Result(

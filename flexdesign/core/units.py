@@ -58,12 +58,26 @@ MEASURES = {
 }
 
 
+def _import_pint() -> Any:
+    """Import pint, without Dask: pint imports it where it is installed, which takes as long as pint itself."""
+    import sys
+
+    hidden = "dask" not in sys.modules
+    if hidden:
+        sys.modules["dask"] = None  # type: ignore[assignment]  # what Python takes for "not installed"
+    try:
+        import pint
+    finally:
+        if hidden:
+            del sys.modules["dask"]
+    return pint
+
+
 @cache
 def _registry() -> Any:
     import logging
 
-    import pint  # costs a third of a second: only where text with units is read or written
-
+    pint = _import_pint()  # a third of a second: only where text with units is read or written
     logging.getLogger("pint").setLevel(logging.ERROR)  # what it thinks of "amps" is nothing for the terminal
     try:  # parsing its definitions takes as long again: once parsed they are kept in the user's cache
         return pint.UnitRegistry(autoconvert_offset_to_baseunit=False, cache_folder=":auto:")
@@ -83,7 +97,7 @@ def _is_short(unit: str) -> bool:
 
 
 def _parsed(unit: str) -> Any:
-    import pint
+    pint = _import_pint()
 
     if not _is_short(unit):
         raise ValueError(f"cannot read the unit {shortened(unit, 40)!r}: it is too long, or has a power without end")
@@ -106,7 +120,7 @@ def factor(unit: str, si: str) -> float:
     ValueError
         If `unit` is unknown, measures something else than `si`, or counts from an offset as degC does.
     """
-    import pint
+    pint = _import_pint()
 
     parsed = _parsed(unit)
     try:

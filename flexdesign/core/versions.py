@@ -6,7 +6,7 @@ import platform
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 #: What simulation and identification rest on.
 DYNAMICS = ("numpy", "scipy", "numba", "control")
 

@@ -162,8 +162,8 @@ def everything(case: Case, truth: float) -> list[Entry]:
     return entries
 
 
-def at(accuracy: float, entries: Sequence[Entry], case: Case, truth: float) -> None:
-    """Print the fastest settings of each program that reach an accuracy, run anew in turns, and the ratio."""
+def at(accuracy: float, entries: Sequence[Entry], case: Case, truth: float) -> dict[str, float]:
+    """Print the fastest settings of each program that reach an accuracy, run anew in turns; return their times [s]."""
     print(f"\nK_in to {100 * accuracy:g} %, the best of {1 + TURNS} runs\n{HEAD}")
     chosen: dict[str, Entry] = {}
     for entry in sorted(entries, key=lambda entry: entry.run.cpu):  # other load disturbs it less than the wall time
@@ -178,10 +178,11 @@ def at(accuracy: float, entries: Sequence[Entry], case: Case, truth: float) -> N
         print(line(fastest), flush=True)
     for program in {entry.program for entry in entries} - set(chosen):
         print(f"{program:19}reaches it with none of its settings")
-    own = walls.pop("flexdesign", None)
-    if own and walls:
-        best = min(walls, key=lambda name: walls[name])
-        print(f"the best peer, {best}, takes {walls[best] / own:.1f} times as long as flexdesign")
+    own, others = walls.get("flexdesign"), {name: wall for name, wall in walls.items() if name != "flexdesign"}
+    if own and others:
+        best = min(others, key=lambda name: others[name])
+        print(f"the best peer, {best}, takes {others[best] / own:.1f} times as long as flexdesign")
+    return walls
 
 
 def other_ways(case: Case, truth: float) -> None:

@@ -67,8 +67,8 @@ def monolithic(read: Any, assembly: Any, parts: dict[str, WholePart]) -> tuple[A
     return compliance, frequencies, seconds
 
 
-def main(name: str = "lin2019_xyz_stage", coarseness: str = "5.0") -> None:
-    """Solve both ways, and print how they differ and what they take."""
+def main(name: str = "lin2019_xyz_stage", coarseness: str = "5.0") -> tuple[float, float]:
+    """Solve both ways, and print how they differ and what they take; return these times [s], condensed first."""
     read = design.read(design.find(name))
     assembly = read.stage().assembly()
     meshes, parts = [], {}
@@ -89,6 +89,7 @@ def main(name: str = "lin2019_xyz_stage", coarseness: str = "5.0") -> None:
         print(f"  {axis}: {errors}")
     print("modes: " + ", ".join(f"{f:.2f} Hz {100 * (f / g - 1):+.2f} %" for f, g in zip(own, others, strict=True)))
     print(f"{long:.1f} s in one piece, {short:.2f} s condensed: {long / short:.0f} times")
+    return short, long
 
 
 if __name__ == "__main__":

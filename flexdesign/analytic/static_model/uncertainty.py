@@ -23,7 +23,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
+from scipy.special import chdtrc, ndtri
 
 from flexdesign.analytic.static_model.model import StaticModel
 from flexdesign.core.errors import InputError
@@ -98,7 +98,7 @@ class Uncertainty:
     @property
     def coverage(self) -> float:
         """Standard deviations that count as a difference, for the number of rows compared."""
-        return float(norm.isf(LEVEL / 4 / len(self.data)))  # half of the level, on two sides of each row
+        return float(-ndtri(LEVEL / 4 / len(self.data)))  # half of the level, on two sides of each row
 
     @property
     def validation(self) -> Array:
@@ -113,7 +113,7 @@ class Uncertainty:
     def agrees(self, difference: Array, fitted: int = 0) -> bool:
         """Tell whether differences (n, SI) are chance, each by itself and all together; `fitted` numbers are free."""
         free = len(difference) - fitted
-        together = free > 0 and float(chi2.sf(self.squares(difference), free)) > LEVEL / 2
+        together = free > 0 and float(chdtrc(free, self.squares(difference))) > LEVEL / 2
         return together and bool((np.abs(difference) <= self.validation).all())
 
     def whiten(self, observation: Observation, residual: Array) -> Array:

@@ -9,7 +9,6 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from flexdesign.core.model import Observation
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
@@ -117,6 +116,8 @@ class BasisFunctions:
 
     def _through(self, force: Array, period: float) -> Array:
         """Return what a force over the stiffness does to the main mode, held between samples."""
+        from scipy.signal import lfilter
+
         w = 2 * math.pi * self.model.axis.natural_frequency
         a = w * np.array([[0.0, 1.0], [-1.0, -2 * self.model.axis.damping_ratio]])
         passage = exact_step.step(a, w * np.array([0.0, 1.0]), period)

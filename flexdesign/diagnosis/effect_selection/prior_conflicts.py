@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from flexdesign import effects
 from flexdesign.core.model import Parameter
@@ -182,7 +182,7 @@ def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
         return None
     # Runs that jitter less than was feared tell their common delay better.
     error = float(np.std(late, ddof=1)) / math.sqrt(len(late))
-    half = float(stats.t.ppf(0.975, len(late) - 1)) * error  # of a few runs the scatter itself is hardly known
+    half = float(stdtrit(len(late) - 1, 0.975)) * error  # of a few runs the scatter itself is hardly known
     # What they have in common, such as the error of the natural frequency, does not scatter.
     variance = float(fit.solution.covariance[np.ix_(places, places)].mean()) * fit.discrepancy
     half = max(half, HALF_WIDTH * math.sqrt(max(variance, 0.0)))

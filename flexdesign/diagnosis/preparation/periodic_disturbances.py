@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.noise.restricted_likelihood import Stretch
@@ -53,6 +52,8 @@ def peaks(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
     There a mode may be that the model lacks; beside one, where the response is small, the residual is large over the
     noise as well.
     """
+    from scipy.signal import find_peaks
+
     found = list[tuple[float, float]]()
     for each in data.responses:
         if each.role == "identify":

@@ -10,7 +10,7 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from flexdesign.analytic.static_model import StaticModel, StaticTable, Uncertainty
 from flexdesign.analytic.static_model.uncertainty import LEVEL
@@ -98,7 +98,7 @@ class Trial:
     def counts_beside(self, less: Trial, candidates: int) -> bool:
         """Tell whether the effects that another lacks lower the sum of squares by more than chance does."""
         more = max(len(self.free) - len(less.free), 1)
-        return less.cost - self.cost > float(chi2.isf(LEVEL / max(candidates, 1), more))
+        return less.cost - self.cost > float(chdtri(more, LEVEL / max(candidates, 1)))
 
     def excess_modulus(self, before: Trial) -> float:
         """Return by how much the modulus is above that of another model, relative, where the design rules that out."""

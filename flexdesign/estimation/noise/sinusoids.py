@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.optimize import minimize_scalar
-from scipy.signal import find_peaks
-from scipy.stats import chi2, gamma
+from scipy.special import chdtrc, gammainccinv, gammaincinv
 
 from flexdesign.estimation.noise.autoregressive import Process, burg
 from flexdesign.estimation.noise.restricted_likelihood import HIGHEST_ORDER, Stretch
@@ -71,6 +70,8 @@ def _peaks(stretches: Sequence[Stretch], period: float) -> list[float]:
 
     The sum over R runs of noise is distributed as Gamma(R); what it is expected to exceed somewhere is no candidate.
     """
+    from scipy.signal import find_peaks
+
     runs = _runs(stretches)
     begins = [min(s.first for s in run) for run in runs]
     spans = [max(s.first + len(s.values) for s in run) - begin for run, begin in zip(runs, begins, strict=True)]
@@ -84,7 +85,7 @@ def _peaks(stretches: Sequence[Stretch], period: float) -> list[float]:
     resolution = length / max(len(s.values) for s in stretches)
     lowest = int(FEWEST_TURNS * resolution)
     ratio = power / np.maximum(_local_median(power, 2 * lowest), np.finfo(float).tiny)
-    usual = gamma.isf(1 / len(power), len(runs)) / gamma.median(len(runs))
+    usual = gammainccinv(len(runs), 1 / len(power)) / gammaincinv(len(runs), 0.5)
     places = lowest + find_peaks(ratio[lowest:], height=usual, distance=2 * resolution)[0]
     places = places[np.argsort(-ratio[places])][:MOST]
     before, at, after = power[places - 1], power[places], power[places + 1]
@@ -111,9 +112,9 @@ def _tested(stretches: Sequence[Stretch], peak: float, period: float) -> _Fit | 
     fit = _fit(stretches, frequency, period, process)
     dof = 2 * len(_runs(stretches))
     frequencies = max(s.first + len(s.values) for s in stretches) - min(s.first for s in stretches)
-    is_noise = chi2.sf(fit.explained, dof) * frequencies > SIGNIFICANCE
+    is_noise = chdtrc(dof, max(fit.explained, 0.0)) * frequencies > SIGNIFICANCE
     fades = _fit(fit.without, frequency, period, process, fading=True).explained
-    dies_away = fades > FADING * fit.explained and chi2.sf(fades, dof) < SIGNIFICANCE
+    dies_away = fades > FADING * fit.explained and chdtrc(dof, max(fades, 0.0)) < SIGNIFICANCE
     return None if is_noise or dies_away else fit
 
 

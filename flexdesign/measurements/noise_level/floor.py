@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from flexdesign.core.errors import InputError
 from flexdesign.estimation.noise.autoregressive import Process
@@ -283,6 +282,8 @@ def _quietest_band(run: Run, axis: str) -> float:
 
     Where motion reaches all frequencies, this is too large; where the sensor's low-pass cuts noise off, too small.
     """
+    from scipy.signal import welch
+
     values = run.columns[axis][np.isfinite(run.columns[axis])]
     _, density = welch(values, 1 / run.period, nperseg=min(SEGMENT, max(len(values) // 8, 8)))
     return math.sqrt(float(np.quantile(density[1:], LOWEST)) / (2 * run.period))

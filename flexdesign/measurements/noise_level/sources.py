@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.stats import f as ratio_of_variances
 
 from flexdesign.estimation.noise.autoregressive import colour
 from flexdesign.estimation.noise.restricted_likelihood import Stretch
@@ -194,6 +193,8 @@ def _settled(run: Run, first: int, values: Array, moved: int | None) -> list[Str
 
 def _is_louder(one: Array, other: Array) -> bool:
     """Tell whether a part of a record has more power than another, beyond chance."""
+    from scipy.stats import f as ratio_of_variances
+
     if min(len(one), len(other)) < FEWEST:
         return len(one) > 0
     powers, counted = [], []
@@ -208,6 +209,8 @@ def _decay(records: Sequence[Array], chance: float) -> bool:
 
     What is too small to be seen in one of them may be seen in all.
     """
+    from scipy.stats import f as ratio_of_variances
+
     early, late, counted = np.array([_moves(values) for values in records]).T
     dof = counted.sum()
     return bool(counted @ early > ratio_of_variances.isf(chance, dof, dof) * (counted @ late))

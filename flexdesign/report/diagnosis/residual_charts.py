@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import csd, periodogram
 
 from flexdesign.diagnosis.comparison import holds
 from flexdesign.report.charts import COLOURS, NEUTRAL, below, plain, svg
@@ -138,6 +137,8 @@ def coherence(traces: Sequence[Trace]) -> bytes:
     Runs of the period that most samples have are averaged. A linear model that is wrong leaves a coherent residual;
     what is nonlinear, or driven by something else than the command, does not.
     """
+    from scipy.signal import csd
+
     figure, axes = _figure(2.9)
     periods = {round(t.period, 9): 0 for t in traces}
     for t in traces:
@@ -256,6 +257,8 @@ def _binned(x: Array, y: Array, edges: Array, fewest: int = FEWEST) -> tuple[Arr
 
 def _density(values: Array, period: float, edges: Array) -> Array:
     """Return the power spectral density in bands, gaps and mean taken as zero; NaN beyond its frequencies."""
+    from scipy.signal import periodogram
+
     filled = np.nan_to_num(values - np.nanmean(values))
     frequency, power = periodogram(filled, 1 / period, window="hann", detrend=False)
     frequency, power = frequency[1:-1], power[1:-1]  # without the mean, and the end that counts half
