@@ -14,9 +14,9 @@ from flexdesign.report.catalogue import effect_pages, static_effect_pages
 from flexdesign.report.document import Document, Table
 
 INTRODUCTION = """Each page is made from the file of the effect at every build. `flexdesign effects NAME` prints it,
-also for an [effect of your own](../../contributing.md). The picture shows the response of the stage of Lin et al. (2019)
-with and without the effect, at a strength that changes the reading by 1 % of the stroke. The change of the stiffnesses
-under a static effect is that of the bridge amplifier of this project, or of the stage."""
+also for an [effect of your own](../../contributing.md). The picture shows the response of the stage of Lin et al.
+(2019) with and without the effect, at a strength that changes the reading by 1 % of the stroke. A static effect is
+shown by its change of the stiffnesses of an amplifier, or of the stage."""
 
 
 def pages() -> Iterator[tuple[str, str | bytes]]:

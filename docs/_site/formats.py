@@ -93,13 +93,13 @@ One file for each run. The first line names the columns, each with its unit in b
 | `v` | the voltage at the stack, if it was recorded |
 | `x`, `y`, `z` | readings of position: lengths, angles or volts |
 | `i`, `f`, `T` | current, force, temperature |
-| `f [Hz]`, first | makes the file a frequency response: with `magnitude` and `phase`, or `re` and `im`; and `coherence` |
+| `f [Hz]`, first | a frequency response: with `magnitude` and `phase`, or `re` and `im`; and `coherence` |
 
 ## Static tables in CSV
 
 `quantity,value,unit,sigma,boundary`, one line for each measured stiffness or amplification, and a column for each
-dimension that differs from the design, such as `hinge_thickness [mm]`; for a stage also `axis`. `validate` writes such a
-table, `fem.csv`.
+dimension that differs from the design, such as `hinge_thickness [mm]`; for a stage also `axis`. `validate` writes such
+a table, `fem.csv`.
 """
 
 
@@ -114,8 +114,8 @@ def pages() -> Iterator[tuple[str, str]]:
     yield "formats.md", "\n".join(lines)
 
 
-INTRODUCTION = """Files are TOML, their values have units (`"0.5 mm"`), and unknown keys are refused by name. The tables of
-this page are made, at each build, from the classes that read the files. A key without a default is required."""
+INTRODUCTION = """Files are TOML, their values have units (`"0.5 mm"`), and unknown keys are refused by name. The tables
+of this page are made, at each build, from the classes that read the files. A key without a default is required."""
 
 
 def _table(name: str, table: type[BaseModel]) -> list[str]:
