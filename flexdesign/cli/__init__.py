@@ -79,10 +79,8 @@ def main() -> None:
     """Run the command line; every InputError ends here as one message and exit code 2."""
     sys.argv[1:] = _without_code(sys.argv[1:])
     try:
-        try:
-            code = app(standalone_mode=False)  # the return value of a command, or its exit code
-        finally:
-            _say_what_ran()
+        code = app(standalone_mode=False)  # the return value of a command, or its exit code
+        _say_what_ran()  # what is refused ends in one line
         if code == INTERRUPTED:
             raise KeyboardInterrupt
         sys.exit(code)
