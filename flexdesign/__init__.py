@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from flexdesign import effects as effects
     from flexdesign.api.catalogue import materials as materials
+    from flexdesign.api.confrontation import confront as confront
     from flexdesign.api.designs import draw as draw
+    from flexdesign.api.designs import formulas as formulas
     from flexdesign.api.designs import read_design as read_design
     from flexdesign.api.designs import read_study as read_study
     from flexdesign.api.designs import validate as validate
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from flexdesign.api.recordings import diagnose as diagnose
     from flexdesign.api.recordings import identify as identify
     from flexdesign.api.recordings import read_recordings as read_recordings
+    from flexdesign.api.step_files import read_ports as read_ports
     from flexdesign.api.studies import optimize as optimize
     from flexdesign.api.studies import reproduce as reproduce
     from flexdesign.api.studies import sweep as sweep
@@ -64,11 +67,13 @@ if TYPE_CHECKING:
 #: Where each name comes from.
 _HOME = {
     "flexdesign.api.catalogue": ("materials",),
-    "flexdesign.api.designs": ("draw", "read_design", "read_study", "validate"),
+    "flexdesign.api.confrontation": ("confront",),
+    "flexdesign.api.designs": ("draw", "formulas", "read_design", "read_study", "validate"),
     "flexdesign.api.health": ("doctor",),
     "flexdesign.api.models": ("plan", "read_model", "simulate"),
     "flexdesign.api.published": ("published",),
     "flexdesign.api.recordings": ("add_effect", "check", "compare", "diagnose", "identify", "read_recordings"),
+    "flexdesign.api.step_files": ("read_ports",),
     "flexdesign.api.studies": ("optimize", "reproduce", "sweep"),
     "flexdesign.core.errors": ("InputError",),
     "flexdesign.core.model": (

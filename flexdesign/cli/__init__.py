@@ -34,6 +34,7 @@ from flexdesign.cli import import_ as import_
 from flexdesign.cli import check as check
 from flexdesign.cli import init as init
 from flexdesign.cli import doctor as doctor
+from flexdesign.cli import workbench as workbench
 # isort: on
 
 #: The option that forbids code of others, at any place of the command line.

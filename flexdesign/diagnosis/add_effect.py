@@ -355,32 +355,36 @@ class InTheLoop:
 
 
 def in_the_loop(found: AddedEffect, progress: Callable[[str], None] = lambda _: None) -> InTheLoop:
-    """Simulate a closed loop on the stage without the effect and with it.
+    """Simulate a closed loop on the stage without the effect that was added and with it; see `loop_with`."""
+    return loop_with((found.name,), found.axis, found.without, found.model, progress)
 
-    The controllers are tuned on the recalibrated stage without it, as its owner would have tuned them.
 
-    Parameters
-    ----------
-    found
-        The stage with the effect.
-    progress
-        Told what is being run.
+def loop_with(
+    names: Sequence[str],
+    axis: str,
+    without: StageModel,
+    model: StageModel,
+    progress: Callable[[str], None] = lambda _: None,
+) -> InTheLoop:
+    """Simulate a closed loop on a stage without some effects and with them (`names`, on one axis).
+
+    The controllers are tuned on the stage without them, as its owner would have tuned them.
     """
-    effect = effects.find(found.name)
-    lacking = missing(found.axis, effect, {found.axis: np.zeros(0)})
-    if lacking and all(isinstance(face, Disturbance) for face in effect.faces):
-        needs = " and ".join("another axis that moves" if each == OTHER else f"a record of {each}" for each in lacking)
-        return InTheLoop(None, f"the effect needs {needs}, which these experiments do not have")
-    without, with_it = (
-        replace(model, axes={found.axis: model.axes[found.axis]}, coupling=type(model.coupling)())
-        for model in (found.without, found.model)
+    for effect in map(effects.find, names):
+        lacking = missing(axis, effect, {axis: np.zeros(0)})
+        if lacking and all(isinstance(face, Disturbance) for face in effect.faces):
+            other = ["another axis that moves" if each == OTHER else f"a record of {each}" for each in lacking]
+            return InTheLoop(None, f"the effect needs {' and '.join(other)}, which these experiments do not have")
+    bare, with_it = (
+        replace(each, axes={axis: each.axes[axis]}, coupling=type(each.coupling)()) for each in (without, model)
     )
+    called = " and ".join(variant(name).removeprefix("with ") for name in names)
     try:
-        plan = standard_experiments.plan(without)
-        wanted = {"controllers": CONTROLLERS, "variants": (AS_MODELLED, variant(found.name))}
+        plan = standard_experiments.plan(bare)
+        wanted = {"controllers": CONTROLLERS, "variants": (AS_MODELLED, f"with {called}")}
         chosen = [e.model_copy(update=wanted) for e in plan.experiments if e.name.partition(" ")[0] in SHOWN]
-        variants = {AS_MODELLED: without, variant(found.name): with_it}
-        return InTheLoop(simulation.run(without, variants, replace(plan, experiments=tuple(chosen)), progress))
+        variants = {AS_MODELLED: bare, f"with {called}": with_it}
+        return InTheLoop(simulation.run(bare, variants, replace(plan, experiments=tuple(chosen)), progress))
     except InputError as error:
         return InTheLoop(None, error.remedy)
 

@@ -9,7 +9,7 @@ velocity and voltage explains more.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
 from typing import cast
@@ -153,18 +153,57 @@ def diagnose(
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
 
 
-def search(
+@dataclass(frozen=True, eq=False)
+class CalibratedTask:
+    """A task with the fit of the model's own numbers, beside which effects are asked about.
+
+    Parameters
+    ----------
+    task
+        The task, with the numbers that the runs can show, and the initial conditions of the calibrated model.
+    nominal, fit, calibrated
+        The model as designed, with its own numbers fitted, and the one of both that is kept.
+    undetermined
+        The model's own numbers that the runs cannot show.
+    is_refused
+        Whether calibration made the validation runs worse, so that the design values are kept.
+    """
+
+    task: EstimationTask
+    nominal: FittedModel
+    fit: FittedModel
+    calibrated: FittedModel
+    undetermined: tuple[str, ...]
+    is_refused: bool
+
+    @property
+    def origins(self) -> tuple[FittedModel, ...]:
+        """Where additions start from as well: beside a gross misfit numbers may have moved far to imitate an effect."""
+        return (self.nominal,) if self.fit.scale > GROSS and not self.is_refused else ()
+
+
+def calibrate_task(
     data: DiagnosisData,
     task: EstimationTask,
     dynamics: AxisDynamics,
-    catalogue: Callable[[FittedModel], Sequence[Candidate]],
-    seed: int,
+    seed: int = 0,
     ahead: SelectionHistory | None = None,
-) -> tuple[EstimationTask, SelectionHistory]:
-    """Calibrate and select effects; return the case as calibrated, and the course of the selection.
+) -> CalibratedTask:
+    """Fit the model's own numbers.
 
-    Which effects are tried, and at what values, may follow from the residual of the calibration: `catalogue` tells.
-    Effects that a search `ahead` found in a part of the runs are fitted first.
+    Parameters
+    ----------
+    data, task, dynamics
+        What is diagnosed, the task that it sets, and the model of the axis.
+    seed
+        Of the sample of starts.
+    ahead
+        A search in a part of the runs, whose calibration is where the fit starts.
+
+    Raises
+    ------
+    InputError
+        If the model cannot be simulated at the values it has.
     """
     task.progress("predicting with the model as it is")
     held = undetermined(task, dynamics)
@@ -191,7 +230,24 @@ def search(
     if is_refused or fit.scale > GROSS:
         kept = evaluate_design(with_beginnings(task, dynamics, data.rounded(nominal)), nominal.model)
         nominal = kept or nominal
-    calibrated = nominal if is_refused else fit
+    return CalibratedTask(task, nominal, fit, nominal if is_refused else fit, held, is_refused)
+
+
+def search(
+    data: DiagnosisData,
+    task: EstimationTask,
+    dynamics: AxisDynamics,
+    catalogue: Callable[[FittedModel], Sequence[Candidate]],
+    seed: int,
+    ahead: SelectionHistory | None = None,
+) -> tuple[EstimationTask, SelectionHistory]:
+    """Calibrate and select effects; return the case as calibrated, and the course of the selection.
+
+    Which effects are tried, and at what values, may follow from the residual of the calibration: `catalogue` tells.
+    Effects that a search `ahead` found in a part of the runs are fitted first.
+    """
+    begun = calibrate_task(data, task, dynamics, seed, ahead)
+    task, calibrated = begun.task, begun.calibrated
     every = catalogue(calibrated)
     steps, fits = _confirm(task, calibrated, ahead.steps if ahead else ())
     more = select(
@@ -199,15 +255,16 @@ def search(
         fits[-1] if fits else calibrated,
         every,
         MOST if data.runs else MOST_OF_LINES,
-        # Beside a gross misfit calibrated numbers may have moved far to imitate an effect.
-        origins=(nominal,) if fit.scale > GROSS and not is_refused and not fits else (),
+        origins=() if fits else begun.origins,
         vary_step=partial(vary_step, task, candidates=every),
         vary=partial(vary_by_run, task),
     )
     if not data.runs:  # simulations of small sines cost little
         more = select_otherwise(task, more, every, MOST_OF_LINES)
     steps, fits = [*steps, *more[0]], [*fits, *more[1]]
-    return task, SelectionHistory(nominal, calibrated, tuple(fits), tuple(steps), held, is_refused)
+    return task, SelectionHistory(
+        begun.nominal, calibrated, tuple(fits), tuple(steps), begun.undetermined, begun.is_refused
+    )
 
 
 def _confirm(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> tuple[list[Step], list[FittedModel]]:

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from flexdesign.core import units
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -54,6 +56,11 @@ class Parameter:
     per_run: bool = False
     run: str = ""
     twin: str = ""
+
+    @property
+    def factor(self) -> float:
+        """What its unit is in SI."""
+        return units.factor(self.unit or "1", self.si)
 
     def is_plausible(self, value: float) -> bool:
         """Tell whether `value` (SI) lies in the plausible range, bounds included."""

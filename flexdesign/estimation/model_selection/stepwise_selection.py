@@ -67,11 +67,73 @@ class _Start:
 
 
 @dataclass(frozen=True, eq=False)
-class _Entry:
+class Entry:
     """A fit that competes."""
 
     start: _Start
     solution: Solution
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The one or two effects that it adds."""
+        return self.start.names
+
+
+def screen(
+    task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], origins: Sequence[FittedModel] = ()
+) -> tuple[float, list[Entry]]:
+    """Return the critical value of the largest score, and quick fits of what promises more, the best first.
+
+    Parameters are those of `forward`.
+    """
+    left = [c for c in candidates if c.name not in fit.names and c.after in ("", *fit.names)]
+    task.progress("screening the catalogue" if not fit.effects else f"screening beside {', '.join(fit.names)}")
+    score, starts = 0.0, list[_Start]()
+    for origin in (fit, *origins):
+        screening = Screening(origin.solution, left, task.coarse)
+        score = score or screening.critical_value(LEVEL, task.null_errors(fit.residuals_by_run))
+        starts += _starts(origin, screening, WORTH * max(score, SHARE * origin.excess))
+
+    def quickly(start: _Start) -> Entry | None:
+        task.progress(f"trying {' and '.join((*fit.names, *start.names))}")
+        return _quick_fit(task, start)
+
+    return score, _best_by_names(task.each(quickly, starts))
+
+
+def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]) -> list[Entry]:
+    """Return rough fits of the entries that promise most, with runs in the initial states that suit them; best first.
+
+    Parameters
+    ----------
+    task, fit
+        As in `forward`.
+    entries
+        As `screen` returns them.
+    """
+
+    def roughly(entry: Entry) -> Entry | None:
+        task.progress(f"fitting roughly with {' and '.join((*fit.names, *entry.start.names))}")
+        solution = entry.solution
+        model = grid_initial_states(solution.problem.dataset, solution.problem.at(solution.x), task.each)
+        found = solve_case(task, model, entry.start.effects, old=solution.columns(), effort=ROUGH)
+        return None if found is None else replace(entry, solution=found)
+
+    return _best_by_names(task.each(roughly, entries[:ROUGHLY]))
+
+
+def finish(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -> Trial | None:
+    """Carry one rough fit to its end, and compare it with the fit beside which it was tried; None where that fails.
+
+    Parameters
+    ----------
+    task, fit
+        As in `forward`.
+    entry, score
+        A fit as `fit_roughly` returns it, and the critical value as `screen` does.
+    """
+    found = _trials(task, fit, [entry], score)
+    return found[0] if found else None
 
 
 def forward(
@@ -88,14 +150,8 @@ def forward(
     origins
         Fits from which additions are tried as well, such as the design where calibration led astray.
     """
-    left = [c for c in candidates if c.name not in fit.names and c.after in ("", *fit.names)]
-    task.progress("screening the catalogue" if not fit.effects else f"screening beside {', '.join(fit.names)}")
-    score, starts = 0.0, list[_Start]()
-    for origin in (fit, *origins):
-        screening = Screening(origin.solution, left, task.coarse)
-        score = score or screening.critical_value(LEVEL, task.null_errors(fit.residuals_by_run))
-        starts += _starts(origin, screening, WORTH * max(score, SHARE * origin.excess))
-    singles, pairs = _compete(task, fit, starts)
+    score, entries = screen(task, fit, candidates, origins)
+    singles, pairs = _compete(task, fit, entries)
     trials = _trials(task, fit, singles, score)
     best = best_of(task, trials)
     if (fit if best is None else best.fit).exceeds_noise:
@@ -119,22 +175,9 @@ def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_S
     return found + [_Start(origin, pair) for pair in pairs]
 
 
-def _compete(task: EstimationTask, fit: FittedModel, starts: Sequence[_Start]) -> tuple[list[_Entry], list[_Entry]]:
+def _compete(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]) -> tuple[list[Entry], list[Entry]]:
     """Return the fits that are worth being carried to their end: with one further effect, and with two."""
-
-    def quickly(start: _Start) -> _Entry | None:
-        task.progress(f"trying {' and '.join((*fit.names, *start.names))}")
-        return _quick_fit(task, start)
-
-    def roughly(entry: _Entry) -> _Entry | None:
-        task.progress(f"fitting roughly with {' and '.join((*fit.names, *entry.start.names))}")
-        solution = entry.solution
-        model = grid_initial_states(solution.problem.dataset, solution.problem.at(solution.x), task.each)
-        found = solve_case(task, model, entry.start.effects, old=solution.columns(), effort=ROUGH)
-        return None if found is None else replace(entry, solution=found)
-
-    entries = _best_by_names(task.each(quickly, starts))
-    fitted = _best_by_names(task.each(roughly, entries[:ROUGHLY]))
+    fitted = fit_roughly(task, fit, entries)
     singles = [entry for entry in fitted if len(entry.start.names) == 1]
     pairs = [entry for entry in fitted if len(entry.start.names) == 2]
     finalists = singles[:FINALISTS]
@@ -145,15 +188,15 @@ def _compete(task: EstimationTask, fit: FittedModel, starts: Sequence[_Start]) -
     return [*finalists, *others], pairs[:PAIRS]
 
 
-def _best_by_names(entries: Sequence[_Entry | None]) -> list[_Entry]:
+def _best_by_names(entries: Sequence[Entry | None]) -> list[Entry]:
     """Return the best entry of each candidate or pair, best first."""
-    best: dict[tuple[str, ...], _Entry] = {}
+    best: dict[tuple[str, ...], Entry] = {}
     for entry in sorted((entry for entry in entries if entry is not None), key=lambda entry: entry.solution.cost):
         best.setdefault(entry.start.names, entry)
     return list(best.values())
 
 
-def _quick_fit(task: EstimationTask, start: _Start) -> _Entry | None:
+def _quick_fit(task: EstimationTask, start: _Start) -> Entry | None:
     """Return where the known Jacobian leads, coarsely simulated.
 
     A limit moves the prediction so far that the Jacobian without it misleads, as does that beside a gross misfit: it is
@@ -174,15 +217,15 @@ def _quick_fit(task: EstimationTask, start: _Start) -> _Entry | None:
     is_misleading = origin.scale > GROSS or any(direction.candidate.is_limit for direction in start.directions)
     model = task.coarse(model.replace(begun))
     found = solve_case(task, model, start.effects, old=None if is_misleading else old, effort=QUICK)
-    return None if found is None else _Entry(start, found)
+    return None if found is None else Entry(start, found)
 
 
-def _trials(task: EstimationTask, fit: FittedModel, entries: Sequence[_Entry], score: float) -> list[Trial]:
+def _trials(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry], score: float) -> list[Trial]:
     found = task.each(lambda entry: _trial(task, fit, entry, score), entries)
     return [trial for trial in found if trial is not None]
 
 
-def _trial(task: EstimationTask, fit: FittedModel, entry: _Entry, score: float) -> Trial | None:
+def _trial(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -> Trial | None:
     """Return the comparison of a fit carried to its end, with runs in the initial states that suit it best."""
     task.progress(f"fitting with {' and '.join((*fit.names, *entry.start.names))}")
     solution = entry.solution

@@ -11,12 +11,13 @@ import numpy as np
 from flexdesign import effects
 from flexdesign.core import units
 from flexdesign.core.toml_files import FORMAT
-from flexdesign.diagnosis.add_effect import AddedEffect, InTheLoop, variant
+from flexdesign.diagnosis.add_effect import AddedEffect, InTheLoop
 from flexdesign.diagnosis.comparison import Comparison
 from flexdesign.diagnosis.residual_comparison import compared
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.dynamics.experiments import AS_MODELLED
 from flexdesign.dynamics.experiments.simulation import Case, Simulation
+from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.dynamics.trajectories import Step
 from flexdesign.report import comparison_words as words
 from flexdesign.report import published_rows
@@ -77,7 +78,7 @@ def _sections(found: AddedEffect, loop: InTheLoop) -> list[Section]:
         Section(
             "Its numbers", _caveats(found), [reports.values_table(found.values), *reports.by_run_table(found.by_run)]
         ),
-        Section("In the loop", *_loop(found, loop)),
+        loop_section(found.before, found.axis, loop),
         *_in_time(stands, kinds),
         *response_pages.section([(n, s.responses) for n, s in stands], axis.shown, axis.natural_frequency),
         Section("The model's own numbers", [], [reports.numbers_table(axis, found.calibration)]),
@@ -115,7 +116,7 @@ def result(found: AddedEffect, loop: InTheLoop) -> dict[str, Any]:
         "where": results.where_json(found, si),
         **response_pages.before_and_after(found),
         "calibration": [results.value_json(value) for value in found.calibration],
-        "loop": _loop_json(loop),
+        "loop": loop_json(loop),
         "made_by": results.made_by(found),
     }
 
@@ -153,15 +154,17 @@ def _text(case: Case, axis: str, name: str) -> str:
     return "0" if abs(quantity.value) < (ROUNDING if quantity.si == "m" else 1e-9) else quantity.shown(3)
 
 
-def _loop(found: AddedEffect, loop: InTheLoop) -> tuple[list[str], list[Table], list[Figure]]:
+def loop_section(model: StageModel, axis: str, loop: InTheLoop) -> Section:
+    """Return what effects do to a closed loop on an axis of a stage."""
+    title = "In the loop"
     if loop.simulation is None:
-        return [f"Not simulated: {loop.reason}."], [], []
+        return Section(title, [f"Not simulated: {loop.reason}."])
     simulation = loop.simulation
     cautions = [f"{c.controller}, {c.variant}: {text}" for c in simulation.cases for text in c.cautions]
     skipped = [f"Not run: {s.controller} on {s.variant}: {s.reason}." for s in simulation.skipped]
-    figures = [_side_by_side(found, pair) for pair in _proposal(simulation, found.axis)]
+    figures = [_side_by_side(model, axis, pair) for pair in _proposal(simulation, axis)]
     text = ["A step of a tenth of the stroke, and a sine of 1 Hz over most of it."]
-    return [*text, *dict.fromkeys([*skipped, *cautions])], [loop_table(simulation, found.axis)], figures
+    return Section(title, [*text, *dict.fromkeys([*skipped, *cautions])], [loop_table(simulation, axis)], figures)
 
 
 def _proposal(simulation: Simulation, axis: str) -> list[tuple[Case, Case]]:
@@ -177,21 +180,21 @@ def _proposal(simulation: Simulation, axis: str) -> list[tuple[Case, Case]]:
     return [pair for _, pair in chosen.values()]
 
 
-def _side_by_side(found: AddedEffect, pair: tuple[Case, Case]) -> Figure:
+def _side_by_side(model: StageModel, axis: str, pair: tuple[Case, Case]) -> Figure:
     """Draw the motion without and with the effect, and how far each is from what was asked for."""
-    si = found.before.axes[found.axis].shown
+    si = model.axes[axis].shown
     large = shown_in(si)[0]
     scale, unit, first = units.factor(large, si), words.sign(large), pair[0]
-    names = ("without", variant(found.name))
+    names = ("without", pair[1].variant)
     motions, errors = [], []
     for name, case in zip(names, pair, strict=True):
-        row, time = case.row(found.axis), case.response.time
+        row, time = case.row(axis), case.response.time
         motion, asked = case.response.motion[row], case.reference[row][: len(time)]
         motions.append(Curve(name, time, motion / scale))
         errors.append(Curve(name, time, (motion - asked) / scale))
     time = first.response.time
-    motions.append(Curve("reference", time, first.reference[first.row(found.axis)][: len(time)] / scale, dashed=True))
-    labels = [f"{found.axis} [{unit}]", f"motion − reference [{unit}]"]
+    motions.append(Curve("reference", time, first.reference[first.row(axis)][: len(time)] / scale, dashed=True))
+    labels = [f"{axis} [{unit}]", f"motion − reference [{unit}]"]
     asked_for = first.experiment.name.partition(" ")[0]
     drawn = Traces([motions, errors], "time [s]", labels, limits=_closely(first))
     caption = f"{asked_for.capitalize()} under {first.controller}, on the stage without the effect and with it"
@@ -204,7 +207,8 @@ def _closely(case: Case) -> tuple[float, float] | None:
     return (max(0.0, shape.wait - 0.01), shape.wait + min(shape.hold, 0.15)) if isinstance(shape, Step) else None
 
 
-def _loop_json(loop: InTheLoop) -> dict[str, Any] | None:
+def loop_json(loop: InTheLoop) -> dict[str, Any] | None:
+    """Return what effects do to a closed loop, as result.json has it."""
     if loop.simulation is None:
         return {"simulated": False, "reason": loop.reason}
     return {"simulated": True, "cases": simulation_report.result(loop.simulation)["cases"]}

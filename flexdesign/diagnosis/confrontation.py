@@ -1,0 +1,327 @@
+"""A model beside runs, kept in memory: effects are fitted and taken out again, numbers are set by hand.
+
+The recordings are prepared and the model's own numbers are fitted once. What a further effect asks for is then its own
+fit alone, by the same steps as in a diagnosis; fits that were made are kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+from threading import RLock
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from flexdesign.core.errors import InputError
+from flexdesign.diagnosis import procedure, verdict
+from flexdesign.diagnosis.confronted import Confronted, Evidence, settings_of
+from flexdesign.diagnosis.effect_selection import candidates, estimation_setup
+from flexdesign.diagnosis.preparation import periodic_disturbances
+from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
+from flexdesign.diagnosis.procedure import CalibratedTask
+from flexdesign.diagnosis.result import ErrorStep, Value
+from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.estimation.least_squares.parallel_map import ParallelMap
+from flexdesign.estimation.model_selection.calibration import evaluate_design
+from flexdesign.estimation.model_selection.estimation_task import EstimationTask
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, evaluate_fit, fit_model
+from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.estimation.model_selection.stepwise_selection import Entry, finish, fit_roughly, screen
+from flexdesign.measurements.recordings import FrequencyResponse, Run
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+Of = TypeVar("Of")
+Made = TypeVar("Made")
+#: From so many values an effect is fitted that promises nothing.
+TRIALS = 4
+
+
+def _silent(_: str) -> None:
+    """Say nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """A fit, its error, and why its last effect is not needed."""
+
+    fit: FittedModel
+    reason: str = ""
+
+
+class Confrontation:
+    """A stage model beside recordings, ready for effects to be added and taken out.
+
+    Parameters
+    ----------
+    model
+        The stage model; its uncertainties say how far its numbers may move.
+    recorded
+        Runs and frequency responses; where nobody chose roles, they are split.
+    axis
+        Which one; may be left out where model and runs leave no choice.
+    more
+        Paths of effects beside those of the catalogue.
+    noise
+        Standard deviation of the noise of runs, where it is stated [response]; by default it is estimated.
+    threads
+        Simulations at a time.
+    progress
+        Told what is being done.
+
+    Raises
+    ------
+    InputError
+        If the axis is ambiguous, a run does not suit it, no run may be fitted, or the model cannot be simulated.
+    """
+
+    def __init__(
+        self,
+        model: StageModel,
+        recorded: Sequence[Run | FrequencyResponse],
+        *,
+        axis: str | None = None,
+        more: Sequence[str] = (),
+        noise: float | None = None,
+        threads: int = 2,
+        progress: Progress = _silent,
+    ) -> None:
+        self.model, self._more, self._progress = model, list(more), progress
+        self._turn = RLock()  # one fit at a time
+        progress("reading the noise")
+        data = prepare(model, recorded, axis, None, noise)
+        pool = ParallelMap(ThreadPoolExecutor(threads, "confrontation"), threads)
+
+        def each(function: Callable[[Of], Made], items: Iterable[Of]) -> list[Made]:
+            def one(item: Of) -> Made:
+                self._say("")  # what progress raises ends the work before the next simulation
+                return function(item)
+
+            return pool(one, items)
+
+        with threadpool_limits(1):
+            self.data: DiagnosisData = estimation_setup.choose_interpolation(model, data, each, self._say)
+            self._dynamics, self._case = estimation_setup.case_of(model, self.data, each, self._say)
+            self._say("predicting with the model as it is")
+            nominal = evaluate_design(replace(self._case, prior_bound=estimation_setup.BELIEVED), self._dynamics)
+        if nominal is None:
+            raise InputError("model", f"axis.{self.data.name}", None, "cannot be simulated at the values it has")
+        self._nominal = self._tested(self._case, nominal)
+        self._calibrated: CalibratedTask | None = None
+        self._kept: dict[tuple[str, ...], _Kept] = {}
+        self._screened: dict[tuple[str, ...], tuple[float, list[Entry]]] = {}
+
+    @property
+    def _begun(self) -> CalibratedTask:
+        """The task with the model's own numbers fitted: when they are first needed."""
+        if self._calibrated is None:
+            begun = procedure.calibrate_task(self.data, self._case, self._dynamics)
+            self._calibrated, self._nominal = begun, self._tested(begun.task, begun.nominal)
+            self._kept[()] = _Kept(self._tested(begun.task, begun.calibrated))
+        return self._calibrated
+
+    @property
+    def task(self) -> EstimationTask:
+        """What is fitted, and to what."""
+        return self._begun.task
+
+    def _say(self, text: str) -> None:
+        self._progress(text)
+
+    def _tested(self, task: EstimationTask, fit: FittedModel) -> FittedModel:
+        """Return a fit with residuals and initial conditions of the test runs."""
+        if task.test is None:
+            return fit
+        made = evaluate_fit(replace(task, validate=task.test), fit.solution, fit.effects)
+        if made is None:
+            return fit
+        names = {record.observation.name for record in task.test.records}
+        begun = {p.name: p.start for p in made.model.parameters() if p.run in names and p.start is not None}
+        residuals = {**made.residuals_by_run, **fit.residuals_by_run}
+        return replace(fit, model=fit.model.replace(begun), residuals_by_run=residuals)
+
+    @cached_property
+    def catalogue(self) -> tuple[Candidate, ...]:
+        """The effects that the axis does not have."""
+        data, fit = self.data, self._begun.calibrated
+        lines = periodic_disturbances.frequencies(data, fit) if data.runs else periodic_disturbances.peaks(data, fit)
+        return candidates.candidates(
+            self._dynamics,
+            self._more,
+            lines,
+            loaded=data.is_loaded,
+            at_stack=data.is_at_stack,
+            band=None if data.runs else data.band,
+        )
+
+    # --- as designed, and with effects ---------------------------------------------------------------------------
+
+    def designed(self) -> Confronted:
+        """Return the model as designed; only the initial conditions of the runs are fitted."""
+        return self._confronted((), _Kept(self._nominal), is_designed=True)
+
+    def with_effects(self, names: Sequence[str] = (), progress: Progress = _silent) -> Confronted:
+        """Return the model with its own numbers fitted and some effects, in the order in which they are added.
+
+        Parameters
+        ----------
+        names
+            Of the effects; without any, the model is recalibrated alone.
+        progress
+            Told what is being done, with an empty text that it goes on; what it raises ends the fit.
+
+        Raises
+        ------
+        InputError
+            If an effect is unknown, is in the model already or cannot be simulated.
+        """
+        chosen = tuple(names)
+        with self._turn, threadpool_limits(1):
+            self._progress = progress
+            assert self._begun  # calibrates when it is first asked
+            for count in range(1, len(chosen) + 1):
+                if chosen[:count] not in self._kept:
+                    self._kept[chosen[:count]] = self._added(chosen[:count])
+            return self._confronted(chosen, self._kept[chosen])
+
+    def evidence(self, names: Sequence[str] = (), progress: Progress = _silent) -> tuple[Evidence, ...]:
+        """Return what the residual of a model with some effects says for each further one, most first.
+
+        Parameters
+        ----------
+        names
+            Effects that the model has, fitted before.
+        progress
+            Told what is being done; what it raises ends the search.
+        """
+        chosen = tuple(names)
+        with self._turn, threadpool_limits(1):
+            self._progress = progress
+            self.with_effects(chosen, progress)
+            fit = self._kept[chosen].fit
+            entries = self._screening(chosen)[1] if fit.exceeds_noise else []
+        samples = fit.solution.problem.dataset.samples
+        unexplained = max(fit.cost - samples, 1e-300)
+        singles = {entry.names[0]: entry.solution.cost for entry in entries if len(entry.names) == 1}
+        found = [
+            Evidence(c.name, float(np.clip((fit.cost - singles.get(c.name, fit.cost)) / unexplained, 0.0, 1.0)))
+            for c in self.catalogue
+            if c.name not in chosen and c.after in ("", *chosen)
+        ]
+        return tuple(sorted(found, key=lambda each: -each.share))
+
+    def _screening(self, chosen: tuple[str, ...]) -> tuple[float, list[Entry]]:
+        if chosen not in self._screened:
+            origins = () if chosen else self._begun.origins
+            fit = self._kept[chosen].fit
+            score, quick = screen(self.task, fit, self.catalogue, origins)
+            rough = fit_roughly(self.task, fit, quick)
+            fitted = {entry.names for entry in rough}
+            self._screened[chosen] = score, [*rough, *(entry for entry in quick if entry.names not in fitted)]
+        return self._screened[chosen]
+
+    def _added(self, chosen: tuple[str, ...]) -> _Kept:
+        """Fit the last of some effects beside the others."""
+        *others, name = chosen
+        candidate = self._candidate(name, others)
+        fit = self._kept[tuple(others)].fit
+        if tuple(others) in self._screened:
+            score, entries = self._screened[tuple(others)]
+        else:
+            origins = () if others else self._begun.origins
+            score, quick = screen(self.task, fit, [candidate], origins)
+            entries = fit_roughly(self.task, fit, quick)
+        entry = next((entry for entry in entries if entry.names == (name,)), None)
+        trial = None if entry is None else finish(self.task, fit, entry, score)
+        if trial is not None:
+            return _Kept(self._tested(self.task, trial.fit), trial.reason)
+        # It promises nothing; its value then says how large it may be at most.
+        model = self.task.fine(candidate.add(fit.model))
+        starts = [model.replace(values) for values in candidate.trials[:TRIALS]]
+        made = [found for start in starts if (found := fit_model(self.task, start, (*fit.effects, candidate)))]
+        if not made:
+            raise InputError("command line", "effect", name, "cannot be simulated on this axis at any of its values")
+        return _Kept(self._tested(self.task, min(made, key=lambda found: found.cost)), "no more than chance gives")
+
+    def _candidate(self, name: str, others: Sequence[str]) -> Candidate:
+        found = next((each for each in self.catalogue if each.name == name), None)
+        if name in others or found is None:
+            remedy = "is in the model already, or these recordings cannot show it; choose one of the list"
+            raise InputError("command line", "effect", name, remedy)
+        return found
+
+    # --- numbers set by hand ---------------------------------------------------------------------------------------
+
+    def simulate(self, names: Sequence[str], values: Mapping[str, float]) -> Confronted:
+        """Return a model that was fitted, with some numbers set by hand; nothing is fitted anew.
+
+        Parameters
+        ----------
+        names
+            Its effects, fitted before.
+        values
+            Numbers by name, SI.
+
+        Raises
+        ------
+        InputError
+            If the model grows without bound at these values.
+        """
+        chosen = tuple(names)
+        kept = self._kept[chosen]
+        # Coarse steps serve: what is shown is seen, not fitted.
+        model = self.task.coarse(kept.fit.model.replace(dict(values)))
+        pairs = [(d, r) for d in (self.task.identify, self.task.validate, self.task.test) if d for r in d.records]
+        with self._turn, threadpool_limits(1):
+            self._progress = _silent
+            found = self.task.each(lambda pair: pair[0].remainder(pair[1], model.predict(pair[1].observation)), pairs)
+        if not all(np.isfinite(rest[record.present]).all() for rest, (_, record) in zip(found, pairs, strict=True)):
+            raise InputError("model", f"axis.{self.data.name}", None, "grows without bound at these values; go back")
+        residuals = {record.observation.name: rest for rest, (_, record) in zip(found, pairs, strict=True)}
+        fit = replace(kept.fit, model=model, residuals_by_run=residuals)
+        return self._confronted(chosen, _Kept(fit, kept.reason), by_hand=values)
+
+    def values(self, names: Sequence[str] = ()) -> tuple[Value, ...]:
+        """Return the numbers of a model that was fitted, its own first, with their 95 % intervals."""
+        with self._turn, threadpool_limits(1):
+            self._progress = _silent
+            fit = self._kept[tuple(names)].fit
+            return tuple(verdict.values_of(fit, is_fitted=False).values())  # at the values that are shown
+
+    # --- what is returned ------------------------------------------------------------------------------------------
+
+    def _confronted(
+        self,
+        chosen: tuple[str, ...],
+        kept: _Kept,
+        is_designed: bool = False,
+        by_hand: Mapping[str, float] | None = None,
+    ) -> Confronted:
+        fit, data = kept.fit, self.data
+        steps = [ErrorStep("as designed", data.test_error(self._nominal))]
+        if not is_designed:
+            steps.append(ErrorStep("recalibrated", data.test_error(self._kept[()].fit)))
+            for count, name in enumerate(chosen, 1):
+                steps.append(ErrorStep(f"+ {name}", data.test_error(self._kept[chosen[:count]].fit)))
+        if by_hand is not None:
+            steps.append(ErrorStep("set by hand", data.test_error(fit)))
+        return Confronted(
+            effects=chosen,
+            ladder=tuple(steps),
+            noise_floor=data.floor,
+            settings=settings_of(fit, by_hand or {}),
+            reason=kept.reason,
+            before=self.model,
+            model=verdict.model_of(self.model, data, fit, {}),
+            axis=data.name,
+            runs=data.runs,
+            responses=data.responses,
+            noise=data.noise,
+            lines=data.lines,
+            residuals_by_run={"found": fit.residuals_by_run},
+        )

@@ -1,0 +1,130 @@
+"""What a confrontation of a model with runs returns: how the model stands, what may be set, what may be added."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from flexdesign.core.model import Parameter
+from flexdesign.diagnosis import residual_comparison
+from flexdesign.diagnosis.comparison import Comparison
+from flexdesign.diagnosis.result import ErrorStep
+from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.estimation.model_selection.fitted_model import FittedModel
+from flexdesign.measurements.noise_level import LineNoise, NoiseFloor
+from flexdesign.measurements.recordings import FrequencyResponse, Run
+
+#: A number may be set within so many standard deviations of what is known of it; else from a half to twice its value.
+SIGMAS, FACTOR = 3.0, 2.0
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the residual says for an effect that the model lacks, before it is fitted to the end.
+
+    Parameters
+    ----------
+    name
+        Of the effect.
+    share
+        Of the unexplained chi^2 of the fitted runs that a rough fit removes, 0 to 1; zero where no more than chance is
+        promised.
+    """
+
+    name: str
+    share: float
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A number of a model that may be set by hand, SI.
+
+    Parameters
+    ----------
+    parameter
+        What it is, and its unit.
+    value
+        What it is now.
+    low, high
+        Between what it may be set.
+    """
+
+    parameter: Parameter
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Confronted:
+    """A model with some effects beside the runs.
+
+    Parameters
+    ----------
+    effects
+        Names of the effects that were added.
+    ladder
+        Errors on the runs that judge, from the model as designed to this one [response].
+    noise_floor
+        Rms noise of these runs [response].
+    settings
+        The numbers that were fitted.
+    reason
+        Why the effect that was added last is not needed; empty if it is.
+    before, model
+        The stage model as it was, and this one.
+    axis, runs, responses, noise, lines, residuals_by_run
+        As in a diagnosis.
+    """
+
+    effects: tuple[str, ...]
+    ladder: tuple[ErrorStep, ...]
+    noise_floor: float
+    settings: tuple[Setting, ...]
+    reason: str
+    before: StageModel
+    model: StageModel
+    axis: str
+    runs: tuple[Run, ...]
+    responses: tuple[FrequencyResponse, ...]
+    noise: NoiseFloor
+    lines: Mapping[str, LineNoise]
+    residuals_by_run: Mapping[str, Mapping[str, object]] = field(repr=False)
+
+    @property
+    def error(self) -> float:
+        """Rms residual of the runs that judge [response]."""
+        return self.ladder[-1].error
+
+    @property
+    def ratio(self) -> float:
+        """That error over the noise floor."""
+        return self.error / self.noise_floor
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """Measured against modelled, run by run, and where the model fails."""
+        return residual_comparison.compared(self, "found")
+
+
+def settings_of(fit: FittedModel, by_hand: Mapping[str, float]) -> tuple[Setting, ...]:
+    """Return the numbers of a fit that may be set by hand; some of them have been, SI."""
+    where, x = fit.solution.problem.where, fit.solution.x
+    present, known = where.values(x), where.known
+    found = []
+    for parameter in where.parameters:
+        if parameter.run:
+            continue
+        fitted = present[parameter.name]
+        reach = abs(fitted) * (1 - 1 / FACTOR) or 1.0
+        low, high = fitted - reach, fitted + FACTOR * reach
+        if parameter.name in known and parameter.scale == "linear":
+            middle, sigma = known[parameter.name]
+            low, high = min(fitted, middle - SIGMAS * sigma), max(fitted, middle + SIGMAS * sigma)
+        if parameter.null is not None and math.isfinite(parameter.null):
+            low, high = min(low, parameter.null), max(high, parameter.null)
+        low, high = max(low, parameter.plausible[0]), min(high, parameter.plausible[1])
+        found.append(Setting(parameter, by_hand.get(parameter.name, fitted), min(low, fitted), max(high, fitted)))
+    return tuple(found)

@@ -1,0 +1,1 @@
+"""The workbench: a local page that drives the Python face; it computes nothing itself."""

@@ -1,0 +1,155 @@
+"""What belongs to one client, a tab of a browser: its folder, its work, its notices, its files."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import shutil
+import tempfile
+from collections.abc import Awaitable, Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from nicegui import app, events, run, ui
+
+import flexdesign as fd
+from flexdesign.workbench import charts
+from flexdesign.workbench.work import Work
+
+#: The largest file that may be uploaded [bytes].
+LARGEST_UPLOAD = 200 * 2**20
+#: Seconds between two looks at what is going on.
+LOOK = 0.2
+
+
+def field_error(field: Any, text: str) -> None:
+    """Say in words beside a field what is wrong with it; nothing if the text is empty."""
+    if isinstance(field, ui.label):
+        field.set_text(text)
+    else:
+        field.error = text or None
+
+
+class Client:
+    """One client.
+
+    `work` is what it waits for; its files are in a folder of their own, which goes with it.
+    """
+
+    def __init__(self) -> None:
+        self.work = Work()
+        self.folder = Path(tempfile.mkdtemp(prefix="flexdesign-workbench-"))
+        self.address = f"/files/{secrets.token_urlsafe(16)}"
+        app.add_static_files(self.address, self.folder)
+        self._remembered: dict[str, str] = {}
+
+    def build(self) -> None:
+        """Lay out the line that says what is going on, and the place of notices."""
+        self.notices = ui.column().classes("w-full").props("aria-live=assertive").mark("notices")
+        with ui.row().classes("fd-status items-center no-wrap").props("role=status") as line:
+            ui.icon("hourglass_top").props("aria-hidden=true")  # one that turns would cost what the work needs
+            said = ui.label("").mark("progress")
+            ui.button("Cancel", on_click=self.work.cancel).props("no-caps outline dense")
+        line.set_visibility(False)
+
+        def look() -> None:
+            line.set_visibility(self.work.is_busy)
+            said.set_text(self.work.message)
+
+        ui.timer(LOOK, look)
+
+    def end(self) -> None:
+        """End the work and remove the files of a client that is gone."""
+        self.work.cancel()
+        app.remove_route(self.address)
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def notice(self, text: str) -> None:
+        """Show a notice in the place of the one before."""
+        self.notices.clear()
+        with self.notices:
+            ui.label(text).classes("fd-notice").props("role=alert")
+
+    def remember(self, **state: str) -> None:
+        """Write the inputs into the address of the page, which then opens as it is now."""
+        self._remembered |= state
+        ui.run_javascript(
+            "const q = new URLSearchParams(window.location.search);"
+            f"for (const [k, v] of Object.entries({json.dumps(self._remembered)})) q.set(k, v);"
+            "history.replaceState(null, '', '?' + q.toString());"
+        )
+
+    def new_folder(self, name: str) -> Path:
+        """Return an empty folder for a report."""
+        return Path(tempfile.mkdtemp(prefix=f"{name}-", dir=self.folder))
+
+    def url(self, path: Path) -> str:
+        """Return the address of a file in the folder of this client."""
+        return f"{self.address}/{path.relative_to(self.folder).as_posix()}"
+
+    def links(self, folder: Path) -> None:
+        """Show links to the report of a folder and to the files beside it."""
+        with ui.row():
+            for path in sorted(folder.iterdir()):
+                if path.is_file() and path.suffix not in (".svg", ".png"):
+                    ui.link(path.name, self.url(path), new_tab=True)
+
+    def answer(self, found: Mapping[str, Any], folder: Path) -> None:
+        """Show what a process found: its sentences, its table, its files."""
+        ui.label(found["title"]).classes("text-subtitle1")
+        for text in found["summary"]:
+            ui.label(text)
+        ui.html(charts.table(found["columns"], found["rows"]), sanitize=False).classes("w-full fd-scroll")
+        self.links(folder)
+
+    def upload(
+        self,
+        label: str,
+        endings: tuple[str, ...],
+        came: Callable[[Path], Awaitable[None] | None],
+        check: Callable[[Path], object] | None = None,
+    ) -> None:
+        """Lay out a field for files of the user, which are read as those of the command line are.
+
+        Parameters
+        ----------
+        label
+            What is expected.
+        endings
+            How the names of its files may end.
+        came
+            Takes the file that came.
+        check
+            Reads it; raises InputError if it cannot be used.
+        """
+        folder = self.new_folder("upload")
+
+        async def keep(event: events.UploadEventArguments) -> None:
+            field_error(problem, "")
+            path = folder / Path(event.file.name.replace("\\", "/")).name
+            try:
+                if path.suffix.lower() not in endings or path.name.startswith("."):
+                    raise fd.InputError(event.file.name, "", None, f"is of no use here; choose {' or '.join(endings)}")
+                await event.file.save(path)
+                if check is not None:
+                    await run.io_bound(check, path)
+            except fd.InputError as error:
+                field_error(problem, str(error).replace(f"{folder}/", ""))
+                return
+            if (going := came(path)) is not None:
+                await going
+
+        def refuse() -> None:
+            field_error(problem, f"A file is too large or its name does not end in {' or '.join(endings)}.")
+
+        with ui.column().classes("gap-0 min-w-[260px] grow"):
+            field = ui.upload(
+                label=label,
+                multiple=True,
+                auto_upload=True,
+                max_file_size=LARGEST_UPLOAD,
+                on_upload=keep,
+                on_rejected=refuse,
+            )
+            field.props(f'flat bordered accept="{",".join(endings)}"')
+            problem = ui.label("").classes("fd-error").props("role=alert")

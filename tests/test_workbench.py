@@ -1,0 +1,277 @@
+"""The workbench from end to end, in headless Chromium: what a user sees and does, and what goes wrong."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("nicegui")
+playwright = pytest.importorskip("playwright.sync_api")
+
+ROOT = Path(__file__).parent.parent
+CHROMIUM = shutil.which("chromium")
+DEMO = ROOT / "studies" / "hidden_effect_demo"
+#: Milliseconds that anything may take on a machine that does much else.
+PATIENCE = 600_000
+WIDTHS = (1280, 390)
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Debian's Chromium")
+
+
+class Server:
+    """A server in a process of its own, which may be killed and started anew on the same port."""
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        self.folder, self.options = folder, options
+        self.url = f"http://127.0.0.1:{self.port}/"
+        self.start()
+
+    def start(self) -> None:
+        command = [sys.executable, "-m", "flexdesign", "workbench", "--no-browser", "--port", str(self.port)]
+        inherited = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
+        environment = {**inherited, "PYTHONPATH": str(ROOT), "TMPDIR": str(self.folder)}
+        self.log = (self.folder / "server.log").open("a+")
+        self.process = subprocess.Popen(
+            [*command, *self.options], cwd=ROOT, stdout=self.log, stderr=subprocess.STDOUT, env=environment
+        )
+        for _ in range(600):
+            try:
+                urllib.request.urlopen(self.url, timeout=10).close()
+            except urllib.error.HTTPError as refusal:
+                refusal.close()
+                return
+            except OSError:
+                if self.process.poll() is not None:
+                    raise AssertionError(self.said()) from None
+                time.sleep(0.2)
+            else:
+                return
+        raise AssertionError(self.said())
+
+    def said(self) -> str:
+        self.log.flush()
+        return (self.folder / "server.log").read_text()
+
+    def kill(self) -> None:
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+        self.log.close()
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    made = Server(tmp_path_factory.mktemp("server"))
+    yield made
+    said = made.said()
+    made.kill()
+    assert "Traceback" not in said, said
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as driver:
+        made = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield made
+        made.close()
+
+
+def opened(browser: Any, server: Server, query: str = "", width: int = 1280) -> Any:
+    """Open the page, refuse every request to elsewhere, and fail a page that makes one."""
+    page = browser.new_context(viewport={"width": width, "height": 900}).new_page()
+    page.set_default_timeout(PATIENCE)
+    page.outside = []
+    page.on(
+        "request", lambda r: None if r.url.startswith((server.url, "data:", "blob:")) else page.outside.append(r.url)
+    )
+    page.goto(server.url + query)
+    page.get_by_role("button", name="Load the demo").wait_for()
+    return page
+
+
+def ratios(page: Any) -> list[float]:
+    """Return the steps of the ladder over the noise floor."""
+    return [float(text) for text in re.findall(r"([\d.e+]+) × floor", page.locator("#ladder").inner_text())]
+
+
+def move(page: Any, name: str) -> None:
+    """Move a slider by one step of the keyboard."""
+    page.get_by_role("slider", name=name).locator("[tabindex='0']").focus()
+    page.keyboard.press("ArrowRight")
+
+
+@pytest.fixture(scope="module")
+def demo(browser: Any, server: Server) -> Iterator[Any]:
+    """The demo, loaded, with every effect asked what it explains."""
+    page = opened(browser, server)
+    page.get_by_role("button", name="Load the demo").click()
+    page.get_by_text("explains 100 %").wait_for()
+    yield page
+    assert page.outside == []
+    page.context.close()
+
+
+def test_where_it_fails_is_read_and_the_suggested_effect_explains_it(demo: Any) -> None:
+    said = demo.get_by_text(re.compile("^It fails mostly")).all_inner_texts()
+    assert any("unexplained error" in text for text in said)
+    assert ratios(demo)[1] > 100
+    # The first in the list is the one that explains most.
+    box = demo.get_by_role("checkbox").first
+    assert box.get_attribute("aria-label") or "stress stiffening" in box.inner_text()
+    box.click()
+    demo.locator("#ladder").get_by_text("+ stress stiffening").wait_for()
+    assert ratios(demo)[2] < 1.15
+    demo.get_by_text("No more than noise remains").wait_for()
+    demo.get_by_text("being asked").first.wait_for(state="detached")
+
+
+def test_a_slider_moves_curve_and_ladder(demo: Any) -> None:
+    before = ratios(demo)
+    move(demo, "gain [um/V]")
+    demo.locator("#ladder").get_by_text("set by hand").wait_for()
+    demo.wait_for_function("() => /set by hand/.test(document.getElementById('ladder').innerText)")
+    after = ratios(demo)
+    assert after[:3] == before[:3] and after[3] > 2 * before[2]
+
+
+def test_unticked_the_model_is_back_and_ticked_again_at_once(demo: Any) -> None:
+    demo.get_by_role("checkbox", name="stress stiffening").click()
+    demo.locator("#ladder").get_by_text("+ stress stiffening").wait_for(state="detached")
+    assert ratios(demo)[-2] > 100
+    demo.get_by_role("checkbox", name="stress stiffening").click()
+    demo.locator("#ladder").get_by_text("+ stress stiffening").wait_for()
+    assert ratios(demo)[2] < 1.15
+
+
+def test_report_and_model_are_exported(demo: Any, tmp_path: Path) -> None:
+    demo.get_by_role("button", name="Export the report").click()
+    with demo.expect_popup() as popup:
+        demo.get_by_role("link", name="report.html").click()
+    popup.value.get_by_role("heading", name="The error ladder").wait_for()
+    popup.value.close()
+    with demo.expect_download() as download:
+        demo.get_by_role("button", name="Save the model").click()
+    download.value.save_as(tmp_path / "saved.toml")
+    assert "stress_stiffening" in (tmp_path / "saved.toml").read_text(encoding="utf-8")
+
+
+def test_a_bad_file_is_told_beside_its_field(browser: Any, server: Server, tmp_path: Path) -> None:
+    page = opened(browser, server)
+    page.get_by_label("Model (path or bare name)").fill("no_such_model")
+    page.get_by_role("button", name="Confront").click()
+    page.get_by_text("no_such_model").and_(page.locator("[role=alert]")).first.wait_for()
+    wrong = tmp_path / "wrong.toml"
+    wrong.write_text((DEMO / "model.toml").read_text().replace("damping_ratio = 0.03", 'damping_ratio = "3 kg"'))
+    page.get_by_text("Files of your own").click()
+    with page.expect_file_chooser() as chooser:
+        page.locator(".q-uploader", has_text="Stage model").locator(
+            ".q-uploader__header a, .q-uploader__header button"
+        ).first.click()
+    chooser.value.set_files(wrong)
+    told = page.get_by_text(re.compile("wrong.toml: axis.x.damping_ratio = 3 kg"))
+    told.wait_for()
+    assert str(server.folder) not in told.inner_text()  # no place of the server is told
+    assert page.outside == []
+    page.context.close()
+
+
+def processes_of(server: Server) -> list[str]:
+    listed = subprocess.run(["ps", "-eo", "ppid,args"], capture_output=True, text=True, check=True).stdout.splitlines()
+    return [line for line in listed if line.split()[0] == str(server.process.pid) and "job_process" in line]
+
+
+def test_a_job_that_is_cancelled_ends(browser: Any, server: Server) -> None:
+    page = opened(browser, server)
+    page.get_by_role("tab", name="Design").click()
+    page.get_by_role("button", name="Open").click()
+    page.get_by_text("output free").first.wait_for()
+    before = page.locator(".fd-table").first.inner_text()
+    move(page, "hinge thickness [mm]")
+    page.wait_for_function("t => document.querySelector('.fd-table').innerText !== t", arg=before)
+    page.get_by_role("button", name="Solve with finite elements").click()
+    page.get_by_role("button", name="Cancel").wait_for()
+    while not processes_of(server):
+        time.sleep(0.1)
+    page.get_by_role("button", name="Cancel").click()
+    page.get_by_text("Cancelled: the process was ended").wait_for()
+    assert not processes_of(server)
+    page.context.close()
+
+
+def test_two_tabs_do_not_share_their_state(demo: Any, browser: Any, server: Server) -> None:
+    other = opened(browser, server)
+    assert other.locator("#ladder").count() == 0
+    other.get_by_label("Model (path or bare name)").fill("elsewhere")
+    assert demo.get_by_label("Model (path or bare name)").input_value().endswith("model.toml")
+    assert ratios(demo)[2] < 1.15
+    other.context.close()
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_nothing_is_wider_than_the_screen_and_everything_has_a_name(browser: Any, server: Server, width: int) -> None:
+    page = opened(browser, server, width=width)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    unnamed = page.evaluate(
+        "[...document.querySelectorAll('input:not([type=file]), button')].filter(e => e.offsetParent && "
+        "!(e.labels?.length || e.getAttribute('aria-label') || e.innerText.trim() || e.closest('label'))).length"
+    )
+    assert unnamed == 0
+    page.keyboard.press("Tab")
+    order = []
+    for _ in range(6):
+        order.append(page.evaluate("document.activeElement.innerText || document.activeElement.ariaLabel || ''"))
+        page.keyboard.press("Tab")
+    assert [name.strip() for name in order if name.strip() in ("Confront", "Load the demo")]
+    page.context.close()
+
+
+def test_another_host_needs_the_token(browser: Any, tmp_path: Path) -> None:
+    server = Server(tmp_path, "--host", "0.0.0.0")
+    try:
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(server.url)
+        (token,) = re.findall(r"token=([\w-]+)", server.said())
+        page = opened(browser, server, f"?token={token}")
+        page.get_by_role("tab", name="Design").click()  # the socket has come through, too
+        page.get_by_role("button", name="Open").wait_for()
+        page.context.close()
+    finally:
+        server.kill()
+
+
+def test_a_page_of_another_site_is_refused(server: Server) -> None:
+    for header in ({"Host": "evil.example"}, {"Origin": "http://evil.example"}):
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(urllib.request.Request(server.url, headers=header))
+
+
+def test_a_server_that_is_restarted_is_told_and_the_inputs_come_back(browser: Any, tmp_path: Path) -> None:
+    server = Server(tmp_path)
+    try:
+        page = opened(browser, server)
+        page.get_by_role("button", name="Load the demo").click()
+        page.locator("#ladder").get_by_text("as designed").wait_for()  # and the fit goes on
+        server.kill()
+        page.get_by_text("Connection lost").wait_for()
+        server.start()
+        page.get_by_text("The server was restarted").wait_for()
+        assert page.get_by_label("Model (path or bare name)").input_value().endswith("model.toml")
+        page.locator("#ladder").get_by_text("as designed").wait_for()
+        page.context.close()
+    finally:
+        server.kill()
