@@ -29,7 +29,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar
 
 from flexdesign.analytic import lagrange, prb, textbook
-from flexdesign.analytic.compliance import ComplianceModel, drawn
+from flexdesign.analytic.compliance import ComplianceModel, nominal_effects
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Formulas, Linkage, Member, Parameter, Quantity, Root, by_key
 from flexdesign.core.model.linkage import Vector
@@ -343,7 +343,7 @@ class BridgeAmplifier:
 
         def compliant() -> Sequence[Quantity]:
             model = ComplianceModel.of_part(self, material, actuator_stiffness)
-            return tuple(model.having(drawn(self)).quantities().values())
+            return tuple(model.having(nominal_effects(self)).quantities().values())
 
         return Formulas({"PRB": pseudo_rigid, "textbook": by_textbook, "compliance": compliant})
 

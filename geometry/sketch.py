@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 from flexdesign.analytic import rigid_bodies
-from flexdesign.analytic.compliance import ComplianceModel, drawn
+from flexdesign.analytic.compliance import ComplianceModel, nominal_effects
 from flexdesign.analytic.rigid_bodies import RigidBodies
 from flexdesign.core.model import Formulas, Linkage, Parameter, Quantity
 from flexdesign.design.materials import Material
@@ -93,7 +93,7 @@ class Sketch:
 
         def compliant() -> Sequence[Quantity]:
             model = ComplianceModel.of_part(self, material, actuator_stiffness)
-            return tuple(model.having(drawn(self)).quantities().values())
+            return tuple(model.having(nominal_effects(self)).quantities().values())
 
         ground = [self._linkage.ports[port.name] for port in self.ports() if port.role == "ground"]
         by_pivots = {"PRB": pivots} if rigid_bodies.pivots_suffice(self._linkage, ground) else {}

@@ -67,7 +67,7 @@ def case_of(
 
 def data(known: Mapping[str, tuple[float, float]]) -> Any:
     """What is asked of a data set: the prior, and the error of the validation runs with its noise."""
-    return SimpleNamespace(known=known, error=lambda fit: fit.rms(HELD), known_floor=SIGMA)
+    return SimpleNamespace(known=known, error=lambda fit: fit.rms(HELD), known_noise_rms=SIGMA)
 
 
 def conflict(number: str) -> Conflict:

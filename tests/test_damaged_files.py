@@ -163,7 +163,7 @@ def test_cells_without_end_take_no_time(tmp_path: Path) -> None:
     )
     assert "write name and unit" in said and len(said) < MESSAGE + len(str(tmp_path))
     (tmp_path / "data.txt").write_text(f"t,{'u ' + ' ' * 50_000 + 'V'}\n" + "1,2\n" * 20)
-    assert len(importing.look([tmp_path / "data.txt"]).variables) == 2
+    assert len(importing.read_contents([tmp_path / "data.txt"]).variables) == 2
     assert time.perf_counter() - began < 5
 
 
@@ -204,7 +204,7 @@ def test_a_line_that_csv_does_not_take_is_refused(tmp_path: Path) -> None:
 
 def test_a_header_of_several_cells_above_one_column_is_read(tmp_path: Path) -> None:
     (tmp_path / "data.txt").write_text("x;y;z\n" + "1.5\n" * 30)
-    assert [v.size for v in importing.look([tmp_path / "data.txt"]).variables.values()] == [30]
+    assert [v.size for v in importing.read_contents([tmp_path / "data.txt"]).variables.values()] == [30]
 
 
 # --- recordings of other programs
@@ -221,9 +221,9 @@ def test_a_mat_file_that_ends_the_process_of_its_reader_is_refused(tmp_path: Pat
     data = seeds.matlab()
     flags = data.index(b"\x06\x00\x00\x00\x08\x00\x00\x00\x06\x00\x00\x00")
     text = damaged_at(data, flags + 9, b"\x08")
-    assert DAMAGED in message_of(tmp_path, text, lambda path: importing.look([path]), "rig.mat")
+    assert DAMAGED in message_of(tmp_path, text, lambda path: importing.read_contents([path]), "rig.mat")
     (tmp_path / "rig.mat").write_bytes(data)  # and the next one is read
-    assert "rig.u" in importing.look([tmp_path / "rig.mat"]).variables
+    assert "rig.u" in importing.read_contents([tmp_path / "rig.mat"]).variables
 
 
 def never(path: Path) -> None:
@@ -252,7 +252,7 @@ def test_a_damaged_recording_says_no_words_of_a_library(tmp_path: Path, name: st
         path = tmp_path / name
         path.write_bytes(damaged_at(data, place, b"\xff" * 24))
         try:
-            found = importing.look([path]).variables
+            found = importing.read_contents([path]).variables
             [variable.values() for variable in found.values()]
         except InputError as error:
             assert DAMAGED in error.remedy or "no array of numbers" in error.remedy
@@ -262,7 +262,7 @@ def test_a_damaged_tdms_file_writes_nothing_on_the_terminal(tmp_path: Path, capf
     data = seeds.tdms()
     (tmp_path / "rig.tdms").write_bytes(data[: len(data) - 100])
     try:
-        importing.look([tmp_path / "rig.tdms"])
+        importing.read_contents([tmp_path / "rig.tdms"])
     except InputError as error:
         assert DAMAGED in error.remedy or "no array of numbers" in error.remedy
     assert capfd.readouterr() == ("", "")
@@ -290,7 +290,7 @@ def test_a_run_with_a_name_that_no_file_system_takes_is_refused(tmp_path: Path) 
     [
         toml_files.read_toml,
         lambda path: unit_tables.read(path, {}),
-        lambda path: importing.look([path]),
+        lambda path: importing.read_contents([path]),
         recordings.read_run,
         lambda path: static_model.read([path], design.read(design.find("bridge_amplifier"))),
     ],

@@ -88,7 +88,7 @@ def test_the_ladder_is_what_the_runs_kept_apart_leave() -> None:
     found = diagnosed()
     kept = [run.name for run in found.runs if run.role == "validate"]
     assert len(kept) == 2
-    for rung, which in ((found.ladder[2], "calibrated"), (found.ladder[-1], "found")):
+    for rung, which in ((found.error_ladder[2], "calibrated"), (found.error_ladder[-1], "found")):
         left = np.concatenate([np.asarray(found.residuals_by_run[which][name], dtype=float) for name in kept])
         assert rung.error == pytest.approx(np.sqrt(np.nanmean(left**2)), rel=1e-9)
 
@@ -180,7 +180,7 @@ def test_numbers_that_the_runs_do_not_show_are_said() -> None:
 
 def test_nothing_missing_names_nothing() -> None:
     found = diagnosed()
-    clean = replace(found, verdict="nothing-missing", effects=(), ladder=found.ladder[:2], candidates=())
+    clean = replace(found, verdict="nothing-missing", effects=(), error_ladder=found.error_ladder[:2], candidates=())
     said = " ".join(diagnosis_words.summary(clean, ()))
     assert said.startswith("Nothing is missing.")
     assert "stiffening" not in said
@@ -231,7 +231,7 @@ def test_pictures_suit_the_effect() -> None:
 def test_the_ladder_is_drawn_over_a_logarithm_only_where_it_spans_much() -> None:
     far = [diagnosis_charts.Step("as designed", 3.0, "3 µm"), diagnosis_charts.Step("+ creep", 0.02, "20 nm")]
     near = [diagnosis_charts.Step("as designed", 0.03, "30 nm"), diagnosis_charts.Step("+ creep", 0.02, "20 nm")]
-    wide, narrow = (diagnosis_charts.ladder(steps, 0.02, "20 nm", "µm") for steps in (far, near))
+    wide, narrow = (diagnosis_charts.error_ladder(steps, 0.02, "20 nm", "µm") for steps in (far, near))
     assert wide.startswith(b"<?xml")
     assert wide != narrow
 
@@ -293,7 +293,7 @@ def missed(model: StageModel) -> tuple[float, float]:
 
 def test_compare_and_the_ladder_say_the_same_of_the_model_as_designed() -> None:
     fitted, alone = missed(stage())
-    errors = {rung.label: rung.error for rung in diagnosed().ladder}
+    errors = {rung.label: rung.error for rung in diagnosed().error_ladder}
     assert fitted == pytest.approx(errors["as designed"], rel=0.01)
     assert alone == pytest.approx(errors["as designed, offsets alone"], rel=1e-3)
 
@@ -302,7 +302,7 @@ def test_compare_with_the_better_model_is_at_the_noise(tmp_path: Path) -> None:
     """As the ladder says; without initial conditions nobody would see it."""
     better = read_back(diagnosed().model, tmp_path)
     fitted, alone = missed(better)
-    assert fitted == pytest.approx(diagnosed().ladder[-1].error, rel=0.05)
+    assert fitted == pytest.approx(diagnosed().error_ladder[-1].error, rel=0.05)
     assert fitted < 1.15 * diagnosed().noise_floor
     assert missed(stage())[0] > 10 * fitted
     assert alone > fitted
@@ -317,8 +317,8 @@ def test_adding_what_is_hidden_brings_the_error_to_the_noise() -> None:
     assert found.share > 0.99
     (value,) = found.values
     assert value.interval[0] < CUBIC < value.interval[1] or abs(value.value / CUBIC - 1) < 0.01
-    assert [rung.label for rung in found.ladder] == ["as designed", "recalibrated", "+ stress_stiffening"]
-    assert found.ladder[-1].error < 1.15 * found.noise_floor < found.ladder[1].error
+    assert [rung.label for rung in found.error_ladder] == ["as designed", "recalibrated", "+ stress_stiffening"]
+    assert found.error_ladder[-1].error < 1.15 * found.noise_floor < found.error_ladder[1].error
 
 
 def test_an_effect_that_is_not_needed_is_said_to_be(tmp_path: Path) -> None:
@@ -437,7 +437,7 @@ def test_a_stated_noise_is_taken_as_it_is(stated: float | None) -> None:
     about = prepare(stage(), recordings(), None, None, stated)
     assert about.noise.known
     assert (about.noise.source == "as stated") is (stated is not None)
-    assert about.floor == pytest.approx(stated or 2e-8, rel=0.1)
+    assert about.noise_rms == pytest.approx(stated or 2e-8, rel=0.1)
     if stated:
         ones = np.ones((len(about.runs[1].time), 1))
         assert about.whitening.whiten(about.runs[1], stated * ones) == pytest.approx(ones)

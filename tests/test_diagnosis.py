@@ -31,7 +31,7 @@ from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.periodic_disturbances import frequencies
 from flexdesign.diagnosis.preparation.quantisation_noise import rounded
 from flexdesign.diagnosis.result import SelectionHistory
-from flexdesign.diagnosis.verdict import LARGE, conclude, decide, is_adequate, ladder_of, levels, remainder
+from flexdesign.diagnosis.verdict import LARGE, decide, is_adequate, ladder_of, levels, reach_verdict, remainder
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_run import of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
@@ -46,7 +46,7 @@ from flexdesign.estimation.noise.autoregressive import Process
 from flexdesign.estimation.noise.whitening import Coloured
 from flexdesign.estimation.uncertainty.identifiability import Estimate
 from flexdesign.measurements.noise_level import NoiseFloor
-from flexdesign.measurements.noise_level.floor import ADEQUATE, ERRORS
+from flexdesign.measurements.noise_level.noise_floor import ADEQUATE, ERRORS
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
@@ -167,7 +167,7 @@ def concluded(
         moved = conflicts(about, named)
         is_done = is_adequate(about, course.final, left)
         implied = [each for each in moved if each.named is not None and is_done]
-        return conclude(StageModel({"x": about.axis}), about, course, left, verdict, ladder, (), moved, implied)
+        return reach_verdict(StageModel({"x": about.axis}), about, course, left, verdict, ladder, (), moved, implied)
 
 
 def quadratic(solution: Solution, names: Sequence[str], **_: Any) -> tuple[Estimate, ...]:
@@ -247,7 +247,7 @@ def test_of_two_effects_the_first_is_named_where_the_second_explains_little() ->
         found = concluded(about, course_of(first, second, fit(about, after, after, [one, other])))
         assert (found.verdict, len(found.effects)) == ("effects-found", names)
         assert found.near == ("creep", "quadratic_stiffness")[names:]
-        assert [rung.label for rung in found.ladder][2:] == ["+ creep", "+ quadratic_stiffness"][:names]
+        assert [rung.label for rung in found.error_ladder][2:] == ["+ creep", "+ quadratic_stiffness"][:names]
     second = fit(about, 800.0, 800.0, [one])
     found = concluded(about, course_of(first, second, fit(about, 700.0, 700.0, [one, other])))
     assert (found.verdict, found.near) == ("unknown", ("creep", "quadratic_stiffness"))
@@ -316,7 +316,7 @@ def test_errors_are_stated_of_test_runs_and_nothing_is_chosen_by_them() -> None:
     about = replace(about, runs=(*about.runs, run), noise=noise)
     calibrated = fit(about, MUCH, MUCH, tests=400.0)
     found = judged(about, calibrated, fit(about, LITTLE, LITTLE, [creep(about)], tests=100.0))
-    assert [(rung.error / NOISE) ** 2 for rung in found.ladder] == pytest.approx([400, 400, 100])
+    assert [(rung.error / NOISE) ** 2 for rung in found.error_ladder] == pytest.approx([400, 400, 100])
     assert (found.verdict, found.remainder) == ("effects-found", "")
     assert found.validation_error == pytest.approx(10 * NOISE)
     # However well the test run is predicted, it names nothing.
@@ -366,8 +366,8 @@ def test_words_say_what_remains_and_what_it_looks_like() -> None:
 def test_a_ladder_and_shares_are_those_of_the_stands() -> None:
     about = data()
     found = judged(about, fit(about, 101.0, 101.0), fit(about, 2.0, 2.0, [creep(about)]))
-    assert [rung.label for rung in found.ladder] == ["as designed", "recalibrated", "+ creep"]
-    assert [(rung.error / NOISE) ** 2 for rung in found.ladder] == pytest.approx([101, 101, 2])
+    assert [rung.label for rung in found.error_ladder] == ["as designed", "recalibrated", "+ creep"]
+    assert [(rung.error / NOISE) ** 2 for rung in found.error_ladder] == pytest.approx([101, 101, 2])
     assert found.effects[0].share == pytest.approx((101 - 2) / 100)
     assert found.noise_floor == pytest.approx(NOISE)
     assert found.validation_error == pytest.approx(NOISE * math.sqrt(2))
@@ -670,7 +670,7 @@ def test_creep_is_named() -> None:
     assert named.name == "creep"
     for value, truth in zip(named.values, (0.02, 0.1), strict=True):
         assert value.interval[0] < truth < value.interval[1]
-    assert found.validation_error < 1.15 * found.noise_floor < found.ladder[1].error
+    assert found.validation_error < 1.15 * found.noise_floor < found.error_ladder[1].error
     assert found.remainder == ""
 
 
@@ -684,15 +684,15 @@ def of_noise() -> Diagnosis:
 def test_nothing_is_named_in_coloured_noise() -> None:
     found = of_noise()
     assert (found.verdict, found.effects, found.near, found.remainder) == ("nothing-missing", (), (), "")
-    assert [rung.label for rung in found.ladder] == ["as designed, offsets alone", "as designed", "recalibrated"]
-    assert found.ladder[2].error < 0.5 * found.ladder[1].error
+    assert [rung.label for rung in found.error_ladder] == ["as designed, offsets alone", "as designed", "recalibrated"]
+    assert found.error_ladder[2].error < 0.5 * found.error_ladder[1].error
 
 
 def test_the_first_line_of_the_ladder_is_the_model_with_offsets_alone() -> None:
     (kept,) = [run for run in of_noise().runs if run.role == "validate"]
     model = AxisDynamics("x", of_noise().before.axes["x"], 100.0, tolerance=1e-7)
     left = kept.measured() - model.predict(kept)
-    alone, nominal, *_ = of_noise().ladder
+    alone, nominal, *_ = of_noise().error_ladder
     assert alone.error == pytest.approx(float(np.std(left)), rel=1e-3)
     assert nominal.error < 0.8 * alone.error  # hysteresis came from elsewhere
 
@@ -713,8 +713,10 @@ def test_a_test_run_changes_no_number_and_the_ladder_is_its_own() -> None:
         assert [v.value for v in values[0]] == pytest.approx([v.value for v in values[1]], rel=1e-6)
     assert [(t.names, t.outcome) for t in right.candidates] == [(t.names, t.outcome) for t in wrong.candidates]
     assert right.verdict == wrong.verdict == "effects-found"
-    assert right.ladder[-1].error < 1.2 * right.noise_floor
-    assert wrong.ladder[-1].error == pytest.approx(math.hypot(right.ladder[-1].error, 1e-5 / math.sqrt(2)), rel=0.05)
+    assert right.error_ladder[-1].error < 1.2 * right.noise_floor
+    assert wrong.error_ladder[-1].error == pytest.approx(
+        math.hypot(right.error_ladder[-1].error, 1e-5 / math.sqrt(2)), rel=0.05
+    )
 
 
 def test_rounding_asks_nothing_of_test_runs() -> None:
@@ -725,7 +727,7 @@ def test_rounding_asks_nothing_of_test_runs() -> None:
     coarse = [replace(r, columns={**r.columns, "x": step * np.round(r.columns["x"] / step)}) for r in runs]
     found = diagnose(thought(AXIS), coarse, threads=1)
     assert [named.name for named in found.effects] == ["quantisation"]
-    assert found.ladder[-1].error == pytest.approx(math.hypot(FLOOR, step / math.sqrt(12)), rel=0.15)
+    assert found.error_ladder[-1].error == pytest.approx(math.hypot(FLOOR, step / math.sqrt(12)), rel=0.15)
 
 
 def test_a_calibration_that_makes_validation_worse_is_refused() -> None:
@@ -734,7 +736,7 @@ def test_a_calibration_that_makes_validation_worse_is_refused() -> None:
     runs += [run for run in recorded(replace(AXIS, gain=1.06 * AXIS.gain), 1) if run.role == "validate"]
     found = diagnose(thought(AXIS), runs, threads=1)
     assert "calibration makes the validation runs worse" in found.confidence
-    errors = {rung.label: rung.error for rung in found.ladder}
+    errors = {rung.label: rung.error for rung in found.error_ladder}
     assert errors["recalibrated"] == pytest.approx(errors["as designed"], rel=1e-3)
     assert found.verdict == "unknown"
     assert found.model.axes["x"].gain == pytest.approx(thought(AXIS).axes["x"].gain)

@@ -115,7 +115,7 @@ def test_creep_grows_by_its_strength_in_a_decade(shown: Callable[[str], experime
     hold = next(seen for seen in found.seen if seen.command.name == "hold")
     step = hold.command.marks[0]
     early, late = (round((step + after) / hold.command.period) for after in (1.0, 10.0))
-    difference = hold.acting - hold.without
+    difference = hold.affected - hold.without
     assert difference[late] - difference[early] == pytest.approx(found.strength * hold.without[late], rel=0.1)
 
 

@@ -185,7 +185,7 @@ def test_a_response_beside_two_runs_is_explained_together_with_them() -> None:
     assert group == {"driver_bandwidth", "sensor_bandwidth"}
     assert values["bandwidth"][0] == pytest.approx(BANDWIDTH, rel=2e-3)
     # The ladder is of the runs, in metres; the response has its own section.
-    assert found.ladder[-1].error == pytest.approx(1e-8, rel=0.05)
+    assert found.error_ladder[-1].error == pytest.approx(1e-8, rel=0.05)
     assert [each.name for each in found.responses] == ["sweep:identify", "sweep:validate"]
     document, result = diagnosis_report.document(found, []), diagnosis_result.result(found, [])
     assert {"Frequency responses", "Where it fails"} <= {section.title for section in document.sections}
@@ -205,7 +205,7 @@ def test_a_comparison_says_in_which_band_a_model_fails() -> None:
     (sweep,) = found.responses
     expected = np.abs(1 - (1 + 1j * FAST / BANDWIDTH))
     assert sweep.left == pytest.approx(expected, rel=0.15, abs=0.02)
-    assert sweep.floor == pytest.approx(np.sqrt(0.001 / 0.999 / 32), rel=0.1)
+    assert sweep.noise_floor == pytest.approx(np.sqrt(0.001 / 0.999 / 32), rel=0.1)
     document, result = comparison_report.document(found), comparison_report.result(found)
     assert "above 190 Hz" in document.summary[0]
     assert [figure.file for section in document.sections for figure in section.figures] == ["bode_sweep.svg"]
@@ -247,7 +247,7 @@ def test_errors_are_shares_of_the_line() -> None:
     ratio = FAST / AXIS.natural_frequency
     response = 1.05 * AXIS.gain / (1 - ratio**2 + 2j * AXIS.damping_ratio * ratio)
     found = found_in(measured(FAST, response, coherence=0.99999))  # noise is 0.04 % of a line, of the mean 0.006 %
-    share = found.ladder[0].error / response_pages.line_size(found)
+    share = found.error_ladder[0].error / response_pages.line_size(found)
     assert share == pytest.approx(0.05 / 1.05, abs=2e-4)
     ladder = diagnosis_report.ladder_of(found)
     assert dict(zip(ladder.columns, ladder.rows[0], strict=True))["of the line"] == "4.8 %"

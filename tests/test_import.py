@@ -72,7 +72,7 @@ def matlab(path: Path) -> Path:
 
 def test_matlab_5(tmp_path: Path) -> None:
     path = matlab(tmp_path / "rig.mat")
-    seen = importing.look([path])
+    seen = importing.read_contents([path])
     shapes = {name: variable.shape for name, variable in seen.variables.items()}
     assert shapes == {"rig.u": (1, N), "rig.y": (N, 2), "rig.info.gain": (1, 1), "fs": (1, 1)}
     x = 'variable = "rig.y"\nunit = "um"\nchannel = 1'
@@ -92,7 +92,7 @@ def test_matlab_73(tmp_path: Path) -> None:
     header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM"
     with path.open("r+b") as raw:
         raw.write(header)
-    seen = importing.look([path])
+    seen = importing.read_contents([path])
     assert {name: v.shape for name, v in seen.variables.items()} == {"rig.u": (1, N), "rig.y": (N, 2)}
     x = 'variable = "rig.y"\nunit = "um"\nchannel = 2\nscale = -1'
     top = f'rate = "{RATE} Hz"\naxes = ["sample", "channel"]'
@@ -110,7 +110,7 @@ def test_hdf5(tmp_path: Path) -> None:
         file.create_dataset("log", data=table)
         file.create_dataset("text", data="warm")
         file.create_dataset("none", data=h5py.Empty("f8"))
-    seen = importing.look([path])
+    seen = importing.read_contents([path])
     assert set(seen.variables) == {"bench/pos", "log/time", "log/u"}
     assert seen.variables["bench/pos"].unit == "nm"
     time = '[run.columns.t]\nvariable = "log/time"\nunit = "ms"'
@@ -131,7 +131,7 @@ def test_tdms(tmp_path: Path) -> None:
                     tdms.ChannelObject("notes", "who", ["a", "b"]),
                 ]
             )
-    seen = importing.look([path])
+    seen = importing.read_contents([path])
     assert {name: (v.unit, v.step) for name, v in seen.variables.items()} == {
         "bench/DAC": ("V", 1 / RATE),
         "bench/pos": ("um", 1 / RATE),
@@ -185,7 +185,7 @@ def test_universal_file(tmp_path: Path) -> None:
     file = pyuff.UFF(str(path))
     for each in sets:
         file.write_sets(each, mode="add")
-    seen = importing.look([path])
+    seen = importing.read_contents([path])
     assert list(seen.variables) == ["set1", "set2", "set2.frequency", "set4"]
     assert seen.variables["set2"].is_complex and seen.variables["set2"].unit == "um/(V)"
     assert seen.variables["set2"].values() == pytest.approx(U + 1j, abs=1e-4)
@@ -221,7 +221,7 @@ def test_numpy_arrays_with_realisations_and_periods(tmp_path: Path) -> None:
 def test_variables_of_one_name_are_told_apart_by_their_files(tmp_path: Path) -> None:
     for name in ("warm", "cold"):
         np.savez(tmp_path / f"{name}.npz", u=U, x=X[:, 0])
-    seen = importing.look([tmp_path / "warm.npz", tmp_path / "cold.npz"])
+    seen = importing.read_contents([tmp_path / "warm.npz", tmp_path / "cold.npz"])
     assert set(seen.variables) == {"warm:u", "warm:x", "cold:u", "cold:x"}
 
 
@@ -315,7 +315,7 @@ def scope(header: str, gain: float = 1.0) -> str:
 def test_header_lines_of_any_number_are_read(header: str, tmp_path: Path) -> None:
     path = tmp_path / "scope.csv"
     path.write_text(scope(header))
-    seen = importing.look([path]).variables
+    seen = importing.read_contents([path]).variables
     assert list(seen) == ["Time", "Channel A", "Channel B"]
     assert [unit_tables.si_of(variable.unit) for variable in seen.values()] == ["s", "V", "V"]
     assert seen["Channel B"].unit == "mV"
@@ -415,7 +415,7 @@ def test_a_folder_that_is_described_already_is_left_alone(tmp_path: Path) -> Non
 def test_files_that_are_something_else(ending: str, data: bytes, tmp_path: Path) -> None:
     path = tmp_path / f"log{ending}"
     path.write_bytes(data)
-    said = refusal(lambda: importing.look([path]))
+    said = refusal(lambda: importing.read_contents([path]))
     assert said.startswith(f"{path}: ") and ("cannot be read as a" in said or "holds no array of numbers" in said)
 
 
@@ -424,7 +424,7 @@ def test_files_that_are_cut_short(tmp_path: Path) -> None:
     paths = [matlab(tmp_path / "rig.mat"), tmp_path / "log.npy"]
     for path in paths:
         path.write_bytes(path.read_bytes()[:-1000])
-        assert "cannot be read as a" in refusal(lambda p=path: importing.look([p]))  # type: ignore[misc]
+        assert "cannot be read as a" in refusal(lambda p=path: importing.read_contents([p]))  # type: ignore[misc]
 
 
 def test_texts_that_are_no_tables(tmp_path: Path) -> None:
@@ -436,8 +436,8 @@ def test_texts_that_are_no_tables(tmp_path: Path) -> None:
         (b"\x81\x8d" * 9, "is no text in UTF-8, UTF-16 or CP1252"),
     ):
         path.write_bytes(data)
-        assert refusal(lambda: importing.look([path])).startswith(f"{path}: {message}")
-    assert refusal(lambda: importing.look([tmp_path / "none.mat"])).endswith(
+        assert refusal(lambda: importing.read_contents([path])).startswith(f"{path}: {message}")
+    assert refusal(lambda: importing.read_contents([tmp_path / "none.mat"])).endswith(
         "cannot be read: No such file or directory"
     )
 
@@ -447,7 +447,9 @@ def test_a_missing_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setitem(sys.modules, "h5py", None)
     (tmp_path / "log.h5").write_bytes(b"")
-    assert "needs h5py: pip install 'flexdesign[import]'" in refusal(lambda: importing.look([tmp_path / "log.h5"]))
+    assert "needs h5py: pip install 'flexdesign[import]'" in refusal(
+        lambda: importing.read_contents([tmp_path / "log.h5"])
+    )
 
 
 # --- The command

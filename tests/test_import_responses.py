@@ -86,7 +86,7 @@ def test_matlab_73_and_hdf5(tmp_path: Path) -> None:
         file.create_dataset("f", data=F[:, None]).attrs["MATLAB_class"] = np.bytes_("double")
     with path.open("r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM")
-    assert importing.look([path]).variables["H"].shape == (2, 2, len(F))
+    assert importing.read_contents([path]).variables["H"].shape == (2, 2, len(F))
     text = 'axes = ["channel", "input", "frequency"]\n' + MAP.replace('"H"', '"H"\nchannel = 1\ninput = 2')
     one(mapped(tmp_path, text, path), H[0, 1])
     other = tmp_path / "sweep.h5"

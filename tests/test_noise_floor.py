@@ -16,7 +16,7 @@ from scipy.signal import cont2discrete, lfilter
 from flexdesign.core.errors import InputError
 from flexdesign.estimation.noise.autoregressive import Process
 from flexdesign.measurements.noise_level import noise_floor
-from flexdesign.measurements.noise_level.floor import resampled
+from flexdesign.measurements.noise_level.noise_floor import resampled
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ def test_level_of_slow_noise_comes_back_from_short_stretches(creep: float) -> No
     The innovation's deviation, which weighs a fit, is known to 1 / sqrt(2 * 3100) each. Trends taken out of the
     stretches by least squares would leave 78 % of the level.
     """
-    found = [noise_floor(dataset(seed, creep=creep), "x", settle=0.2) for seed in range(30)]
+    found = [noise_floor(dataset(seed, creep=creep), "x", settling_time=0.2) for seed in range(30)]
     assert np.mean([floor.rms["jumps"] for floor in found]) == pytest.approx(LEVEL, rel=0.05)
     errors = [floor.rms["jumps"] / LEVEL - 1 for floor in found]
     stated = float(np.median([floor.relative_error for floor in found]))
@@ -86,19 +86,19 @@ def test_level_of_slow_noise_comes_back_from_short_stretches(creep: float) -> No
 
 def test_level_of_white_noise_comes_back() -> None:
     """Four standard errors of 3500 samples."""
-    floor = noise_floor(dataset(0, white), "x", settle=0.2)
+    floor = noise_floor(dataset(0, white), "x", settling_time=0.2)
     assert floor.rms["jumps"] == pytest.approx(LEVEL, rel=4 / math.sqrt(7000))
     assert floor.relative_error == pytest.approx(1 / math.sqrt(7000), rel=0.01)
 
 
 def test_hum_is_a_line_and_no_noise() -> None:
     """Of amplitude half the noise; known to 10 %: sqrt(2 / 3500) of the white part of the noise, a fifth of it."""
-    with_hum, without = (noise_floor(dataset(3, hum=hum), "x", settle=0.2) for hum in (0.5 * LEVEL, 0.0))
+    with_hum, without = (noise_floor(dataset(3, hum=hum), "x", settling_time=0.2) for hum in (0.5 * LEVEL, 0.0))
     (line,) = with_hum.lines
     assert line.frequency == pytest.approx(50.0, abs=0.05)
     assert line.amplitude == pytest.approx(0.5 * LEVEL, rel=0.1)
     assert with_hum.rms["jumps"] == pytest.approx(without.rms["jumps"], rel=0.03)
-    kept = noise_floor(dataset(3, white, hum=2 * LEVEL), "x", settle=0.2, remove_lines=False)
+    kept = noise_floor(dataset(3, white, hum=2 * LEVEL), "x", settling_time=0.2, remove_lines=False)
     assert not kept.lines
     assert kept.rms["jumps"] == pytest.approx(math.sqrt(3) * LEVEL, rel=0.2)  # the sine adds 2^2 / 2 to the variance
 
@@ -109,7 +109,7 @@ def test_a_strong_line_is_no_noise_either(noise: Any, strength: float) -> None:
     """Its frequency must be known far better than a resolution, or a beat is left that seems to fade."""
     t = PERIOD * np.arange(1500)
     x = strength * LEVEL * np.sin(2 * np.pi * 13.583 * t + 1.0) + noise(np.random.default_rng(1), len(t))
-    floor = noise_floor([run("quiet", np.zeros(len(t)), x)], "x", settle=0.2)
+    floor = noise_floor([run("quiet", np.zeros(len(t)), x)], "x", settling_time=0.2)
     (line,) = floor.lines
     assert line.frequency == pytest.approx(13.583, abs=0.05 / strength)
     assert line.amplitude == pytest.approx(strength * LEVEL, rel=1.0 / strength)
@@ -118,7 +118,7 @@ def test_a_strong_line_is_no_noise_either(noise: Any, strength: float) -> None:
 
 def test_noise_alone_shows_no_line() -> None:
     """One false alarm in a thousand: two in 20 would come once in 5000 draws."""
-    assert sum(bool(noise_floor(dataset(seed), "x", settle=0.2).lines) for seed in range(20)) < 2
+    assert sum(bool(noise_floor(dataset(seed), "x", settling_time=0.2).lines) for seed in range(20)) < 2
 
 
 def test_a_ringing_mode_is_neither_noise_nor_line() -> None:
@@ -126,7 +126,7 @@ def test_a_ringing_mode_is_neither_noise_nor_line() -> None:
     u, w, damping = levels(), 2 * np.pi * 118, 0.024
     numerator, denominator, _ = cont2discrete(([w * w], [1, 2 * damping * w, w * w]), PERIOD)
     x = GAIN * lfilter(numerator.ravel(), denominator, u) + LEVEL * np.random.default_rng(0).standard_normal(len(u))
-    early, late = (noise_floor([run("a", u, x)], "x", settle=settle) for settle in (0.02, 0.35))
+    early, late = (noise_floor([run("a", u, x)], "x", settling_time=settle) for settle in (0.02, 0.35))
     assert early.rms["a"] == pytest.approx(LEVEL, rel=0.35)  # the residual is below what can be told from noise
     assert late.rms["a"] == pytest.approx(LEVEL, rel=0.06)
     assert not early.lines and not late.lines
@@ -136,7 +136,7 @@ def test_a_ringing_mode_is_neither_noise_nor_line() -> None:
 def test_periods_tell_noise_from_motion(periods: int) -> None:
     """Four standard errors; of two periods the second alone counts from where the extremes were passed."""
     rng, u = np.random.default_rng(1), multisine(periods)
-    floor = noise_floor([run("m", u, GAIN * u + slow(rng, len(u), 0.9))], "x", settle=0.1)
+    floor = noise_floor([run("m", u, GAIN * u + slow(rng, len(u), 0.9))], "x", settling_time=0.1)
     assert floor.source.startswith("difference of periods") and floor.known
     assert floor.rms["m"] == pytest.approx(LEVEL, rel=4 * floor.relative_error)
     assert floor.relative_error < 0.08
@@ -145,7 +145,7 @@ def test_periods_tell_noise_from_motion(periods: int) -> None:
 def test_a_transient_in_the_first_period_is_left_out() -> None:
     rng, u = np.random.default_rng(2), multisine(4)
     transient = 5e-6 * np.exp(-np.arange(len(u)) / 100) * np.cos(0.7 * np.arange(len(u)))
-    floor = noise_floor([run("m", u, GAIN * u + transient + slow(rng, len(u), 0.9))], "x", settle=0.1)
+    floor = noise_floor([run("m", u, GAIN * u + transient + slow(rng, len(u), 0.9))], "x", settling_time=0.1)
     assert floor.rms["m"] == pytest.approx(LEVEL, rel=4 * floor.relative_error)
 
 
@@ -153,7 +153,7 @@ def test_repeats_tell_noise_from_motion() -> None:
     rng = np.random.default_rng(3)
     u = np.cumsum(rng.standard_normal(4000))
     seen = [run(name, u, GAIN * u + slow(rng, len(u), 0.9)) for name in "ab"]
-    floor = noise_floor(seen, "x", settle=0.1)
+    floor = noise_floor(seen, "x", settling_time=0.1)
     assert floor.source == "difference of repeats, 4 s in 1 run"
     assert floor.rms["b"] == pytest.approx(LEVEL, rel=4 * floor.relative_error)
 
@@ -161,10 +161,10 @@ def test_repeats_tell_noise_from_motion() -> None:
 def test_without_a_source_the_stated_noise_counts_and_else_a_guess() -> None:
     u = np.cumsum(np.random.default_rng(3).standard_normal(4000))
     alone = [run("a", u, GAIN * u + LEVEL * np.random.default_rng(4).standard_normal(4000))]
-    stated = noise_floor(alone, "x", settle=0.1, sensor_noise=LEVEL)
+    stated = noise_floor(alone, "x", settling_time=0.1, sensor_noise=LEVEL)
     assert (stated.source, stated.known, stated.relative_error) == ("the sensor's stated noise", True, 0.0)
     assert stated.rms["a"] == LEVEL
-    guessed = noise_floor(alone, "x", settle=0.1)
+    guessed = noise_floor(alone, "x", settling_time=0.1)
     assert (guessed.source, guessed.known, guessed.relative_error) == ("unknown", False, math.inf)
 
 
@@ -172,7 +172,7 @@ def test_the_guess_comes_from_the_quietest_band() -> None:
     """Motion up to 50 Hz of 500: above it there is noise alone, of whose spectrum the low tenth is 15 % too low."""
     rng = np.random.default_rng(7)
     u = np.convolve(rng.standard_normal(20_000), np.hanning(100), "same")
-    floor = noise_floor([run("a", u, GAIN * u + LEVEL * rng.standard_normal(len(u)))], "x", settle=0.1)
+    floor = noise_floor([run("a", u, GAIN * u + LEVEL * rng.standard_normal(len(u)))], "x", settling_time=0.1)
     assert not floor.known
     assert floor.rms["a"] == pytest.approx(LEVEL, rel=0.3)
 
@@ -181,14 +181,14 @@ def test_noise_that_grows_with_motion_is_said() -> None:
     rng, jumps, u = np.random.default_rng(8), levels(), multisine(4)
     seen = [run("jumps", jumps, GAIN * jumps + slow(rng, len(jumps), 0.9))]
     seen.append(run("m", u, GAIN * u + 4 * slow(rng, len(u), 0.9)))
-    (remark,) = noise_floor(seen, "x", settle=0.2).remarks
+    (remark,) = noise_floor(seen, "x", settling_time=0.2).remarks
     assert remark.startswith("difference of periods") and "noise grows with motion" in remark
 
 
 def test_a_louder_run_has_a_level_of_its_own() -> None:
     rng, zeros = np.random.default_rng(9), np.zeros(2000)
     seen = [run(name, zeros, scale * slow(rng, 2000, 0.9)) for name, scale in (("a", 1.0), ("b", 1.0), ("c", 5.0))]
-    floor = noise_floor(seen, "x", settle=0.1)
+    floor = noise_floor(seen, "x", settling_time=0.1)
     assert floor.rms["c"] / floor.rms["a"] == pytest.approx(5.0, rel=0.25)
     assert any(remark.startswith("the noise of c is") for remark in floor.remarks)
 
@@ -196,7 +196,7 @@ def test_a_louder_run_has_a_level_of_its_own() -> None:
 def test_readings_in_steps_have_the_noise_of_steps() -> None:
     """A quiet record of one and the same reading: the step over the root of 12."""
     u = np.concatenate([np.zeros(1000), np.linspace(0, 100, 4000), np.full(1000, 100.0)])
-    floor = noise_floor([run("a", u, 1e-7 * np.round(GAIN * u / 1e-7))], "x", settle=0.1)
+    floor = noise_floor([run("a", u, 1e-7 * np.round(GAIN * u / 1e-7))], "x", settling_time=0.1)
     assert floor.rms["a"] == pytest.approx(1e-7 / math.sqrt(12), rel=1e-3)
 
 
@@ -210,12 +210,12 @@ def test_another_sampling_period_keeps_the_correlation() -> None:
 def test_gaps_cut_stretches() -> None:
     x = slow(np.random.default_rng(10), 3000, 0.9)
     x[[500, 1700]] = np.nan
-    floor = noise_floor([run("a", np.zeros(3000), x)], "x", settle=0.1)
+    floor = noise_floor([run("a", np.zeros(3000), x)], "x", settling_time=0.1)
     assert floor.rms["a"] == pytest.approx(LEVEL, rel=4 * floor.relative_error)
 
 
 def test_what_cannot_be_judged_is_refused() -> None:
     with pytest.raises(InputError, match="at least one recorded run"):
-        noise_floor([], "x", settle=0.1)
+        noise_floor([], "x", settling_time=0.1)
     with pytest.raises(InputError, match="no response of axis y"):
-        noise_floor([run("a", np.zeros(100), np.zeros(100))], "y", settle=0.1)
+        noise_floor([run("a", np.zeros(100), np.zeros(100))], "y", settling_time=0.1)

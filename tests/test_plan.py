@@ -74,11 +74,11 @@ def test_random_stages_keep_every_limit(
         assume(False)
     assert (limits.low, limits.high) == pytest.approx((low, low + width), abs=1e-9)
     for command in commands.values():
-        assert command.volts.min() >= limits.low and command.volts.max() <= limits.high
-        assert np.abs(np.diff(command.volts)).max() <= limits.slew / rate
-        assert command.volts[0] == pytest.approx(limits.home, abs=GRID)
-        assert command.volts[-1] == pytest.approx(limits.home, abs=GRID)
-        assert np.array_equal(np.rint(command.volts / GRID) / round(1 / GRID), command.volts)
+        assert command.samples.min() >= limits.low and command.samples.max() <= limits.high
+        assert np.abs(np.diff(command.samples)).max() <= limits.slew / rate
+        assert command.samples[0] == pytest.approx(limits.home, abs=GRID)
+        assert command.samples[-1] == pytest.approx(limits.home, abs=GRID)
+        assert np.array_equal(np.rint(command.samples / GRID) / round(1 / GRID), command.samples)
 
 
 def test_a_stated_range_slew_and_current_narrow_the_model_s() -> None:
@@ -94,19 +94,19 @@ def test_a_stated_range_slew_and_current_narrow_the_model_s() -> None:
 
 def test_the_whole_range_is_used_but_for_its_margin() -> None:
     _, commands = planned(stage())
-    triangle = commands["triangle_slow"].volts
+    triangle = commands["triangle_slow"].samples
     assert triangle.max() == pytest.approx(100.0 * (1 - MARGIN), abs=0.2)  # a turn falls between samples
     assert commands["hold"].duration > 100.0
     assert commands["quiet"].duration == pytest.approx(2.0)
-    assert np.ptp(commands["quiet"].volts) == 0.0
+    assert np.ptp(commands["quiet"].samples) == 0.0
 
 
 def test_commands_are_the_same_for_the_same_seed() -> None:
     model = stage()
     once, again, other = (planned(model, seed=seed)[1] for seed in (3, 3, 4))
-    assert all(np.array_equal(once[name].volts, again[name].volts) for name in once)
-    assert not np.array_equal(once["multisine_large_a"].volts, other["multisine_large_a"].volts)
-    assert np.array_equal(once["added_mass"].volts, once["multisine_medium_a"].volts)
+    assert all(np.array_equal(once[name].samples, again[name].samples) for name in once)
+    assert not np.array_equal(once["multisine_large_a"].samples, other["multisine_large_a"].samples)
+    assert np.array_equal(once["added_mass"].samples, once["multisine_medium_a"].samples)
 
 
 REFUSED: list[tuple[StageModel, experiment_design.Asked, str, str]] = [
@@ -150,7 +150,7 @@ def test_multisines_cover_the_resonance_and_nothing_above_the_bandwidth(
     for name in ("multisine_small_a", "multisine_medium_b", "multisine_large_a"):
         command = commands[name]
         count, end = round(command.cycle * rate), round(command.marks[-1] * rate)
-        kept = command.volts[end - PERIODS * count : end]
+        kept = command.samples[end - PERIODS * count : end]
         assert len(command.marks) == PERIODS + 1
         assert np.array_equal(kept[:count], kept[count:])
         amplitude = np.abs(np.fft.rfft(kept[:count])) * 2 / count
@@ -173,7 +173,7 @@ def test_the_motion_stays_within_the_static_range() -> None:
     command = commands["multisine_large_a"]
     assert "range of motion" in command.scaled
     count, end = round(command.cycle * 1000), round(command.marks[-1] * 1000)
-    spectrum = np.fft.rfft(command.volts[end - count : end])
+    spectrum = np.fft.rfft(command.samples[end - count : end])
     ratio = np.fft.rfftfreq(count, 1e-3) / FREQUENCY
     motion = GAIN * np.fft.irfft(spectrum / (1 - ratio**2 + 0.02j * ratio), count)
     middle, half = GAIN * limits.middle, 0.5 * GAIN * limits.span
@@ -202,12 +202,12 @@ def test_files_are_runs_once_a_response_is_added(tmp_path: Path) -> None:
     chosen = [commands[name] for name in ("quiet", "multisine_small_a", "staircase", "added_mass", "random_levels")]
     command_files.write(tmp_path / "runs", chosen, "x", model.axes["x"], limits, "a bench", 20e-9)
     for file, command in command_files.names(chosen).items():
-        write_run(tmp_path / "runs" / file, command.time, {"u [V]": command.volts, "x [um]": GAIN * command.volts})
+        write_run(tmp_path / "runs" / file, command.time, {"u [V]": command.samples, "x [um]": GAIN * command.samples})
     read = read_runs([tmp_path / "runs"])
     assert [run.name for run in read] == [file.removesuffix(".csv") for file in command_files.names(chosen)]
     for run, command in zip(read, chosen, strict=True):
         assert (run.role, run.between_samples) == (command.role, "hold")
-        assert np.array_equal(run.command(), command.volts)
+        assert np.array_equal(run.command(), command.samples)
         assert run.period == pytest.approx(command.period, rel=1e-9)
 
 
@@ -290,7 +290,7 @@ def test_a_known_mass_lowers_the_resonance_as_springs_and_masses_have_it() -> No
         command = commands[name]
         count, end = round(command.cycle * rate), round(command.marks[-1] * rate)
         found = np.fft.rfft(experiment_design.reading(payload, command)[end - count : end])
-        sent = np.fft.rfft(command.volts[end - count : end])
+        sent = np.fft.rfft(command.samples[end - count : end])
         near = np.arange(round(60 * command.cycle), round(100 * command.cycle))
         peaks.append(near[np.argmax(np.abs(found[near] / sent[near]))] / command.cycle)
     apart = 1 / commands["added_mass"].cycle  # a peak is found to the nearest tone

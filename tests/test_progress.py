@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from flexdesign.diagnosis import progress
-from flexdesign.diagnosis.progress import BESIDE, ENDING, FITS, TYPICAL, Progress
+from flexdesign.diagnosis.progress import ENDING, FITS, SECOND_SCREENING, TYPICAL, Progress
 from studies.benchmarks import progress as benchmark
 from studies.benchmarks.progress import Word
 
@@ -61,20 +61,20 @@ def test_nothing_is_said_of_the_time_before_the_catalogue_is_screened() -> None:
 
 
 def test_time_left_is_that_of_the_stages_that_follow() -> None:
-    usual = sum(TYPICAL[stage] for stage in (FITS, BESIDE, ENDING))
+    usual = sum(TYPICAL[stage] for stage in (FITS, SECOND_SCREENING, ENDING))
     assert left_after(*FOUND[:5]) == pytest.approx(SCREENING * usual)
     assert left_after(*FOUND[:6]) == pytest.approx(SCREENING * usual - 1.0)  # a second later, in the same stage
 
 
 def test_beside_an_effect_its_own_stages_count() -> None:
-    usual = SCREENING * (TYPICAL[BESIDE] + TYPICAL[ENDING])
+    usual = SCREENING * (TYPICAL[SECOND_SCREENING] + TYPICAL[ENDING])
     assert left_after(*FOUND[:7]) == pytest.approx(usual)
 
 
 def test_a_stage_that_lasts_long_is_taken_to_last_as_long_again() -> None:
     late = 6.0 + 3 * TYPICAL[FITS] * SCREENING
     left = left_after(*FOUND[:5], (late, "fitting with sensor_drift"))
-    assert left == pytest.approx(SCREENING * (3 * TYPICAL[FITS] + TYPICAL[BESIDE] + TYPICAL[ENDING]))
+    assert left == pytest.approx(SCREENING * (3 * TYPICAL[FITS] + TYPICAL[SECOND_SCREENING] + TYPICAL[ENDING]))
 
 
 def test_no_time_is_promised_in_the_last_stage() -> None:
@@ -128,9 +128,9 @@ def test_words_of_time_are_no_finer_than_it_is_known() -> None:
 def test_estimates_are_set_beside_what_was_true() -> None:
     words = [*(Word(*each) for each in FOUND), Word(20.0, "")]
     found = {each.stage: each for each in benchmark.estimates(words)}
-    assert list(found) == ["screening", FITS, BESIDE, ENDING]
+    assert list(found) == ["screening", FITS, SECOND_SCREENING, ENDING]
     assert found["screening"].said is None and found["screening"].true == 16.0
     assert found[ENDING].said is None
-    assert found[FITS].true == 14.0 and found[BESIDE].true == 7.0 and found[ENDING].true == 4.0
+    assert found[FITS].true == 14.0 and found[SECOND_SCREENING].true == 7.0 and found[ENDING].true == 4.0
     assert found[FITS].said == left_after(*FOUND[:5])
-    assert benchmark.lengths(words) == {FITS: 3.5, BESIDE: 1.5, ENDING: 2.0}
+    assert benchmark.lengths(words) == {FITS: 3.5, SECOND_SCREENING: 1.5, ENDING: 2.0}

@@ -18,7 +18,7 @@ from flexdesign.effects import statics
 from flexdesign.workflows.published import folder as folders
 from flexdesign.workflows.published.closing import closing, model_of
 from flexdesign.workflows.published.folder import PublishedNumber
-from flexdesign.workflows.validation.model_hierarchy import model_ladder
+from flexdesign.workflows.validation.model_hierarchy import model_hierarchy
 
 ROOT = Path(__file__).resolve().parent.parent
 SHIPPED = ROOT / "studies" / "published"
@@ -118,7 +118,7 @@ def test_a_part_that_hinges_without_sway_do_not_move_has_a_ladder() -> None:
     """The arms of the rhombic bridge end in blocks that cannot turn: the pseudo-rigid model is rigid, and left out."""
     design = fd.read_design(SHIPPED / "ling2019_rhombic" / "ling2019_rhombic.toml")
     fem = static_model.of_design(design).compliance({}).quantities()
-    found = model_ladder(design, fem)
+    found = model_hierarchy(design, fem)
     assert found is not None
     assert all(math.isfinite(rung.size) for rung in found.rungs)
     assert found.rungs[-1].size == pytest.approx(0.0, abs=1e-9)

@@ -44,11 +44,11 @@ def test_table_is_the_example_report() -> None:
     compared = [q for q in EXAMPLE["quantities"] if q.get("analytic") and q["name"] in ("K_in", "K_out", "lambda")]
     assert len(rows) == len(compared) == 5
     for row, found in zip(rows, compared, strict=True):
-        fem = Quantity(found["name"], found["value"], "1", "", half_width=found["half_width"]).shown()
+        fem = Quantity(found["name"], found["value"], "1", "", half_width=found["half_width"]).formatted()
         assert fem in row
         assert found["boundary"] in row
         for analytic in (found["analytic"][model] for model in ("PRB", "compliance")):
-            assert Quantity("", analytic["value"], "1", "").shown() in row
+            assert Quantity("", analytic["value"], "1", "").formatted() in row
             assert f"{100 * analytic['error']:+.1f}" in row
 
 

@@ -118,10 +118,10 @@ def test_a_wild_mesh_without_end_is_refused_before_anything_is_meshed(
 def test_parts_of_a_stage_are_refused_before_anything_is_condensed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stage_condensation, "condensed", lambda *_, **__: pytest.fail("it was condensed"))
+    monkeypatch.setattr(stage_condensation, "condense", lambda *_, **__: pytest.fail("it was condensed"))
     asked = study.read("lin2019_xyz_stage", ["mesh.method=wild", "mesh.at_root=0.005"])
     with pytest.raises(InputError, match=r"\w+\.py: mesh: the wild mesh would have about .* million tetrahedra"):
-        stage_condensation.refined(asked, asked.design.stage().assembly(), Cache(tmp_path))
+        stage_condensation.refine(asked, asked.design.stage().assembly(), Cache(tmp_path))
 
 
 def test_an_accuracy_that_two_meshes_may_reach_asks_for_room_for_these_alone(
@@ -132,7 +132,7 @@ def test_an_accuracy_that_two_meshes_may_reach_asks_for_room_for_these_alone(
     method: Any = SimpleNamespace(require_room=tried.append, scatter=MeshNoise(0.0))
     monkeypatch.setattr(mesh_refinement, "_level", lambda *_, **__: None)
     monkeypatch.setattr(mesh_refinement, "gathered", lambda *_: [])
-    monkeypatch.setattr(mesh_refinement, "is_reached", lambda *_: True)
+    monkeypatch.setattr(mesh_refinement, "is_converged", lambda *_: True)
     for changes in ([], ['mesh.accuracy="1 %"']):
         asked = study.read("bridge_amplifier", changes)
         mesh_refinement.refined(asked, nothing, nothing, method, Cache(tmp_path), pytest.fail)

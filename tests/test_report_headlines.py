@@ -16,7 +16,7 @@ from flexdesign.core.model import Quantity
 from flexdesign.core.result_cache import Cache
 from flexdesign.design import study
 from flexdesign.fem import quantities
-from flexdesign.fem.mesh_refinement import JUDGED
+from flexdesign.fem.mesh_refinement import ACCURACY_QUANTITIES
 from flexdesign.report import charts, render, terminal, wording
 from flexdesign.report.document import Document, Table
 from flexdesign.report.validation import card, export, table_1, validation_pictures, validation_report
@@ -43,7 +43,7 @@ def document(validation: Validation) -> Document:
 def test_headlines_state_the_stroke_with_large_displacements_and_the_linear_one_as_such(
     validation: Validation, document: Document, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    large, linear = (validation.fem(key).shown() for key in (LARGE, LINEAR))
+    large, linear = (validation.fem(key).formatted() for key in (LARGE, LINEAR))
     assert large != linear
     sentence = f"the output travels {large} with large displacements (linear: {linear})"
     assert sentence in document.summary[0]
@@ -98,7 +98,9 @@ def test_an_accuracy_that_was_not_reached_is_said_once_and_in_the_headline(
     validation: Validation, monkeypatch: pytest.MonkeyPatch, error: float
 ) -> None:
     """Not in the card's warnings as well, though a large error alone is one of them; result.json has one list."""
-    unsure = [replace(q, half_width=error * abs(q.value)) if q.name in JUDGED else q for q in validation.found]
+    unsure = [
+        replace(q, half_width=error * abs(q.value)) if q.name in ACCURACY_QUANTITIES else q for q in validation.found
+    ]
     monkeypatch.setattr(type(validation), "found", property(lambda _: unsure))
     mesh = validation.study.mesh.model_copy(update={"accuracy": 5e-3})
     asked = replace(validation, study=replace(validation.study, mesh=mesh))

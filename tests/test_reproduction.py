@@ -20,7 +20,7 @@ from flexdesign.report.render import to_markdown
 from flexdesign.report.validation import reproduction_report
 from flexdesign.workflows import reproduction
 from flexdesign.workflows.reproduction import VERDICTS, Item, Reproduction, bench, statics
-from flexdesign.workflows.reproduction.items import contradiction, judged
+from flexdesign.workflows.reproduction.items import compare, contradiction
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Coarse enough for half a minute: finite elements are right within a few percent.
@@ -115,9 +115,9 @@ def test_ours_is_written_in_the_unit_that_is_printed(found: Reproduction) -> Non
     stiffness = [item for item in found.items if item.what.startswith("K_in")]
     assert stiffness and not any("N/mm" in item.theirs + item.ours for item in stiffness)
     motion = Quantity("travel", 2.5e-6, "m", "um", half_width=3e-9)
-    both = judged("P7", "x", Printed("Table 1", "x", "2500 nm"), motion, known=1e-8)
+    both = compare("P7", "x", Printed("Table 1", "x", "2500 nm"), motion, known=1e-8)
     assert (both.theirs, both.ours) == ("2500 nm ± 10 nm", "2500.0 ± 3.0 nm")
-    assert judged("P7", "x", Printed("Table 1", "x", "2"), Quantity("ratio", 2.0, "1", "")).ours == "2.000"
+    assert compare("P7", "x", Printed("Table 1", "x", "2"), Quantity("ratio", 2.0, "1", "")).ours == "2.000"
 
 
 def test_a_b_and_c_are_identified_from_the_simulated_recording(found: Reproduction) -> None:
@@ -151,13 +151,13 @@ def test_a_changed_printed_number_changes_the_verdict(found: Reproduction) -> No
 def test_judgement() -> None:
     theirs = Printed("Table 1", "K", "19.0 N/mm")
     ours = Quantity("K_out", 19.2e3, "N/m", "N/mm", half_width=0.1e3)
-    assert judged("P7", "K", theirs, ours).verdict == "differs"  # 0.2 is more than 0.05 + 0.1
-    assert judged("P7", "K", theirs, ours, known=60.0).verdict == "agrees"
-    assert judged("P7", "K", theirs, ours, built="set").verdict == "by construction"
-    assert judged("P7", "K", theirs, replace(ours, value=25e3), built="set").verdict == "differs"
-    assert judged("P7", "K", theirs, ours, why="springs").verdict == "cannot be both"
-    assert judged("P7", "K", theirs, None).verdict == "not printed"
-    assert judged("P7", "K", theirs, replace(ours, value=math.inf)).verdict == "differs"
+    assert compare("P7", "K", theirs, ours).verdict == "differs"  # 0.2 is more than 0.05 + 0.1
+    assert compare("P7", "K", theirs, ours, known=60.0).verdict == "agrees"
+    assert compare("P7", "K", theirs, ours, built="set").verdict == "by construction"
+    assert compare("P7", "K", theirs, replace(ours, value=25e3), built="set").verdict == "differs"
+    assert compare("P7", "K", theirs, ours, why="springs").verdict == "cannot be both"
+    assert compare("P7", "K", theirs, None).verdict == "not printed"
+    assert compare("P7", "K", theirs, replace(ours, value=math.inf)).verdict == "differs"
     same = contradiction("P1", "K", [(theirs, "N/m")], 19.0, 19.04, "N/mm", "why")
     other = contradiction("P1", "K", [(theirs, "N/m")], 19.0, 19.06, "N/mm", "why")
     assert (same.verdict, other.verdict) == ("agrees", "cannot be both")

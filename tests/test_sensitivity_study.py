@@ -94,10 +94,10 @@ def test_a_value_that_went_into_something_else_is_refused(gauged: Any, tmp_path:
 
 def test_indistinguishable_decides_whether_two_answers_are_alike() -> None:
     a, b = (SimpleNamespace(effects=(1,), cost=cost, validation_chi2=0.0, discrepancy=1.0) for cost in (100.0, 115.0))
-    assert not model_comparison.is_alike(a, b)  # type: ignore[arg-type]
+    assert not model_comparison.is_indistinguishable(a, b)  # type: ignore[arg-type]
     with changed(BY_KEY["criterion.INDISTINGUISHABLE"], 20.0):
-        assert model_comparison.is_alike(a, b)  # type: ignore[arg-type]
-    assert not model_comparison.is_alike(a, b)  # type: ignore[arg-type]
+        assert model_comparison.is_indistinguishable(a, b)  # type: ignore[arg-type]
+    assert not model_comparison.is_indistinguishable(a, b)  # type: ignore[arg-type]
 
 
 def test_constants_of_the_package_change_where_they_were_copied_and_nowhere_else() -> None:

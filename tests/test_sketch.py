@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from flexdesign.analytic.compliance import ComplianceModel, drawn
+from flexdesign.analytic.compliance import ComplianceModel, nominal_effects
 from flexdesign.core import toml_files
 from flexdesign.core.errors import InputError
 from flexdesign.core.result_cache import Cache
@@ -18,7 +18,7 @@ from flexdesign.design import part as parts
 from flexdesign.design import study as studies
 from flexdesign.design.design import Design
 from flexdesign.design.sketch import polygons
-from flexdesign.fem.meshing import domain, outlined
+from flexdesign.fem.meshing import domain, polygon_domain
 from flexdesign.workflows.validation import Validation, validate
 from studies.notch_profiles import levers
 
@@ -59,7 +59,7 @@ def test_the_outline_is_the_section_of_the_solid(name: str) -> None:
     if told is None:
         assert name == "lever_amplifier"  # the one with a notch
         return
-    whole = outlined.of_part(part)
+    whole = polygon_domain.of_part(part)
     assert whole is not None
     assert whole.volume * 2 ** len(part.symmetry()) == pytest.approx(volume, rel=1e-9)
 
@@ -188,14 +188,15 @@ def test_the_drawn_bridge_has_the_numbers_of_the_class() -> None:
     models = [ComplianceModel.of_part(d.part(), d.material, STACK) for d in (ours, theirs)]
     for full in (False, True):
         found, expected = (
-            {k: q.value for k, q in m.having(drawn(theirs.part()) if full else {}).quantities().items()} for m in models
+            {k: q.value for k, q in m.having(nominal_effects(theirs.part()) if full else {}).quantities().items()}
+            for m in models
         )
         assert found == pytest.approx(expected, rel=1e-6)
     textbook = {q.key: q.value for q in theirs.part().formulas(theirs.material, STACK, None)["textbook"]}
     rigid = model(ours, "rigid bodies")
     assert {key: rigid[key] for key in textbook} == pytest.approx(textbook, rel=1e-6)
     assert [p.axis for p in ours.part().symmetry()] == [p.axis for p in theirs.part().symmetry()] == ["x", "z"]
-    bodies = [outlined.of_part(d.part()) for d in (ours, theirs)]
+    bodies = [polygon_domain.of_part(d.part()) for d in (ours, theirs)]
     assert bodies[0] is not None and bodies[1] is not None
     corners = [np.unique(np.round(_corners(b), 12), axis=0) for b in bodies]
     np.testing.assert_allclose(corners[0], corners[1], atol=1e-12)

@@ -109,7 +109,7 @@ def test_finite_elements_agree_with_the_model_and_not_with_the_papers():
 def test_the_ladder_leads_from_the_papers_formulas_to_finite_elements():
     fem = {quantity.key: quantity for quantity in BENCH}
     fem |= {key.replace("_x_", "_y_"): quantity for key, quantity in fem.items() if "_x_" in key}
-    found = model_hierarchy.model_ladder(STAGE, fem)
+    found = model_hierarchy.model_hierarchy(STAGE, fem)
     assert found is not None
     first, *further = found.rungs
     assert {"free_bodies", "out_of_plane", *statics.BY_DRAWING} == {rung.effect for rung in further}
@@ -162,4 +162,4 @@ def test_effects_of_stages_are_shown_on_a_stage_and_are_none_of_a_part(tmp_path)
     assert signature["design"] == "lin2019_xyz_stage"
     assert signature["relative_changes"]["K_out_x_inputs_free"] < -0.01
     part = design.read(design.find("bridge_amplifier"))
-    assert not set(static_model.drawn(part)) & set(statics.OF_STAGES)
+    assert not set(static_model.nominal_effects(part)) & set(statics.OF_STAGES)

@@ -14,9 +14,9 @@ from flexdesign.core.errors import InputError
 from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.experiments import simulation
 from flexdesign.dynamics.experiments.standard_experiments import plan
-from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, Shown, StageModel
+from flexdesign.dynamics.stage_model import ActuatorData, AxisModel, ResponseUnits, StageModel
 from flexdesign.report.comparison_words import error, limit
-from flexdesign.report.diagnosis.identification_report import shown_in
+from flexdesign.report.diagnosis.identification_report import units_of
 from flexdesign.report.simulation import simulation_figures
 
 AXIS = """format = 1
@@ -76,7 +76,7 @@ def test_the_unit_of_a_response_is_read_and_written(tmp_path: Path) -> None:
     model = with_unit(tmp_path, "3 urad/V", "mrad")
     axis = model.axes["x"]
     assert (axis.response, axis.unit, axis.gain) == ("rad", "mrad", pytest.approx(3e-6))
-    assert (axis.shown, axis.shown.large, axis.shown.small) == ("rad", "mrad", "mrad")
+    assert (axis.response_units, axis.response_units.large, axis.response_units.small) == ("rad", "mrad", "mrad")
     text = stage_model.to_toml(model)
     assert 'unit = "mrad"' in text and 'gain = "0.003 mrad/V"' in text
     (tmp_path / "again.toml").write_text(text)
@@ -99,11 +99,11 @@ def test_a_unit_that_the_gain_does_not_have_is_refused(gain: str, unit: str, wor
 
 
 def test_sizes_are_written_in_the_unit_that_the_model_says() -> None:
-    assert error(Shown("rad", "mrad"), 4.2e-6) == "0.00420 mrad"
-    assert error(Shown("rad"), 4.2e-6) == error("rad", 4.2e-6) == "4.20 µrad"
-    assert error(Shown("rad", "mrad").per_volt, 4.2e-3) == "4.20 mrad/V"
-    assert limit(-2e-3, Shown("m", "mm")) == "-2 mm" and limit(-2e-3, Shown("m")) == limit(-2e-3, "m")
-    assert shown_in(Shown("m", "mm").per_volt) == ("mm/V", "mm/V")
+    assert error(ResponseUnits("rad", "mrad"), 4.2e-6) == "0.00420 mrad"
+    assert error(ResponseUnits("rad"), 4.2e-6) == error("rad", 4.2e-6) == "4.20 µrad"
+    assert error(ResponseUnits("rad", "mrad").per_volt, 4.2e-3) == "4.20 mrad/V"
+    assert limit(-2e-3, ResponseUnits("m", "mm")) == "-2 mm" and limit(-2e-3, ResponseUnits("m")) == limit(-2e-3, "m")
+    assert units_of(ResponseUnits("m", "mm").per_volt) == ("mm/V", "mm/V")
 
 
 def test_a_comparison_is_printed_in_the_unit_that_the_model_says(

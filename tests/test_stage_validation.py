@@ -36,7 +36,7 @@ from flexdesign.report import published_rows
 from flexdesign.report.validation import stage_report
 from flexdesign.report.validation.stage_words import Axes
 from flexdesign.workflows import stage_sizing
-from flexdesign.workflows.sweeps import elements
+from flexdesign.workflows.sweeps import fem_evaluators
 from flexdesign.workflows.validation import stage_published, stage_variants
 from flexdesign.workflows.validation import validate_stage as stage_course
 from flexdesign.workflows.validation.validate_stage import StageValidation, validate_stage
@@ -147,7 +147,7 @@ def test_a_symmetric_stage_has_equal_axes_and_no_coupling_of_first_order(run: Ru
     assert found.causes[0].largest < 1e-6
     for name in ("K_out_{}_inputs_free", "K_in_{}_table_free", "lambda_{}_table_free"):
         assert found.fem(name.format("x")).value == pytest.approx(found.fem(name.format("y")).value, rel=1e-6)
-    assert Axes(found).told == ["x", "z"]
+    assert Axes(found).listed == ["x", "z"]
     assert Axes(found).label("y") == "X/Y"
 
 
@@ -205,7 +205,7 @@ def test_variants_have_estimates_of_their_own(run: Run) -> None:
     assert half.half_width is not None and whole.half_width is not None
     assert half.half_width / half.value == pytest.approx(whole.half_width / whole.value, rel=0.1)
     text = (run.folder / "report.md").read_text(encoding="utf-8")
-    assert half.shown() in text
+    assert half.formatted() in text
     assert "Large displacements are solved on the two coarsest meshes." in text
 
 
@@ -246,9 +246,9 @@ def test_modes_answer_with_all_of_the_static_motion_and_symmetric_pairs_are_told
     every = mode_shares(stage, actuator.installed_stiffness, stage.size)
     for axis in "xyz":
         # Frequencies range over five decades, and rounding goes with their squares.
-        assert sum(mode.answers[axis] for mode in every) == pytest.approx(1.0, abs=1e-5)
+        assert sum(mode.participation[axis] for mode in every) == pytest.approx(1.0, abs=1e-5)
     for mode in every[:6]:
-        assert abs(mode.answers["x"] * mode.answers["y"]) < 1e-6
+        assert abs(mode.participation["x"] * mode.participation["y"]) < 1e-6
         assert sum(mode.table.values()) < 1
 
 
@@ -288,12 +288,12 @@ def test_thicker_limb_hinges_are_in_the_solid_and_in_the_report(run: Run, thicke
     text, fem = (thicker.folder / "report.md").read_text(encoding="utf-8"), thicker.found.fem("K_out_x_inputs_free")
     assert "| limb_hinge_thickness | 0.7 mm |" in text
     assert "| limb leaf, 0.7 mm | 16 |" in text and "limb leaf, 0.63 mm" not in text
-    assert f"| K_out X/Y, inputs free | {fem.shown()} |" in text
+    assert f"| K_out X/Y, inputs free | {fem.formatted()} |" in text
 
 
 def test_theory_climbs_to_fem_and_fem_is_written_as_a_table(run: Run) -> None:
     """On coarse meshes FEM is a few percent stiff."""
-    ladder = run.found.ladder
+    ladder = run.found.hierarchy
     assert ladder is not None
     assert ladder.rungs[0].size > 0.2
     assert ladder.rungs[-1].size < 0.05
@@ -315,7 +315,7 @@ def test_table_1_has_the_findings(run: Run) -> None:
     column = list(table.columns).index("theirs")
     row = rows["K_out X/Y, inputs free"]
     number, _, deviation = row[column].partition(" (")
-    assert (row[1], number) == (fem.shown(), "19.0")
+    assert (row[1], number) == (fem.formatted(), "19.0")
     assert float(deviation.removesuffix(" %)")) == pytest.approx(100 * (19.0e3 / fem.value - 1), abs=0.05)
     coupling = rows["coupling X→Y, input of 20 um"]
     assert (coupling[1], coupling[column]) == ("0 (by symmetry)", "0.076")  # no deviation from nothing
@@ -324,7 +324,7 @@ def test_table_1_has_the_findings(run: Run) -> None:
 def test_every_row_on_the_terminal_has_its_unit(run: Run) -> None:
     rows = {row[0]: row[1:] for row in stage_report.brief_table_1(run.found).rows}
     fem = run.found.fem("K_out_x_inputs_free")
-    assert f"{rows['K_out X/Y [N/mm]'][0]} N/mm" == fem.shown()
+    assert f"{rows['K_out X/Y [N/mm]'][0]} N/mm" == fem.formatted()
     assert rows["coupling X→Y [%]"][0] == "0 (by symmetry)" and "0.076" in rows["coupling X→Y [%]"]
     assert "λ X/Y" in rows
 
@@ -429,7 +429,7 @@ def test_published_numbers_that_cannot_be_used(run: Run, key: str, text: str, sa
 def test_a_mistyped_published_key_is_refused_before_work_begins(
     command_line: Callable[..., Ended], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stage_condensation, "condensed", lambda *_, **__: pytest.fail("work began"))
+    monkeypatch.setattr(stage_condensation, "condense", lambda *_, **__: pytest.fail("work began"))
     file = tmp_path / "mistyped.toml"
     file.write_text(STUDY.replace("coupling_x_z_input", "couplin_x_z_input"), encoding="utf-8")
     ended = command_line("validate", str(file))
@@ -482,9 +482,9 @@ def test_a_stage_is_refined_until_its_estimate_is_small_enough(
         k_in = Quantity("K_in", 1.0 + 0.1 * coarseness, "N/m", "N/mm", "x, table free")
         return StageLevel(coarseness, run.found.finest.kinds, run.found.finest.stage, by_key([k_in]))
 
-    monkeypatch.setattr(stage_condensation, "condensed", condensed)
+    monkeypatch.setattr(stage_condensation, "condense", condensed)
     study = replace(run.found.study, mesh=run.found.study.mesh.model_copy(update={"accuracy": asked}))
-    levels = stage_condensation.refined(study, run.found.assembly, Cache(run.cache))
+    levels = stage_condensation.refine(study, run.found.assembly, Cache(run.cache))
     limits = [stage_condensation.gathered(levels[:count]) for count in range(2, len(levels) + 1)]
     errors = [mesh_refinement.estimated_error(limit) for limit in limits]
     assert all(error > asked for error in errors[:-1]) and (errors[-1] <= asked or len(levels) == MOST_LEVELS)
@@ -517,10 +517,10 @@ def test_a_sweep_asks_stages_as_a_validation_does(run: Run, monkeypatch: pytest.
         return condense(piece, *arguments, **options)
 
     monkeypatch.setattr(superelement, "condense", counted)
-    solid = elements.fast_solid(settings)
-    for quantity in elements.by_elements(design, settings, solid):
+    solid = fem_evaluators.fast_solid(settings)
+    for quantity in fem_evaluators.by_elements(design, settings, solid):
         assert_same(quantity, run.found.fem(quantity.key))
-    handed_over, validated = elements.stage_model(design, settings), run.found.stage_model
+    handed_over, validated = fem_evaluators.stage_model(design, settings), run.found.stage_model
     assert validated is not None and handed_over.axes.keys() == validated.axes.keys()
     for name, axis in validated.axes.items():
         assert handed_over.axes[name].numbers == pytest.approx(axis.numbers, rel=ROUNDING, abs=NOTHING)
@@ -528,7 +528,7 @@ def test_a_sweep_asks_stages_as_a_validation_does(run: Run, monkeypatch: pytest.
     kinds = len(run.found.assembly.kinds())
     assert len(made) == len(run.found.levels) * kinds
     stronger = designs.read(design.file, ["actuator.stiffness*=2"])
-    stiff, soft = (by_key(elements.by_elements(each, settings, solid)) for each in (stronger, design))
+    stiff, soft = (by_key(fem_evaluators.by_elements(each, settings, solid)) for each in (stronger, design))
     assert len(made) == len(run.found.levels) * kinds
     assert stiff["stroke_x_table_free"].value > 1.01 * soft["stroke_x_table_free"].value
     assert_same(stiff["K_in_x_table_free"], soft["K_in_x_table_free"])
@@ -571,7 +571,7 @@ def test_what_a_stage_says_is_examined_before_anything_is_condensed(
     def condensed(*_: object, **__: object) -> None:
         raise AssertionError("it was condensed")
 
-    monkeypatch.setattr(stage_condensation, "refined", condensed)
+    monkeypatch.setattr(stage_condensation, "refine", condensed)
     found = designs.find("lin2019_xyz_stage")
     source = (found.parent / "xyz_stage.py").read_text(encoding="utf-8")
     arguments = {"formulas": "self, material, actuator_stiffness, output_load", "springs": "self, material"}
@@ -625,7 +625,7 @@ def test_the_shipped_stage_has_what_it_was_sized_to(tmp_path: Path) -> None:
     study = studies.read("table1", ["output.large_steps=0", "mesh.at_root=0.3", 'mesh.largest="2.5 mm"'])
     store = Cache(tmp_path)
     store.prepare()
-    levels = stage_condensation.refined(study, study.design.stage().assembly(), store)
+    levels = stage_condensation.refine(study, study.design.stage().assembly(), store)
     rows = stage_sizing.rows_of("lin2019_stage_targets", study.design, by_key(stage_condensation.gathered(levels)))
     assert len(rows) == 11
     for row in rows:

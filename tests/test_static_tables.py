@@ -142,7 +142,7 @@ def test_a_thickness_series_gives_the_over_cut_with_its_interval():
     assert found.groups == ()
     (value,) = found.found.values
     assert value.interval[0] < 20e-6 < value.interval[1]
-    before, after, unseen = (rung.error for rung in found.ladder)
+    before, after, unseen = (rung.error for rung in found.error_ladder)
     assert max(after, unseen) < 0.3 * before
 
 

@@ -127,7 +127,7 @@ def test_what_the_openings_show_is_fitted_to_the_whole_runs(monkeypatch: pytest.
     assert value.interval == pytest.approx((low, high), abs=0.05 * (high - low))
     # A run begins elsewhere only where that lowers its squares by two percent (`local_minima.BETTER`).
     assert found.validation_error == pytest.approx(KEPT["validation_error"]["value"], rel=1 - BETTER)
-    assert [rung.label for rung in found.ladder] == [rung["label"] for rung in KEPT["ladder"]]
+    assert [rung.label for rung in found.error_ladder] == [rung["label"] for rung in KEPT["ladder"]]
 
 
 # --- what the first part showed, asked of the whole runs -------------------------------------------------------------

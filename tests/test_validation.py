@@ -51,7 +51,7 @@ def test_one_formula_is_enough_for_a_report(validation: Validation) -> None:
     """The report says of FEM all that it found, and of the formulas the one quantity that they have."""
     first, *others = validation.comparisons
     one = replace(validation, comparisons=[first], further=[*validation.further, *(c.fem for c in others)])
-    for found in (one, replace(one, ladder=None)):
+    for found in (one, replace(one, hierarchy=None)):
         sections = [explanation.section(found), *validation_report.document(found).sections]
         assert len(table_1.table(found).rows) == 1
         assert sections[0].tables[0].columns.count("PRB") == 1

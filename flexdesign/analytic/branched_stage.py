@@ -162,13 +162,13 @@ def as_the_paper_counts(axes: Sequence[BranchedAxis], arm: float, masses: Masses
 
 
 def _quantities(axis: BranchedAxis, driven: DrivenAxis) -> list[Quantity]:
-    found, at_rest = [], driven.coordinate
+    found, initial = [], driven.coordinate
     for name in axis.names:
-        if at_rest.mass:
+        if initial.mass:
             source = f"{SOURCE}, eqs. (20) to (22)"
             found += [
-                Quantity("output_mass", at_rest.mass, "kg", "g", f"{name}, inputs free", source),
-                Quantity("output_frequency", at_rest.natural_frequency, "Hz", "Hz", f"{name}, inputs free", source),
+                Quantity("output_mass", initial.mass, "kg", "g", f"{name}, inputs free", source),
+                Quantity("output_frequency", initial.natural_frequency, "Hz", "Hz", f"{name}, inputs free", source),
             ]
         found += [
             Quantity("K_out", driven.coordinate.stiffness, "N/m", "N/mm", f"{name}, inputs free"),

@@ -152,8 +152,8 @@ class ComplianceModel:
         linkage, tensions = replace(self.linkage, members=self.members), None
         if self.base["force"]:
             linkage, tensions = self._loaded(linkage, compliances, grounds, loads[0])
-        answers = frame.answers(linkage, compliances, grounds, loads, tensions)
-        found = [[sum(float(pull[n] @ answer.motions[n]) for n in pull) for answer in answers] for pull in loads]
+        solutions = frame.solve(linkage, compliances, grounds, loads, tensions)
+        found = [[sum(float(pull[n] @ answer.motions[n]) for n in pull) for answer in solutions] for pull in loads]
         return np.array(found) + np.diag([0.0, self.base["base_compliance"]])
 
     def _loaded(
@@ -168,10 +168,10 @@ class ComplianceModel:
             return {name: tensions[name] + float(forces[0]) for name, forces in more.items()}
 
         for _ in range(STEPS):
-            first = frame.answers(linkage, compliances, grounds, [half], tensions)[0]
-            middle = frame.moved(linkage, first.motions)
-            second = frame.answers(middle, compliances, grounds, [step], pulled(first.forces))[0]
-            linkage, tensions = frame.moved(linkage, second.motions), pulled(second.forces)
+            first = frame.solve(linkage, compliances, grounds, [half], tensions)[0]
+            middle = frame.displace(linkage, first.motions)
+            second = frame.solve(middle, compliances, grounds, [step], pulled(first.forces))[0]
+            linkage, tensions = frame.displace(linkage, second.motions), pulled(second.forces)
         return linkage, tensions
 
     def _pull(self, role: str) -> dict[str, Array]:
@@ -199,17 +199,17 @@ class ComplianceModel:
         dx, dy = second.point[0] - place[0], second.point[1] - place[1]
         to_point = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
         loads = [{node: force} for force in to_point] + [self._pull("input")]
-        answers = frame.answers(linkage, self._compliances(), held, loads)
+        solutions = frame.solve(linkage, self._compliances(), held, loads)
         found[np.ix_(in_plane, in_plane)] = [
-            [float(sum(load[n] @ answer.motions[n] for n in load)) for answer in answers] for load in loads
+            [float(sum(load[n] @ answer.motions[n] for n in load)) for answer in solutions] for load in loads
         ]
         compliances = self._compliances(out_of_plane=True)
         if any(compliance.any() for compliance in compliances.values()):
             to_point = np.array([[1.0, dy, -dx], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
             loads = [{node: force} for force in to_point]
-            answers = frame.answers(linkage, compliances, held, loads, out_of_plane=True)
+            solutions = frame.solve(linkage, compliances, held, loads, out_of_plane=True)
             found[np.ix_(beside, beside)] = [
-                [float(row @ answer.motions[node]) for answer in answers] for row in to_point
+                [float(row @ answer.motions[node]) for answer in solutions] for row in to_point
             ]
         return found
 
@@ -280,7 +280,7 @@ def _pseudo_rigid(member: Member, elastic: Elastic) -> Array:
     return compliance
 
 
-def drawn(part: Piece) -> dict[str, dict[str, float]]:
+def nominal_effects(part: Piece) -> dict[str, dict[str, float]]:
     """Return the effects that a part has by its drawing, in full strength."""
     effects = {name: {"share": 1.0} for name in statics.BY_DRAWING}
     radius = max((member.root_radius for member in part.linkage().of_kind("hinge")), default=0.0)

@@ -234,18 +234,18 @@ class _Problem:
     def axes(self) -> dict[str, _Axis]:
         return {"xy": self.checked.targets.xy, "z": self.checked.targets.z}
 
-    def solve(self, moved: Mapping[str, float]) -> Reconstruction:
+    def solve(self, changes: Mapping[str, float]) -> Reconstruction:
         """Return the dimensions, some targets moved by so much [SI]."""
         try:
-            xy, z = (self._axis(key, axis, moved) for key, axis in self.axes.items())
-            coupling = CouplingTargets(**_moved(self.checked.targets.coupling, "targets.coupling", moved))
+            xy, z = (self._axis(key, axis, changes) for key, axis in self.axes.items())
+            coupling = CouplingTargets(**_with_changes(self.checked.targets.coupling, "targets.coupling", changes))
             counts = (Topology(**each.model_dump()) for each in (self.checked.topology.xy, self.checked.topology.z))
             return reconstruct(Targets(xy, z, coupling, *counts), self.choices)
         except Contradiction as error:
             raise self._refusal(error) from None
 
-    def _axis(self, key: str, axis: _Axis, moved: Mapping[str, float]) -> AxisTargets:
-        numbers = _moved(axis, f"targets.{key}", moved)
+    def _axis(self, key: str, axis: _Axis, changes: Mapping[str, float]) -> AxisTargets:
+        numbers = _with_changes(axis, f"targets.{key}", changes)
         if (gain := numbers.pop("gain")) is not None:
             k_in, k = numbers["input_stiffness"], numbers["output_stiffness"]
             numbers["amplification"] = amplification_from_gain(k_in, k, gain)
@@ -311,9 +311,9 @@ def _without_rivals(content: dict[str, Any], overrides: Sequence[str]) -> dict[s
     return content
 
 
-def _moved(table: Table, place: str, moved: Mapping[str, float]) -> dict[str, Any]:
+def _with_changes(table: Table, place: str, changes: Mapping[str, float]) -> dict[str, Any]:
     return {
-        name: value if value is None else value + moved.get(f"{place}.{name}", 0.0)
+        name: value if value is None else value + changes.get(f"{place}.{name}", 0.0)
         for name, value in table.model_dump().items()
     }
 

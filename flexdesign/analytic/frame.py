@@ -34,7 +34,7 @@ class Mechanism(ValueError):
 
 
 @dataclass(frozen=True)
-class Answer:
+class FrameSolution:
     """How a frame answers to a load.
 
     Parameters
@@ -49,7 +49,7 @@ class Answer:
     forces: Mapping[str, Array]
 
 
-def answers(
+def solve(
     linkage: Linkage,
     compliances: Mapping[str, Array],
     held: Sequence[str],
@@ -57,7 +57,7 @@ def answers(
     tensions: Mapping[str, float] | None = None,
     *,
     out_of_plane: bool = False,
-) -> list[Answer]:
+) -> list[FrameSolution]:
     """Return how a frame answers to each of several loads.
 
     Parameters
@@ -108,10 +108,13 @@ def answers(
             if node in place:
                 right[forces + place[node] : forces + place[node] + 3, column] += force
     found = _solved(system, right)
-    passed, moved, still = found[:forces], found[forces:], np.zeros(3)
+    passed, displacements, still = found[:forces], found[forces:], np.zeros(3)
     return [
-        Answer(
-            {node: moved[place[node] : place[node] + 3, column] if node in place else still for node in linkage.nodes},
+        FrameSolution(
+            {
+                node: displacements[place[node] : place[node] + 3, column] if node in place else still
+                for node in linkage.nodes
+            },
             {
                 m.name: passed[row : row + 3, column]
                 for row, m in zip(range(0, forces, 3), linkage.members, strict=True)
@@ -121,7 +124,7 @@ def answers(
     ]
 
 
-def moved(linkage: Linkage, motions: Mapping[str, Array]) -> Linkage:
+def displace(linkage: Linkage, motions: Mapping[str, Array]) -> Linkage:
     """Return a linkage whose bodies have moved: its nodes, and the ends of its members with them."""
 
     def to(point: Vector, node: str) -> Vector:

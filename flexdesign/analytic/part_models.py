@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from flexdesign.analytic import frame
-from flexdesign.analytic.compliance import ComplianceModel, drawn
+from flexdesign.analytic.compliance import ComplianceModel, nominal_effects
 from flexdesign.core.model import Formulas, Quantity
 from flexdesign.design.materials import Material
 from flexdesign.design.part import Part, states
@@ -21,7 +21,7 @@ def formulas(
     if states(part, "formulas"):
         return part.formulas(material, actuator_stiffness, output_load)
     try:
-        model = ComplianceModel.of_part(part, material, actuator_stiffness).having(drawn(part))
+        model = ComplianceModel.of_part(part, material, actuator_stiffness).having(nominal_effects(part))
         found = tuple(model.quantities().values())
     except frame.Mechanism:
         return {}

@@ -32,7 +32,7 @@ from flexdesign.effects.hinge_compliance import beam
 Array = NDArray[np.float64]
 SOURCE = "rigid bodies and beams, Lagrange's equations"
 #: Frequencies that differ by less than this, relative, are one.
-ALIKE = 1e-6
+SAME_FREQUENCY = 1e-6
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,7 @@ class RigidBodies:
         c12 = self.port_compliance[0, 1]
         frequencies, shapes = self.modes(actuator)
         travel, extension = self.load("output") @ shapes, self.load("input") @ shapes
-        starts = np.flatnonzero(np.append(True, np.diff(frequencies) > ALIKE * frequencies[1:]))
+        starts = np.flatnonzero(np.append(True, np.diff(frequencies) > SAME_FREQUENCY * frequencies[1:]))
         apart, squared = frequencies[starts], np.add.reduceat(travel**2, starts)
         main = int(np.argmax(squared / apart**2))
         found = [
@@ -245,8 +245,8 @@ def coupling(axes: Mapping[str, RigidBodies]) -> dict[tuple[str, str], float]:
     for driven, model in axes.items():
         push = model.load("input")
         motion = scipy.linalg.solve(model.stiffness, push, assume_a="pos")
-        for moved, other in axes.items():
-            found[driven, moved] = float(other.load("output") @ motion / (push @ motion))
+        for observed, other in axes.items():
+            found[driven, observed] = float(other.load("output") @ motion / (push @ motion))
     return found
 
 

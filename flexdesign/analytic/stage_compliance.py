@@ -171,11 +171,11 @@ class StageCompliance:
         for column, built in enumerate(driven):
             loads[built.places, column] = built.parting.T @ built.split.stiffness @ built.whole[:6, 6]
         left = self._left()
-        moved = left @ _solved(left.T @ stiffness @ left, left.T @ loads)
+        displacements = left @ _solved(left.T @ stiffness @ left, left.T @ loads)
         found = np.zeros((count + 3, count + 3))
-        found[count:] = table @ moved
+        found[count:] = table @ displacements
         for row, built in enumerate(driven):
-            parted = built.parting @ moved[built.places]
+            parted = built.parting @ displacements[built.places]
             parted[:, row] -= built.whole[:6, 6]
             found[row] = built.whole[6, :6] @ built.split.stiffness @ parted
             found[row, row] += built.whole[6, 6]
@@ -277,11 +277,11 @@ class StageCompliance:
         return by_key(found)
 
 
-def drawn(assembly: Assembly) -> dict[str, dict[str, float]]:
+def nominal_effects(assembly: Assembly) -> dict[str, dict[str, float]]:
     """Return the effects that a stage has by its drawing, in full strength."""
     effects: dict[str, dict[str, float]] = {}
     for piece, _ in assembly.kinds():
-        for name, values in compliance.drawn(piece).items():
+        for name, values in compliance.nominal_effects(piece).items():
             effects[name] = {key: max(value, effects.get(name, {}).get(key, 0.0)) for key, value in values.items()}
     return effects | {name: {"share": 1.0} for name in statics.OF_STAGES}
 

@@ -160,14 +160,14 @@ class Confrontation:
         runs = {each.name: each for each in found.comparison.runs}
         if run not in runs:
             raise KeyError(f"{run}{suggest(run, list(runs))}")
-        large, small = comparison_words.shown_in(found.comparison.response)
-        if runs[run].floor < 0.1 * units.factor(small, found.comparison.response):
+        large, small = comparison_words.units_of(found.comparison.response)
+        if runs[run].noise_floor < 0.1 * units.factor(small, found.comparison.response):
             small = comparison_words.FINER.get(small, small)
         its, scale, fine = runs[run], *(units.factor(unit, found.comparison.response) for unit in (large, small))
         there = np.where(np.isfinite(its.measured), 1.0, np.nan)
         return Traces(
             run, its.role, its.time, its.command, its.measured / scale, its.predicted * there / scale,
-            its.residual / fine, its.floor / fine, its.ratio,
+            its.residual / fine, its.noise_floor / fine, its.ratio,
             comparison_words.sign(large), comparison_words.sign(small),
         )  # fmt: skip
 
@@ -220,7 +220,7 @@ class Confrontation:
 def _offer(evidence: Evidence) -> EffectOffer:
     effect = catalogue.find(evidence.name)
     return EffectOffer(
-        evidence.name, diagnosis_words.called(evidence.name), evidence.share, effect.physics, effect.remedy
+        evidence.name, diagnosis_words.effect_name(evidence.name), evidence.share, effect.physics, effect.remedy
     )
 
 

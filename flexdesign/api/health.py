@@ -28,11 +28,11 @@ def doctor(cache: str | Path | None = None) -> Result[Health]:
     table = Table(["", "state", "found", "what to do"], rows)
     problems = [item.name for item in found.items if item.state == "problem"]
     missing = [item.name for item in found.items if item.state == "missing"]
-    said = f"Problems: {', '.join(problems)}." if problems else "No problem."
-    said = f"{said} Optional and missing: {', '.join(missing)}." if missing else said
+    message = f"Problems: {', '.join(problems)}." if problems else "No problem."
+    message = f"{message} Optional and missing: {', '.join(missing)}." if missing else message
     return Result(
         found,
-        Document("flexdesign doctor", [said], [Section("Installation", tables=[table])]),
+        Document("flexdesign doctor", [message], [Section("Installation", tables=[table])]),
         table,
         lambda: {"items": list(found.items), "is_sound": found.is_sound, "made_by": versions.installed()},
         numbers={item.name: item.state for item in found.items},

@@ -96,7 +96,7 @@ def _diagnosed(found: TableDiagnosis, better: StaticModel, changes: Sequence[str
     return Result(
         found,
         table_report.diagnosis_document(found),
-        table_report.ladder(found),
+        table_report.error_ladder(found),
         partial(table_report.diagnosis_result, found),
         lambda folder: {"design.toml": design_text(better, changes, folder)},
         dict(found.found.model.effects),
@@ -149,7 +149,7 @@ def _own_effects(names: Sequence[str]) -> list[str]:
 def design_text(model: StaticModel, changes: Sequence[str], folder: Path) -> str:
     """Return the design file with a model's effects written into it; its part is found from the new folder."""
     content: dict[str, Any] = read_toml(model.design.file, changes)
-    there = static_model.drawn(model.design)
+    there = static_model.nominal_effects(model.design)
     content["effects"] = {
         toml_files.way(Path(name), folder) if name.endswith(".py") else name: {
             p.name: f"{values[p.name] / units.factor(p.unit or '1', p.si):.6g} {p.unit}".rstrip()

@@ -95,7 +95,7 @@ def main() -> None:
         if not hasattr(error, "format_message"):
             raise
         context = getattr(error, "ctx", None)  # the parser's own errors; without arguments it has printed the help
-        if said := error.format_message().rstrip("."):
+        if message := error.format_message().rstrip("."):
             command = context.command_path if context else "flexdesign"
-            typer.echo(f"flexdesign: {said} (see {command} --help)", err=True)
+            typer.echo(f"flexdesign: {message} (see {command} --help)", err=True)
         sys.exit(2)

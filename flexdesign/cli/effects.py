@@ -86,14 +86,14 @@ def effects(
             say(f"{effect.name}: simulating with and without it")
             signature, on = _signature(name, model, axis, overrides or [])
         document = effect_pages.document(name, signature, on)
-        result = effect_pages.result(name, signature) | {"made_by": {**on, **effect_pages.made_by()}}
+        result = effect_pages.result(name, signature) | {"made_by": {**on, **effect_pages.provenance()}}
         others = {"stage_model.toml": effect_pages.model_file(signature)} if signature else {}
         written = render.write(folder, document, result, others)
     if as_json:
         print_json(result)
         return
-    shown = Document(effect.name, [effect.physics, *effect_pages.words(effect)])
-    terminal.brief(shown, effect_pages.brief(effect), [path for path in written if path.suffix != ".svg"])
+    brief = Document(effect.name, [effect.physics, *effect_pages.words(effect)])
+    terminal.brief(brief, effect_pages.brief(effect), [path for path in written if path.suffix != ".svg"])
 
 
 def _is_static(name: str, model: str) -> bool:
@@ -128,8 +128,8 @@ def _static(name: str, design: str, overrides: list[str], out: Path | None, as_j
     if as_json:
         print_json(result)
         return
-    shown = Document(effect.name, [effect.physics, *effect_pages.words(effect)])
-    terminal.brief(shown, document.sections[0].tables[0], [path for path in written if path.suffix != ".svg"])
+    brief = Document(effect.name, [effect.physics, *effect_pages.words(effect)])
+    terminal.brief(brief, document.sections[0].tables[0], [path for path in written if path.suffix != ".svg"])
 
 
 def _signature(name: str, model: str, axis: str | None, overrides: list[str]) -> tuple[Signature, dict[str, str]]:

@@ -181,7 +181,7 @@ def report_folder(
 
     inputs = origin.Inputs(verb, files, [*overrides, *options])
     folder = out or Path("reports") / f"{name}{changes.as_name(overrides)}{ending}"
-    if out is None and (found := origin.standing(folder)) and origin.is_another(found, inputs):
+    if out is None and (found := origin.state_of_checkout(folder)) and origin.is_another(found, inputs):
         folder = folder.with_name(f"{folder.name}_{inputs.digest}")
     render.prepare(folder)
     return ReportFolder(folder, inputs, origin.replaced(folder, inputs))

@@ -88,12 +88,15 @@ def _document(found: Sizing) -> Document:
     given = Table(["target or choice", "value", "source"], found.given)
     returned = Table(
         ["", "of", "target", "returned", "equation"],
-        [[asked.name, asked.boundary, asked.shown(), back.shown(), _place(back)] for asked, back in found.returned()],
+        [
+            [asked.name, asked.boundary, asked.formatted(), back.formatted(), _place(back)]
+            for asked, back in found.returned()
+        ],
     )
     builds = Table(
         ["X/Y", "amplifiers M_b", "amplifiers K_b", "guide hinges K_r", "stiffness"],
         [
-            [name, str(t.moving_amplifiers), str(t.bending_amplifiers), str(t.guide_hinges), stiffness.shown()]
+            [name, str(t.moving_amplifiers), str(t.bending_amplifiers), str(t.guide_hinges), stiffness.formatted()]
             for name, t, stiffness in found.topologies()
         ],
     )
@@ -132,8 +135,8 @@ def _summary(found: Sizing) -> list[str]:
         (_, _, counted), (_, _, whole), *_ = found.topologies()  # the targets' own, and with all of them bending
         text.append(
             f"In X/Y the targets count the mass of {own.moving_amplifiers} amplifiers and the stiffness of "
-            f"{own.bending_amplifiers}. If all that move bend, too, the same elements make {whole.shown()}, "
-            f"{whole.value / counted.value:.2g} times {counted.shown()}."
+            f"{own.bending_amplifiers}. If all that move bend, too, the same elements make {whole.formatted()}, "
+            f"{whole.value / counted.value:.2g} times {counted.formatted()}."
         )
     return text
 
@@ -145,9 +148,9 @@ def _dimensions(found: Sizing) -> Table:
     rows = []
     for quantity in found.quantities:
         sigma = quantity.half_width or 0.0
-        half = [replace(quantity, value=sigma, half_width=None).shown(2)] if rounded else []
+        half = [replace(quantity, value=sigma, half_width=None).formatted(2)] if rounded else []
         rows.append(
-            [quantity.name, quantity.boundary, replace(quantity, half_width=None).shown(), *half, _place(quantity)]
+            [quantity.name, quantity.boundary, replace(quantity, half_width=None).formatted(), *half, _place(quantity)]
         )
     caption = "± by rounding: half a unit of every target's last digit, all of them together, at worst"
     heads = ["", "of", "value", *(["± by rounding"] if rounded else []), "from"]

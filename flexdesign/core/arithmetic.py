@@ -195,14 +195,14 @@ def _applied(node: ast.expr, apply: Callable[[], Any], *operands: Any) -> Any:
     """Return what an operator or a function gives, or say why it cannot."""
     import pint
 
-    said = ast.unparse(node)[:60]
+    message = ast.unparse(node)[:60]
     in_units = " and ".join(f"[{value.units:~C}]" if f"{value.units:~C}" else "a pure number" for value in operands)
     try:
         return apply()
     except pint.DimensionalityError:
-        raise ValueError(f"cannot take {said} of {in_units}; units must go together") from None
+        raise ValueError(f"cannot take {message} of {in_units}; units must go together") from None
     except ValueError as error:
         sizes = " and ".join(" x ".join(map(str, np.shape(value.magnitude))) or "1" for value in operands)
-        raise ValueError(f"cannot take {said} of {sizes} numbers: {error}") from None
+        raise ValueError(f"cannot take {message} of {sizes} numbers: {error}") from None
     except (OverflowError, ZeroDivisionError):
-        raise ValueError(f"gives no finite number in {said}") from None
+        raise ValueError(f"gives no finite number in {message}") from None

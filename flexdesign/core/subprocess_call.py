@@ -50,8 +50,8 @@ def call(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
             (place / GIVEN).write_bytes(pickle.dumps((function, args, kwargs)))
         paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
         command = [sys.executable, "-m", __name__, str(place)]
-        ended = subprocess.run(command, cwd=place / FOLDER, env={**os.environ, "PYTHONPATH": paths}, check=False)
-        if ended.returncode == -signal.SIGINT:
+        process = subprocess.run(command, cwd=place / FOLDER, env={**os.environ, "PYTHONPATH": paths}, check=False)
+        if process.returncode == -signal.SIGINT:
             raise KeyboardInterrupt
         if not (place / ANSWER).is_file():
             raise ProcessDied(f"{getattr(function, '__name__', function)} ended without an answer")
@@ -142,14 +142,14 @@ def _answered(question: tuple[Callable[..., object], tuple[object, ...], dict[st
         return answer
 
 
-def _help(asked: IO[bytes], answers: IO[bytes]) -> None:
+def _help(asked: IO[bytes], replies: IO[bytes]) -> None:
     """Answer questions until no more come."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who asks decides
     warnings.simplefilter("ignore")
     with contextlib.suppress(EOFError):
         while True:
-            answers.write(_answered(pickle.load(asked)))
-            answers.flush()
+            replies.write(_answered(pickle.load(asked)))
+            replies.flush()
 
 
 @contextlib.contextmanager

@@ -322,14 +322,14 @@ def _field(schema: type[BaseModel], place: Sequence[str]) -> tuple[type[BaseMode
     return schema, schema.model_fields.get(last)
 
 
-def _in_words(said: str) -> str:
+def _in_words(message: str) -> str:
     """Return what pydantic says of a value in the words of a file.
 
     >>> _in_words("Input should be a valid dictionary"), _in_words("Value error, is empty")
     ('expected a table', 'is empty')
     """
-    said = said.removeprefix("Value error, ").replace("Input should be", "expected").replace("a valid ", "a ")
-    return said.replace("a dictionary", "a table").replace("a string", "text")
+    message = message.removeprefix("Value error, ").replace("Input should be", "expected").replace("a valid ", "a ")
+    return message.replace("a dictionary", "a table").replace("a string", "text")
 
 
 def _required(schema: type[BaseModel]) -> list[str]:

@@ -90,7 +90,7 @@ class Sheet:
         if back.size:
             row = int(back[0]) + 1
             remedy = f"is not later than the row before ({time[row - 1]:.9g} s); sort the rows, remove doubles"
-            raise self.refusal(row, "t", f"{time[row]:.9g} s", remedy)
+            raise self.cell_error(row, "t", f"{time[row]:.9g} s", remedy)
         return time
 
     def rows(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> Sheet:
@@ -104,13 +104,13 @@ class Sheet:
         """Return the lines of the file in which some rows stand: ``lines 7, 9 to 12 and 3 more stretches``."""
         lines = np.sort(self.lines[rows])
         stretches = np.split(lines, np.flatnonzero(np.diff(lines) > 1) + 1)
-        said = [f"{s[0]}" if len(s) == 1 else f"{s[0]} to {s[-1]}" for s in stretches[:NAMED]]
-        if more := len(stretches) - len(said):
-            said.append(f"{more} more stretches" if more > 1 else "one more stretch")
-        listed = said[0] if len(said) == 1 else f"{', '.join(said[:-1])} and {said[-1]}"
+        message = [f"{s[0]}" if len(s) == 1 else f"{s[0]} to {s[-1]}" for s in stretches[:NAMED]]
+        if more := len(stretches) - len(message):
+            message.append(f"{more} more stretches" if more > 1 else "one more stretch")
+        listed = message[0] if len(message) == 1 else f"{', '.join(message[:-1])} and {message[-1]}"
         return f"{self.counted}{'s' if len(lines) > 1 else ''} {listed}"
 
-    def refusal(self, row: int, column: str, value: object, remedy: str) -> InputError:
+    def cell_error(self, row: int, column: str, value: object, remedy: str) -> InputError:
         """Return the error that names one cell, by the line of the file it stands in."""
         return InputError(self.path, f"{self.counted} {self.lines[row]}, column {column}", value, remedy)
 
@@ -154,11 +154,11 @@ def read(path: Path, allowed: Mapping[str, Sequence[str]], *, gaps: bool = False
         unusable = np.flatnonzero(~np.isfinite(column))
         if unusable.size and (name == "t" or not gaps):
             row = int(unusable[0])
-            raise sheet.refusal(row, name, "nan", "is not a finite number; correct the cell or remove the rows")
+            raise sheet.cell_error(row, name, "nan", "is not a finite number; correct the cell or remove the rows")
         large = np.flatnonzero(np.abs(np.nan_to_num(column)) > LARGEST)
         if large.size:
             value = f"{column[large[0]]:g} {of_si[name]}".removesuffix(" 1")
-            raise sheet.refusal(int(large[0]), name, value, "is more than anything measures; correct the cell")
+            raise sheet.cell_error(int(large[0]), name, value, "is more than anything measures; correct the cell")
     return sheet
 
 
@@ -274,11 +274,11 @@ def _from_csv(
 ) -> tuple[dict[str, tuple[str, str]], Array, NDArray[np.intp]]:
     """Return unit and SI unit of each column, rows by columns as they are written, and the line of each row."""
     text = _text(path)
-    kept = [bool(line.strip()) and not line.lstrip().startswith("#") for line in text]
-    lines = np.flatnonzero(kept) + 1
+    content = [bool(line.strip()) and not line.lstrip().startswith("#") for line in text]
+    lines = np.flatnonzero(content) + 1
     if not lines.size:
         raise InputError(path, "", None, "is empty; it needs a header such as t [s],u [V],x [um], and rows of numbers")
-    header, *rows = compress(text, kept)
+    header, *rows = compress(text, content)
     if "," not in header and (";" in header or "\t" in header):
         remedy = "separate cells by commas, and write decimals with a point, or bring it in with flexdesign import"
         raise InputError(path, f"line {lines[0]}", header, remedy)

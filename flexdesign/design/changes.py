@@ -27,8 +27,8 @@ def titled(title: str, overrides: Sequence[str]) -> str:
     >>> titled("Bridge amplifier", ["dimensions.width=12 mm"]), titled("Bridge amplifier", ["title=Mine"])
     ('Bridge amplifier (width 12 mm)', 'Bridge amplifier')
     """
-    told = [override for override in overrides if _pieces(override)[0] != "title"]
-    return f"{title} ({in_words(told)})" if told else title
+    listed = [override for override in overrides if _pieces(override)[0] != "title"]
+    return f"{title} ({in_words(listed)})" if listed else title
 
 
 def as_name(overrides: Sequence[str]) -> str:

@@ -209,11 +209,11 @@ def read(path: Path, overrides: Sequence[str] = ()) -> Design:
 
 def _read(path: Path, overrides: Sequence[str]) -> Design:
     content = read_toml(path, overrides)
-    drawn = {key: content.pop(key) for key in sketch.KEYS if key in content} if _is_sketch(content) else {}
+    sketched = {key: content.pop(key) for key in sketch.KEYS if key in content} if _is_sketch(content) else {}
     checked = check(_DesignFile, content, path)
     part_class = _part_class(checked, path)
     if _is_sketch(content):
-        part_class = part_class.planned(sketch.read(drawn, checked.dimensions, path))
+        part_class = part_class.planned(sketch.read(sketched, checked.dimensions, path))
     dimensions = _dimensions(part_class, checked.dimensions, path)
     design = Design(
         name=path.stem,

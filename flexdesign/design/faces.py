@@ -134,22 +134,22 @@ def find(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size:
     """
     if query.names:
         found = [face for name in query.names for face in _named(name, query, faces, where)]
-        shown: object = ", ".join(query.names)
+        text: object = ", ".join(query.names)
     elif query.colour:
-        found, shown = _coloured(query.colour, faces, where), query.colour
+        found, text = _coloured(query.colour, faces, where), query.colour
     elif query.plane:
-        found, shown = _in_plane(query.plane, faces, where, size), query.plane
+        found, text = _in_plane(query.plane, faces, where, size), query.plane
     else:
-        found, shown = [_near(query, faces, where, size)], None
+        found, text = [_near(query, faces, where, size)], None
     for face in found:
         if face.kind != "plane":
             remedy = f"{face.label} is no plane but a {face.kind}; a port must be plane{_nearest_plane(face, faces)}"
-            raise InputError(*where, shown, remedy)
+            raise InputError(*where, text, remedy)
     normals, centroids = (np.array([getattr(face, key) for face in found]) for key in ("normal", "centroid"))
     heights = (centroids - centroids[0]) @ normals[0]
     if (normals @ normals[0]).min() < 1 - 1e-6 or np.abs(heights).max() > FLUSH * size:
         listed = ", ".join(face.label for face in found)
-        raise InputError(*where, shown, f"its faces lie in different planes ({listed}); make a port of each")
+        raise InputError(*where, text, f"its faces lie in different planes ({listed}); make a port of each")
     return tuple(found)
 
 

@@ -276,8 +276,8 @@ def examine(part: Part) -> None:
         require(all(0 < size < math.inf for size in sizes), "linkage", sizes, f"{hinge.name} has no size")
     require(_all_are(planes, SymmetryPlane), "symmetry", None, "must return a tuple of flexdesign.SymmetryPlane")
     require(axis in ("x", "y", "z", None), "prismatic", axis, "the axis must be x, y or z, or None")
-    told = straight_outline(part)
-    require(told is None or (isinstance(told, Outline) and axis is not None), "outline", None,
+    outline = straight_outline(part)
+    require(outline is None or (isinstance(outline, Outline) and axis is not None), "outline", None,
             "must return a flexdesign.Outline or None, and only where prismatic() names an axis")  # fmt: skip
     axes = [plane.axis for plane in planes]
     for plane in planes:
@@ -297,8 +297,8 @@ def extrusion_axis(part: Piece) -> Axis | None:
 
 def straight_outline(part: Piece) -> Outline | None:
     """Return the section that a part tells by its corners, or None."""
-    told: Callable[[], Outline | None] | None = getattr(part, "outline", None)
-    return told() if told is not None else None
+    outline: Callable[[], Outline | None] | None = getattr(part, "outline", None)
+    return outline() if outline is not None else None
 
 
 def file_of(part: type[Any]) -> Path:

@@ -18,7 +18,7 @@ from flexdesign.core.errors import InputError
 #: What programs write where a face has no name.
 NO_NAMES = ("", "NONE", "None", "SOLID", "SHELL", "FACE")
 #: A face is taken for one of before healing if centre and area differ by less than this, relative.
-ALIKE = 1e-3
+SAME_FACE = 1e-3
 #: Solids overlap if they share more than this part of the smaller one, and touch if no gap is wider, in sizes.
 OVERLAP, GAP = 1e-6, 1e-6
 
@@ -83,16 +83,16 @@ def _read(path: Path, _changed: int, _size: int) -> StepBody:
     return StepBody(solid, names, _by_index(faces, labels.colours), unit, (*notes, *further, *healed))
 
 
-def _with_order(names: Mapping[int, str], faces: Sequence[Any], told: Sequence[tuple[str, str]]) -> dict[int, str]:
+def _with_order(names: Mapping[int, str], faces: Sequence[Any], named: Sequence[tuple[str, str]]) -> dict[int, str]:
     """Return names by the order of faces in the file, if it is that of the solid's; none if a name or kind differs."""
     kinds = [face.geomType() for face in faces]
-    same = len(told) == len(faces) and all(
+    same = len(named) == len(faces) and all(
         kind == known or (kind == "" and known not in ("PLANE", "CYLINDER"))
-        for (_, kind), known in zip(told, kinds, strict=True)
+        for (_, kind), known in zip(named, kinds, strict=True)
     )
-    if not same or any(told[index][0] != name for index, name in names.items()):
+    if not same or any(named[index][0] != name for index, name in names.items()):
         return {}
-    return {index: name for index, (name, _) in enumerate(told) if name not in NO_NAMES}
+    return {index: name for index, (name, _) in enumerate(named) if name not in NO_NAMES}
 
 
 # --- the document -----------------------------------------------------------------------------------------------
@@ -355,18 +355,18 @@ def _crossing(solid: Any) -> str:
     return ""
 
 
-def _by_index(faces: Sequence[Any], told: Sequence[tuple[Any, str]]) -> dict[int, str]:
+def _by_index(faces: Sequence[Any], named: Sequence[tuple[Any, str]]) -> dict[int, str]:
     """Return the names of faces by their index; of healed or bonded ones by their centre and area."""
     found: dict[int, str] = {}
-    for face, text in told:
+    for face, text in named:
         same = [i for i, each in enumerate(faces) if each.isSame(face)]
-        same = same or [i for i, each in enumerate(faces) if _alike(each, face)]
+        same = same or [i for i, each in enumerate(faces) if _is_same_face(each, face)]
         if same:
             found[same[0]] = text
     return found
 
 
-def _alike(one: Any, other: Any) -> bool:
+def _is_same_face(one: Any, other: Any) -> bool:
     area = one.Area()
-    near = (one.Center() - other.Center()).Length < ALIKE * area**0.5
-    return bool(near and abs(other.Area() / area - 1) < ALIKE)
+    near = (one.Center() - other.Center()).Length < SAME_FACE * area**0.5
+    return bool(near and abs(other.Area() / area - 1) < SAME_FACE)

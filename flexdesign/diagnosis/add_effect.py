@@ -55,7 +55,7 @@ class AddedEffect:
         The stage model as it was, with its own numbers fitted, and with the effect.
     values, calibration
         The effect's numbers, and the model's own beside it.
-    ladder
+    error_ladder
         As designed, recalibrated, with the effect: errors on the validation runs [response].
     noise, noise_floor
         The noise, and its rms over the runs that judge [response].
@@ -80,7 +80,7 @@ class AddedEffect:
     model: StageModel
     values: tuple[Value, ...]
     calibration: tuple[Value, ...]
-    ladder: tuple[ErrorStep, ...]
+    error_ladder: tuple[ErrorStep, ...]
     noise: NoiseFloor
     noise_floor: float
     share: float
@@ -146,32 +146,32 @@ def add(
             return (candidates.candidate_of(dynamics, effects.find(name), name, fields.ELSEWHERE.get(name), lines),)
 
         task, gone = procedure.search(data, task, dynamics, alone, seed)
-        (candidate,) = alone(gone.calibrated)
+        (candidate,) = alone(gone.calibration)
         final, reason = _added(task, gone, candidate)
-        ladder = [predict_tests(task, fit) for fit in (gone.nominal, gone.calibrated, final)]
+        error_ladder = [predict_tests(task, fit) for fit in (gone.nominal, gone.calibration, final)]
         values = verdict.values_of(final)
         of_effect = tuple(values[number] for number in candidate.free)
         named = with_runs(IdentifiedEffect(name, of_effect, 0.0), of_runs(task, final))
         own_values = tuple(values[number] for number in verdict.own_numbers(final))
-    errors = [data.test_error(fit) for fit in ladder]
-    unexplained = max(errors[1] ** 2 - (data.floor**2 if data.noise.known else 0.0), 1e-300)
-    numbers, said = [*own_values, *of_further_run(named)], verdict.model_of(model, data, final, values)
+    errors = [data.test_error(fit) for fit in error_ladder]
+    unexplained = max(errors[1] ** 2 - (data.noise_rms**2 if data.noise.known else 0.0), 1e-300)
+    numbers, remarks = [*own_values, *of_further_run(named)], verdict.model_of(model, data, final, values)
     labels = ("as designed", "recalibrated", f"+ {name}")
     return AddedEffect(
         name=name,
         axis=data.name,
         before=model,
-        without=verdict.model_of(model, data, gone.calibrated, {}),
-        model=with_knowledge(said, data.name, numbers, data.recorded),
+        without=verdict.model_of(model, data, gone.calibration, {}),
+        model=with_knowledge(remarks, data.name, numbers, data.recorded),
         values=named.values,
         calibration=own_values,
-        ladder=tuple(ErrorStep(label, error) for label, error in zip(labels, errors, strict=True)),
+        error_ladder=tuple(ErrorStep(label, error) for label, error in zip(labels, errors, strict=True)),
         noise=data.noise,
-        noise_floor=data.floor,
+        noise_floor=data.noise_rms,
         share=float(np.clip((errors[1] ** 2 - errors[2] ** 2) / unexplained, 0.0, 1.0)),
         reason=reason,
         runs=data.runs,
-        residuals_by_run={"calibrated": ladder[1].residuals_by_run, "found": ladder[2].residuals_by_run},
+        residuals_by_run={"calibrated": error_ladder[1].residuals_by_run, "found": error_ladder[2].residuals_by_run},
         seconds=perf_counter() - began,
         responses=data.responses,
         lines=data.lines,
@@ -186,7 +186,7 @@ def _added(task: EstimationTask, gone: SelectionHistory, candidate: Candidate) -
         best = step.chosen or step.trials[0]
         return best.fit, best.reason
     # It promises nothing; its value then says how large it may be at most.
-    model = task.fine(candidate.add(gone.calibrated.model))
+    model = task.fine(candidate.add(gone.calibration.model))
     tried = [fit_model(task, model.replace(values), (candidate,)) for values in candidate.trials[:TRIALS]]
     made = [fit for fit in tried if fit is not None]
     if made:
@@ -321,8 +321,8 @@ def with_knowledge(
         if "stiffness" in its.uncertainty:
             uncertainty["mass"] = _rounded(math.hypot(its.uncertainty["stiffness"], 2 * sigmas["natural_frequency"]))
     assumed = its.still_assumed(list(known))
-    told = replace(its, uncertainty=uncertainty, sources=sources, assumed=assumed, fitted=())
-    return replace(model, axes={**model.axes, axis: told})
+    updated = replace(its, uncertainty=uncertainty, sources=sources, assumed=assumed, fitted=())
+    return replace(model, axes={**model.axes, axis: updated})
 
 
 def _relative(value: Value) -> float:

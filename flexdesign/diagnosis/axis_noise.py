@@ -15,7 +15,7 @@ RUNG_DOWN = 3.0
 
 def noise_of_axis(runs: Sequence[Run], name: str, axis: AxisModel) -> NoiseFloor:
     """Return the noise of the response of an axis, whose main mode rings down before a stretch is quiet."""
-    return noise_floor(runs, name, settle=settling(axis), sensor_noise=axis.sensor.noise)
+    return noise_floor(runs, name, settling_time=settling(axis), sensor_noise=axis.sensor.noise)
 
 
 def settling(axis: AxisModel) -> float:

@@ -313,7 +313,7 @@ class Confrontation:
         return Confronted(
             effects=chosen,
             ladder=tuple(steps),
-            noise_floor=data.floor,
+            noise_floor=data.noise_rms,
             settings=settings_of(fit, by_hand or {}),
             reason=kept.reason,
             before=self.model,

@@ -143,7 +143,7 @@ class Identification:
     @property
     def response(self) -> str:
         """SI unit of the response, which knows in which units it is written."""
-        return self.before.axes[self.axis].shown
+        return self.before.axes[self.axis].response_units
 
 
 def identify(
@@ -181,15 +181,17 @@ def identify(
     if not any(run.role == "identify" for run in seen):
         remedy = "all are kept for validation or testing; name a run with role identify"
         raise InputError("command line", "RUNS", None, remedy)
-    volts = max(float(np.abs(run.command()).max()) for run in seen) or 1.0
-    start = AxisDynamics(name, model.axes[name], volts, delay=model.controller.delay)
-    usual = LINEAR + (HYSTERESIS if "bouc_wen" in start.axis.effects else ())
-    asked = usual if free is None else checked_numbers(start, free)
+    max_command = max(float(np.abs(run.command()).max()) for run in seen) or 1.0
+    start = AxisDynamics(name, model.axes[name], max_command, delay=model.controller.delay)
+    default = LINEAR + (HYSTERESIS if "bouc_wen" in start.axis.effects else ())
+    asked = default if free is None else checked_numbers(start, free)
     observed = [start.comparable(run) for run in seen]
     search = _Search(start, [run for run in observed if run.role == "identify"], asked, starts, progress)
     progress("predicting all runs")
-    fitted = search.dynamics
-    matches = tuple(_match(fitted, run, _remarks(full, run, fitted)) for full, run in zip(runs, observed, strict=True))
+    dynamics = search.dynamics
+    matches = tuple(
+        _match(dynamics, run, _remarks(full, run, dynamics)) for full, run in zip(runs, observed, strict=True)
+    )
     noise = noise_of_axis(runs, name, model.axes[name])
     estimates = [search.verdicts[name] for name in asked]
     if exceeds_noise(matches, noise):
@@ -199,7 +201,7 @@ def identify(
     axes = {**model.axes, name: _updated(model.axes[name], search, certain, fitted_runs)}
     return Identification(
         before=model,
-        model=replace(model, axes=axes, controller=replace(model.controller, delay=fitted.delay)),
+        model=replace(model, axes=axes, controller=replace(model.controller, delay=dynamics.delay)),
         axis=name,
         estimates=tuple(estimates),
         held=search.held,
@@ -287,10 +289,10 @@ class _Search:
     def _without(self, name: str, best: Fit) -> Fit | None:
         """Hold a parameter, at its old value if the runs allow it, and fit the others; None if there are none."""
         others = [estimate.name for estimate in best.estimates if estimate.name != name]
-        fitted = self.dynamics
-        for which, model in {"old": self.start, "best": fitted}.items():
+        dynamics = self.dynamics
+        for which, model in {"old": self.start, "best": dynamics}.items():
             value = _present(model, name)
-            self.dynamics = fitted.replace({name: value})
+            self.dynamics = dynamics.replace({name: value})
             self.held[name] = Held(value, which == "old")
             self.progress(f"{name} is held at its {which} value; fitting the others again")
             found = self._accurate_fit(others) if others else None
@@ -329,22 +331,24 @@ def _present(dynamics: AxisDynamics, name: str) -> float:
 
 def _remarks(full: Run, run: Run, dynamics: AxisDynamics) -> tuple[str, ...]:
     """Return what to keep in mind about a run; `full` is the run with all its columns."""
-    said = []
+    remarks = []
     response = full.columns[dynamics.name]
     skipped = int((np.isnan(run.measured()) & ~np.isnan(response)).sum())
     if skipped:
         seconds = f"{skipped * run.period:.3g} s"
-        said.append(f"the command was moving as the record began: the first {seconds} are not compared")
-    said += run.remarks
+        remarks.append(f"the command was moving as the record began: the first {seconds} are not compared")
+    remarks += run.remarks
     if full.closed_loop or any(name in full.columns for name in ("r", f"r{dynamics.name}")):
-        said.append("recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit")
+        remarks.append(
+            "recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit"
+        )
     others = [name for name in full.commands if name not in ("u", f"u{dynamics.name}") and np.ptp(full.columns[name])]
     if others:
-        said.append(f"{' and '.join(others)} moved too; what that does to this axis is left in the residual")
+        remarks.append(f"{' and '.join(others)} moved too; what that does to this axis is left in the residual")
     cut = dynamics.cut(run)
     if cut > 0:
-        said.append(f"the command goes up to {cut:.3g} V beyond the limits of the model, which cut it off")
-    return tuple(said)
+        remarks.append(f"the command goes up to {cut:.3g} V beyond the limits of the model, which cut it off")
+    return tuple(remarks)
 
 
 def _match(dynamics: AxisDynamics, run: Run, remarks: tuple[str, ...]) -> RunMatch:

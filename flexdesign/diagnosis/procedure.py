@@ -34,7 +34,7 @@ from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.initial_conditions import grid_delay, grid_frequency, offset_residual
 from flexdesign.diagnosis.preparation.truncated_runs import truncated
 from flexdesign.diagnosis.result import Diagnosis, SelectionHistory
-from flexdesign.diagnosis.verdict import conclude, decide, is_adequate, ladder_of
+from flexdesign.diagnosis.verdict import decide, is_adequate, ladder_of, reach_verdict
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.criterion import BETTER, INDISTINGUISHABLE, WORSE
@@ -53,7 +53,7 @@ from flexdesign.estimation.model_selection.fitted_model import (
 from flexdesign.estimation.model_selection.model_comparison import Step, compare
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel, cost_of_terms, sparse_model
-from flexdesign.estimation.model_selection.stepwise_selection import GROSS, confusable, select, select_otherwise
+from flexdesign.estimation.model_selection.stepwise_selection import GROSS_MISFIT, confusable, select, select_otherwise
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: Largest number of effects that are added to explain runs in time, and to explain frequency responses: there a driver,
@@ -121,12 +121,12 @@ def diagnose(
                 band=None if data.runs else data.band,
             )
 
-        ahead = None
+        preliminary = None
         if (short := truncated(data)) is not None:
             progress("searching in the first part of each run")
             _, case_of_parts = case_of(model, short, each, progress)
-            _, ahead = search(short, case_of_parts, dynamics, partial(catalogue, short), seed)
-        task, history = search(data, task, dynamics, partial(catalogue, data), seed, ahead)
+            _, preliminary = search(short, case_of_parts, dynamics, partial(catalogue, short), seed)
+        task, history = search(data, task, dynamics, partial(catalogue, data), seed, preliminary)
         if history.final.effects:
             progress("fitting once more, simulated more exactly")
             history = history.with_final(refine(task, history.final))
@@ -135,21 +135,23 @@ def diagnose(
         verdict, named = decide(data, history, left, partial(_is_better_smooth, data, task))
         named, fixed = drop_undetermined(task, named)
         if verdict == "effects-found" and not named.effects:
-            verdict, named = "unknown", history.calibrated
+            verdict, named = "unknown", history.calibration
         named, held = hold_undetermined(task, named)
         history = replace(history, undetermined=(*history.undetermined, *fixed, *held))
         groups = confusable(task, named, history.steps)
         beyond = conflicts(data, named)
         is_done = is_adequate(data, history.final, left)
-        implied = [c for c in beyond if c.named is not None and (is_done or explains(data, task, named, c))]
+        implied_effects = [c for c in beyond if c.named is not None and (is_done or explains(data, task, named, c))]
         progress("predicting the test runs")
         scored = [run for run in data.runs if run.name in data.scored]
         alone = np.concatenate([offset_residual(dynamics, run) for run in scored]) if scored else None
-        ladder = [predict_tests(task, fit) for fit in (history.nominal, *ladder_of(history, named))]
-        by_run = of_runs(task, ladder[-1])
+        error_ladder = [predict_tests(task, fit) for fit in (history.nominal, *ladder_of(history, named))]
+        by_run = of_runs(task, error_ladder[-1])
         progress("finding the intervals")
-        found = conclude(model, data, history, left, verdict, ladder, groups, beyond, implied, alone, by_run)
-    evaluations = sum(fit.solution.problem.evaluations for fit in (history.calibrated, *history.fits))
+        found = reach_verdict(
+            model, data, history, left, verdict, error_ladder, groups, beyond, implied_effects, alone, by_run
+        )
+    evaluations = sum(fit.solution.problem.evaluations for fit in (history.calibration, *history.fits))
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
 
 
@@ -179,7 +181,7 @@ class CalibratedTask:
     @property
     def origins(self) -> tuple[FittedModel, ...]:
         """Where additions start from as well: beside a gross misfit numbers may have moved far to imitate an effect."""
-        return (self.nominal,) if self.fit.scale > GROSS and not self.is_refused else ()
+        return (self.nominal,) if self.fit.scale > GROSS_MISFIT and not self.is_refused else ()
 
 
 def calibrate_task(
@@ -187,7 +189,7 @@ def calibrate_task(
     task: EstimationTask,
     dynamics: AxisDynamics,
     seed: int = 0,
-    ahead: SelectionHistory | None = None,
+    preliminary: SelectionHistory | None = None,
 ) -> CalibratedTask:
     """Fit the model's own numbers.
 
@@ -197,7 +199,7 @@ def calibrate_task(
         What is diagnosed, the task that it sets, and the model of the axis.
     seed
         Of the sample of starts.
-    ahead
+    preliminary
         A search in a part of the runs, whose calibration is where the fit starts.
 
     Raises
@@ -210,10 +212,10 @@ def calibrate_task(
     task = replace(task, free=tuple(name for name in task.free if name not in held))
     nominal = evaluate_design(replace(task, prior_bound=BELIEVED), dynamics)
     task.progress("calibrating")
-    if ahead is None:
+    if preliminary is None:
         fit = calibrate(task, grid_frequency(task, grid_delay(task, dynamics)), seed, nominal)
     else:
-        fit = fit_model(task, with_values(dynamics, ahead.calibrated.model))
+        fit = fit_model(task, with_values(dynamics, preliminary.calibration.model))
     if fit is not None:  # how a mode rings as a record begins follows from its calibrated numbers
         task = with_beginnings(task, cast(AxisDynamics, fit.model), data.rounded(fit))
         fit = fit_model(task, fit.model)
@@ -221,15 +223,15 @@ def calibrate_task(
         fit = escape(task, fit)
     if nominal is None or fit is None:
         raise InputError("model", f"axis.{dynamics.name}", None, "cannot be simulated at the values it has")
-    rise = fit.validation_chi2 - nominal.validation_chi2
+    increase = fit.validation_chi2 - nominal.validation_chi2
     is_refused = (
         bool(task.validate.records)
         and data.error(fit) > WORSE * data.error(nominal)
-        and rise > INDISTINGUISHABLE * fit.discrepancy
+        and increase > INDISTINGUISHABLE * fit.discrepancy
     )
-    if is_refused or fit.scale > GROSS:
-        kept = evaluate_design(with_beginnings(task, dynamics, data.rounded(nominal)), nominal.model)
-        nominal = kept or nominal
+    if is_refused or fit.scale > GROSS_MISFIT:
+        as_designed = evaluate_design(with_beginnings(task, dynamics, data.rounded(nominal)), nominal.model)
+        nominal = as_designed or nominal
     return CalibratedTask(task, nominal, fit, nominal if is_refused else fit, held, is_refused)
 
 
@@ -239,23 +241,23 @@ def search(
     dynamics: AxisDynamics,
     catalogue: Callable[[FittedModel], Sequence[Candidate]],
     seed: int,
-    ahead: SelectionHistory | None = None,
+    preliminary: SelectionHistory | None = None,
 ) -> tuple[EstimationTask, SelectionHistory]:
     """Calibrate and select effects; return the case as calibrated, and the course of the selection.
 
     Which effects are tried, and at what values, may follow from the residual of the calibration: `catalogue` tells.
-    Effects that a search `ahead` found in a part of the runs are fitted first.
+    Effects that a search `preliminary` found in a part of the runs are fitted first.
     """
-    begun = calibrate_task(data, task, dynamics, seed, ahead)
-    task, calibrated = begun.task, begun.calibrated
-    every = catalogue(calibrated)
-    steps, fits = _confirm(task, calibrated, ahead.steps if ahead else ())
+    begun = calibrate_task(data, task, dynamics, seed, preliminary)
+    task, calibration = begun.task, begun.calibrated
+    every = catalogue(calibration)
+    steps, fits = _confirm(task, calibration, preliminary.steps if preliminary else ())
     more = select(
         task,
-        fits[-1] if fits else calibrated,
+        fits[-1] if fits else calibration,
         every,
         MOST if data.runs else MOST_OF_LINES,
-        origins=() if fits else begun.origins,
+        expansion_points=() if fits else begun.origins,
         vary_step=partial(vary_step, task, candidates=every),
         vary=partial(vary_by_run, task),
     )
@@ -263,7 +265,7 @@ def search(
         more = select_otherwise(task, more, every, MOST_OF_LINES)
     steps, fits = [*steps, *more[0]], [*fits, *more[1]]
     return task, SelectionHistory(
-        begun.nominal, calibrated, tuple(fits), tuple(steps), begun.undetermined, begun.is_refused
+        begun.nominal, calibration, tuple(fits), tuple(steps), begun.undetermined, begun.is_refused
     )
 
 

@@ -13,19 +13,19 @@ from threading import Lock
 from time import perf_counter
 
 #: Stages. Until the catalogue is screened nothing is known of the time that follows.
-BEGINNING, SCREENING, FITS, BESIDE, ENDING = "beginning", "screening", "fits", "beside", "ending"
+PREPARATION, SCREENING, FITS, SECOND_SCREENING, ENDING = "beginning", "screening", "fits", "beside", "ending"
 #: Typical time of each stage over that of the first screening: of the fits, of screening and fits beside an effect that
 #: was added, and of the last fit with test runs and intervals. Medians of ten diagnoses, where they were 1.2 to 20, 1.4
 #: to 15 and 0.5 to 16; `python -m studies.benchmarks.progress` measures them.
-TYPICAL = {FITS: 4.0, BESIDE: 1.9, ENDING: 0.85}
+TYPICAL = {FITS: 4.0, SECOND_SCREENING: 1.9, ENDING: 0.85}
 #: What follows a stage, if an effect is added.
-FOLLOWS = {FITS: (BESIDE, ENDING), BESIDE: (ENDING,)}
+FOLLOWS = {FITS: (SECOND_SCREENING, ENDING), SECOND_SCREENING: (ENDING,)}
 #: How the words of `flexdesign.diagnosis` begin where a stage does.
 WORDS = {
-    "searching in the first part": BEGINNING,
-    "predicting with the model as it is": BEGINNING,
+    "searching in the first part": PREPARATION,
+    "predicting with the model as it is": PREPARATION,
     "screening the catalogue": SCREENING,
-    "screening beside": BESIDE,
+    "screening beside": SECOND_SCREENING,
     "fitting once more": ENDING,
     "looking at the residual": ENDING,
 }
@@ -48,7 +48,7 @@ class Progress:
 
     def __init__(self, say: Callable[[str], None], clock: Callable[[], float] = perf_counter) -> None:
         self.say, self.clock = say, clock
-        self.stage, self.fits = BEGINNING, 0
+        self.stage, self.fits = PREPARATION, 0
         self._begun: dict[str, float] = {}  # when each stage began
         self._lock = Lock()  # fits run side by side
 
@@ -66,8 +66,8 @@ class Progress:
         if self.stage not in FOLLOWS or not {SCREENING, FITS} <= self._begun.keys():
             return None
         unit = self._begun[FITS] - self._begun[SCREENING]
-        usual, so_far = unit * TYPICAL[self.stage], self.clock() - self._begun[self.stage]
-        return max(usual - so_far, so_far) + unit * sum(TYPICAL[stage] for stage in FOLLOWS[self.stage])
+        typical, so_far = unit * TYPICAL[self.stage], self.clock() - self._begun[self.stage]
+        return max(typical - so_far, so_far) + unit * sum(TYPICAL[stage] for stage in FOLLOWS[self.stage])
 
     def _stage_of(self, text: str) -> str:
         if text.startswith(FIT) and self.stage == SCREENING:
@@ -75,7 +75,7 @@ class Progress:
         return next((stage for words, stage in WORDS.items() if text.startswith(words)), self.stage)
 
     def _enter(self, stage: str) -> None:
-        if stage == BEGINNING:  # of all runs, after a search in a part of them
+        if stage == PREPARATION:  # of all runs, after a search in a part of them
             self._begun.clear()
         if stage != self.stage:
             self._begun[stage] = self.clock()

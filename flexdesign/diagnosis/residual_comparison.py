@@ -78,7 +78,7 @@ def compared(found: ModelResiduals, which: Which) -> Comparison:
             command=run.command(),
             measured=np.where(np.isfinite(left[run.name]), run.measured(), np.nan),
             predicted=predicted[run.name],
-            floor=found.noise.rms[run.name],
+            noise_floor=found.noise.rms[run.name],
             stroke=stroke,
             remarks=tuple(run.remarks),
         )

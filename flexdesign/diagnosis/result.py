@@ -95,7 +95,7 @@ class SelectionHistory:
 
     Parameters
     ----------
-    nominal, calibrated
+    nominal, calibration
         The design, with initial conditions fitted; and with its own numbers fitted.
     fits
         The fit after each step that added effects.
@@ -108,7 +108,7 @@ class SelectionHistory:
     """
 
     nominal: FittedModel
-    calibrated: FittedModel
+    calibration: FittedModel
     fits: tuple[FittedModel, ...]
     steps: tuple[Step, ...]
     undetermined: tuple[str, ...] = ()
@@ -117,7 +117,7 @@ class SelectionHistory:
     @property
     def final(self) -> FittedModel:
         """The last fit."""
-        return self.fits[-1] if self.fits else self.calibrated
+        return self.fits[-1] if self.fits else self.calibration
 
     def with_final(self, fit: FittedModel) -> SelectionHistory:
         """Return the course with another last fit of the same effects."""
@@ -144,7 +144,7 @@ class Diagnosis:
         Effects that are possible, but do not explain enough beside what remains.
     candidates
         Everything that was fitted.
-    ladder
+    error_ladder
         Errors on the validation runs, from the model as designed to the last effect.
     calibration
         The model's own numbers after the fit.
@@ -184,7 +184,7 @@ class Diagnosis:
     confusable: tuple[tuple[str, ...], ...]
     near: tuple[str, ...]
     candidates: tuple[CandidateRecord, ...]
-    ladder: tuple[ErrorStep, ...]
+    error_ladder: tuple[ErrorStep, ...]
     calibration: tuple[Value, ...]
     conflicts: tuple[str, ...]
     noise: NoiseFloor

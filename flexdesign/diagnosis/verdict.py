@@ -69,7 +69,7 @@ def remainder(data: DiagnosisData, fit: FittedModel) -> Remainder:
     """Return how what a fitted model leaves compares with the noise."""
     margins = [(ratio - 1, allowed_excess(count, level)) for ratio, count, level in _ratios(data, fit)]
     excess, allowed = max(margins, key=lambda pair: pair[0] - pair[1])
-    left = data.error(fit) ** 2 - data.floor**2
+    left = data.error(fit) ** 2 - data.noise_rms**2
     return Remainder(excess, allowed, math.sqrt(max(left, 0.0)), _jumps(data, fit))
 
 
@@ -92,8 +92,8 @@ def _ratios(data: DiagnosisData, fit: FittedModel) -> Iterator[tuple[float, int,
         held = float(sum(part @ part for part in left))
         values = sum(len(part) for part in left)
         yield held / values, values, _line_level(data)
-    if kept := sum(int(np.isfinite(run.measured()).sum()) for run in data.of("validate")):
-        yield (fit.validation_chi2 - held) / kept, kept, level
+    if samples := sum(int(np.isfinite(run.measured()).sum()) for run in data.of("validate")):
+        yield (fit.validation_chi2 - held) / samples, samples, level
 
 
 def _line_level(data: DiagnosisData) -> float:
@@ -116,7 +116,7 @@ def _jumps(data: DiagnosisData, fit: FittedModel) -> int:
 
 def levels(history: SelectionHistory) -> list[FittedModel]:
     """Return the fits from the calibrated model on, each with further effects."""
-    return [history.calibrated, *history.fits]
+    return [history.calibration, *history.fits]
 
 
 def decide(
@@ -141,33 +141,33 @@ def decide(
     """
     every = levels(history)
     if is_adequate(data, history.final, left) and not history.final.at_bound():
-        return ("effects-found", history.final) if history.final.effects else ("nothing-missing", history.calibrated)
+        return ("effects-found", history.final) if history.final.effects else ("nothing-missing", history.calibration)
     rests = np.array([_unexplained_squares(data, fit) for fit in every])
     added = np.maximum(np.diff([[len(fit.effects)] for fit in every], axis=0), 1)
     for named in range(len(every) - 1, 0, -1):
         is_large = np.all(-np.diff(rests[: named + 1], axis=0) >= LARGE * added[:named] * rests[named])
         if is_large and not every[named].at_bound() and not is_better_smooth(every[0], every[named]):
             return "effects-found", every[named]
-    return "unknown", history.calibrated
+    return "unknown", history.calibration
 
 
 def _unexplained_squares(data: DiagnosisData, fit: FittedModel) -> tuple[float, float]:
     """Return what remains of the validation runs above the noise: mean square [response^2], and whitened chi^2."""
     count = sum(int(np.isfinite(run.measured()).sum()) for run in data.of("validate"))
     held = fit.validation_chi2 - count if count else fit.fitted_chi2 - fit.solution.problem.dataset.samples
-    return max(data.error(fit) ** 2 - data.known_floor**2, 0.0), max(held, 0.0)
+    return max(data.error(fit) ** 2 - data.known_noise_rms**2, 0.0), max(held, 0.0)
 
 
-def conclude(
+def reach_verdict(
     model: StageModel,
     data: DiagnosisData,
     history: SelectionHistory,
     left: SparseModel,
     verdict: Verdict,
-    ladder: Sequence[FittedModel],
+    error_ladder: Sequence[FittedModel],
     groups: tuple[tuple[str, ...], ...],
-    moved: Sequence[Conflict],
-    implied: Sequence[Conflict],
+    strained: Sequence[Conflict],
+    implied_effects: Sequence[Conflict],
     alone: Array | None = None,
     by_run: Mapping[str, ByRun] | None = None,
 ) -> Diagnosis:
@@ -179,40 +179,40 @@ def conclude(
         What was diagnosed, and how it went.
     left
         What smooth functions explain of the residual of the last fit.
-    verdict, ladder
+    verdict, error_ladder
         The verdict; and the fits from the model as designed and as calibrated to the last whose effects are named.
     groups
         Effects that the runs cannot tell apart, one of each among those that are named.
-    moved, implied
+    strained, implied_effects
         Numbers that moved beyond their prior, and those among them that stand for an effect.
     alone
         Residual of the runs that errors are stated of, if nothing is fitted but their offsets [response].
     by_run
         Numbers of the effects that are named which differ from run to run, by their names.
     """
-    final, (_, calibrated, *_) = ladder[-1], ladder
+    final, (_, calibration, *_) = error_ladder[-1], error_ladder
     is_noise = is_adequate(data, history.final, left)
     doubt = "" if is_noise else _in_words(data, remainder(data, history.final), left)
     values = values_of(final, is_fitted=not history.is_refused or bool(final.effects))
-    effects = tuple(with_runs(_named(data, ladder[1:], name, values), by_run or {}) for name in final.names)
-    if implied:
+    effects = tuple(with_runs(_named(data, error_ladder[1:], name, values), by_run or {}) for name in final.names)
+    if implied_effects:
         verdict = "effects-found"
-        effects = (*effects, *(conflict.named for conflict in implied if conflict.named))
-        groups = (*groups, *(conflict.group for conflict in implied if len(conflict.group) > 1))
+        effects = (*effects, *(conflict.named for conflict in implied_effects if conflict.named))
+        groups = (*groups, *(conflict.group for conflict in implied_effects if len(conflict.group) > 1))
     return Diagnosis(
         verdict=verdict,
         axis=data.name,
         before=model,
-        model=model_of(model, data, final, values, implied),
+        model=model_of(model, data, final, values, implied_effects),
         effects=effects,
         confusable=groups,
         near=tuple(name for name in history.final.names if name not in final.names),
         candidates=_tried(history.steps),
-        ladder=(*_offset_step(alone), *_error_steps(data, ladder)),
+        error_ladder=(*_offset_step(alone), *_error_steps(data, error_ladder)),
         calibration=tuple(values[name] for name in own_numbers(final)),
-        conflicts=tuple(conflict.words for conflict in moved),
+        conflicts=tuple(conflict.words for conflict in strained),
         noise=data.noise,
-        noise_floor=data.floor,
+        noise_floor=data.noise_rms,
         validation_error=data.test_error(final),
         sparse_model=left,
         remainder=doubt,
@@ -220,7 +220,7 @@ def conclude(
         stroke=data.stroke,
         tolerance=data.tolerance,
         undetermined=history.undetermined,
-        residuals_by_run={"calibrated": calibrated.residuals_by_run, "found": final.residuals_by_run},
+        residuals_by_run={"calibrated": calibration.residuals_by_run, "found": final.residuals_by_run},
         runs=data.runs,
         confidence=_confidence(data, history),
         evaluations=0,
@@ -232,7 +232,7 @@ def conclude(
 
 def unexplained(data: DiagnosisData, fit: FittedModel) -> float:
     """Return the rms residual above the noise of the runs that judge [response]; all of it where that is unknown."""
-    return math.sqrt(max(data.error(fit) ** 2 - data.known_floor**2, 0.0))
+    return math.sqrt(max(data.error(fit) ** 2 - data.known_noise_rms**2, 0.0))
 
 
 def is_adequate(data: DiagnosisData, fit: FittedModel, left: SparseModel) -> bool:
@@ -240,7 +240,7 @@ def is_adequate(data: DiagnosisData, fit: FittedModel, left: SparseModel) -> boo
     if (data.is_asked or not data.noise.known) and unexplained(data, fit) <= data.tolerance:
         return True
     # Smooth functions that explain something show that there is something, however small it is beside the noise.
-    explainable = left.held_gain > 0 and left.moved > data.tolerance and left.gain > 0
+    explainable = left.held_gain > 0 and left.validation_rms > data.tolerance and left.gain > 0
     if not data.noise.known:  # a white residual may be noise, whatever its size
         return fit.is_white and not explainable
     return remainder(data, fit).is_noise and not explainable
@@ -248,18 +248,18 @@ def is_adequate(data: DiagnosisData, fit: FittedModel, left: SparseModel) -> boo
 
 def _confidence(data: DiagnosisData, history: SelectionHistory) -> str:
     """Return what weakens the verdict, in words."""
-    said = []
+    remarks = []
     if not data.noise.known:
-        said.append(
+        remarks.append(
             "the noise of these runs is unknown: evidence is weighed by the share that is explained, and nothing says "
             "how much of the residual is noise"
         )
     if history.is_refused:
-        said.append(
+        remarks.append(
             "calibration makes the validation runs worse, so that the structure of the model is wrong for these runs; "
             "the design values were kept"
         )
-    return "; ".join(said)
+    return "; ".join(remarks)
 
 
 def _in_words(data: DiagnosisData, final: Remainder, left: SparseModel) -> str:
@@ -283,28 +283,30 @@ def ladder_of(history: SelectionHistory, final: FittedModel) -> list[FittedModel
 
 def _unexplained_on_tests(data: DiagnosisData, fit: FittedModel) -> float:
     """Return the rms residual above the noise of what errors are stated of [response]."""
-    floor = data.floor if data.noise.known else 0.0
-    return math.sqrt(max(data.test_error(fit) ** 2 - floor**2, 0.0))
+    noise_floor = data.noise_rms if data.noise.known else 0.0
+    return math.sqrt(max(data.test_error(fit) ** 2 - noise_floor**2, 0.0))
 
 
 def _named(
-    data: DiagnosisData, ladder: Sequence[FittedModel], name: str, values: Mapping[str, Value]
+    data: DiagnosisData, error_ladder: Sequence[FittedModel], name: str, values: Mapping[str, Value]
 ) -> IdentifiedEffect:
-    final = ladder[-1]
+    final = error_ladder[-1]
     effect = next(effect for effect in final.effects if effect.name == name)
-    shares = [_share(data, ladder, name, data.scored, data.floor if data.noise.known else 0.0)]
+    shares = [_share(data, error_ladder, name, data.scored, data.noise_rms if data.noise.known else 0.0)]
     if data.runs and (scored := [each.name for each in data.responses if each.role != "identify"]):
-        floor = math.sqrt(float(np.mean([data.noise.rms[each] ** 2 for each in scored])))
-        shares.append(_share(data, ladder, name, scored, floor))  # what runs do not show a response may
+        noise_floor = math.sqrt(float(np.mean([data.noise.rms[each] ** 2 for each in scored])))
+        shares.append(_share(data, error_ladder, name, scored, noise_floor))  # what runs do not show a response may
     return IdentifiedEffect(name, tuple(values[number] for number in effect.free), max(shares))
 
 
-def _share(data: DiagnosisData, ladder: Sequence[FittedModel], name: str, scored: Sequence[str], floor: float) -> float:
+def _share(
+    data: DiagnosisData, error_ladder: Sequence[FittedModel], name: str, scored: Sequence[str], noise_floor: float
+) -> float:
     """Return the share of the mean square that calibration leaves unexplained which an effect explains."""
-    errors = [fit.rms(scored, data.scales) for fit in ladder]
-    place = next((i for i, fit in enumerate(ladder) if name in fit.names), len(ladder) - 1)
+    errors = [fit.rms(scored, data.scales) for fit in error_ladder]
+    place = next((i for i, fit in enumerate(error_ladder) if name in fit.names), len(error_ladder) - 1)
     before, after = errors[place - 1] ** 2, errors[place] ** 2
-    return float(np.clip((before - after) / max(errors[0] ** 2 - floor**2, 1e-300), 0.0, 1.0))
+    return float(np.clip((before - after) / max(errors[0] ** 2 - noise_floor**2, 1e-300), 0.0, 1.0))
 
 
 def values_of(fit: FittedModel, *, is_fitted: bool = True) -> dict[str, Value]:
@@ -339,14 +341,14 @@ def _tried(steps: Sequence[Step]) -> tuple[CandidateRecord, ...]:
                 if step.chosen and trial.names == step.chosen.names
                 else trial.reason or _not_chosen(step, trial)
             )
-            evidence = trial.gain / trial.needed if trial.needed else 0.0
+            evidence = trial.gain / trial.critical_gain if trial.critical_gain else 0.0
             found.append(CandidateRecord(trial.names, beside, trial.error, evidence, outcome))
     return tuple(found)
 
 
 def _not_chosen(step: Step, trial: Trial) -> str:
-    is_alike = any(trial.names == other.names for other in step.alike)
-    return "these runs cannot tell it from what was added" if is_alike else "explains less"
+    is_confounded = any(trial.names == other.names for other in step.alike)
+    return "these runs cannot tell it from what was added" if is_confounded else "explains less"
 
 
 def _offset_step(alone: Array | None) -> tuple[ErrorStep, ...]:
@@ -354,11 +356,11 @@ def _offset_step(alone: Array | None) -> tuple[ErrorStep, ...]:
     return () if alone is None else (ErrorStep("as designed, offsets alone", float(np.sqrt(np.nanmean(alone**2)))),)
 
 
-def _error_steps(data: DiagnosisData, ladder: Sequence[FittedModel]) -> tuple[ErrorStep, ...]:
-    nominal, calibrated, *added = ladder
+def _error_steps(data: DiagnosisData, error_ladder: Sequence[FittedModel]) -> tuple[ErrorStep, ...]:
+    nominal, calibration, *added = error_ladder
     rungs = [
         ErrorStep("as designed", data.test_error(nominal)),
-        ErrorStep("recalibrated", data.test_error(calibrated)),
+        ErrorStep("recalibrated", data.test_error(calibration)),
     ]
     before: tuple[str, ...] = ()
     for fit in added:
@@ -374,7 +376,7 @@ def model_of(
     data: DiagnosisData,
     fit: FittedModel,
     values: Mapping[str, Value],
-    implied: Sequence[Conflict] = (),
+    implied_effects: Sequence[Conflict] = (),
 ) -> StageModel:
     """Return the stage model with what was fitted, and with what its numbers stand for that moved too far.
 
@@ -384,11 +386,11 @@ def model_of(
         The stage model as it was, what was diagnosed, and the fit.
     values
         Numbers of the fit that are stated.
-    implied
+    implied_effects
         Numbers that moved beyond their prior and stand for an effect.
     """
     dynamics = with_means(replace(fit, model=fit.model.replace({name: each.value for name, each in values.items()})))
-    for conflict in implied:
+    for conflict in implied_effects:
         dynamics = conflict.written(dynamics)
     axis = dynamics.axis
     rested = data.axis.effects.get("bouc_wen", {}).get("rest")

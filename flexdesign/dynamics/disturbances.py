@@ -44,11 +44,11 @@ def run(
     for _ in range(MOST_RUNS):
         if response.diverged is not None:
             return response
-        time, moved = response.time[::oversampling], response.motion[:, ::oversampling]
-        there = dict(zip(model.axes, moved, strict=True))
+        time, motion = response.time[::oversampling], response.motion[:, ::oversampling]
+        there = dict(zip(model.axes, motion, strict=True))
         added = {axis.name: axis.disturbance(time, stages.with_other(axis.name, there)) for axis in stage.axes}
         disturbances = {name: np.zeros_like(time) if each is None else each for name, each in added.items()}
-        change = _change(before, disturbances, float(np.max(np.ptp(moved, axis=1))))
+        change = _change(before, disturbances, float(np.max(np.ptp(motion, axis=1))))
         if change <= TOLERANCE:
             return response
         response = simulate(stage, loops, period, delay=delay, oversampling=oversampling, disturbances=disturbances)
@@ -59,19 +59,19 @@ def run(
 def left_out(model: StageModel, name: str) -> list[str]:
     """Return what the effects of an axis would add to its reading, did an experiment have what they need."""
     there = {each: np.zeros(0) for each in model.axes}
-    said = []
-    for effect, _ in stages.acting(model.axes[name]):
+    remarks = []
+    for effect, _ in stages.active_effects(model.axes[name]):
         lacking = stages.missing(name, effect, there)
         if lacking:
             needs = " and ".join("another axis" if column == OTHER else f"a record of {column}" for column in lacking)
-            said.append(f"{effect.name.replace('_', ' ')} needs {needs}, which is not there: it adds nothing here.")
-    return said
+            remarks.append(f"{effect.name.replace('_', ' ')} needs {needs}, which is not there: it adds nothing here.")
+    return remarks
 
 
 def _reads_others(model: StageModel, name: str) -> bool:
     """Tell whether effects add the motion of other axes to the reading of one."""
     others = any(each != name and each in AXES for each in model.axes)
-    faces = [face for effect, _ in stages.acting(model.axes[name]) for face in effect.faces]
+    faces = [face for effect, _ in stages.active_effects(model.axes[name]) for face in effect.faces]
     return others and any(isinstance(face, Disturbance) and OTHER in face.columns for face in faces)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.model import Controller, Socket
-from flexdesign.dynamics.signal_chain.interpolation import slopes, smooth
+from flexdesign.dynamics.signal_chain.interpolation import derivatives, smooth
 from flexdesign.dynamics.signal_chain.memory_layout import Coupling, Inputs, Record
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ MOST_STEPS = 1024
 #: compared: a run with this multiple of the steps then decides.
 UNSEEN = 8
 #: With this number of steps in a sample a divergence is that of the stage; with fewer the steps may be too long.
-SURE = 64
+CONVERGED_DIFFERENCE = 64
 #: A motion larger than this multiple of the motion at full drive is a divergence.
 RUNAWAY = 1e4
 
@@ -178,7 +178,7 @@ def simulate(
         steps *= 2
         fine = inputs.response(steps, math.inf)
         if fine.diverged is not None:
-            if steps >= SURE or _same_divergence(coarse, fine):
+            if steps >= CONVERGED_DIFFERENCE or _same_divergence(coarse, fine):
                 return fine
         elif coarse.diverged is None:
             changes.append(inputs.change(coarse, fine))
@@ -262,7 +262,7 @@ class _Inputs:
         self.slopes = None
         if self.is_smooth:
             within = np.clip(self.given, self.limits[:, :1], self.limits[:, 1:])
-            self.slopes = np.array([slopes(row) for row in within])
+            self.slopes = np.array([derivatives(row) for row in within])
 
     @staticmethod
     def _reference(loop: Loop) -> Array:
@@ -335,9 +335,9 @@ class _Inputs:
         done = engine.run(
             inputs,
             laid_out.timing,
-            laid_out.layout,
+            laid_out.signals,
             laid_out.command_ticks,
-            laid_out.moves,
+            laid_out.block_calls,
             laid_out.forces,
             laid_out.modes,
             coupling,
@@ -364,9 +364,11 @@ class _Inputs:
 
     def change(self, coarse: Response, fine: Response) -> float:
         """Return by how much two runs differ in what the tolerance is for, relative to its span."""
-        return max(_change(a, b) for a, b in zip(self.judged(coarse), self.judged(fine), strict=True))
+        return max(
+            _change(a, b) for a, b in zip(self.compared_signals(coarse), self.compared_signals(fine), strict=True)
+        )
 
-    def judged(self, response: Response) -> list[Array]:
+    def compared_signals(self, response: Response) -> list[Array]:
         """Return what the tolerance is for: the motion, and the reading if it does not come in whole steps."""
         rounded = any(block.tick for axis in self.stage.axes for block, _ in axis.blocks(Socket.SENSOR))
         return [response.motion] if rounded else [response.motion, response.reading]
@@ -380,7 +382,7 @@ class _Inputs:
     def _bound(self) -> float:
         """Return how large a motion may grow: far beyond what full drive gives."""
         largest = [abs(limit) for limit in self.limits.flat if math.isfinite(limit)]
-        volts = max(float(np.abs(self.given).max()), *largest, 0.0)
+        largest_command = max(float(np.abs(self.given).max()), *largest, 0.0)
         gain = max(abs(axis.gain) for axis in self.stage.axes)
-        scale = gain * volts + float(np.abs(self.reference).max())
+        scale = gain * largest_command + float(np.abs(self.reference).max())
         return RUNAWAY * scale if scale > 0 else math.inf

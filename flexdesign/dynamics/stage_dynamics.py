@@ -33,7 +33,7 @@ def stage(model: StageModel) -> Stage:
 
 def chain(name: str, axis: AxisModel) -> AxisChain:
     """Return the chain of one axis, its numbers and modes as its effects leave them."""
-    given = by_name(acting(axis))
+    given = by_name(active_effects(axis))
     numbers = _adjusted(axis, given)
     further = [Oscillator(mode.frequency, mode.damping_ratio, mode.share) for mode in axis.modes]
     for effect, values in given:
@@ -45,7 +45,7 @@ def chain(name: str, axis: AxisModel) -> AxisChain:
 
 def adjusted(axis: AxisModel) -> dict[str, float]:
     """Return natural frequency, damping ratio and gain of the main mode as the effects of an axis leave them, SI."""
-    return _adjusted(axis, by_name(acting(axis)))
+    return _adjusted(axis, by_name(active_effects(axis)))
 
 
 def _adjusted(axis: AxisModel, given: Sequence[tuple[Effect, Mapping[str, float]]]) -> dict[str, float]:
@@ -76,7 +76,7 @@ def disturbance(
     InputError
         If an effect needs a column that is not recorded; the message names it.
     """
-    there, given = with_other(name, recorded), acting(axis)
+    there, given = with_other(name, recorded), active_effects(axis)
     for effect, _ in by_name(given):
         if lacking := missing(name, effect, recorded):
             column = f"the response of another axis ({', '.join(each for each in AXES if each != name)})"
@@ -88,14 +88,14 @@ def disturbance(
 
 def is_disturbed(axis: AxisModel) -> bool:
     """Tell whether an effect of an axis adds to its reading."""
-    return any(isinstance(face, Disturbance) for effect, _ in acting(axis) for face in effect.faces)
+    return any(isinstance(face, Disturbance) for effect, _ in active_effects(axis) for face in effect.faces)
 
 
 def missing(name: str, effect: Effect, recorded: Mapping[str, NDArray[np.float64]]) -> tuple[str, ...]:
     """Return the columns that an effect on the axis `name` needs and a run lacks; `OTHER` for another axis."""
     there = with_other(name, recorded)
-    needed = (column for face in effect.faces if isinstance(face, Disturbance) for column in face.columns)
-    return tuple(dict.fromkeys(column for column in needed if column not in there))
+    columns = (column for face in effect.faces if isinstance(face, Disturbance) for column in face.columns)
+    return tuple(dict.fromkeys(column for column in columns if column not in there))
 
 
 def with_other(name: str, recorded: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
@@ -104,7 +104,7 @@ def with_other(name: str, recorded: Mapping[str, NDArray[np.float64]]) -> dict[s
     return {**recorded, **({OTHER: recorded[others[0]]} if others else {})}
 
 
-def acting(axis: AxisModel) -> list[tuple[Effect, Mapping[str, float]]]:
+def active_effects(axis: AxisModel) -> list[tuple[Effect, Mapping[str, float]]]:
     """Return the effects of an axis with their values, those of driver and sensor among them."""
     named = dict(axis.effects)
     named |= {
@@ -164,7 +164,7 @@ def cycled(axis: AxisModel) -> AxisModel:
     """
     hysteresis = axis.effects.get("bouc_wen")
     low, high = stack_range(axis)
-    if any(_remembers_motion(effect) for effect, _ in acting(axis) if effect.name != "bouc_wen"):
+    if any(_remembers_motion(effect) for effect, _ in active_effects(axis) if effect.name != "bouc_wen"):
         return axis
     if hysteresis is None or hysteresis.get("rest") or not math.isfinite(high - low) or not low <= 0 <= high:
         return axis

@@ -169,7 +169,7 @@ def fit(
         raise InputError("fit", "observations", f"{dataset.samples} samples", asked)
     with shared_pool(_counted(threads)) as each:
         problem = Problem(dataset, model, where, each)
-        first, ended, minima = multistart(problem, starts, seed, progress)
+        first, summary, minima = multistart(problem, starts, seed, progress)
         progress("checking the intervals")
         refine = partial(_converged, dataset, noise is not None)
         best, found, intervals, is_better = checked(first, range(len(free)), refine, profiles)
@@ -181,7 +181,7 @@ def fit(
             cost=best.cost,
             reduced_chi2=None if noise is None else found.reduced_chi2,
             dof=found.dof,
-            starts=replace(ended, agreed=0) if is_better else ended,
+            starts=replace(summary, converged=0) if is_better else summary,
             evaluations=problem.evaluations,
             failures=problem.failures,
         )

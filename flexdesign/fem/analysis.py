@@ -213,7 +213,7 @@ def solve(
     found: list[tuple[modes.Mode, ModeRecord]] = []
     fields: dict[str, FloatArray] = {}
     output = next((port.name for port in space.ports if port.role == "output"), "")
-    rigid = [port for port in space.ports if port.rigid and port.name in space.kept]
+    rigid = [port for port in space.ports if port.rigid and port.name in space.retained]
     thin_nodes, peaks = _thin_nodes(body, domain), np.zeros(0)
     solver, memory = "", 0
     for cls in port_compliance.classes(domain)[: None if all_classes else 1]:
@@ -285,13 +285,18 @@ def _vibrations(
     system: ClassSystem, mass: sp.csr_matrix, space: PortSpace, count: int, actuator: float
 ) -> list[tuple[modes.Mode, ModeRecord]]:
     """Return the lowest modes of a class without the actuator, and with it if there is one."""
-    moved = effective_mass.moved_mass(mass)
+    moving_mass = effective_mass.moved_mass(mass)
     batches = {False: modes.class_modes(system, mass, space, count, 0.0)}
     if actuator:
         felt = np.any(space.projection(system.cls) @ space.extension)
         batches[True] = modes.class_modes(system, mass, space, count, actuator) if felt else batches[False]
     return [
-        (mode, ModeRecord.of(mode, installed=on, effective_mass=effective_mass.of_mode(mode.shape, moved, system.cls)))
+        (
+            mode,
+            ModeRecord.of(
+                mode, installed=on, effective_mass=effective_mass.of_mode(mode.shape, moving_mass, system.cls)
+            ),
+        )
         for on, batch in batches.items()
         for mode in batch
     ]

@@ -118,9 +118,9 @@ def extrapolate(
         math.hypot(scatter.relative / 2 * abs(value), scatter.share * max(abs(value - found), abs(value) * other))
         for found, other in zip(values[-2:], beside[-2:] if beside else (0.0, 0.0), strict=True)
     )
-    scattered = math.hypot((1 + weight) * fine, weight * coarse)
+    noise = math.hypot((1 + weight) * fine, weight * coarse)
     gci = 1.25 * abs(low - values[-1]) / abs(values[-1]) if values[-1] else 0.0
-    return Extrapolated(value, math.hypot(max(doubts), scattered), values[-1], observed, gci)
+    return Extrapolated(value, math.hypot(max(doubts), noise), values[-1], observed, gci)
 
 
 def described(scatter: MeshNoise) -> str:

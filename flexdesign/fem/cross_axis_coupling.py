@@ -195,8 +195,8 @@ def _aside(stage: AssembledStage, axis: str, load: FloatArray, point: FloatArray
     answer = np.linalg.solve(stage.stiffness, load)
     axes = stage.assembly.axes
     travel = float(np.array(axes[axis].direction) @ (stage.table @ answer)[:3])
-    moved = (stage.motion(stage.assembly.table, point) @ answer)[:3]
-    return {b: float(np.array(axes[b].direction) @ moved) / travel for b in axes if b != axis}
+    displacement = (stage.motion(stage.assembly.table, point) @ answer)[:3]
+    return {b: float(np.array(axes[b].direction) @ displacement) / travel for b in axes if b != axis}
 
 
 def _first(stage: AssembledStage, axis: str) -> FloatArray:

@@ -76,8 +76,8 @@ class LargeStroke:
         """Output motion at full drive on this mesh [m], between the steps by cubics with the tangents at their ends."""
         path = self.path
         per_force = (1 / self.actuator + 1 / path.input_stiffness) / self.free_stroke  # drive
-        slopes = path.amplification / path.input_stiffness / per_force
-        return float(CubicHermiteSpline(self.drive, path.output, slopes)(1.0))
+        rates = path.amplification / path.input_stiffness / per_force
+        return float(CubicHermiteSpline(self.drive, path.output, rates)(1.0))
 
     def stroke(self, linear: Quantity) -> Quantity:
         """Return the output motion at full drive, freed from the error of this mesh as far as that is linear.

@@ -45,7 +45,7 @@ AFTERWARDS = (
     "second_order",
 )
 #: Quantities of which an accuracy is asked.
-JUDGED = ("K_in", "lambda", "K_out")
+ACCURACY_QUANTITIES = ("K_in", "lambda", "K_out")
 #: Where an accuracy is asked for there are no more meshes than these.
 MOST_LEVELS = 5
 
@@ -113,7 +113,7 @@ def refined(
             refused = refused or error
             progress(f"passing over this mesh: {error.remedy}")
             continue
-        if asked and len(levels) > 1 and is_reached(asked, gathered(study, levels, method.scatter), progress):
+        if asked and len(levels) > 1 and is_converged(asked, gathered(study, levels, method.scatter), progress):
             break
     if refused and len(levels) < 2:
         raise refused
@@ -130,9 +130,9 @@ def require_room(study: Study, method: Method, omit: int, file: Path) -> None:
     InputError
         If one would be, about the file.
     """
-    needed = study.mesh.levels - 2 if study.mesh.accuracy else omit
+    levels = study.mesh.levels - 2 if study.mesh.accuracy else omit
     try:
-        method.require_room(study.mesh.refinement**needed)
+        method.require_room(study.mesh.refinement**levels)
     except MeshError as error:
         raise InputError(file, "mesh", None, str(error)) from error
 
@@ -145,12 +145,12 @@ def estimated_error(found: Sequence[Quantity]) -> float:
 
 def least_certain(found: Sequence[Quantity]) -> Quantity:
     """Return the stiffness or amplification whose relative error is the largest, as estimated."""
-    judged = [quantity for quantity in found if quantity.name in JUDGED and quantity.value]
-    judged = judged or [quantity for quantity in found if quantity.name.startswith("k_")]
-    return max(judged, key=lambda quantity: abs((quantity.half_width or 0.0) / quantity.value))
+    decisive = [quantity for quantity in found if quantity.name in ACCURACY_QUANTITIES and quantity.value]
+    decisive = decisive or [quantity for quantity in found if quantity.name.startswith("k_")]
+    return max(decisive, key=lambda quantity: abs((quantity.half_width or 0.0) / quantity.value))
 
 
-def is_reached(asked: float, found: Sequence[Quantity], progress: Progress) -> bool:
+def is_converged(asked: float, found: Sequence[Quantity], progress: Progress) -> bool:
     """Tell whether quantities have the relative accuracy that was asked for, as estimated."""
     error = estimated_error(found)
     progress(f"estimated error {100 * error:.2g} %, asked for {100 * asked:.2g} %")

@@ -80,7 +80,7 @@ class Kind:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class PartSolid:
     """One kind of part as it is drawn, which no mesh changes.
 
     Parameters
@@ -130,7 +130,7 @@ class StageLevel:
         return sum(kind.seconds for kind in self.kinds)
 
 
-def drawn(study: Study, assembly: Assembly, progress: Progress = lambda _: None) -> list[Drawn]:
+def build_solids(study: Study, assembly: Assembly, progress: Progress = lambda _: None) -> list[PartSolid]:
     """Build the solid of every kind of part of a stage.
 
     Raises
@@ -146,14 +146,14 @@ def drawn(study: Study, assembly: Assembly, progress: Progress = lambda _: None)
     for piece, elements in assembly.kinds():
         progress(f"{type(piece).__name__}: building the solid")
         body = domain.of_part(piece, chord=domain.chord(piece))
-        found.append(Drawn(piece, body, tuple(element.name for element in elements)))
+        found.append(PartSolid(piece, body, tuple(element.name for element in elements)))
     return found
 
 
-def condensed(
+def condense(
     study: Study,
     assembly: Assembly,
-    kinds: Sequence[Drawn],
+    kinds: Sequence[PartSolid],
     coarseness: float,
     cache: Cache,
     *,
@@ -169,7 +169,7 @@ def condensed(
     assembly
         The stage.
     kinds
-        Its parts, each kind once; see `drawn`.
+        Its parts, each kind once; see `build_solids`.
     coarseness
         1 for the finest mesh.
     cache
@@ -196,23 +196,23 @@ def condensed(
     return StageLevel(sizes[0], tuple(made), stage, by_key(of_stage(study, stage)))
 
 
-def refined(
+def refine(
     study: Study, assembly: Assembly, cache: Cache, progress: Progress = lambda _: None, *, inside: int = 0
 ) -> list[StageLevel]:
     """Condense on meshes from coarse to fine: as many as were asked for, or as an accuracy takes.
 
-    The coarsest `inside` keep what goes on inside. What is raised is what `condensed` raises.
+    The coarsest `inside` keep what goes on inside. What is raised is what `condense` raises.
     """
     asked, count = study.mesh.accuracy, study.mesh.levels
-    kinds, levels = drawn(study, assembly, progress), list[StageLevel]()
+    kinds, levels = build_solids(study, assembly, progress), list[StageLevel]()
     for kind in kinds:
         method = mesh_refinement.method_of(study, kind.piece, kind.body)
         mesh_refinement.require_room(study, method, 0, parts.file_of(type(kind.piece)))
     for number in range(1, (MOST_LEVELS if asked else count) + 1):
         coarseness, words = study.mesh.refinement ** (count - number), f"mesh {number}" + f" of {count}" * (not asked)
         say = labelled(progress, words)
-        levels.append(condensed(study, assembly, kinds, coarseness, cache, inside=number <= inside, progress=say))
-        if asked and number > 1 and mesh_refinement.is_reached(asked, gathered(levels), progress):
+        levels.append(condense(study, assembly, kinds, coarseness, cache, inside=number <= inside, progress=say))
+        if asked and number > 1 and mesh_refinement.is_converged(asked, gathered(levels), progress):
             break
     return levels
 
@@ -237,7 +237,7 @@ def labelled(progress: Progress, label: str) -> Progress:
 
 
 def _kind(
-    study: Study, kind: Drawn, coarseness: float, cache: Cache, inside: bool, progress: Progress
+    study: Study, kind: PartSolid, coarseness: float, cache: Cache, inside: bool, progress: Progress
 ) -> tuple[Kind, float]:
     """Return a kind of part, and the edge length at its hinge roots [m]."""
     piece, body = kind.piece, kind.body

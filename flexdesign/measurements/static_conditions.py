@@ -51,10 +51,10 @@ def refuse_others(path: Path, text: str, design: Design) -> None:
         If one does.
     """
     for line in text.splitlines():
-        name, colon, told = line.strip().removeprefix("#").partition(":")
+        name, colon, value = line.strip().removeprefix("#").partition(":")
         if not (line.strip().startswith("#") and colon and name.strip() in TOLD):
             continue
         key, write = TOLD[name.strip()]
-        if write(design) != told.strip():
+        if write(design) != value.strip():
             remedy = f"the design has {write(design)}; read it with the same --set {key}... as the table was made with"
-            raise InputError(path, name.strip(), told.strip(), remedy)
+            raise InputError(path, name.strip(), value.strip(), remedy)

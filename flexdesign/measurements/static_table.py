@@ -217,9 +217,9 @@ def _comment(cells: Sequence[str]) -> bool:
 def _columns(path: Path, names: Sequence[str], design: Design) -> dict[str, tuple[str, Bounds, str]]:
     """Return the columns that hold dimensions: name, bounds and unit of each, by the header cell."""
     head = (*HEAD, AXIS) if design.is_stage else HEAD
-    for needed in (name for name in head if name != "sigma"):
-        if needed not in names:
-            remedy = f"there is no column {needed}; the header is {','.join(head)} and dimensions such as t [mm]"
+    for required in (name for name in head if name != "sigma"):
+        if required not in names:
+            remedy = f"there is no column {required}; the header is {','.join(head)} and dimensions such as t [mm]"
             raise InputError(path, "header", None, remedy)
     for name in names:
         if names.count(name) > 1:

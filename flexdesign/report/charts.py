@@ -116,10 +116,10 @@ def svg(figure: Any) -> bytes:
         FigureCanvasSVG(figure)
         layout.execute(figure)
         figure.set_layout_engine("none")
-    said = {"Date": None, "Description": in_words(figure)}
+    sentences = {"Date": None, "Description": in_words(figure)}
     stream = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "flexdesign", "path.simplify_threshold": 0.2}):
-        figure.savefig(stream, format="svg", transparent=True, metadata=said)
+        figure.savefig(stream, format="svg", transparent=True, metadata=sentences)
     return re.sub(rb' d="[^"]*"', lambda path: _SURPLUS.sub(rb"\1", path[0]), stream.getvalue())
 
 

@@ -7,55 +7,55 @@ from collections.abc import Sequence
 
 from flexdesign.core import units
 from flexdesign.diagnosis.comparison import Breakdown, Comparison, Part
-from flexdesign.dynamics.stage_model import Shown
+from flexdesign.dynamics.stage_model import ResponseUnits
 
 #: A breakdown with less contrast than this says that all parts are alike.
-ALIKE = 0.1
+UNIFORM = 0.1
 #: The unit of errors below a tenth of another.
 FINER = {"um": "nm", "mV": "uV", "urad": "nrad"}
 
 
-def shown_in(response: str) -> tuple[str, str]:
+def units_of(response: str) -> tuple[str, str]:
     """Return in which unit a response is shown, and in which its errors are.
 
-    >>> shown_in("V"), shown_in(Shown("rad", "mrad"))
+    >>> units_of("V"), units_of(Shown("rad", "mrad"))
     (('V', 'mV'), ('mrad', 'mrad'))
     """
-    shown = response if isinstance(response, Shown) else Shown(response)
-    return shown.large, shown.small
+    written = response if isinstance(response, ResponseUnits) else ResponseUnits(response)
+    return written.large, written.small
 
 
 def sentences(found: Comparison) -> list[str]:
     """Return where the model fails, in up to three sentences: in which runs, at which frequencies, in which region."""
     if not found.unexplained:
         return []
-    said = []
+    text = []
     by_run = found.by("run")
     if by_run and len(by_run.parts) > 1:
-        if by_run.contrast < ALIKE:
-            said.append("It fails in all runs alike.")
+        if by_run.contrast < UNIFORM:
+            text.append("It fails in all runs alike.")
         else:
             worst = sorted(by_run.concentrated, key=lambda p: -p.share)
             names = listed([p.label for p in worst[:3]] + (["others"] if len(worst) > 3 else []))
-            said.append(f"It fails mostly in {names}: {percent(sum(p.share for p in worst))} of the unexplained error.")
+            text.append(f"It fails mostly in {names}: {percent(sum(p.share for p in worst))} of the unexplained error.")
     by_frequency = found.by("frequency")
     if by_frequency and (band := by_frequency.dominant()):
         mode = found.model.axes[found.axis].natural_frequency
         near = f", where the main mode is ({mode:.4g} Hz)" if band[0].lower <= mode < band[-1].upper else ""
         share = percent(sum(p.share for p in band))
-        said.append(f"It fails mostly {place(by_frequency, band)}{near}: {share}.")
+        text.append(f"It fails mostly {place(by_frequency, band)}{near}: {share}.")
     regions = [b for b in found.where if b.by not in ("run", "frequency")]
     strongest = max(regions, key=lambda b: b.contrast * b.covers)
-    if strongest.contrast * strongest.covers < ALIKE:
-        said.append("No position, velocity or voltage is worse than the others.")
+    if strongest.contrast * strongest.covers < UNIFORM:
+        text.append("No position, velocity or voltage is worse than the others.")
     else:
         parts = strongest.concentrated
         share, weight = (sum(getattr(p, key) for p in parts) for key in ("share", "weight"))
         of = "the error" if strongest.covers > 0.99 else "the error after steps"
-        said.append(
+        text.append(
             f"It fails mostly {place(strongest, parts)}: {percent(share)} of {of}, in {percent(weight)} of the time."
         )
-    return said
+    return text
 
 
 def label(breakdown: Breakdown, part: Part) -> str:
@@ -72,10 +72,10 @@ def label(breakdown: Breakdown, part: Part) -> str:
 def place(breakdown: Breakdown, parts: Sequence[Part]) -> str:
     """Return where some parts are, neighbours taken together: ``at positions below -20 um or above 40 um``."""
     if breakdown.by == "velocity":
-        moves = [p.label for p in parts if p.label != "at rest"]
-        said = [f"moves {' or '.join(moves)}"] if moves else []
-        said += ["is at rest"] if len(moves) < len(parts) else []
-        return f"while the stage {' or '.join(said)}"
+        motions = [p.label for p in parts if p.label != "at rest"]
+        text = [f"moves {' or '.join(motions)}"] if motions else []
+        text += ["is at rest"] if len(motions) < len(parts) else []
+        return f"while the stage {' or '.join(text)}"
     groups: list[list[Part]] = []
     for part in parts:
         if groups and groups[-1][-1].upper == part.lower:
@@ -83,21 +83,21 @@ def place(breakdown: Breakdown, parts: Sequence[Part]) -> str:
         else:
             groups.append([part])
     low, high = breakdown.parts[0].lower, breakdown.parts[-1].upper
-    said = []
+    text = []
     for group in groups:
         a, b = group[0].lower, group[-1].upper
         if a == low and b < high:
-            said.append(f"below {limit(b, breakdown.si)}")
+            text.append(f"below {limit(b, breakdown.si)}")
         elif b == high and a > low:
-            said.append(f"above {limit(a, breakdown.si)}")
+            text.append(f"above {limit(a, breakdown.si)}")
         else:
-            said.append(between(a, b, breakdown.si))
-    where = " or ".join(said)
+            text.append(between(a, b, breakdown.si))
+    where = " or ".join(text)
     if breakdown.si == "s":
         after = where.replace("below", "in the first").replace("above", "later than")
         return f"{after} after a step"
     lead = {"frequency": "", "position": "at positions ", "voltage": "at voltages "}[breakdown.by]
-    if breakdown.by == "frequency" and not said[0].startswith(("below", "above")):
+    if breakdown.by == "frequency" and not text[0].startswith(("below", "above")):
         lead = "at "
     return f"{lead}{where}"
 
@@ -112,8 +112,8 @@ def limit(value: float, si: str, size: float | None = None) -> str:
     if si == "s":
         unit = "s" if size >= 1 else "ms" if size >= 1e-3 else "us"
     else:
-        usual = "mV" if si == "V" and 0 < size < 1 else {"m": "um", "rad": "urad"}.get(si, si)
-        unit = (si.unit if isinstance(si, Shown) else "") or usual
+        default_unit = "mV" if si == "V" and 0 < size < 1 else {"m": "um", "rad": "urad"}.get(si, si)
+        unit = (si.unit if isinstance(si, ResponseUnits) else "") or default_unit
     number = f"{value / units.factor(unit, si):.{2 if si == 'Hz' else 3}g}"
     return f"{float(number):g} {sign(unit)}"
 
@@ -134,9 +134,11 @@ def error(response: str, value: float, digits: int = 3) -> str:
     >>> error("m", 1.754e-6), error("m", 46.4e-9, 2), error(Shown("m", "mm"), 46.4e-6, 2)
     ('1.75 µm', '46 nm', '0.046 mm')
     """
-    small = shown_in(response)[1]
+    small = units_of(response)[1]
     unit = small
-    if not (isinstance(response, Shown) and response.unit) and 0 < abs(value) < 0.1 * units.factor(small, response):
+    if not (isinstance(response, ResponseUnits) and response.unit) and 0 < abs(value) < 0.1 * units.factor(
+        small, response
+    ):
         unit = FINER[small.removesuffix("/V")] + ("/V" if small.endswith("/V") else "")
     return units.to_text(value, unit, digits, si=response).replace(unit, sign(unit))
 

@@ -82,8 +82,8 @@ def _sections(
         surface = surface_of(body.solid, 1e-3 * size)
         points = surface.corners.reshape(-1, 3)
         cells = np.arange(len(points)).reshape(-1, 3)
-        shown = sorted((face for face in faces if face.kind == "plane"), key=lambda f: -f.area)[:MOST]
-        labels = [(_before(surface, face, 5e-3 * size), str(face.index + 1)) for face in shown]
+        planes = sorted((face for face in faces if face.kind == "plane"), key=lambda f: -f.area)[:MOST]
+        labels = [(_before(surface, face, 5e-3 * size), str(face.index + 1)) for face in planes]
         middle = (1e-3 * box.center.x, 1e-3 * box.center.y, 1e-3 * box.center.z)
         picture = Picture("faces.png", points, cells, view="oblique", focus=(middle, 0.45 * size), labels=labels)
         return [Figure("faces.png", pictures.draw([picture])["faces.png"], CAPTION)], []

@@ -65,7 +65,7 @@ def name_of(file: Path) -> str:
     return f"{file.resolve().parent.name}_{file.stem}" if file.stem in COMMON else file.stem
 
 
-def standing(folder: Path) -> Mapping[str, Any] | None:
+def state_of_checkout(folder: Path) -> Mapping[str, Any] | None:
     """Return the inputs of the report that stands in a folder; empty if it does not say, None if there is none."""
     file = folder / "result.json"
     if not is_file(file):
@@ -91,7 +91,7 @@ def is_another(found: Mapping[str, Any], inputs: Inputs) -> bool:
 
 def replaced(folder: Path, inputs: Inputs) -> str:
     """Say which report of other inputs will be replaced in a folder; empty if there is none."""
-    found = standing(folder)
+    found = state_of_checkout(folder)
     if found is None or found == inputs.record:
         return ""
     if not found:

@@ -136,9 +136,9 @@ def drawn_or_said(
     try:
         return *draw(), []
     except NoPictures as error:
-        said = f"No pictures: {error}."
-        progress(said)
-        return [], [], [said]
+        sentences = f"No pictures: {error}."
+        progress(sentences)
+        return [], [], [sentences]
 
 
 def draw(pictures: Sequence[Picture], reel: Reel | None = None) -> dict[str, bytes]:
@@ -176,16 +176,16 @@ def _draw_all(pictures: Sequence[Picture], reel: Reel | None) -> dict[str, bytes
     vtk.vtkObject.GlobalWarningDisplayOff()  # without a display VTK warns on every window before it falls back
     vtk.vtkLogger.SetStderrVerbosity(vtk.vtkLogger.VERBOSITY_OFF)
     pv.global_theme.font.color = _INK
-    drawn = {picture.file: _draw(picture, pv) for picture in pictures}
-    return drawn | (_draw_reel(reel, pv) if reel is not None else {})
+    images = {picture.file: _draw(picture, pv) for picture in pictures}
+    return images | (_draw_reel(reel, pv) if reel is not None else {})
 
 
 def _draw_reel(reel: Reel, pv: Any) -> dict[str, bytes]:
     rest = _grid(reel.points, reel.cells, pv)
-    moved = rest.copy()
+    points = rest.copy()
     for index, shot in enumerate(reel.shots):
-        moved[f"{index}"] = shot.displacement * 1e3
-    surface = _skin(moved, subdivision=1)
+        points[f"{index}"] = shot.displacement * 1e3
+    surface = _skin(points, subdivision=1)
     still = surface.points.copy()
     plotter = pv.Plotter(off_screen=True, window_size=_SMALL)
     plotter.set_background("white")
@@ -218,14 +218,14 @@ def _grid(points: FloatArray, cells: IntArray, pv: Any) -> Any:
 
 def _draw(picture: Picture, pv: Any) -> bytes:
     grid = _grid(picture.points, picture.cells, pv)
-    shown = grid.copy()
+    deformed = grid.copy()
     if picture.displacement is not None:
-        shown.points = (picture.points + picture.displacement) * 1e3
+        deformed.points = (picture.points + picture.displacement) * 1e3
     if picture.scalars is not None:
-        shown[picture.label] = picture.scalars
+        deformed[picture.label] = picture.scalars
     plotter = pv.Plotter(off_screen=True, window_size=_SIZE)
     plotter.set_background("white")
-    surface = _skin(shown)
+    surface = _skin(deformed)
     style: dict[str, Any] = {"color": "#b9c6d1"}
     if picture.scalars is not None:
         bar = {"title": f"{picture.label}\n", **BAR}

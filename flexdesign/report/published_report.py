@@ -17,9 +17,9 @@ HEAD = ("quantity", "place", "published", "ours", "difference", "uncertainty", "
 
 def document(found: PublishedMechanisms) -> Document:
     """Return the report."""
-    told = ", ".join(f"{count} {verdict}" for verdict, count in found.counted().items() if count)
+    texts = ", ".join(f"{count} {verdict}" for verdict, count in found.counted().items() if count)
     summary = [
-        f"{len(found.rows)} published numbers of {len(found.mechanisms)} mechanisms, beside finite elements: {told}.",
+        f"{len(found.rows)} published numbers of {len(found.mechanisms)} mechanisms, beside finite elements: {texts}.",
         _unexplained(found),
     ]
     sections = [Section("Overview", [_how()], [overview(found)], [_picture(found)])]
@@ -100,8 +100,8 @@ def _row(row: Compared) -> list[str]:
         theirs = f"{theirs} ± {width}"
     what = f"{row.number.quantity}, {row.number.boundary}"
     place = f"{row.number.printed.place} ({row.number.kind})"
-    shown = [_percent(row.gap), f"± {units.significant(100 * row.allowed, 2)} %"]
-    return [what, place, theirs, ours.shown(), *shown, row.verdict, _closing(row)]
+    text = [_percent(row.gap), f"± {units.significant(100 * row.allowed, 2)} %"]
+    return [what, place, theirs, ours.formatted(), *text, row.verdict, _closing(row)]
 
 
 def _closing(row: Compared) -> str:

@@ -43,7 +43,7 @@ def table(simulation: Simulation) -> Table:
     rows = []
     for experiment in simulation.plan.experiments:
         for case, c in simulation.compared(experiment):
-            ours = c.ours.shown(3) if c.ours else "–"
+            ours = c.ours.formatted(3) if c.ours else "–"
             what = f"{ALONE.get(c.published.measure) or WORDS[c.published.measure]}, {c.axis}"
             note = "; ".join(text for text in (c.published.place, c.published.note) if text)
             rows.append([experiment.name, what, who(case), _printed(c), ours, _verdict(simulation, case, c), note])
@@ -88,7 +88,7 @@ def _verdict(simulation: Simulation, case: Case, compared: Compared) -> str:
         return "within it" if within else f"beyond it{cause and f': {cause}'}"
     off, width = ours.value - published.si, published.half_width
     if width is None:
-        return f"{100 * off / published.si:+.3g} %" if published.si else f"off by {ours.shown(3)}"
+        return f"{100 * off / published.si:+.3g} %" if published.si else f"off by {ours.formatted(3)}"
     if abs(off) <= width:
         return f"{_difference(off, ours)}, within ±"
     return f"{_difference(off, ours)}, beyond ±: {cause or 'unexplained'}"
@@ -96,7 +96,7 @@ def _verdict(simulation: Simulation, case: Case, compared: Compared) -> str:
 
 def _difference(off: float, ours: Quantity) -> str:
     """Write a difference as its uncertainty is written, which it is judged by; of two shares in points."""
-    written = replace(ours, value=abs(off), half_width=None).shown(3)
+    written = replace(ours, value=abs(off), half_width=None).formatted(3)
     return f"{'-' if off < 0 else '+'}{written.removesuffix(' %')}{' points' if written.endswith(' %') else ''}"
 
 
@@ -117,21 +117,21 @@ def _cause(case: Case, axis: str) -> str:
 
 def _damping(simulation: Simulation) -> list[str]:
     """Say what damping a published settling without feedback takes, exp(-zeta w t) being the band at its end."""
-    told = dict.fromkeys(
+    words = dict.fromkeys(
         _takes(simulation, case, c)
         for experiment in simulation.plan.experiments
         for case, c in simulation.compared(experiment)
         if c.published.measure == "settling_time" and not case.pid and not c.published.bound
     )
-    return [f"Settling without feedback is a matter of damping. {' '.join(told)}"] if told else []
+    return [f"Settling without feedback is a matter of damping. {' '.join(words)}"] if words else []
 
 
 def _takes(simulation: Simulation, case: Case, compared: Compared) -> str:
     axis, modelled = simulation.variants[case.variant].axes[compared.axis], simulation.model.axes[compared.axis]
-    needed = -math.log(BAND) / (2 * math.pi * axis.natural_frequency * compared.published.si)
+    damping = -math.log(BAND) / (2 * math.pi * axis.natural_frequency * compared.published.si)
     guessed = "damping_ratio" in axis.assumed and axis.damping_ratio == modelled.damping_ratio
     return (
         f"{compared.published.value} of {compared.axis} at {units.to_text(axis.natural_frequency, 'Hz')} take a ratio "
-        f"of {units.significant(needed, 3)}; it has {units.significant(axis.damping_ratio, 3)} "
+        f"of {units.significant(damping, 3)}; it has {units.significant(axis.damping_ratio, 3)} "
         f"({case.variant}{', assumed' if guessed else ''})."
     )

@@ -83,14 +83,16 @@ def plain(table: Table) -> str:
 
 
 def _drawn(table: Table, *, wraps: bool = False, headed: bool = True) -> RichTable:
-    drawn = RichTable(
+    rich_table = RichTable(
         title=table.caption or None, title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0),
         show_header=headed,
     )  # fmt: skip
     for index, head in enumerate(table.columns):
         words = index < 1 or (wraps and table.wordy[index])
         # What is too long is broken into lines: nothing is cut off.
-        drawn.add_column(head, justify="left" if words else "right", no_wrap=index > 0 and not wraps, overflow="fold")
+        rich_table.add_column(
+            head, justify="left" if words else "right", no_wrap=index > 0 and not wraps, overflow="fold"
+        )
     for row in table.rows:
-        drawn.add_row(*row)
-    return drawn
+        rich_table.add_row(*row)
+    return rich_table

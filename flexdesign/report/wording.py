@@ -86,11 +86,11 @@ def name_of(quantity: Quantity) -> str:
     return NAMES.get(quantity.name, quantity.name.replace("_", " "))
 
 
-def shown(quantity: Quantity) -> str:
+def formatted(quantity: Quantity) -> str:
     """Write a FEM quantity; exact zeros as such."""
     if quantity.value == 0:
         return "0 (by symmetry)"
-    return quantity.shown()
+    return quantity.formatted()
 
 
 def cycles(number: float) -> str:

@@ -48,13 +48,13 @@ class Client:
         self.notices = ui.column().classes("w-full").props("aria-live=assertive").mark("notices")
         with ui.row().classes("fd-status items-center no-wrap").props("role=status") as line:
             ui.icon("hourglass_top").props("aria-hidden=true")  # one that turns would cost what the work needs
-            said = ui.label("").mark("progress")
+            message = ui.label("").mark("progress")
             ui.button("Cancel", on_click=self.work.cancel).props("no-caps outline dense")
         line.set_visibility(False)
 
         def look() -> None:
             line.set_visibility(self.work.is_busy)
-            said.set_text(self.work.message)
+            message.set_text(self.work.message)
 
         ui.timer(LOOK, look)
 

@@ -180,7 +180,7 @@ class DesignTab:
         field_error(self.problem, "")
         if moved is not None:
             field_error(moved, "")
-        rows = [[each.name, each.boundary, each.shown()] for each in (found or {}).values()]
+        rows = [[each.name, each.boundary, each.formatted()] for each in (found or {}).values()]
         self.formulas.set_content(charts.table(["quantity", "boundary", "value"], rows))
 
     async def _in_process(self, verb: str, argument: str, options: dict[str, Any], place: ui.column) -> None:

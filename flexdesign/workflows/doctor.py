@@ -100,11 +100,11 @@ def examine(cache: Path | None = None) -> Health:
 
 
 def _core() -> Item:
-    said = ", ".join(f"{name} {number}" for name, number in versions.installed(CORE).items())
+    message = ", ".join(f"{name} {number}" for name, number in versions.installed(CORE).items())
     lacking = [name for name in CORE if importlib.util.find_spec(name) is None]
     if lacking:
         return Item("flexdesign", "problem", f"{', '.join(lacking)} cannot be found", "pip install flexdesign")
-    return Item("flexdesign", "ok", f"{said}; {platform.platform(terse=True)}")
+    return Item("flexdesign", "ok", f"{message}; {platform.platform(terse=True)}")
 
 
 def _extra(name: str, brings: str, packages: Sequence[tuple[str, str]]) -> Item:
@@ -155,10 +155,10 @@ def _memory() -> Item:
     free = available_memory()
     if free is None:
         return Item("memory", "ok", "the system does not say how much is free")
-    said = f"{free / 2**30:.1f} GiB free, {os.cpu_count()} processors"
+    message = f"{free / 2**30:.1f} GiB free, {os.cpu_count()} processors"
     if free < LITTLE:
-        return Item("memory", "problem", said, "close other programs, or ask for less mesh.accuracy")
-    return Item("memory", "ok", said)
+        return Item("memory", "problem", message, "close other programs, or ask for less mesh.accuracy")
+    return Item("memory", "ok", message)
 
 
 def _cache(folder: Path | None) -> Item:

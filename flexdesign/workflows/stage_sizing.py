@@ -218,10 +218,10 @@ def size(
     return _search(problem, solver, progress)
 
 
-def rows_of(name: str | Path, design: Design, solved: Mapping[str, Quantity]) -> list[Row]:
-    """Return the targets of a file beside what a design has: formulas, arms, and `solved` by finite elements."""
+def rows_of(name: str | Path, design: Design, computed: Mapping[str, Quantity]) -> list[Row]:
+    """Return the targets of a file beside what a design has: formulas, arms, and `computed` by finite elements."""
     problem = _read(name)
-    return problem.rows(design, solved, problem.targets)
+    return problem.rows(design, computed, problem.targets)
 
 
 def _read(name: str | Path, overrides: Sequence[str] = ()) -> _Problem:
@@ -269,8 +269,8 @@ class _Problem:
     def at(self, logs: NDArray[np.float64]) -> Design:
         """Return the design whose free dimensions are `exp(logs)` times those of the start."""
         dims = self.study.design.dimensions
-        moved = {name: dims[name] * float(np.exp(log)) for name, log in zip(self.checked.free, logs, strict=True)}
-        return version(self.study.design.file, self.start, moved)
+        dimensions = {name: dims[name] * float(np.exp(log)) for name, log in zip(self.checked.free, logs, strict=True)}
+        return version(self.study.design.file, self.start, dimensions)
 
     def _known(self, design: Design) -> dict[str, dict[str, Quantity]]:
         """Return what the models say of a design, by kind of target and key."""
@@ -302,15 +302,15 @@ class _Problem:
             missed.append(np.log(value / target.quantity.value) / target.tolerance)
         return np.concatenate([missed, logs / self.checked.prior])
 
-    def rows(self, design: Design, solved: Mapping[str, Quantity], targets: Sequence[Target]) -> list[Row]:
+    def rows(self, design: Design, computed: Mapping[str, Quantity], targets: Sequence[Target]) -> list[Row]:
         """Return targets beside what formulas and finite elements give for a design."""
-        known = {**self._known(design), "elements": dict(solved)}
+        known = {**self._known(design), "elements": dict(computed)}
         return [Row(target, known[target.kind][_key(target)]) for target in targets]
 
-    def ratio(self, design: Design, solved: Mapping[str, Quantity]) -> dict[str, float]:
+    def ratio(self, design: Design, computed: Mapping[str, Quantity]) -> dict[str, float]:
         """Return finite elements over the compliance model, for what is asked of the former."""
         model = self._known(design)["elements"]
-        return {key: solved[key].value / model[key].value for key in self.checked.targets.elements}
+        return {key: computed[key].value / model[key].value for key in self.checked.targets.elements}
 
 
 def _search(problem: _Problem, solver: Solver, progress: Progress) -> StageSizing:
@@ -318,14 +318,14 @@ def _search(problem: _Problem, solver: Solver, progress: Progress) -> StageSizin
 
     checked, targets = problem.checked, problem.targets
     logs, ratio, ratios = np.zeros(len(checked.free)), dict[str, float](), list[Mapping[str, float]]()
-    design, solved = problem.study.design, dict[str, Quantity]()
+    design, computed = problem.study.design, dict[str, Quantity]()
     tolerances = {_key(t): t.tolerance for t in targets if t.kind == "elements"}
     for number in range(1, checked.iterations + 1):
         progress(f"solution {number}: fitting {len(logs)} dimensions to {len(targets)} targets by formulas")
         logs = least_squares(problem.residual, logs, x_scale=0.1, max_nfev=100, args=(targets, ratio)).x
         design = _rounded(problem, logs)
-        solved = dict(solver(design))
-        ratios.append(problem.ratio(design, solved))
+        computed = dict(solver(design))
+        ratios.append(problem.ratio(design, computed))
         changes = [abs(ratios[-1][key] / ratio.get(key, 1.0) - 1) / tolerances[key] for key in tolerances]
         progress(f"solution {number}: finite elements differ by {max(changes, default=0.0):.2g} tolerances")
         ratio = dict(ratios[-1])
@@ -340,8 +340,8 @@ def _search(problem: _Problem, solver: Solver, progress: Progress) -> StageSizin
         problem.study.design,
         design,
         checked.free,
-        tuple(problem.rows(design, solved, targets)),
-        tuple(q for key, q in solved.items() if key not in asked),
+        tuple(problem.rows(design, computed, targets)),
+        tuple(q for key, q in computed.items() if key not in asked),
         tuple(ratios),
     )
 
@@ -357,7 +357,7 @@ def _elements(study: studies.Study, cache: Cache, progress: Progress) -> Solver:
     """Return finite elements of a whole stage, extrapolated over the meshes of a study."""
 
     def solve(design: Design) -> Mapping[str, Quantity]:
-        levels = stage_condensation.refined(replace(study, design=design), design.stage().assembly(), cache, progress)
+        levels = stage_condensation.refine(replace(study, design=design), design.stage().assembly(), cache, progress)
         return by_key(stage_condensation.gathered(levels))
 
     return solve

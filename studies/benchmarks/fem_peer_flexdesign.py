@@ -37,13 +37,13 @@ def solve(case: Case, coarseness: list[float], symmetric: bool = True, wild: boo
     """Solve as a sweep does, without its files."""
     from flexdesign.design import design
     from flexdesign.fem import analysis, convergence
-    from flexdesign.fem.meshing import domain, methods, outlined
+    from flexdesign.fem.meshing import domain, methods, polygon_domain
 
     read = design.read(design.find(case.name))
     watch = Stopwatch()
     part = read.part()
     members = part.linkage().members
-    told = outlined.of_part(part) if symmetric and not wild else None
+    told = polygon_domain.of_part(part) if symmetric and not wild else None
     body = told or domain.of_part(part, symmetric=symmetric, chord=domain.chord(part))
     grading = methods.Grading(body, members, *(methods.WILD_GRADING if wild else methods.EXTRUDED_GRADING), None)
     method: methods.Method = methods.Wild(grading, ENVELOPE) if wild else methods.Extruded(grading)

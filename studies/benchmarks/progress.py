@@ -18,7 +18,7 @@ from pathlib import Path
 from statistics import median
 
 from flexdesign import diagnosis
-from flexdesign.diagnosis.progress import BESIDE, ENDING, SCREENING, TYPICAL, Progress, in_words
+from flexdesign.diagnosis.progress import ENDING, SCREENING, SECOND_SCREENING, TYPICAL, Progress, in_words
 from flexdesign.dynamics.stage_model import reading
 from flexdesign.measurements import recordings
 from studies.hidden_effect_trial import cases, folder
@@ -82,7 +82,7 @@ def lengths(words: list[Word]) -> dict[str, float]:
     took = dict[str, float]()
     for each, end in zip(found, ends, strict=True):
         took[each.stage] = took.get(each.stage, 0.0) + end - each.at
-    if BESIDE not in took:
+    if SECOND_SCREENING not in took:
         del took[ENDING]
     return {stage: took[stage] / took[SCREENING] for stage in TYPICAL if stage in took}
 

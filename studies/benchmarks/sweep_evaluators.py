@@ -86,7 +86,7 @@ def lean(given: Design, coarsenesses: Sequence[float], accuracy: float = 0.0) ->
     for coarseness in coarsenesses:
         mesh = method.mesh(coarseness)
         resolution_gate.check(mesh, body, part.linkage().of_kind("hinge"))
-        compliance, factor = solid.solved(part, body, Elasticity(mesh, given.material))
+        compliance, factor = solid.solve(part, body, Elasticity(mesh, given.material))
         factor.free()
         found.append({q.key: q for q in of_compliance(compliance, given.actuator)})
         sizes.append(method.size(mesh, coarseness))
@@ -178,7 +178,7 @@ def smoothness(name: str = "hinge_thickness", places: int = 21) -> None:
         method = extrusion.method(part, body, study.MeshSettings())
         coarse = fast.families[0].meshes[0]
         curves.setdefault("solid, morphed", []).append(1 / coarse.numbers(given, part, body, method)[0])
-        compliance, factor = solid.solved(part, body, Elasticity(method.mesh(coarse.coarseness), given.material))
+        compliance, factor = solid.solve(part, body, Elasticity(method.mesh(coarse.coarseness), given.material))
         factor.free()
         curves.setdefault("solid, meshed anew", []).append(compliance.input_stiffness)
         curves.setdefault("fast solid, corrected", []).append(fast.evaluate(given)[0].value)

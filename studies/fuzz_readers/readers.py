@@ -127,7 +127,7 @@ def _imported(name: str) -> Callable[[Path], object]:
     def read(folder: Path) -> object:
         from flexdesign.measurements import importing
 
-        importing.template(importing.look([folder / name]))
+        importing.template(importing.read_contents([folder / name]))
         return importing.bring_in([folder / name], folder / "map.toml", folder / "out")
 
     return read

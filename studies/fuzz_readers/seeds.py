@@ -439,11 +439,11 @@ def numpy_archive() -> bytes:
 def answers() -> bytes:
     """Return the answers of a sweep, as they are kept."""
     from flexdesign.core.model import Quantity
-    from flexdesign.workflows.sweeps.answers import Answers
+    from flexdesign.workflows.sweeps.results import Results
     from flexdesign.workflows.sweeps.store import Store
 
     one = np.ones(2)
-    kept = Answers({"K": Quantity("K", 1.0, "N/m", "N/m", "free")}, {"K": one}, {"K": one}, ["", ""], one)
+    kept = Results({"K": Quantity("K", 1.0, "N/m", "N/m", "free")}, {"K": one}, {"K": one}, ["", ""], one)
     with tempfile.TemporaryDirectory() as folder:
         Store(Path(folder)).keep(["a", "b"], kept)
         return next(Path(folder).rglob("*.npz")).read_bytes()

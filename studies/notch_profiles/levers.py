@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-from flexdesign.analytic.compliance import ComplianceModel, drawn
+from flexdesign.analytic.compliance import ComplianceModel, nominal_effects
 from flexdesign.core.model import Quantity, by_key
 from flexdesign.core.result_cache import Cache
 from flexdesign.design import study as studies
@@ -67,7 +67,7 @@ def solve(profile: str, folder: Path, *overrides: str) -> Solved:
         study, part, body, method, Cache(folder / "cache"), lambda _: None, all_classes=False
     )
     seconds = perf_counter() - began
-    model = ComplianceModel.of_part(part, study.design.material).having(drawn(part))
+    model = ComplianceModel.of_part(part, study.design.material).having(nominal_effects(part))
     return Solved(
         by_key(mesh_refinement.gathered(study, levels, method.scatter)),
         model.quantities(),

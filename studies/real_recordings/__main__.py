@@ -61,8 +61,8 @@ HEADS = ("recording", "verdict", "named", "as designed", "recalibrated", "with e
 def row(title: str, found: Diagnosis) -> tuple[str, ...]:
     """Return what was said of a recording: errors are those of the validation runs, rms."""
     si = said.response(found)
-    errors = {rung.label: words.error(si, rung.error) for rung in found.ladder}
-    named = ", ".join(said.called(each.name) for each in found.effects) or "–"
+    errors = {rung.label: words.error(si, rung.error) for rung in found.error_ladder}
+    named = ", ".join(said.effect_name(each.name) for each in found.effects) or "–"
     rest = words.error(si, found.remainder_rms) if found.remainder_rms else "noise"
     with_effects = words.error(si, found.validation_error) if found.effects else "–"
     return title, found.verdict, named, errors["as designed"], errors["recalibrated"], with_effects, rest

@@ -132,12 +132,12 @@ CONSTANTS: tuple[Constant, ...] = (
         "how much more than remains an effect explains that is named",
     ),
     Constant(
-        "flexdesign.measurements.noise_level.floor",
+        "flexdesign.measurements.noise_level.noise_floor",
         "ADEQUATE",
         "mean square of the residual above one that still counts as noise",
     ),
     Constant(
-        "flexdesign.measurements.noise_level.floor",
+        "flexdesign.measurements.noise_level.noise_floor",
         "ERRORS",
         "standard errors of the residual that still count as noise",
     ),

@@ -20,9 +20,9 @@ from flexdesign.core.model import Quantity
 from flexdesign.core.result_cache import Cache, default_folder
 from flexdesign.core.toml_files import FORMAT
 from flexdesign.report import charts, render
-from flexdesign.report.diagnosis.table_words import called
+from flexdesign.report.diagnosis.table_words import effect_name
 from flexdesign.report.document import Document, Figure, Section, Table
-from flexdesign.report.validation.ladder_section import SYMBOLS
+from flexdesign.report.validation.hierarchy_section import SYMBOLS
 from flexdesign.workflows.validation import model_hierarchy
 from flexdesign.workflows.validation.model_hierarchy import Ladder
 from studies.error_bars import trial
@@ -50,7 +50,7 @@ def compared(drawn: Drawn, work: Path, store: Cache) -> Compared:
     if answer.error:
         raise InputError("design", str(drawn.number), None, answer.error)
     fem = {key: _quantity(key, value) for key, value in answer.values.items()}
-    climbed = model_hierarchy.model_ladder(drawn.study(trial.ACCURACY, "extruded").design, fem)
+    climbed = model_hierarchy.model_hierarchy(drawn.study(trial.ACCURACY, "extruded").design, fem)
     assert climbed is not None
     return Compared(drawn, climbed, {key: e / abs(answer.values[key]) for key, e in answer.estimates.items()})
 
@@ -73,7 +73,7 @@ def document(found: Sequence[Compared]) -> Document:
     head = ["model", *(f"{symbol}, {what}" for symbol in SYMBOLS.values() for what in ("median", "worst"))]
     steps = [
         [
-            f"+ {called(rung.effect)}" if rung.effect else "pseudo-rigid",
+            f"+ {effect_name(rung.effect)}" if rung.effect else "pseudo-rigid",
             *(f"{100 * e:+.2f} %" for e in rung.errors.values()),
         ]
         for rung in worst.ladder.rungs

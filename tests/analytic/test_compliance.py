@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from flexdesign.analytic import frame, prb, textbook
-from flexdesign.analytic.compliance import ComplianceModel, drawn
+from flexdesign.analytic.compliance import ComplianceModel, nominal_effects
 from flexdesign.core.model import Linkage, Member
 from flexdesign.design import design
 from flexdesign.effects import statics
@@ -25,7 +25,7 @@ FREE = ("K_in_output_free", "lambda_output_free", "K_out_input_free")
 def cantilever(compliance):
     member = Member("beam", "arm", ("ground", "tip"), (0.0, 0.0, 0.0), (0.1, 0.0, 0.0), 2e-3, 10e-3)
     linkage = Linkage({"ground": (0.0, 0.0, 0.0), "tip": (0.1, 0.0, 0.0)}, (member,))
-    return frame.answers(linkage, {"beam": compliance}, ["ground"], [{"tip": np.array([0.0, 1.0, 0.0])}])[0].motions[
+    return frame.solve(linkage, {"beam": compliance}, ["ground"], [{"tip": np.array([0.0, 1.0, 0.0])}])[0].motions[
         "tip"
     ]
 
@@ -44,7 +44,7 @@ def test_what_moves_freely_is_refused():
     member = Member("beam", "arm", ("a", "b"), (0.0, 0.0, 0.0), (0.1, 0.0, 0.0), 2e-3, 10e-3)
     linkage = Linkage({"a": (0.0, 0.0, 0.0), "b": (0.1, 0.0, 0.0)}, (member,))
     with pytest.raises(frame.Mechanism):
-        frame.answers(linkage, {"beam": np.eye(3)}, [], [{"b": np.array([1.0, 0.0, 0.0])}])
+        frame.solve(linkage, {"beam": np.eye(3)}, [], [{"b": np.array([1.0, 0.0, 0.0])}])
 
 
 def built(drawn_design):
@@ -135,7 +135,7 @@ HEXAHEDRA = {
 def test_with_all_that_is_drawn_it_agrees_with_hexahedra(number):
     """Within 1.5 %, where the paper's model is off by up to 74 %; the median is below 0.2 % in all three."""
     part, material = built(designs()[number])
-    found = ComplianceModel.of_part(part, material).having(drawn(part)).quantities()
+    found = ComplianceModel.of_part(part, material).having(nominal_effects(part)).quantities()
     for key, known in zip(FREE, HEXAHEDRA[number], strict=True):
         assert found[key].value == pytest.approx(known, rel=0.015), key
 
@@ -144,7 +144,7 @@ def test_half_of_the_designs_are_within_a_fifth_of_a_percent():
     errors = []
     for number, known in HEXAHEDRA.items():
         part, material = built(designs()[number])
-        found = ComplianceModel.of_part(part, material).having(drawn(part)).quantities()
+        found = ComplianceModel.of_part(part, material).having(nominal_effects(part)).quantities()
         errors.append([abs(found[key].value / value - 1) for key, value in zip(FREE, known, strict=True)])
     assert np.median(errors, axis=0).max() < 0.002
 
@@ -154,7 +154,7 @@ def test_with_rods_bent_truly_the_compliance_between_the_ports_is_symmetric():
     model = ComplianceModel.of_part(part, material)
     (_, c12), (c21, _) = model.port_compliance
     assert c12 / c21 - 1 == pytest.approx(part._pseudo_rigid(material).reciprocity_defect, rel=1e-9)
-    (_, c12), (c21, _) = model.having(drawn(part)).port_compliance
+    (_, c12), (c21, _) = model.having(nominal_effects(part)).port_compliance
     assert c12 == pytest.approx(c21, rel=1e-9)
 
 
@@ -163,7 +163,7 @@ def test_an_effect_at_null_changes_nothing(name):
     part, material = built(designs()[2])
     model = ComplianceModel.of_part(part, material, 5e7)
     nulls = {p.name: p.start if p.null is None else p.null for p in statics.find(name).parameters}
-    for effects in ({}, drawn(part) | {}):
+    for effects in ({}, nominal_effects(part) | {}):
         without = model.having({key: value for key, value in effects.items() if key != name})
         with_it = without.having(without.effects | {name: nulls})
         assert {k: q.value for k, q in with_it.quantities().items()} == {
@@ -176,7 +176,7 @@ def test_an_effect_changes_something(name):
     part, material = built(curved_designs()[0] if name == "sloping_sides" else designs()[2])
     model = ComplianceModel.of_part(part, material, 5e7)
     start = {parameter.name: parameter.start for parameter in statics.find(name).parameters}
-    before = model.having({key: value for key, value in drawn(part).items() if key != name})
+    before = model.having({key: value for key, value in nominal_effects(part).items() if key != name})
     after = before.having(before.effects | {name: start})
     changes = [abs(after.quantities()[key].value / q.value - 1) for key, q in before.quantities().items()]
     changes += [abs(after.input_stiffness(1e4) / before.input_stiffness(1e4) - 1)]
@@ -185,7 +185,7 @@ def test_an_effect_changes_something(name):
 
 def test_the_ground_gives_way_in_series():
     part, material = built(designs()[3])
-    model = ComplianceModel.of_part(part, material).having(drawn(part))
+    model = ComplianceModel.of_part(part, material).having(nominal_effects(part))
     soft = model.having(model.effects | {"base_compliance": {"compliance": 1e-5}})
     assert 1 / soft.output_stiffness() == pytest.approx(1 / model.output_stiffness() + 1e-5, rel=1e-12)
     assert soft.input_stiffness() == pytest.approx(model.input_stiffness(), rel=1e-12)
@@ -193,7 +193,7 @@ def test_the_ground_gives_way_in_series():
 
 def test_inputs_held_by_a_spring_lie_between_free_and_held():
     part, material = built(designs()[3])
-    model = ComplianceModel.of_part(part, material, 5e7).having(drawn(part))
+    model = ComplianceModel.of_part(part, material, 5e7).having(nominal_effects(part))
     restrained = model.having(model.effects | {"input_restraint": {"stiffness": 5e7}})
     assert restrained.output_stiffness() == pytest.approx(model.output_stiffness(5e7), rel=1e-12)
     assert restrained.output_stiffness(math.inf) == pytest.approx(model.output_stiffness(math.inf), rel=1e-12)
@@ -203,18 +203,18 @@ def test_inputs_held_by_a_spring_lie_between_free_and_held():
 
 def test_stiffness_goes_with_modulus_and_scale():
     part, material = built(designs()[5])
-    model = ComplianceModel.of_part(part, material).having(drawn(part))
+    model = ComplianceModel.of_part(part, material).having(nominal_effects(part))
     harder = model.having(model.effects | {"modulus": {"excess": 0.1}})
     assert harder.input_stiffness() == pytest.approx(1.1 * model.input_stiffness(), rel=1e-9)
     assert harder.amplification() == pytest.approx(model.amplification(), rel=1e-9)
     twice = BridgeAmplifier(**{p.name: 2 * getattr(part, p.name) for p in part.dimensions})
-    larger = ComplianceModel.of_part(twice, material).having(drawn(twice))
+    larger = ComplianceModel.of_part(twice, material).having(nominal_effects(twice))
     assert larger.input_stiffness() == pytest.approx(2 * model.input_stiffness(), rel=1e-9)
 
 
 def test_a_fillet_that_is_drawn_is_one_of_the_effects():
     part, _ = built(designs()[2])
-    assert "fillet" in drawn(part)
+    assert "fillet" in nominal_effects(part)
 
 
 @pytest.mark.parametrize(
@@ -225,7 +225,7 @@ def test_over_the_stroke_stiffness_changes_as_in_total_lagrangian_finite_element
     """Tangents over those at rest, the section "Over the stroke" of `flexdesign validate bridge_amplifier`."""
     bridge = design.read(design.find("bridge_amplifier"))
     part, stack = bridge.part(), bridge.actuator.installed_stiffness
-    rest = ComplianceModel.of_part(part, bridge.material, stack).having(drawn(part))
+    rest = ComplianceModel.of_part(part, bridge.material, stack).having(nominal_effects(part))
     loaded = rest.having(rest.effects | {"geometric_stiffening": {"force": force}})
     assert loaded.input_stiffness() / rest.input_stiffness() == pytest.approx(k_in, rel=2e-3)
     assert loaded.amplification() / rest.amplification() == pytest.approx(ratio, rel=2e-3)
@@ -250,5 +250,5 @@ def test_a_pressed_strut_gives_way_across():
     compliances = {"first": turning, "bar": bar, "second": turning, "guide": free_along}
     tensions = {"first": 0.0, "bar": -press, "second": 0.0, "guide": 0.0}
     load = {"slide": np.array([0.0, push, 0.0])}
-    (answer,) = frame.answers(linkage, compliances, ["ground"], [load], tensions)
+    (answer,) = frame.solve(linkage, compliances, ["ground"], [load], tensions)
     assert answer.motions["slide"][1] == pytest.approx(push / ((2 * k / length - press) / length), rel=1e-4)

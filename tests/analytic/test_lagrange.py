@@ -213,7 +213,7 @@ def test_terms_stand_in_a_table_with_their_equation() -> None:
     assert {where for *_, where in table} == {"Lin et al. (2019), eq. (21)"}
     others = axis("X", OPPOSED_XY, ELEMENTS).table()
     assert {where for *_, where in others} == {"Lin et al. (2019), eq. (21), other counts"}
-    assert table[3][2].shown() == "5.501 N/mm"
+    assert table[3][2].formatted() == "5.501 N/mm"
 
 
 # --- the drive

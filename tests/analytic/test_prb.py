@@ -259,7 +259,7 @@ def test_intermediates_of_a_concave_bridge_move_outwards() -> None:
     found = intermediates(concave(XY), 36.0)
     outwards = {"dalpha", "M", "dy", "M(l_1)", "c", "travel", "lambda"}
     assert {name for name, quantity in found.items() if quantity.value < 0} == outwards
-    assert found["F_y"].shown() == "0 N"
+    assert found["F_y"].formatted() == "0 N"
 
 
 # --- between the ports
@@ -333,7 +333,7 @@ def test_quantities_name_their_boundary() -> None:
         "K_out_input_held",
         "K_out_actuator_installed",
     ]
-    assert free["K_in_output_free"].shown() == "1431 N/mm"
+    assert free["K_in_output_free"].formatted() == "1431 N/mm"
     assert free["lambda_output_free"].to_json()["unit"] == "1"
     assert "generalised" in free["K_in_output_free"].source
     loaded = quantities(XY, XY.output_stiffness)

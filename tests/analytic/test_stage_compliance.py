@@ -11,7 +11,7 @@ import scipy.linalg
 
 from flexdesign.analytic import frame
 from flexdesign.analytic.compliance import ComplianceModel
-from flexdesign.analytic.stage_compliance import StageCompliance, drawn
+from flexdesign.analytic.stage_compliance import StageCompliance, nominal_effects
 from flexdesign.core.model import Elastic, Member
 from flexdesign.design import design
 from flexdesign.design.assembly import Assembly, Body, Box
@@ -115,7 +115,7 @@ def test_with_all_that_is_drawn_it_agrees_with_finite_elements():
     """Within 1 %, where the paper's model is off by up to 39 %."""
     read = design.read(STAGE.file)
     model = of(read)
-    found, bare = model.having(drawn(model.assembly)).quantities(), model.quantities()
+    found, bare = model.having(nominal_effects(model.assembly)).quantities(), model.quantities()
     for key, known in FEM.items():
         assert found[key].value == pytest.approx(known, rel=0.01), key
     assert max(abs(bare[key].value / known - 1) for key, known in FEM.items()) > 0.35
@@ -138,14 +138,14 @@ VARIANTS = {
 def test_so_do_its_variants(name):
     overrides, known = VARIANTS[name]
     model = of(design.read(STAGE.file, overrides))
-    found = model.having(drawn(model.assembly)).quantities()
+    found = model.having(nominal_effects(model.assembly)).quantities()
     keys = [key.format(axis) for axis in "xz" for key in model_hierarchy.OF_AXIS]
     assert [found[key].value for key in keys] == pytest.approx(known, rel=0.0125)
 
 
 @pytest.mark.parametrize("name", [name for name in statics.names() if name not in statics.OF_PARTS])
 def test_an_effect_at_null_changes_nothing_and_at_its_start_something(name):
-    effects = {key: values for key, values in drawn(BARE.assembly).items() if key != name}
+    effects = {key: values for key, values in nominal_effects(BARE.assembly).items() if key != name}
     without = BARE.having(effects).quantities()
     known = statics.find(name).parameters
     nulls, starts = ({p.name: getattr(p, which) for p in known} for which in ("null", "start"))
@@ -156,7 +156,7 @@ def test_an_effect_at_null_changes_nothing_and_at_its_start_something(name):
 
 
 def test_the_ground_gives_way_in_series_and_loads_and_springs_act_as_they_do():
-    effects = drawn(BARE.assembly)
+    effects = nominal_effects(BARE.assembly)
     model = BARE.having(effects)
     soft = model.having(effects | {"base_compliance": {"compliance": 1e-5}})
     assert 1 / soft.output_stiffness("z") == pytest.approx(1 / model.output_stiffness("z") + 1e-5, rel=1e-12)
@@ -174,7 +174,7 @@ def test_the_ground_gives_way_in_series_and_loads_and_springs_act_as_they_do():
 
 
 def test_work_is_reciprocal():
-    found = BARE.having(drawn(BARE.assembly)).free
+    found = BARE.having(nominal_effects(BARE.assembly)).free
     assert np.abs(found - found.T).max() < 1e-9 * np.abs(found).max()
 
 
@@ -186,7 +186,7 @@ def test_a_body_that_nothing_holds_is_refused():
     loose = Body("loose", (Box((0.0, 0.0, 1.0), (0.01, 0.01, 0.01)),))
     other = replace(assembly, bodies=(*assembly.bodies, loose))
     model = StageCompliance.of_assembly(other, STAGE.material)
-    for effects in ({}, drawn(other)):
+    for effects in ({}, nominal_effects(other)):
         with pytest.raises(frame.Mechanism, match="free to move"):
             model.having(effects).quantities()
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from flexdesign.dynamics.signal_chain.chain import AxisChain, Oscillator
-from flexdesign.dynamics.signal_chain.interpolation import slopes, smooth
+from flexdesign.dynamics.signal_chain.interpolation import derivatives, smooth
 from flexdesign.dynamics.simulate import Loop, Stage, simulate
 
 FREQUENCIES = (13.0, 41.0, 68.0, 110.0)
@@ -71,5 +71,5 @@ def test_values_at_the_samples_are_kept() -> None:
 
 
 def test_slopes_of_few_samples_exist() -> None:
-    assert np.array_equal(slopes(np.ones(1)), np.zeros(1))
-    assert slopes(np.array([0.0, 1.0])).shape == (2,)
+    assert np.array_equal(derivatives(np.ones(1)), np.zeros(1))
+    assert derivatives(np.array([0.0, 1.0])).shape == (2,)

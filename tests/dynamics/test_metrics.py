@@ -207,7 +207,7 @@ def test_loop_width_bears_a_command_measured_with_noise() -> None:
 def test_quantities_carry_the_units_people_read() -> None:
     turn = 2 * np.pi * np.arange(1001) / 500
     u, x = 60 + 60 * np.cos(turn), 1e-4 * np.cos(turn - 0.1)
-    of_loop = {q.name: q.shown(3) for q in loop(u, x, 1.0, 1 / 500).quantities()}
+    of_loop = {q.name: q.formatted(3) for q in loop(u, x, 1.0, 1 / 500).quantities()}
     assert of_loop["loop_span"] == "200 um" and of_loop["secant_gain"] == "1.67 um/V"
     # sin(0.1) = 0.0998
     assert (of_loop["loop_width"], of_loop["loop_width_relative"]) == ("20.0 um", "9.98 %")
@@ -243,7 +243,7 @@ def test_contour_sees_the_distance_and_not_the_lag() -> None:
     assert measured.max == pytest.approx(3e-6, rel=1e-9)
     assert measured.rms == pytest.approx(math.sqrt((501 * 4 + 500 * 9) / 1001) * 1e-6, rel=1e-9)
     assert measured.at == pytest.approx(0.501, abs=0.02)  # the first of the way back, or where rounding puts it
-    assert measured.quantities()[0].shown() == "3.000 um"
+    assert measured.quantities()[0].formatted() == "3.000 um"
 
 
 def test_contour_does_not_take_the_way_back_for_the_way_there() -> None:
@@ -280,7 +280,7 @@ def test_coupling_is_the_ratio_of_the_motions() -> None:
     """The paper's measurement: 4.628 um of 262.64 um are 1.76 %."""
     turn = np.linspace(0, 2 * np.pi, 1001)
     measured = coupling(262.64e-6 * (1 - np.cos(turn)) / 2, -4.628e-6 * (1 - np.cos(turn)) / 2)
-    assert measured.quantities()[0].shown(3) == "1.76 %"
+    assert measured.quantities()[0].formatted(3) == "1.76 %"
 
 
 # --- Refusals

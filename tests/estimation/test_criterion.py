@@ -56,7 +56,7 @@ def trial(name: str, bic: float, error: float, exceeds_noise: bool = True, reaso
 
 
 def best(*trials: Trial) -> str:
-    about: Any = SimpleNamespace(validate=SimpleNamespace(records=(1,)), floor=0.0)
+    about: Any = SimpleNamespace(validate=SimpleNamespace(records=(1,)), noise_rms=0.0)
     found = best_of(about, trials)
     assert found is not None
     return found.names[0]

@@ -98,8 +98,8 @@ def test_a_single_start_gets_stuck_where_several_do_not() -> None:
     found = fit(tone, [observed], ["a", "f"])
     assert found["f"].value == pytest.approx(5.3, abs=4 * found.sigmas["f"])
     assert found.cost < 0.1 * stuck.cost
-    assert found.starts.agreed >= 2 and not found.starts.is_unconfirmed
-    assert f"{found.starts.agreed} of {found.starts.polished} starts" in str(found.starts)
+    assert found.starts.converged >= 2 and not found.starts.is_unconfirmed
+    assert f"{found.starts.converged} of {found.starts.refined} starts" in str(found.starts)
 
 
 def test_a_better_point_met_while_checking_intervals_is_taken() -> None:

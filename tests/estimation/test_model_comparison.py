@@ -27,7 +27,7 @@ from flexdesign.estimation.model_selection.model_comparison import (
     rank,
 )
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.model_selection.stepwise_selection import GROSS, forward
+from flexdesign.estimation.model_selection.stepwise_selection import GROSS_MISFIT, forward
 from flexdesign.estimation.noise.whitening import White
 from tests.estimation.sums import (
     EFFECTS,
@@ -145,11 +145,11 @@ def test_an_effect_that_only_helps_a_fit_that_is_caught_is_refused() -> None:
     """One of the model's own numbers is far from its best, which the fit with an effect finds that looks like it."""
     about = task({}, tolerance=0.05)
     caught = fit_model(dataclasses.replace(about, free=()), stage().replace({"p": 1.0}))
-    assert caught is not None and caught.scale > GROSS
+    assert caught is not None and caught.scale > GROSS_MISFIT
     step = forward(about, caught, effects(e=candidate("e", {"p": 0.5, "e": 1.0}, signed=True)))
     assert step.chosen is None and step.trials
     best = max(step.trials, key=lambda trial: trial.gain)
-    assert best.gain > 100 * best.needed
+    assert best.gain > 100 * best.critical_gain
     assert difference(about.validate, caught.model, best.fit.model) > 0.05
     assert best.reason == "itself moves the prediction by less than the tolerance" and not best.is_small
 
@@ -259,7 +259,7 @@ def test_correlated_samples_are_no_proofs() -> None:
         score = float(chi2.isf(LEVEL, 1))
         trial = compare(about, before, after, ("s",), score)
         assert trial.reason
-        assert trial.needed == pytest.approx(score * after.discrepancy)
+        assert trial.critical_gain == pytest.approx(score * after.discrepancy)
         ratios.append(trial.gain / after.discrepancy)
         tempting += trial.gain > score * max(after.scale, 1.0)
     assert tempting > 10  # if samples counted one by one
@@ -322,7 +322,7 @@ def test_freedom_of_further_initial_conditions_is_no_evidence() -> None:
 def trial_of(names: tuple[str, ...], total: float, error: float) -> Any:
     """What is asked of a trial when the best is chosen."""
     fit = SimpleNamespace(bic=lambda discrepancy: total, discrepancy=1.0, exceeds_noise=False)
-    return SimpleNamespace(names=names, fit=fit, error=error, needed=20.0, reason="", is_small=False)
+    return SimpleNamespace(names=names, fit=fit, error=error, critical_gain=20.0, reason="", is_small=False)
 
 
 def test_trials_are_ranked_at_one_discrepancy() -> None:
@@ -341,7 +341,7 @@ def test_a_pair_must_beat_the_best_single_on_both_kinds_of_runs() -> None:
     # Mean squares above the floor: 8 with the single one; 5 % less is 7.6.
     for total, error, wins in ((970.0, 2.9, True), (970.0, 2.95, False), (990.0, 2.0, False), (970.0, 3.1, False)):
         pair = trial_of(("a", "b"), total, error)
-        assert (explained_share(3.0, error, about.floor) >= SHARE) is (error <= 2.9)
+        assert (explained_share(3.0, error, about.noise_rms) >= SHARE) is (error <= 2.9)
         assert best_of(about, [single, pair]) is (pair if wins else single)
     assert best_of(about, [pair]) is pair
     none = dataclasses.replace(about, validate=Dataset([], White(SIGMA), offset))

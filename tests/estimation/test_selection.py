@@ -21,7 +21,7 @@ from flexdesign.estimation.model_selection.model_comparison import Step, compare
 from flexdesign.estimation.model_selection.score_test import Candidate, Screening
 from flexdesign.estimation.model_selection.stepwise_selection import (
     FINALISTS,
-    GROSS,
+    GROSS_MISFIT,
     LARGEST_GROUP,
     ROUGHLY,
     backward,
@@ -306,7 +306,7 @@ def test_a_fit_from_the_design_finds_what_calibration_hides() -> None:
     model, effect, about = led_astray()
     nominal, astray = evaluate_design(about, model), fit_model(about, model.replace({"f": 7.0}))
     assert nominal is not None and astray is not None
-    assert min(nominal.scale, astray.scale) > GROSS
+    assert min(nominal.scale, astray.scale) > GROSS_MISFIT
     assert forward(about, astray, [effect]).trials == ()
     step = forward(about, astray, [effect], (nominal,))
     assert step.chosen is not None and step.chosen.names == ("e",)
@@ -317,7 +317,7 @@ def test_a_fit_from_the_design_finds_what_calibration_hides() -> None:
     # Evidence is counted from the fit that is in place, and not from the design.
     assert step.chosen.gain == pytest.approx(astray.fitted_chi2 - found.fitted_chi2, rel=1e-9)
     # A selection asks the design at its first step alone.
-    steps, stands = select(about, astray, [effect], 1, origins=(nominal,))
+    steps, stands = select(about, astray, [effect], 1, expansion_points=(nominal,))
     assert [s.names for s in stands] == [("e",)] and len(steps) == 1
 
 

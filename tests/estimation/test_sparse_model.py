@@ -114,7 +114,7 @@ def test_gains_are_falls_of_the_cost() -> None:
         fall += (np.var(left[0]) - np.var(left[1])) * N / SIGMA**2
         squares.append(np.var(shift))
     assert made.held_gain == pytest.approx(fall, rel=0.02)
-    assert made.moved == pytest.approx(math.sqrt(np.mean(squares)), rel=0.01)
+    assert made.validation_rms == pytest.approx(math.sqrt(np.mean(squares)), rel=0.01)
 
 
 def test_the_cost_of_terms_is_that_of_a_linear_fit_with_them() -> None:
@@ -135,7 +135,7 @@ def test_nothing_is_found_in_noise() -> None:
     """Chance takes up a term in one case of a thousand: of 40 cases one at most, at odds of 1 in 1000 for a second."""
     found = [sparse_model(*fit(seed), features) for seed in range(40)]
     assert sum(bool(made.terms) for made in found) <= 1
-    assert all(made.gain == made.held_gain == made.moved == 0 for made in found if not made.terms)
+    assert all(made.gain == made.held_gain == made.validation_rms == 0 for made in found if not made.terms)
 
 
 def test_what_the_gain_explains_is_not_explained_again() -> None:
@@ -170,4 +170,4 @@ def test_without_runs_kept_apart_nothing_is_gained_on_them() -> None:
     assert found is not None
     made = sparse_model(task, found, features)
     assert "position^2" in made.terms
-    assert (made.held_gain, made.moved) == (0.0, 0.0)
+    assert (made.held_gain, made.validation_rms) == (0.0, 0.0)

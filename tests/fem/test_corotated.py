@@ -76,7 +76,7 @@ def shaken(stage: CorotatedStage, size: float) -> State:
     """Return a state in which bodies have turned and moved at random, by so much and by as many lengths of a piece."""
     step: Array = size * np.random.default_rng(3).standard_normal(stage.size)
     step.reshape(-1, 6)[:, :3] *= L / 12
-    return stage.moved(stage.rest, step)
+    return stage.displace(stage.rest, step)
 
 
 def test_forces_are_the_derivative_of_the_energy_even_where_parts_deform_much(cantilever: CorotatedStage) -> None:
@@ -86,7 +86,7 @@ def test_forces_are_the_derivative_of_the_energy_even_where_parts_deform_much(ca
     for seed in range(3):
         way = np.random.default_rng(seed).standard_normal(cantilever.size)
         way.reshape(-1, 6)[:, :3] *= L / 12
-        plus, minus = (cantilever.energy(cantilever.moved(state, h * way)) for h in (1e-5, -1e-5))
+        plus, minus = (cantilever.energy(cantilever.displace(state, h * way)) for h in (1e-5, -1e-5))
         assert (plus - minus) / 2e-5 == pytest.approx(forces @ way, rel=1e-6)
 
 
@@ -97,7 +97,7 @@ def test_in_equilibrium_the_tangent_is_the_derivative_of_the_forces(cantilever: 
     assert tangent == pytest.approx(tangent.T, rel=1e-12, abs=1e-9)
     way: Array = np.linalg.solve(tangent, at_tip(cantilever, 0.3, -0.2, 0.1).ravel())
     way /= np.abs(way).max()
-    plus, minus = (cantilever.forces_and_tangent(cantilever.moved(state, h * way), {})[0] for h in (1e-5, -1e-5))
+    plus, minus = (cantilever.forces_and_tangent(cantilever.displace(state, h * way), {})[0] for h in (1e-5, -1e-5))
     found, right = tangent @ way, (plus - minus) / 2e-5
     assert way @ found == pytest.approx(way @ right, rel=1e-4)
     assert np.linalg.solve(tangent, right) == pytest.approx(way, abs=1e-4)
@@ -393,4 +393,4 @@ def test_the_stage_finds_its_equilibrium_soon(stage: CorotatedStage, monkeypatch
     assert calls[0] <= 12  # two of them to begin with
     forces, tangent = evaluate(state, drives)
     left: Array = np.linalg.solve(tangent, -forces)
-    assert stage.table(stage.moved(state, left))[0] == pytest.approx(stage.table(state)[0], abs=1e-12)
+    assert stage.table(stage.displace(state, left))[0] == pytest.approx(stage.table(state)[0], abs=1e-12)

@@ -7,7 +7,7 @@ import pytest
 
 from flexdesign.fem.meshing.extruded import drawn_out
 from flexdesign.fem.meshing.mesh import MeshError
-from flexdesign.fem.meshing.morphing import LEAST_QUALITY, Pattern, alike, moved
+from flexdesign.fem.meshing.morphing import LEAST_QUALITY, Pattern, alike, morph
 from flexdesign.fem.meshing.planar import triangulate
 from flexdesign.fem.meshing.section import Curve, Section
 from studies.verification.solids import Array
@@ -34,14 +34,14 @@ def pattern() -> Pattern:
 
 
 def test_the_same_section_leaves_everything_where_it_is(pattern: Pattern) -> None:
-    found = pattern.moved(section(CORNERS), size)
+    found = pattern.morph(section(CORNERS), size)
     assert np.abs(found.points - pattern.plan.points).max() < 1e-12
 
 
 def test_a_shifted_section_takes_its_triangles_along(pattern: Pattern) -> None:
     """Constants are harmonic whatever the triangles' stiffness: every vertex must follow, the inner ones too."""
     shift = np.array([1e-3, -2e-3])
-    found = pattern.moved(section(CORNERS + shift), lambda points: size(points - shift))
+    found = pattern.morph(section(CORNERS + shift), lambda points: size(points - shift))
     assert np.abs(found.points - (pattern.plan.points + shift)).max() < 1e-12
 
 
@@ -49,7 +49,7 @@ def test_small_triangles_keep_their_shape_best(pattern: Pattern) -> None:
     """Where the outline of a stout part moves, it is the large triangles that give: small ones turn and shift."""
     corners = CORNERS.copy()
     corners[[4, 5], 1] += 0.6e-3
-    found = pattern.moved(section(corners), lambda points: size(points - [0.0, 0.6e-3]))
+    found = pattern.morph(section(corners), lambda points: size(points - [0.0, 0.6e-3]))
 
     def sides(points: Array) -> Array:
         there = points[pattern.plan.triangles]
@@ -63,7 +63,7 @@ def test_small_triangles_keep_their_shape_best(pattern: Pattern) -> None:
 
 def test_vertices_follow_the_grading_that_is_wanted(pattern: Pattern) -> None:
     """With edges wanted even, those on a side become even, as many as there were."""
-    found = pattern.moved(section(CORNERS), lambda points: np.full(len(points), 1e-3))
+    found = pattern.morph(section(CORNERS), lambda points: np.full(len(points), 1e-3))
     for face in range(len(CORNERS)):
         sides = found.sides[found.owners == face]
         lengths = np.linalg.norm(found.points[sides[:, 0]] - found.points[sides[:, 1]], axis=1)
@@ -74,10 +74,10 @@ def test_area_and_volume_are_those_of_the_neighbour(pattern: Pattern) -> None:
     corners = CORNERS.copy()
     corners[[4, 5], 1] = 2.2e-3  # the neck thinner, as a hinge would be
     thinner = section(corners, 5e-3)
-    plan = pattern.moved(thinner, size)
+    plan = pattern.morph(thinner, size)
     assert plan.area == pytest.approx((20 * 8 - 4 * (8 - 2.2)) * 1e-6, rel=1e-12)
     mesh = drawn_out(pattern.plan, pattern.section, np.array([0.0, 1e-3, 4e-3]))
-    found = moved(mesh, plan, thinner, np.array([0.0, 2e-3, 5e-3]))
+    found = morph(mesh, plan, thinner, np.array([0.0, 2e-3, 5e-3]))
     assert found.volume == pytest.approx(plan.area * 5e-3, rel=1e-12)
     assert found.tets is mesh.tets and found.quality().min() > LEAST_QUALITY * mesh.quality().min()
 
@@ -87,15 +87,15 @@ def test_other_corners_are_refused(pattern: Pattern) -> None:
     turned = section(np.roll(CORNERS, 1, axis=0), faces=[*range(1, 8), 0])
     assert not alike(pattern.section, fewer) and not alike(pattern.section, turned)
     with pytest.raises(MeshError, match="other corners"):
-        pattern.moved(fewer, size)
+        pattern.morph(fewer, size)
 
 
 def test_an_outline_that_turns_over_is_refused(pattern: Pattern) -> None:
     with pytest.raises(MeshError, match="worst triangle"):
-        pattern.moved(section(CORNERS * [-1.0, 1.0]), lambda points: size(points * [-1.0, 1.0]))
+        pattern.morph(section(CORNERS * [-1.0, 1.0]), lambda points: size(points * [-1.0, 1.0]))
 
 
 def test_layers_in_the_wrong_order_are_refused(pattern: Pattern) -> None:
     mesh = drawn_out(pattern.plan, pattern.section, np.array([0.0, 1e-3, 4e-3]))
     with pytest.raises(MeshError, match="turn over"):
-        moved(mesh, pattern.plan, pattern.section, np.array([0.0, 5e-3, 4e-3]))
+        morph(mesh, pattern.plan, pattern.section, np.array([0.0, 5e-3, 4e-3]))

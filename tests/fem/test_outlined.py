@@ -13,7 +13,7 @@ from flexdesign.core.model import Linkage, Member
 from flexdesign.design import design
 from flexdesign.design import part as parts
 from flexdesign.design.part import Outline, SymmetryPlane
-from flexdesign.fem.meshing import domain, outlined
+from flexdesign.fem.meshing import domain, polygon_domain
 from tests.fem.solids import Bracket
 
 BRACKET = [(-4, 0), (4, 0), (4, 9), (9, 9), (9, 13), (-9, 13), (-9, 9), (-4, 9)]
@@ -67,7 +67,7 @@ def where(body: domain.Domain) -> Any:
     ],
 )
 def test_the_domain_is_that_of_the_solid(part: Any) -> None:
-    told, solid = outlined.of_part(part), domain.of_part(part, chord=1e-5)
+    told, solid = polygon_domain.of_part(part), domain.of_part(part, chord=1e-5)
     assert told is not None and told.section is not None and solid.section is not None
     assert where(told) == where(solid)
     assert told.volume == pytest.approx(solid.volume, rel=1e-12)
@@ -80,7 +80,7 @@ def test_the_domain_is_that_of_the_solid(part: Any) -> None:
 
 def test_fillets_are_no_matter_of_corners() -> None:
     rounded = amplifier("bridge_amplifier", fillet_radius=2e-4)
-    assert parts.straight_outline(rounded) is None and outlined.of_part(rounded) is None
+    assert parts.straight_outline(rounded) is None and polygon_domain.of_part(rounded) is None
     assert parts.straight_outline(Bracket()) is None
 
 
@@ -95,7 +95,7 @@ def test_fillets_are_no_matter_of_corners() -> None:
 )
 def test_outlines_that_cannot_be_are_refused(changes: dict[str, Any], remedy: str) -> None:
     with pytest.raises(InputError, match=remedy):
-        outlined.of_part(Told(**changes))
+        polygon_domain.of_part(Told(**changes))
 
 
 @pytest.mark.parametrize(("method", "answer"), [("outline", [(0.0, 0.0)]), ("prismatic", None)])
@@ -112,4 +112,4 @@ def test_a_plane_that_misses_the_outline_is_refused() -> None:
             return (SymmetryPlane("y", {}),)
 
     with pytest.raises(InputError, match="symmetry"):
-        outlined.of_part(Aside())
+        polygon_domain.of_part(Aside())

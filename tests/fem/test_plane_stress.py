@@ -15,7 +15,7 @@ from flexdesign.core.model import Linkage
 from flexdesign.design import design
 from flexdesign.design.materials import Material
 from flexdesign.design.part import Axis, Outline, Port, SymmetryPlane
-from flexdesign.fem.meshing import outlined
+from flexdesign.fem.meshing import polygon_domain
 from flexdesign.fem.meshing.planar import triangulate
 from flexdesign.fem.multifidelity import Planar
 from flexdesign.fem.solving.plane_stress import Plate, plane_stress
@@ -52,7 +52,7 @@ class Beam:
 
 
 def plate(part: Any, material: Material, edge: float = 5e-4) -> Plate:
-    body = outlined.of_part(part)
+    body = polygon_domain.of_part(part)
     assert body is not None and body.section is not None
     plan = triangulate(body.section.outline, lambda points: np.full(len(points), edge), 1e-6)
     return Plate(body, plan, material)

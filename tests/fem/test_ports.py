@@ -99,7 +99,7 @@ def test_uniform_traction_on_quadratic_triangles_loads_edge_middles_alone() -> N
 def test_ground_is_no_moving_port_and_rows_follow_the_order_of_ports() -> None:
     space = port_compliance.port_space(ring().body, ring().domain, RING_PORTS)
     assert [port.name for port in space.ports] == ["input_left", "input_right", "output"]
-    assert space.kept == ("input_right", "output")
+    assert space.retained == ("input_right", "output")
     assert space.size == 18 and space.rows("output") == slice(12, 18)
 
 
@@ -238,7 +238,7 @@ def test_quarter_ring_gives_every_entry_of_the_whole(rings: tuple[Solved, Solved
 )
 def test_other_symmetries_give_every_entry_of_the_whole(bodies: object) -> None:
     part, whole = (solve(solid) for solid in bodies())  # type: ignore[operator]
-    assert whole.space.kept == tuple(port.name for port in whole.space.ports)
+    assert whole.space.retained == tuple(port.name for port in whole.space.ports)
     assert relative(part.matrix, whole.matrix) < SOLVES
 
 

@@ -139,8 +139,8 @@ def carried(part: Superelement, c: Array) -> Array:
         moved[part.rows(shapes.port.name)] = rigid[:, 0]
     if np.any(part.extension):
         moved += basis[:, -1] * (extension - part.extension @ moved)
-    assert part.inside is not None
-    return np.asarray(part.inside.vectors @ moved)
+    assert part.interior is not None
+    return np.asarray(part.interior.vectors @ moved)
 
 
 @pytest.mark.parametrize("which", ["dumbbell", "amplifier"])
@@ -152,8 +152,8 @@ def test_the_cubic_energy_is_that_of_the_whole_mesh(which: str, amplifier: Super
     eighth = dumbbell("x", "y", "z")
     whole = amplifier if which == "amplifier" else eighth.mirrored().condensed()
     law = of(amplifier if which == "amplifier" else eighth.condensed())
-    assert whole.inside is not None
-    body = whole.inside.body
+    assert whole.interior is not None
+    body = whole.interior.body
     exact = LargeDisplacement(body, np.arange(body.n_dofs))
     for seed in range(3):
         c = np.random.default_rng(seed).standard_normal(len(law.stiffness)) * softness(law)

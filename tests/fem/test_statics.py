@@ -189,7 +189,7 @@ def test_ring_with_an_actuator_meshed_in() -> None:
     found = solve(ring().whole(RING_PATCHES))
     c = PortCompliance(found.matrix, found.space.extension, found.space.output)
     free = found.systems[0].free
-    loads = np.hstack([found.space.loads[name] for name in found.space.kept])[free]
+    loads = np.hstack([found.space.loads[name] for name in found.space.retained])[free]
     gap, pull = loads @ c.extension, loads @ c.output
     spring, scale = 5e7, 1e8
     stiffness = full(found.systems[0].stiffness) / scale

@@ -33,11 +33,11 @@ def test_key_joins_name_and_boundary() -> None:
 )
 def test_shown_in_the_display_unit(quantity: Quantity, text: str) -> None:
     """1.25 rounds to even, as floats do."""
-    assert quantity.shown() == text
+    assert quantity.formatted() == text
 
 
 def test_digits_can_be_chosen() -> None:
-    assert dataclasses.replace(K_OUT, half_width=None).shown(6) == "209.100 N/mm"
+    assert dataclasses.replace(K_OUT, half_width=None).formatted(6) == "209.100 N/mm"
 
 
 def test_text_names_the_boundary() -> None:
@@ -56,7 +56,7 @@ def test_json_is_in_the_display_unit_and_survives() -> None:
 
 def test_a_display_unit_of_another_kind_is_refused() -> None:
     with pytest.raises(ValueError, match="'mm'"):
-        dataclasses.replace(K_OUT, unit="mm").shown()
+        dataclasses.replace(K_OUT, unit="mm").formatted()
 
 
 # --- parameters ---------------------------------------------------------------------------------------------------

@@ -90,7 +90,9 @@ def test_moved_bodies_have_the_stiffness_of_new_ones(fast: FastSolid) -> None:
     assert len(checked) == 4 and max(abs(each.deviation) for each in checked) < 1e-9
     new = analysis.solve(part, NEIGHBOUR.material, body, mesh, all_classes=False).compliance
     assert moved == pytest.approx(solid.three(new), rel=1e-9)
-    patterns = [one.stiffness(zeros=True).indices for one in (coarse.body, coarse.body.moved(mesh, NEIGHBOUR.material))]
+    patterns = [
+        one.stiffness(zeros=True).indices for one in (coarse.body, coarse.body.on_mesh(mesh, NEIGHBOUR.material))
+    ]
     assert np.array_equal(*patterns)
 
 
@@ -103,7 +105,7 @@ def test_morphed_meshes_leave_no_noise(fast: FastSolid) -> None:
         part, body = extrusion.of_design(given)
         method = extrusion.method(part, body, MeshSettings())
         morphed.append(coarse.numbers(given, part, body, method)[0])
-        compliance, factor = solid.solved(part, body, Elasticity(method.mesh(coarse.coarseness), given.material))
+        compliance, factor = solid.solve(part, body, Elasticity(method.mesh(coarse.coarseness), given.material))
         factor.free()
         anew.append(compliance.c11)
     noise = [float(np.abs(np.diff(np.log(values), 4)).max()) for values in (morphed, anew)]

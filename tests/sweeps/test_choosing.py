@@ -11,9 +11,9 @@ import pytest
 
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Quantity
-from flexdesign.workflows.sweeps import choosing
-from flexdesign.workflows.sweeps.answers import Answers
-from flexdesign.workflows.sweeps.choosing import Aim, Limit
+from flexdesign.workflows.sweeps import pareto
+from flexdesign.workflows.sweeps.pareto import Aim, Limit
+from flexdesign.workflows.sweeps.results import Results
 from flexdesign.workflows.sweeps.sampling import Factor, cases
 from flexdesign.workflows.sweeps.store import Store
 
@@ -43,15 +43,15 @@ def test_samples_fill_every_tenth_of_each_range(method: str) -> None:
     assert [c.values for c in cases([WIDTH, METAL], method, n, 4)] != [c.values for c in found]  # type: ignore[arg-type]
 
 
-def columns(numbers: np.ndarray, names: str = "ab") -> Answers:
-    return Answers.of([([quantity(n, float(x)) for n, x in zip(names, row, strict=True)], "", 0.0) for row in numbers])
+def columns(numbers: np.ndarray, names: str = "ab") -> Results:
+    return Results.of([([quantity(n, float(x)) for n, x in zip(names, row, strict=True)], "", 0.0) for row in numbers])
 
 
 def test_the_front_is_what_no_other_beats() -> None:
     """Against the definition, pair by pair, on numbers with many ties."""
     numbers = np.random.default_rng(0).integers(0, 12, (300, 2)).astype(float)
     aims = [Aim("a_output_free", True), Aim("b_output_free", False)]
-    found = choosing.front(columns(numbers), np.arange(300), aims)
+    found = pareto.pareto_front(columns(numbers), np.arange(300), aims)
     costs = numbers * [-1, 1]
     beaten = [any((o <= c).all() and (o < c).any() for o in costs) for c in costs]
     assert {tuple(costs[i]) for i in found} == {tuple(c) for c, lost in zip(costs, beaten, strict=True) if not lost}
@@ -60,25 +60,25 @@ def test_the_front_is_what_no_other_beats() -> None:
 
 
 def test_limits_are_read_in_the_unit_of_their_quantity() -> None:
-    answers = Answers.of([([quantity("K", 2e3)], "", 0.0), ([quantity("K", -5e3)], "", 0.0), ((), "no mesh", 0.0)])
+    answers = Results.of([([quantity("K", 2e3)], "", 0.0), ([quantity("K", -5e3)], "", 0.0), ((), "no mesh", 0.0)])
     upper = Limit.read("K_output_free", "< 1 N/mm", Path("s"))
     size = Limit.read("|K_output_free|", "> 3 N/mm", Path("s"))
-    assert upper.is_kept(answers).tolist() == [False, True, False]
-    assert choosing.kept(answers, [upper, size]).tolist() == [1]
-    assert choosing.kept(answers, []).tolist() == [0, 1]
-    assert choosing.ranked(answers, np.arange(3), Aim("|K_output_free|", True)).tolist() == [1, 0]
+    assert upper.is_satisfied(answers).tolist() == [False, True, False]
+    assert pareto.feasible(answers, [upper, size]).tolist() == [1]
+    assert pareto.feasible(answers, []).tolist() == [0, 1]
+    assert pareto.ranked(answers, np.arange(3), Aim("|K_output_free|", True)).tolist() == [1, 0]
     with pytest.raises(InputError, match=r"limits\.K_output_free = 1 mm"):
-        Limit.read("K_output_free", "< 1 mm", Path("s")).is_kept(answers)
+        Limit.read("K_output_free", "< 1 mm", Path("s")).is_satisfied(answers)
     with pytest.raises(InputError, match="write < or >"):
         Limit.read("K", "1 N/mm", Path("s"))
     with pytest.raises(InputError, match="did you mean K_output_free"):
-        choosing.refuse_unknown(answers, [], [Aim("K_output_fre", True)], Path("s"))
+        pareto.refuse_unknown(answers, [], [Aim("K_output_fre", True)], Path("s"))
 
 
 def test_answers_come_back_from_their_folder_in_any_order(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    store.keep(["one", "two"], Answers.of([([quantity("K", 1.0, 0.1)], "", 0.5), ((), "does not fit", 0.2)]))
-    store.keep(["three"], Answers.of([([quantity("L", 3.0)], "", 0.1)]))
+    store.keep(["one", "two"], Results.of([([quantity("K", 1.0, 0.1)], "", 0.5), ((), "does not fit", 0.2)]))
+    store.keep(["three"], Results.of([([quantity("L", 3.0)], "", 0.1)]))
     again = Store(tmp_path)
     assert "one" not in again
     again.refresh()
@@ -86,12 +86,12 @@ def test_answers_come_back_from_their_folder_in_any_order(tmp_path: Path) -> Non
     assert found.errors == ["", "does not fit", ""]
     assert found.at(0) == [quantity("L", 3.0)] and found.at(1) == [] and found.at(2) == [quantity("K", 1.0, 0.1)]
     assert found.seconds.tolist() == [0.1, 0.2, 0.5]
-    assert found.shown("K_output_free")[2] == pytest.approx(1e-3)
+    assert found.in_unit("K_output_free")[2] == pytest.approx(1e-3)
 
 
 def test_a_damaged_file_counts_as_none(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    store.keep(["one"], Answers.of([([quantity("K", 1.0)], "", 0.5)]))
+    store.keep(["one"], Results.of([([quantity("K", 1.0)], "", 0.5)]))
     (file,) = (tmp_path / "cases").iterdir()
     file.write_bytes(file.read_bytes()[:-40])
     again = Store(tmp_path)

@@ -11,7 +11,7 @@ import pytest
 from flexdesign.report.sweeps import sweep_report
 from flexdesign.workflows import sweeps
 from flexdesign.workflows.sweeps import evaluators
-from flexdesign.workflows.sweeps.answers import Answer, Answers
+from flexdesign.workflows.sweeps.results import CaseResult, Results
 from flexdesign.workflows.sweeps.store import Store
 
 ROOT = Path(__file__).parents[2]
@@ -34,9 +34,9 @@ def test_finite_elements_are_near_the_compliance_model_and_say_how_sure_they_are
     fem, theory = swept(tmp_path, "fem"), swept(tmp_path, "analytic")
     assert not fem.failed
     for key in KEYS:
-        assert fem.answers.column(key) == pytest.approx(theory.answers.column(key), rel=0.03)
-        assert (np.abs(fem.answers.sigmas[key] / fem.answers.values[key]) < 0.011).all()  # 1 % is what was asked
-        assert (fem.answers.sigmas[key] > 0).all()
+        assert fem.results.column(key) == pytest.approx(theory.results.column(key), rel=0.03)
+        assert (np.abs(fem.results.sigmas[key] / fem.results.values[key]) < 0.011).all()  # 1 % is what was asked
+        assert (fem.results.sigmas[key] > 0).all()
     assert swept(tmp_path, "fem").computed == 0
 
 
@@ -46,13 +46,13 @@ def answered(folder: Path, errors: list[float], asked: str = '"0.5 %"', evaluato
     path.write_text(STUDY)
     plan = sweeps.read(path, [f"evaluator={evaluator}", *([f"mesh.accuracy={asked}"] if asked else [])])
     cases = plan.cases()
-    found: list[Answer] = []
+    found: list[CaseResult] = []
     for case, error in zip(cases, errors, strict=True):
         told = evaluators.by_formulas(evaluators.version_of(plan, case), "compliance")
         known = {"K_in": error, "lambda": 1e-4, "stroke": 0.5}
         sure = [replace(q, half_width=known[q.name] * abs(q.value)) if q.name in known else q for q in told]
         found.append((sure, "", 1.0) if error < 1 else ((), "no mesh", 1.0))
-    return sweeps.Sweep(plan, cases, Answers.of(found), len(cases), 1.0)
+    return sweeps.Sweep(plan, cases, Results.of(found), len(cases), 1.0)
 
 
 def test_a_headline_says_in_how_many_cases_an_accuracy_is_missed(tmp_path: Path) -> None:
@@ -83,4 +83,4 @@ def test_an_accuracy_that_is_reached_or_was_not_asked_for_is_not_spoken_of(
 def test_the_plane_corrected_by_twelve_solids_is_space(tmp_path: Path) -> None:
     planar, fem = swept(tmp_path, "planar"), swept(tmp_path, "fem")
     for key in KEYS:
-        assert planar.answers.column(key) == pytest.approx(fem.answers.column(key), rel=0.01)
+        assert planar.results.column(key) == pytest.approx(fem.results.column(key), rel=0.01)

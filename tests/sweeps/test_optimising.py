@@ -82,7 +82,7 @@ def test_a_headline_says_that_an_optimum_misses_the_accuracy_asked_for(
         return [replace(q, half_width=0.02 * abs(q.value)) if q.name == "K_in" else q for q in found]
 
     monkeypatch.setattr(optimising, "by_elements", unsure)
-    monkeypatch.setattr(optimising, "beside", lambda *_: [])
+    monkeypatch.setattr(optimising, "further_quantities", lambda *_: [])
     plan(tmp_path)
     for asked, is_said in (('mesh.accuracy="1 %"', True), ('mesh.accuracy="3 %"', False)):
         found = optimising.optimise(sweeps.read(tmp_path / "study.toml", [asked]))
@@ -101,7 +101,7 @@ def test_formulas_that_are_off_are_corrected_until_both_agree(tmp_path: Path, mo
         return evaluators.by_formulas(replace(made, dimensions={**made.dimensions, "hinge_thickness": t}), "PRB")
 
     monkeypatch.setattr(optimising, "by_elements", thicker)
-    monkeypatch.setattr(optimising, "beside", lambda *_: [])
+    monkeypatch.setattr(optimising, "further_quantities", lambda *_: [])
     found = optimising.optimise(plan(tmp_path))
     alone = optimising.optimise(plan(tmp_path), check=False)
     assert 1 < len(found.rounds) <= optimising.ROUNDS
@@ -146,7 +146,7 @@ def test_the_command_writes_a_design_that_keeps_its_word(command_line: Callable[
     optimum = design.read(tmp_path / "out" / "optimum.toml")
     values = {quantity.key: quantity for quantity in evaluators.by_formulas(optimum, "PRB")}
     assert abs(values["stroke_output_free"].value) == pytest.approx(200e-6, rel=1e-4)  # five digits of dimensions
-    assert values["K_out_actuator_installed"].shown() in ended.stdout.replace("\n", " ")
+    assert values["K_out_actuator_installed"].formatted() in ended.stdout.replace("\n", " ")
     assert "unchecked" in (tmp_path / "out" / "report.md").read_text()
     broken = command_line("optimize", "study.toml", "--no-check", "--set", "limits.|stroke_output_free|=> 20 mm")
     assert broken.code == 1

@@ -24,7 +24,7 @@ from flexdesign.design import design
 from flexdesign.design.assembly import Element
 from flexdesign.fem import mesh_refinement
 from flexdesign.workflows import sweeps
-from flexdesign.workflows.sweeps import running
+from flexdesign.workflows.sweeps import execution
 from flexdesign.workflows.sweeps.store import STAGE, Store
 
 ROOT = Path(__file__).parents[2]
@@ -112,8 +112,8 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(study: Path, tmp_path: Path
     assert found.computed == CASES - done
     assert not found.failed
     whole = sweeps.run(plan, Store(tmp_path / "other"), jobs=1)
-    for key, values in whole.answers.values.items():
-        assert found.answers.values[key] == pytest.approx(values, rel=1e-12)
+    for key, values in whole.results.values.items():
+        assert found.results.values[key] == pytest.approx(values, rel=1e-12)
     assert sweeps.run(plan, Store(out)).computed == 0
 
 
@@ -174,23 +174,23 @@ def test_a_finer_grid_computes_what_is_missing(tmp_path: Path) -> None:
 def test_what_changes_an_answer_changes_its_key(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan = sweeps.read(study)
     cases = plan.cases()[:2]
-    first, second = (question.key for question in running.asked(plan, cases))
+    first, second = (question.key for question in execution.asked(plan, cases))
     assert first != second
     for other in (
         sweeps.read(study, ["material=Ti-6Al-4V"]),
         sweeps.read(study, ["dimensions.width=19 mm"]),
         sweeps.read(study, ["evaluator=pseudo-rigid"]),
     ):
-        assert running.asked(other, cases)[0].key != first
-    assert running.asked(sweeps.read(study, ["sample.seed=7"]), cases)[0].key == first
-    monkeypatch.setitem(running.ANSWERING, "analytic", ("analytic/*.py",))
-    assert running.asked(plan, cases)[0].key != first
+        assert execution.asked(other, cases)[0].key != first
+    assert execution.asked(sweeps.read(study, ["sample.seed=7"]), cases)[0].key == first
+    monkeypatch.setitem(execution.ANSWERING, "analytic", ("analytic/*.py",))
+    assert execution.asked(plan, cases)[0].key != first
 
 
 def test_the_sources_of_an_answer_are_files_that_are_there() -> None:
     """A place that names no file would let answers of other code pass for those of this one."""
-    package = Path(running.__file__).parents[2]
-    places = {place for named in running.ANSWERING.values() for place in named}
+    package = Path(execution.__file__).parents[2]
+    places = {place for named in execution.ANSWERING.values() for place in named}
     assert [place for place in places if not any(package.glob(place))] == []
     stems = {path.stem for path in (package / "fem").rglob("*.py")}
     assert set(mesh_refinement.AFTERWARDS) <= stems
@@ -201,9 +201,9 @@ def test_a_case_that_cannot_be_built_is_recorded_and_stops_nothing(tmp_path: Pat
     path.write_text(STUDY.replace('"0.8 mm"', '"8 mm"'))
     found = sweeps.run(sweeps.read(path, ["sample.count=64"]), Store(tmp_path / "out"), jobs=2)
     thick = [case.values["dimensions.hinge_thickness"] > 0.9 * 4e-3 for case in found.cases]  # arms are 4 mm thick
-    assert [bool(error) for error in found.answers.errors] == thick
+    assert [bool(error) for error in found.results.errors] == thick
     assert any(thick) and not all(thick)
-    assert all("a hinge is thinner than its arm" in found.answers.errors[i] for i in found.failed)
+    assert all("a hinge is thinner than its arm" in found.results.errors[i] for i in found.failed)
 
 
 def test_a_case_that_kills_its_process_is_recorded_and_takes_no_other_along(tmp_path: Path) -> None:
@@ -214,8 +214,8 @@ def test_a_case_that_kills_its_process_is_recorded_and_takes_no_other_along(tmp_
     vary = '"dimensions.hinge_thickness" = { from = "0.35 mm", to = "0.8 mm", count = 10 }'
     path.write_text(f'format = 1\ndesign = "design.toml"\n[vary]\n{vary}\n')
     found = sweeps.run(sweeps.read(path), Store(tmp_path / "out"), jobs=2)
-    assert [bool(error) for error in found.answers.errors] == [True] + 9 * [False]
-    assert found.answers.errors[0] == running.DIED
+    assert [bool(error) for error in found.results.errors] == [True] + 9 * [False]
+    assert found.results.errors[0] == execution.DIED
     honest = sweeps.read(path)
     assert sweeps.run(honest, Store(tmp_path / "out")).computed == 0
 
@@ -264,8 +264,8 @@ def test_a_worker_of_a_cluster_that_dies_loses_nothing(
     assert first.returncode == -signal.SIGKILL
     assert found.computed == CASES and not found.failed
     here = sweeps.run(sweeps.read(study), Store(tmp_path / "here"), jobs=1)
-    for key, values in here.answers.values.items():
-        assert found.answers.values[key] == pytest.approx(values, rel=1e-12)
+    for key, values in here.results.values.items():
+        assert found.results.values[key] == pytest.approx(values, rel=1e-12)
 
 
 def test_a_scheduler_that_is_not_there_is_named(study: Path, tmp_path: Path) -> None:
@@ -291,7 +291,7 @@ def test_formulas_of_a_sweep_are_those_of_the_part(study: Path, tmp_path: Path) 
         changed = [f"{key}={1e3 * float(value):.15g} mm" for key, value in case.values.items()]
         formulas = design.read(base.file, changed).part().formulas(base.material, k, None)
         direct = {quantity.key: quantity.value for quantity in formulas["compliance"]}
-        there = {quantity.key: quantity.value for quantity in found.answers.at(place)}
+        there = {quantity.key: quantity.value for quantity in found.results.at(place)}
         assert {key: there[key] for key in direct} == pytest.approx(direct, rel=1e-9)
         # The actuator between the inputs, with the output free: what a spring of its stiffness leaves of its extension.
         push = base.actuator.free_stroke / (1 / k + 1 / direct["K_in_output_free"])
@@ -303,7 +303,7 @@ def test_formulas_of_a_sweep_are_those_of_the_part(study: Path, tmp_path: Path) 
 def test_effects_of_a_design_vary(tmp_path: Path) -> None:
     path = tmp_path / "study.toml"
     path.write_text(STUDY.partition("[vary]")[0] + '[vary]\n"effects.over_cut.thinner" = ["0 um", "20 um"]\n')
-    found = sweeps.run(sweeps.read(path), Store(tmp_path / "out"), jobs=1).answers
+    found = sweeps.run(sweeps.read(path), Store(tmp_path / "out"), jobs=1).results
     drawn = ROOT / "geometry" / "lin2019_amplifier_xy.toml"
     for place, thinner in enumerate(("0 um", "20 um")):
         alone = static_model.of_design(design.read(drawn, [f"effects.over_cut.thinner={thinner}"]))
@@ -316,11 +316,11 @@ def test_a_whole_stage_is_answered_for_by_its_formulas(tmp_path: Path) -> None:
     path = tmp_path / "stage.toml"
     text = STUDY.replace("lin2019_amplifier_xy", "lin2019_xyz_stage").partition("[vary]")[0]
     path.write_text(text + '[vary]\n"dimensions.limb_length" = ["45.5 mm", "50 mm"]\n')
-    found = sweeps.run(sweeps.read(path), Store(tmp_path / "out"), jobs=1).answers
+    found = sweeps.run(sweeps.read(path), Store(tmp_path / "out"), jobs=1).results
     whole = design.read(ROOT / "geometry" / "lin2019_xyz_stage.toml", ["dimensions.limb_length=50 mm"])
     assembly, actuator = whole.stage().assembly(), whole.actuator
     assert actuator is not None
-    model = StageCompliance.of_assembly(assembly, whole.material).having(stage_compliance.drawn(assembly))
+    model = StageCompliance.of_assembly(assembly, whole.material).having(stage_compliance.nominal_effects(assembly))
     k = actuator.installed_stiffness
     for axis, row in (("x", 0), ("z", 2)):
         push = np.array([assembly.axes[axis].drives.get(e.name, 0.0) for e in assembly.elements if _has_inputs(e)])

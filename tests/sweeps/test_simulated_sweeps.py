@@ -64,12 +64,12 @@ def test_overshoot_of_a_step_is_that_of_a_damped_resonator(swept: Callable[..., 
     assert not found.failed
     damping = np.array([case.values["axis.x.damping_ratio"] for case in found.cases], dtype=float)
     theory = 10e-6 * np.exp(-math.pi * damping / np.sqrt(1 - damping**2))
-    assert found.answers.column("overshoot_step_open_loop") == pytest.approx(theory, rel=2e-3)
+    assert found.results.column("overshoot_step_open_loop") == pytest.approx(theory, rel=2e-3)
 
 
 def test_four_times_the_mass_takes_twice_the_time(swept: Callable[..., Sweep]) -> None:
     found = swept('"axis.x.mass*" = [1, 4]')
-    once, twice = found.answers.column("rise_time_step_open_loop")
+    once, twice = found.results.column("rise_time_step_open_loop")
     assert twice == pytest.approx(2 * once, rel=0.02)  # but for the hold of the command, 50 us
 
 
@@ -84,7 +84,7 @@ def test_answers_are_those_of_the_experiments_alone(swept: Callable[..., Sweep],
         stage = stage_model.read(tmp_path / "stage.toml", changes)
         plan = experiments.read(tmp_path / "step.toml", ["x"], [f"robust_ms={peak}"])
         (alone,) = simulation.run(stage, {}, plan, lambda _: None).cases
-        there = {quantity.key: quantity.value for quantity in found.answers.at(place)}
+        there = {quantity.key: quantity.value for quantity in found.results.at(place)}
         for measure in alone.measures["x"]:
             assert there[f"{measure.name}_step_robust"] == pytest.approx(measure.value, rel=1e-12)
         assert there["largest_sensitivity_step_robust"] == pytest.approx(alone.margins["x"].ms, rel=1e-12)
@@ -93,7 +93,7 @@ def test_answers_are_those_of_the_experiments_alone(swept: Callable[..., Sweep],
 
 def test_a_command_beyond_its_limits_is_told(swept: Callable[..., Sweep]) -> None:
     found = swept('"axis.x.gain" = ["1.5 um/V", "0.05 um/V"]')
-    within, beyond = found.answers.column("time_at_limits_step_open_loop")
+    within, beyond = found.results.column("time_at_limits_step_open_loop")
     assert within == 0
     assert beyond > 0.9
 
@@ -180,7 +180,7 @@ def test_finite_elements_make_the_stage_of_a_design(tmp_path: Path) -> None:
         measured = {quantity.name: quantity.value for quantity in run.measures["y"]}
         assert measured["overshoot"] > 0
         for name, value in measured.items():
-            assert found.answers.column(f"{name}_step_open_loop")[place] == pytest.approx(value, rel=1e-12), name
+            assert found.results.column(f"{name}_step_open_loop")[place] == pytest.approx(value, rel=1e-12), name
 
 
 def test_experiments_on_another_axis_than_a_design_has_are_refused(tmp_path: Path) -> None:

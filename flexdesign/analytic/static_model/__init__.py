@@ -4,7 +4,7 @@ A table has one measurement in each row, with its boundary and its uncertainty, 
 parts differ, so that a series of hinge thicknesses is one file.
 """
 
-from flexdesign.analytic.static_model.model import StaticModel, drawn, of_design
+from flexdesign.analytic.static_model.model import StaticModel, nominal_effects, of_design
 from flexdesign.analytic.static_model.uncertainty import Uncertainty, uncertainty
 from flexdesign.measurements.static_table import Row, StaticTable, measurable, read, to_csv
 
@@ -13,8 +13,8 @@ __all__ = [
     "StaticModel",
     "StaticTable",
     "Uncertainty",
-    "drawn",
     "measurable",
+    "nominal_effects",
     "of_design",
     "read",
     "to_csv",

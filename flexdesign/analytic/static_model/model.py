@@ -147,7 +147,7 @@ def of_design(design: Design, *, bare: bool = False) -> StaticModel:
     InputError
         If the compliance model cannot say anything of the part.
     """
-    whole = StaticModel(design, {**drawn(design), **design.effects})
+    whole = StaticModel(design, {**nominal_effects(design), **design.effects})
     try:  # hinges that only rotate may hold a part that moves with all that the drawing tells: a parallelogram
         whole.compliance({}).quantities()
     except frame.Mechanism as error:
@@ -158,11 +158,11 @@ def of_design(design: Design, *, bare: bool = False) -> StaticModel:
     return replace(whole, effects=dict(design.effects)) if bare else whole
 
 
-def drawn(design: Design) -> dict[str, dict[str, float]]:
+def nominal_effects(design: Design) -> dict[str, dict[str, float]]:
     """Return the effects that a part or a stage has by its drawing, in full strength."""
     if design.is_stage:
-        return stage_compliance.drawn(design.stage().assembly())
-    return compliance.drawn(design.part())
+        return stage_compliance.nominal_effects(design.stage().assembly())
+    return compliance.nominal_effects(design.part())
 
 
 def _guessed(part: ComplianceModel) -> ComplianceModel:

@@ -38,8 +38,8 @@ def proposals(models: Sequence[StaticModel], table: StaticTable, most: int = 3) 
     done = {(row.key, row.part) for row in table.rows}
     lengths = {p.name for p in design.part_class.dimensions if p.si == "m"}
     variants: list[dict[str, float]] = [{}]
-    for name, drawn in design.dimensions.items():
-        variants += [{name: float(f"{by * drawn:.3g}")} for by in CHANGED if drawn > 0 and name in lengths]
+    for name, nominal in design.dimensions.items():
+        variants += [{name: float(f"{by * nominal:.3g}")} for by in CHANGED if nominal > 0 and name in lengths]
     found = []
     for dimensions in variants:
         asked = [Row(quantity, boundary, 1.0, None, "", dimensions) for quantity, boundary in measurable(design)]
@@ -50,5 +50,5 @@ def proposals(models: Sequence[StaticModel], table: StaticTable, most: int = 3) 
             continue
         finite = zip(rows, expected.T, np.isfinite(expected).all(axis=0), strict=True)
         found += [Proposal(row, tuple(map(float, column))) for row, column, is_finite in finite if is_finite]
-    found.sort(key=lambda telling: (-round(telling.apart, 2), len(telling.row.dimensions)))
-    return tuple(telling for telling in found[:most] if telling.apart > UNSAID)
+    found.sort(key=lambda offer: (-round(offer.apart, 2), len(offer.row.dimensions)))
+    return tuple(offer for offer in found[:most] if offer.apart > UNSAID)

@@ -110,9 +110,9 @@ class Uncertainty:
         white = np.linalg.solve(self._root, difference)
         return float(white @ white)
 
-    def agrees(self, difference: Array, fitted: int = 0) -> bool:
-        """Tell whether differences (n, SI) are chance, each by itself and all together; `fitted` numbers are free."""
-        free = len(difference) - fitted
+    def agrees(self, difference: Array, number: int = 0) -> bool:
+        """Tell whether differences (n, SI) are chance, each by itself and all together; `number` numbers are free."""
+        free = len(difference) - number
         together = free > 0 and float(chdtrc(free, self.squares(difference))) > LEVEL / 2
         return together and bool((np.abs(difference) <= self.validation).all())
 
@@ -137,18 +137,18 @@ def uncertainty(model: StaticModel, table: StaticTable) -> Uncertainty:
     # Relative to what was measured: a model that lacks something may be off by ten times, its uncertainty is not.
     sizes, unstated = np.abs(table.measured()), model.unstated
     data = np.array([row.sigma if row.sigma is not None else UNSAID * abs(row.value) for row in table.rows])
-    slopes = _slopes(model, table, predicted) * (sizes / np.abs(predicted))[:, None]
+    jacobian = _jacobian(model, table, predicted) * (sizes / np.abs(predicted))[:, None]
     own = np.array([MODEL[row.kind] for row in table.rows]) * sizes * (SPREAD if unstated else 1.0)
     lacking = (replace(model, guessed=True).predict(table) / predicted - 1) * sizes if unstated else np.zeros(len(own))
     kinds = [row.key for row in table.rows]
     alike = np.array([[1.0 if a == b else 0.0 for b in kinds] for a in kinds])
-    covariance = np.diag(data**2) + slopes @ slopes.T + alike * np.outer(own, own) + np.outer(lacking, lacking)
+    covariance = np.diag(data**2) + jacobian @ jacobian.T + alike * np.outer(own, own) + np.outer(lacking, lacking)
     unsaid = any(row.sigma is None for row in table.rows)
-    inputs = np.sqrt((slopes**2).sum(axis=1))
+    inputs = np.sqrt((jacobian**2).sum(axis=1))
     return Uncertainty(data, inputs, np.hypot(own, lacking), covariance, unsaid, unstated)
 
 
-def _slopes(model: StaticModel, table: StaticTable, predicted: Array) -> Array:
+def _jacobian(model: StaticModel, table: StaticTable, predicted: Array) -> Array:
     """Return how each row changes with each input by one standard deviation: rows by inputs."""
     design, tolerances = model.design, model.design.tolerances
     lengths = [p.name for p in design.part_class.dimensions if p.si == "m"]
@@ -158,10 +158,10 @@ def _slopes(model: StaticModel, table: StaticTable, predicted: Array) -> Array:
             continue
         sigma = tolerances.dimensions * EVEN
         try:
-            moved = [replace(model, made_larger={name: way * sigma}).predict(table) for way in (-1, 1)]
+            predictions = [replace(model, made_larger={name: way * sigma}).predict(table) for way in (-1, 1)]
         except InputError:  # at the end of what can be built
             continue
-        columns.append((moved[1] - moved[0]) / 2)
+        columns.append((predictions[1] - predictions[0]) / 2)
     return np.column_stack(columns)
 
 

@@ -133,8 +133,8 @@ class Member:
         if self.root_radius == 0:
             return np.full(np.shape(s), self.thickness)
         into = np.clip(np.abs(s) - (self.length / 2 - self.root_radius), 0.0, self.root_radius)
-        rise = self.root_radius - np.sqrt((self.root_radius - into) * (self.root_radius + into))
-        return np.asarray(self.thickness + 2 * rise)
+        sagitta = self.root_radius - np.sqrt((self.root_radius - into) * (self.root_radius + into))
+        return np.asarray(self.thickness + 2 * sagitta)
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ class Quantity:
         """Name and boundary in one word: ``K_out_input_held``."""
         return "_".join([self.name, *self.boundary.replace(",", "").split()])
 
-    def shown(self, digits: int = 4) -> str:
+    def formatted(self, digits: int = 4) -> str:
         """Write the value in the display unit with `digits` digits, or with those its uncertainty leaves meaning."""
         scale = units.factor(self.unit or "1", self.si)
         value = self.value / scale
@@ -71,7 +71,7 @@ class Quantity:
 
     def __str__(self) -> str:
         boundary = f" ({self.boundary})" if self.boundary else ""
-        return f"{self.name}{boundary} = {self.shown()}"
+        return f"{self.name}{boundary} = {self.formatted()}"
 
 
 def by_key(found: Iterable[Quantity]) -> dict[str, Quantity]:

@@ -121,7 +121,7 @@ class Plan:
 
     def _ports(self, bodies: Mapping[str, Body], axis: str) -> Iterator[tuple[Port, str]]:
         """Yield the ports with their bodies; inputs and outputs of other axes are left out."""
-        taken: list[str] = []
+        names: list[str] = []
         for role in ("input", "output", "ground"):
             tables = self.tables.of_role(role)
             for number, table in enumerate(tables, 1):
@@ -134,9 +134,9 @@ class Plan:
                     way = turn @ np.array(_SIDES[table.side])
                     middle = _side(bodies[body].corners, way, f"port.{base}.side", table.side)
                     name = f"{base}{suffix}"
-                    if name in taken:
+                    if name in names:
                         raise InputError("design", "port", name, 'two ports have this name; write name = "..." in one')
-                    taken.append(name)
+                    names.append(name)
                     at, normal = (float(middle[0]), float(middle[1]), 0.0), (float(way[0]), float(way[1]), 0.0)
                     yield Port(name, role, at, normal), body
 

@@ -12,7 +12,7 @@ from flexdesign.diagnosis.check import coverage, suspicion
 from flexdesign.diagnosis.check.coverage import Shown
 from flexdesign.diagnosis.check.suspicion import Suspicion
 from flexdesign.diagnosis.check.tables import TableFacts
-from flexdesign.measurements.noise_level.floor import NoiseFloor, noise_floor
+from flexdesign.measurements.noise_level.noise_floor import NoiseFloor, noise_floor
 from flexdesign.measurements.recordings import FrequencyResponse, Run, split
 
 #: How long a stage rings after its command has come to rest, where no model says it [s].
@@ -136,8 +136,8 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
     parts = split(runs, test=True) if runs else ()
     suspicions = suspicion.of_runs(parts)
     floors = {axis: _noise(runs, axis) for axis in dict.fromkeys(axis for run in runs for axis in run.responses)}
-    for axis, floor in floors.items():
-        suspicions += suspicion.of_noise(axis, floor)
+    for axis, noise_rms in floors.items():
+        suspicions += suspicion.of_noise(axis, noise_rms)
     for response in responses:
         suspicions += suspicion.of_response(response)
     suspicions += _of_all(runs, responses, parts)
@@ -152,21 +152,21 @@ def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableF
         tuple(there),
         tuple(dict.fromkeys([*suspicions, *(each for table in tables for each in table.suspicions)])),
         coverage.shown(list(kinds)),
-        {axis: floor.source if floor.known else "unknown" for axis, floor in floors.items()},
+        {axis: noise_rms.source if noise_rms.known else "unknown" for axis, noise_rms in floors.items()},
         tuple(tables),
     )
 
 
 def _noise(runs: Sequence[Run], axis: str) -> NoiseFloor:
-    return noise_floor([run for run in runs if axis in run.columns], axis, settle=SETTLE)
+    return noise_floor([run for run in runs if axis in run.columns], axis, settling_time=SETTLE)
 
 
 def _recorded(run: Run, role: str, floors: dict[str, NoiseFloor]) -> Recorded:
     channels = []
     for name, values in run.columns.items():
         there = values[np.isfinite(values)]
-        floor = floors.get(name)
-        noise = floor.rms.get(run.name) if floor is not None and floor.known else None
+        noise_rms = floors.get(name)
+        noise = noise_rms.rms.get(run.name) if noise_rms is not None and noise_rms.known else None
         low, high = (float(there.min()), float(there.max())) if len(there) else (float("nan"), float("nan"))
         channels.append(Channel(name, run.si[name], low, high, 1 - len(there) / len(values), noise))
     kinds, seconds = coverage.kinds_of(run), float(run.time[-1] - run.time[0])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.diagnosis.check.timing import timing_of
-from flexdesign.measurements.noise_level.floor import NoiseFloor
+from flexdesign.measurements.noise_level.noise_floor import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.measurements.recordings.run import commanded_by
 
@@ -49,10 +49,10 @@ class Suspicion:
 
 def of_runs(runs: Sequence[Run]) -> list[Suspicion]:
     """Return what is suspicious of runs, once roles are given: see `splitting.split`."""
-    said = dict.fromkeys((run.name.partition(":")[0], remark) for run in runs for remark in run.remarks)
+    remarks = dict.fromkeys((run.name.partition(":")[0], remark) for run in runs for remark in run.remarks)
     found = [
         Suspicion(name, remark, _REMEDIES.get(_about(remark), ""))
-        for name, remark in said
+        for name, remark in remarks
         if "blocks of one record" not in remark
     ]
     found += _equal_commands(runs)
@@ -121,9 +121,9 @@ def _of_command(name: str, run: Run) -> list[Suspicion]:
             what = f"{column} changes at every {every}. sample only: it is held, at {rate:.5g} Hz"
             remedy = "" if run.between_is_stated else 'write between_samples = "hold" in measurements.toml'
             found.append(Suspicion(name, what, remedy))
-        for end, said in ((values.max(), "largest"), (values.min(), "smallest")):
+        for end, remarks in ((values.max(), "largest"), (values.min(), "smallest")):
             if _is_clipped(values, float(end)):
-                what = f"{column} stays at its {said} value, {end:.5g} V, in many stretches: it looks clipped"
+                what = f"{column} stays at its {remarks} value, {end:.5g} V, in many stretches: it looks clipped"
                 remedy = "state the limits of the driver in the model, or record the voltage behind it"
                 found.append(Suspicion(name, what, remedy))
     return found

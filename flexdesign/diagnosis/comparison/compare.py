@@ -39,7 +39,7 @@ class RunComparison:
     time, command, measured, predicted
         n values each [s], [V], [response]; the offset of the run is added to the prediction. `measured` is NaN where
         it was not compared.
-    floor
+    noise_floor
         Standard deviation of the noise [response].
     stroke
         What the response covers in all runs together, the largest span of a run [response].
@@ -55,7 +55,7 @@ class RunComparison:
     command: Array
     measured: Array
     predicted: Array
-    floor: float
+    noise_floor: float
     stroke: float
     remarks: tuple[str, ...]
     offset_rms: float | None = None
@@ -89,7 +89,7 @@ class RunComparison:
     @property
     def ratio(self) -> float:
         """The root mean square over the noise floor."""
-        return self.rms / self.floor
+        return self.rms / self.noise_floor
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ class Comparison:
     @property
     def response(self) -> str:
         """SI unit of the response, which knows in which units it is written."""
-        return self.model.axes[self.axis].shown
+        return self.model.axes[self.axis].response_units
 
     @property
     def rms(self) -> float:
@@ -144,7 +144,7 @@ class Comparison:
         """The same of the noise [response]."""
         if not self.runs:
             return math.nan
-        return math.sqrt(float(np.mean([run.floor**2 for run in self.runs])))
+        return math.sqrt(float(np.mean([run.noise_floor**2 for run in self.runs])))
 
     @property
     def unexplained(self) -> float:
@@ -188,18 +188,18 @@ def compare(
     began = perf_counter()
     name = choose_axis(model, runs, axis)
     its = model.axes[name]
-    in_time = [run for run in runs if isinstance(run, Run)]
-    seen = [of_axis(run, name, its) for run in in_time]
+    runs_ = [run for run in runs if isinstance(run, Run)]
+    seen = [of_axis(run, name, its) for run in runs_]
     measured = [axis_response.of_axis(each, name, its) for each in runs if isinstance(each, FrequencyResponse)]
-    volts = max((float(np.abs(run.command()).max()) for run in seen), default=0.0) or 1.0
-    dynamics = AxisDynamics(name, its, volts, tolerance=TOLERANCE, delay=model.controller.delay)
+    max_command = max((float(np.abs(run.command()).max()) for run in seen), default=0.0) or 1.0
+    dynamics = AxisDynamics(name, its, max_command, tolerance=TOLERANCE, delay=model.controller.delay)
     progress("reading the noise")
     lines = {each.name: line_noise(each) for each in measured}
     responses = tuple(compared_lines(each, dynamics.response(each), lines[each.name]) for each in measured)
     if not seen:
-        floor = noise_of_lines(measured, lines)
-        return Comparison(model, name, (), floor, (), (), perf_counter() - began, responses)
-    noise = noise_of_axis(in_time, name, its)
+        noise_floor = noise_of_lines(measured, lines)
+        return Comparison(model, name, (), noise_floor, (), (), perf_counter() - began, responses)
+    noise = noise_of_axis(runs_, name, its)
     stroke = max(float(np.nanmax(run.measured()) - np.nanmin(run.measured())) for run in seen)
     compared, observed = [], []
     for run in seen:
@@ -221,7 +221,7 @@ def compare(
     )
 
 
-def _compared(dynamics: AxisDynamics, run: Run, floor: float, stroke: float) -> RunComparison:
+def _compared(dynamics: AxisDynamics, run: Run, noise_floor: float, stroke: float) -> RunComparison:
     measured, predicted = run.measured(), dynamics.predict(run)
     there = np.isfinite(measured)
     if not there.any():
@@ -231,21 +231,21 @@ def _compared(dynamics: AxisDynamics, run: Run, floor: float, stroke: float) -> 
         raise InputError(run.name, dynamics.name, None, remedy)
     predicted = predicted + float(np.mean((measured - predicted)[there]))
     return RunComparison(
-        run.name, run.role, run.time, run.command(), measured, predicted, floor, stroke, _remarks(dynamics, run)
+        run.name, run.role, run.time, run.command(), measured, predicted, noise_floor, stroke, _remarks(dynamics, run)
     )
 
 
 def _remarks(dynamics: AxisDynamics, run: Run) -> tuple[str, ...]:
-    said = list(run.remarks)
+    remarks = list(run.remarks)
     skipped = dynamics.unknown_start(run)
     if skipped:
-        said.append(
+        remarks.append(
             f"the command was moving as the record began: the first {skipped * run.period:.3g} s are not compared"
         )
     others = [name for name in run.commands if name not in ("u", f"u{dynamics.name}") and np.ptp(run.columns[name])]
     if others:
-        said.append(f"{' and '.join(others)} moved too; what that does to this axis is left in the residual")
+        remarks.append(f"{' and '.join(others)} moved too; what that does to this axis is left in the residual")
     cut = dynamics.cut(run)
     if cut > 0:
-        said.append(f"the command goes up to {cut:.3g} V beyond the limits of the model, which cut it off")
-    return tuple(said)
+        remarks.append(f"the command goes up to {cut:.3g} V beyond the limits of the model, which cut it off")
+    return tuple(remarks)

@@ -99,7 +99,7 @@ class Breakdown:
 
 
 def where(
-    residuals: Mapping[str, Array], runs: Sequence[Run], predictions: Mapping[str, Array], floor: NoiseFloor
+    residuals: Mapping[str, Array], runs: Sequence[Run], predictions: Mapping[str, Array], noise_floor: NoiseFloor
 ) -> tuple[Breakdown, ...]:
     """Divide the unexplained error: the mean square above the noise floor, summed over runs.
 
@@ -114,7 +114,7 @@ def where(
         What was compared; each with one command and one response.
     predictions
         Predicted responses [response], from which position and velocity are taken: they hold no noise.
-    floor
+    noise_floor
         Of these runs.
 
     Returns
@@ -122,10 +122,10 @@ def where(
     tuple of Breakdown
         By run, frequency, position, velocity and voltage; and by time since the last step where a command jumps.
     """
-    samples = [_Samples.of(run, residuals[run.name], predictions[run.name], floor) for run in runs]
+    samples = [_Samples.of(run, residuals[run.name], predictions[run.name], noise_floor) for run in runs]
     total = sum(s.excess(s.present) for s in samples)
     response = runs[0].si[runs[0].responses[0]] if len(runs[0].responses) == 1 else "m"
-    made = [_by_run(samples), _by_frequency(samples, floor), _by_position(samples, response)]
+    made = [_by_run(samples), _by_frequency(samples, noise_floor), _by_position(samples, response)]
     made += [_by_velocity(samples, response), _by_voltage(samples)]
     if any(s.since.size and np.isfinite(s.since).any() for s in samples):
         made.append(_by_time_since_step(samples, total))
@@ -146,13 +146,13 @@ class _Samples:
     noise: float
 
     @classmethod
-    def of(cls, run: Run, residual: Array, prediction: Array, floor: NoiseFloor) -> _Samples:
+    def of(cls, run: Run, residual: Array, prediction: Array, noise_floor: NoiseFloor) -> _Samples:
         present = np.isfinite(residual)
         velocity = np.gradient(prediction, run.period)
         filled = np.where(present, residual, 0.0)
         command = run.command()
         since = _since_step(command, run.period)
-        return cls(run, present, filled, prediction, velocity, command, since, floor.rms[run.name])
+        return cls(run, present, filled, prediction, velocity, command, since, noise_floor.rms[run.name])
 
     @property
     def count(self) -> int:
@@ -179,8 +179,8 @@ def holds(command: Array) -> list[tuple[int, int, float]]:
         # Of a lively command most jumps are followed by another soon, and nothing beyond that is looked at.
         if np.abs(command[jump : jump + STAYS] - command[jump]).max() > STANDS * span:
             continue
-        moved = np.flatnonzero(np.abs(command[jump:] - command[jump]) > STANDS * span)
-        last = jump + int(moved[0]) if moved.size else len(command)
+        changed = np.flatnonzero(np.abs(command[jump:] - command[jump]) > STANDS * span)
+        last = jump + int(changed[0]) if changed.size else len(command)
         if last - jump >= STAYS:
             found.append((jump, last, float(change[jump - 1])))
     return found
@@ -215,7 +215,7 @@ def _by_run(samples: Sequence[_Samples]) -> Breakdown:
     return Breakdown("run", "", _parts(samples, bins))
 
 
-def _by_frequency(samples: Sequence[_Samples], floor: NoiseFloor) -> Breakdown:
+def _by_frequency(samples: Sequence[_Samples], noise_floor: NoiseFloor) -> Breakdown:
     """Divide by octaves around 1, 2, 4 Hz and so on, and what is below: the middle of a band is a round number."""
     fastest = max(0.5 / s.run.period for s in samples)
     edges = [0.0, *(2.0 ** (k - 0.5) for k in range(max(math.ceil(math.log2(fastest)), 1) + 2))]
@@ -226,7 +226,7 @@ def _by_frequency(samples: Sequence[_Samples], floor: NoiseFloor) -> Breakdown:
         power = np.abs(np.fft.rfft(s.residual)) ** 2 / (n * s.count)
         power[1 : (n + 1) // 2] *= 2
         frequency = np.asarray(np.fft.rfftfreq(n, s.run.period), dtype=float)
-        noise = floor.density(s.run, frequency) / (n * s.run.period)
+        noise = noise_floor.density(s.run, frequency) / (n * s.run.period)
         noise[0] = 0.0  # the offset is taken out
         place = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, len(powers) - 1)
         powers += np.bincount(place, power, len(powers))

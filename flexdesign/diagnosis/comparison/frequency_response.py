@@ -40,7 +40,7 @@ class ResponseComparison:
         Standard deviation of each part of each line [response/V].
     coherence
         n numbers; None if it was not recorded.
-    judging
+    validation
         Which lines judge: validation lines, or all.
     known
         Whether the noise is known.
@@ -55,7 +55,7 @@ class ResponseComparison:
     predicted: Complex
     sigma: Array
     coherence: Array | None
-    judging: NDArray[np.bool_]
+    validation: NDArray[np.bool_]
     known: bool
     remarks: tuple[str, ...]
 
@@ -72,26 +72,26 @@ class ResponseComparison:
     @property
     def rms(self) -> float:
         """Root mean square of `left` over the lines that judge, a ratio."""
-        return float(np.sqrt(np.mean(self.left[self.judging] ** 2)))
+        return float(np.sqrt(np.mean(self.left[self.validation] ** 2)))
 
     @property
-    def floor(self) -> float:
+    def noise_floor(self) -> float:
         """The same of the noise."""
-        return float(np.sqrt(np.mean(self.noise[self.judging] ** 2)))
+        return float(np.sqrt(np.mean(self.noise[self.validation] ** 2)))
 
     @property
     def ratio(self) -> float:
         """Root mean square of the error over the noise, line by line: one where nothing but noise is left."""
-        return float(np.sqrt(np.mean((self.left / self.noise)[self.judging] ** 2)))
+        return float(np.sqrt(np.mean((self.left / self.noise)[self.validation] ** 2)))
 
     @property
     def worst(self) -> float:
         """The frequency at which it is largest [Hz]."""
-        return float(self.frequencies[self.judging][np.argmax(self.left[self.judging])])
+        return float(self.frequencies[self.validation][np.argmax(self.left[self.validation])])
 
 
 def compared_lines(
-    response: FrequencyResponse, predicted: Complex, noise: LineNoise, judging: NDArray[np.bool_] | None = None
+    response: FrequencyResponse, predicted: Complex, noise: LineNoise, validation: NDArray[np.bool_] | None = None
 ) -> ResponseComparison:
     """Return a measured response beside a predicted one.
 
@@ -103,18 +103,18 @@ def compared_lines(
         At its lines.
     noise
         Of it.
-    judging
+    validation
         The lines that judge; by default all.
     """
     return ResponseComparison(
         response.name,
-        response.role if judging is None or judging.all() else "validate",
+        response.role if validation is None or validation.all() else "validate",
         response.frequencies,
         response.response,
         predicted,
         noise.sigma,
         response.coherence,
-        np.ones(len(predicted), dtype=bool) if judging is None else judging,
+        np.ones(len(predicted), dtype=bool) if validation is None else validation,
         noise.known,
         response.remarks,
     )
@@ -141,17 +141,17 @@ def joined(
     made = []
     for name, parts in halves.items():
         measured, predicted = (np.full(len(parts[0].frequencies), np.nan + 0j) for _ in range(2))
-        judging = np.zeros(len(measured), dtype=bool)
+        validation = np.zeros(len(measured), dtype=bool)
         for part in parts:
             there, count = part.present, len(part.frequencies)
             rest = left[part.name][:count] + 1j * left[part.name][count:]
             measured[there], predicted[there] = part.response[there], (part.response - rest)[there]
-            judging |= there if part.role == "validate" or len(parts) == 1 else False
+            validation |= there if part.role == "validate" or len(parts) == 1 else False
         whole = FrequencyResponse(
             name, parts[0].frequencies, measured, role=parts[0].role, coherence=parts[0].coherence,
             remarks=parts[-1].remarks,
         )  # fmt: skip
-        made.append(compared_lines(whole, predicted, noise[parts[0].name], judging))
+        made.append(compared_lines(whole, predicted, noise[parts[0].name], validation))
     return tuple(made)
 
 
@@ -165,7 +165,7 @@ def by_band(responses: Sequence[ResponseComparison]) -> Breakdown:
     for first, last in pairwise(edges):
         total, count, square = 0.0, 0, 0.0
         for each in responses:
-            inside = (each.frequencies >= first) & ((each.frequencies < last) | (last == edges[-1])) & each.judging
+            inside = (each.frequencies >= first) & ((each.frequencies < last) | (last == edges[-1])) & each.validation
             square += float(np.sum(each.left[inside] ** 2))
             total += float(np.sum(each.left[inside] ** 2 - each.noise[inside] ** 2))
             count += int(inside.sum())

@@ -24,29 +24,29 @@ def restored(model: StaticModel, table: StaticTable) -> tuple[StaticTable, tuple
     """Return a table with the signs that its model expects, and a remark for each that was turned."""
     remarks: list[str] = []
     while found := _best(model, table):
-        turned, said = found
-        if said in remarks:
+        turned, notes = found
+        if notes in remarks:
             break
         table = turned
-        remarks.append(said)
+        remarks.append(notes)
     return table, tuple(remarks)
 
 
 def _best(model: StaticModel, table: StaticTable) -> tuple[StaticTable, str] | None:
     """Return the table with one column turned that lowers the error most, and the remark; None if none is lost."""
     before, trials = model.predict(table), []
-    for said, turn in _turns():
+    for remarks, turn in _turns():
         turned = replace(table, rows=tuple(turn(row) for row in table.rows))
         concerned = np.array([a is not b for a, b in zip(turned.rows, table.rows, strict=True)])
         if concerned.any():
             was = _error(before[concerned], table.measured()[concerned])
             left = _error(model.predict(turned)[concerned], turned.measured()[concerned])
             if left < FALLS * was:
-                trials.append((left / was, turned, f"{said}: it was taken so"))
+                trials.append((left / was, turned, f"{remarks}: it was taken so"))
     if not trials:
         return None
-    _, turned, said = min(trials, key=lambda trial: trial[0])
-    return turned, said
+    _, turned, remarks = min(trials, key=lambda trial: trial[0])
+    return turned, remarks
 
 
 def _error(predicted: Array, measured: Array) -> float:

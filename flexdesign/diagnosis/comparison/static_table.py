@@ -69,19 +69,19 @@ def compare(model: StaticModel, table: StaticTable) -> TableComparison:
         signed, lost = lost_signs.restored(model, table)
         remarks += lost
     predicted = model.predict(signed)
-    believed = _believable(signed, predicted)
-    noise = uncertainty(model, believed)
-    if believed is not signed:
+    plausible = _believable(signed, predicted)
+    noise = uncertainty(model, plausible)
+    if plausible is not signed:
         remarks.append("amplifications were taken with the sign of the model, along the output's normal")
     if noise.unsaid:
         remarks.append(f"some rows state no sigma: {100 * UNSAID:g} % was taken for it")
     if noise.unstated:
-        shown, widest = ", ".join(noise.unstated[:2]), 100 * float(np.max(noise.model / np.abs(believed.measured())))
+        some, widest = ", ".join(noise.unstated[:2]), 100 * float(np.max(noise.model / np.abs(plausible.measured())))
         remarks.append(
-            f"the part does not state what all its hinges and rods run into (Member.roots, as of {shown}): the model "
+            f"the part does not state what all its hinges and rods run into (Member.roots, as of {some}): the model "
             f"may be off by {widest:.2g} %, one standard deviation, and little can be told from this table"
         )
-    return TableComparison(model, believed, predicted, noise, tuple(remarks))
+    return TableComparison(model, plausible, predicted, noise, tuple(remarks))
 
 
 def _believable(table: StaticTable, predicted: Array) -> StaticTable:

@@ -39,13 +39,13 @@ class BasisFunctions:
     band
         Lowest and highest frequency of all frequency responses [Hz], and the number of their lines; None if there are
         none. Then there are smooth functions of the logarithm of frequency, too, by which a response is multiplied.
-    in_time
+    is_time_domain
         Whether there are runs in time.
     """
 
     model: AxisDynamics
     band: tuple[float, float, int] | None = None
-    in_time: bool = True
+    is_time_domain: bool = True
 
     def __call__(self, observation: Observation, predicted: Array) -> dict[str, Array]:
         """Return the functions by name, n values each, about as large as one; zero where they are not meant."""
@@ -61,7 +61,7 @@ class BasisFunctions:
     def _names(self) -> list[str]:
         """Names of all functions, those in time first."""
         made = list(self._of_frequency(None, np.zeros(0))) if self.band else []
-        if not self.in_time:
+        if not self.is_time_domain:
             return made
         t = self.model.first.natural_frequency**-1 * np.arange(4.0)
         blank = Run("blank", t, {"u": np.zeros(4), self.model.name: np.zeros(4)}, {"u": "V"})
@@ -96,17 +96,17 @@ class BasisFunctions:
         x = predicted / self.model.stroke
         fast = 2 * math.pi * self.model.axis.natural_frequency * SLOW
         v = np.gradient(x, run.period) / fast
-        u = self.model.command(run) / self.model.volts
+        u = self.model.command(run) / self.model.max_command
         powers = {f"position^{k}": x**k for k in (2, 3, 4)}
         knees = {f"position beyond {100 * knee:.0f} %": np.maximum(x - knee, 0.0) for knee in KNEES}
         moving = {"velocity": v, "velocity^2": v**2, "velocity |velocity|": v * np.abs(v), "velocity^3": v**3}
         dry = {"sign of velocity": np.tanh(10 * v), "position x velocity": x * v, "position^2 x velocity": x**2 * v}
-        volts = {f"voltage^{k}": u**k for k in (1, 2, 3)} | {"voltage x position": u * x}
-        return {**powers, **knees, **moving, **dry, **volts}
+        of_voltage = {f"voltage^{k}": u**k for k in (1, 2, 3)} | {"voltage x position": u * x}
+        return {**powers, **knees, **moving, **dry, **of_voltage}
 
     def _of_time(self, run: Run) -> dict[str, Array]:
         command = self.model.command(run)
-        jumps = np.abs(np.diff(command, prepend=command[0])) > 0.02 * self.model.volts
+        jumps = np.abs(np.diff(command, prepend=command[0])) > 0.02 * self.model.max_command
         last = np.maximum.accumulate(np.where(jumps, np.arange(len(command)), 0))
         since = (np.arange(len(command)) - last) * run.period
         return {

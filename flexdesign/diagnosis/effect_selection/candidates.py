@@ -174,7 +174,7 @@ def _over(parameter: Parameter, band: tuple[float, float]) -> tuple[float, ...]:
 
 def _with_screen(number: Parameter, catalogue: Parameter, model: AxisDynamics) -> Parameter:
     """Return a number of driver, sensor or controller with what the catalogue says of the effect that it stands for."""
-    scale = of_catalogue(catalogue, model.stroke, model.volts)
+    scale = of_catalogue(catalogue, model.stroke, model.max_command)
     return replace(number, screen=tuple(value * scale for value in catalogue.screen), null=catalogue.null)
 
 

@@ -17,7 +17,7 @@ from flexdesign.diagnosis.identify import HYSTERESIS, LINEAR
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, line_weights
 from flexdesign.diagnosis.preparation.initial_conditions import (
     InitialConditions,
-    known_of_start,
+    prior_of_initial_condition,
     relaxing,
     with_initial_conditions,
 )
@@ -81,8 +81,8 @@ def choose_interpolation(
         if (fit := fit_model(task, dynamics, effort=STARTED)) is None:
             return data
         found.append(fit)
-    needed = INDISTINGUISHABLE * max(found[0].scale, 1.0)
-    return other if found[1].cost < found[0].cost - needed else data
+    critical = INDISTINGUISHABLE * max(found[0].scale, 1.0)
+    return other if found[1].cost < found[0].cost - critical else data
 
 
 def _otherwise(run: Run) -> Run:
@@ -104,36 +104,36 @@ def case_of(
     model: StageModel, data: DiagnosisData, each: Any, progress: Callable[[str], None]
 ) -> tuple[AxisDynamics, EstimationTask]:
     """Return the model of the axis, with numbers of its own for each run, and what it is confronted with."""
-    volts = data.volts
-    stroke = abs(data.axis.gain * data.axis.driver.gain) * volts
+    max_command = data.max_command
+    stroke = abs(data.axis.gain * data.axis.driver.gain) * max_command
     least = math.ceil(max(data.periods) / LONGEST_STEP)
     screening, jacobian_model, fine = max(STEPS_SCREENING, least), max(STEPS_SLOPES, least), max(STEPS, 2 * least)
-    exact = float(np.clip(EXACT * data.floor / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
+    exact = float(np.clip(EXACT * data.noise_rms / stroke, FINEST_TOLERANCE, COARSEST_TOLERANCE))
     at_last = EXACT_AT_LAST / EXACT * exact
     dynamics = AxisDynamics(
         data.name,
         _from_rest(data.axis),
-        volts,
+        max_command,
         tolerance=exact,
         delay=model.controller.delay,
         finest=fine,
         margin=1,  # the values that are told in the end are found with far more steps
         apart=tuple(run.name for run in data.runs),
         highest=max(0.5 / max(data.periods), *(float(each.frequencies[-1]) for each in data.responses), 0.0),
-        bipolar=any(bool(np.min(run.command()) < -0.05 * volts) for run in data.runs),
+        bipolar=any(bool(np.min(run.command()) < -0.05 * max_command) for run in data.runs),
     )
     # Small sines do not show how a loop bends.
     free = LINEAR + (HYSTERESIS[:-1] if "bouc_wen" in data.axis.effects and data.runs else ())
     noise, shapes = data.whitening, InitialConditions(data.axis, stroke)
 
     def known(of: Model) -> Mapping[str, tuple[float, float]]:
-        own = {p.name: known_of_start(p, data.runs, volts, of) for p in of.parameters() if p.run}
+        own = {p.name: prior_of_initial_condition(p, data.runs, max_command, of) for p in of.parameters() if p.run}
         return {**data.known, **{name: about for name, about in own.items() if about}}
 
     return dynamics, EstimationTask(
         identify=Dataset(data.observed("identify"), noise, shapes),
         validate=Dataset(data.observed("validate"), noise, shapes),
-        test=Dataset(kept, noise, shapes) if (kept := data.observed("test")) else None,
+        test=Dataset(test_runs, noise, shapes) if (test_runs := data.observed("test")) else None,
         free=free,
         known=known,
         bare=lambda of: replace(dynamics, by_run=cast(AxisDynamics, of).by_run),
@@ -144,7 +144,7 @@ def case_of(
         jacobian_model=lambda of: cast(AxisDynamics, of).no_finer(jacobian_model),
         each=each,
         progress=progress,
-        floor=data.known_floor,
+        noise_rms=data.known_noise_rms,
         nominal={name: data.axis.numbers[name] for name in LINEAR},
         prior_bound=BELIEVED if data.is_one_record or not data.noise.known else math.inf,
         null_errors=data.null_errors,

@@ -141,8 +141,10 @@ def _parameter(model: Model, name: str) -> Parameter:
 def _runs(task: EstimationTask, fit: FittedModel) -> list[str]:
     """Return the fitted runs, which may have numbers of their own; none where there are too few, or none to judge."""
     apart = cast(AxisDynamics, fit.model).apart
-    seen, kept = ([name for name in dataset.names if name in apart] for dataset in (task.identify, task.validate))
-    return seen if len(seen) > 1 and kept else []
+    seen, validation_runs = (
+        [name for name in dataset.names if name in apart] for dataset in (task.identify, task.validate)
+    )
+    return seen if len(seen) > 1 and validation_runs else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,14 +164,14 @@ def _score(fit: FittedModel, columns: Sequence[Array | None], runs: Sequence[str
         Derivative of the residual of each record by the number; that by a run's deviation is the same in that run.
     """
     solution, size = fit.solution, len(runs)
-    moves, own, gradient = np.zeros((size, len(solution.x))), np.zeros(size), np.zeros(size)
+    changes, own, gradient = np.zeros((size, len(solution.x))), np.zeros(size), np.zeros(size)
     records = solution.problem.dataset.records
     for record, column, jacobian, residual in zip(records, columns, solution.jacobian, solution.residuals, strict=True):
         if column is not None and record.observation.name in runs:
             k = runs.index(record.observation.name)
-            moves[k, jacobian.places] = jacobian.matrix.T @ column
+            changes[k, jacobian.places] = jacobian.matrix.T @ column
             own[k], gradient[k] = column @ column, column @ residual
-    curvature = np.diag(own) - moves @ solution.covariance @ moves.T
+    curvature = np.diag(own) - changes @ solution.covariance @ changes.T
     # The mean is among the numbers that are fitted already; rounding of it would pass for a deviation.
     deviations = -np.linalg.pinv(curvature, rcond=1e-8, hermitian=True) @ gradient
     return _Score(-float(gradient @ deviations), dict(zip(runs, (common + deviations).tolist(), strict=True)))
@@ -190,8 +192,8 @@ def _with(
         pairs = [(r, np.asarray(at.predict(r.observation)) - fit.model.predict(r.observation)) for r in dataset.records]
     except InputError:  # it needs a column that was not recorded
         return None
-    moves = [dataset.whitened(record, np.where(record.present, moved, 0.0)) for record, moved in pairs]
-    score = _score(fit, [-move / values[candidate.strength] for move in moves], runs, 0.0)
+    changes = [dataset.whitened(record, np.where(record.present, change, 0.0)) for record, change in pairs]
+    score = _score(fit, [-move / values[candidate.strength] for move in changes], runs, 0.0)
     if score.predicted_gain < max(float(chdtri(len(runs), level)), SHARE * fit.excess):
         return None
     made = _fit(task, fit, task.fine(model), (*fit.effects, candidate), candidate.strength, score)
@@ -220,7 +222,7 @@ def _is_needed(task: EstimationTask, before: FittedModel, after: FittedModel, na
     dof = [len({*own} & {*dataset.names}) for dataset in (task.identify, task.validate)]
     return (
         before.fitted_chi2 - after.fitted_chi2 > float(chdtri(dof[0], level)) * after.discrepancy
-        and explained_share(errors[0], errors[1], task.floor) > SHARE
+        and explained_share(errors[0], errors[1], task.noise_rms) > SHARE
         and math.sqrt(max(errors[0] ** 2 - errors[1] ** 2, 0.0)) > task.tolerance
         and _foretold(task, after, name) > float(chdtri(dof[1], level)) * after.discrepancy
     )
@@ -242,10 +244,10 @@ def _foretold(task: EstimationTask, fit: FittedModel, name: str) -> float:
         if run.name not in deviations:
             continue
         there = deviations[run.name]
-        moved = np.asarray(model.replace({f"{run.name}:{name}": there + size}).predict(run)) - model.predict(run)
-        left = np.where(record.present, fit.residuals_by_run[run.name] + moved * there / size, 0.0)
-        table = np.column_stack([np.ones_like(moved), moved, left])
-        halves = [_whitened(task, run, model.name, table, half) for half in _halves(moved, record.present)]
+        change = np.asarray(model.replace({f"{run.name}:{name}": there + size}).predict(run)) - model.predict(run)
+        left = np.where(record.present, fit.residuals_by_run[run.name] + change * there / size, 0.0)
+        table = np.column_stack([np.ones_like(change), change, left])
+        halves = [_whitened(task, run, model.name, table, half) for half in _halves(change, record.present)]
         for taught, asked in (halves, reversed(halves)):
             known = np.vstack([taught, [0.0, 1.0, 0.0]])  # of a deviation its size is known
             both = np.linalg.lstsq(known[:, :2], known[:, 2], rcond=None)[0]
@@ -255,16 +257,16 @@ def _foretold(task: EstimationTask, fit: FittedModel, name: str) -> float:
     return gain
 
 
-def _halves(moved: Array, present: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+def _halves(change: Array, present: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
     """Return which values are of each half: where a number moves the first half of a run's sum of squares."""
-    energy = np.cumsum(np.where(present, moved - moved[present].mean(), 0.0) ** 2)
+    energy = np.cumsum(np.where(present, change - change[present].mean(), 0.0) ** 2)
     return [present & (energy <= energy[-1] / 2), present & (energy > energy[-1] / 2)]
 
 
-def _whitened(task: EstimationTask, run: Run, axis: str, table: Array, kept: NDArray[np.bool_]) -> Array:
+def _whitened(task: EstimationTask, run: Run, axis: str, table: Array, rows: NDArray[np.bool_]) -> Array:
     """Return columns whitened as a record of a run with gaps wherever nothing is kept."""
-    part = replace(run, columns={**run.columns, axis: np.where(kept, run.measured(), np.nan)})
-    return np.asarray(task.validate.noise.whiten(part, table * kept[:, None]))
+    part = replace(run, columns={**run.columns, axis: np.where(rows, run.measured(), np.nan)})
+    return np.asarray(task.validate.noise.whiten(part, table * rows[:, None]))
 
 
 # --- values ---------------------------------------------------------------------------------------------------------
@@ -282,8 +284,8 @@ def of_runs(task: EstimationTask, fit: FittedModel) -> dict[str, ByRun]:
     for dataset in (task.validate, task.test):
         if dataset is not None and dataset.records:
             where = task.coordinates(fit.model, (), dataset)
-            ended = solve(task.problem(dataset, fit.model, where), where.start)
-            solutions += [ended] if ended is not None else []
+            solution = solve(task.problem(dataset, fit.model, where), where.start)
+            solutions += [solution] if solution is not None else []
     return {name: _by_run(fit, solutions, name) for name in names}
 
 

@@ -72,8 +72,8 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
         spread = HALF_WIDTH * math.sqrt(max(float(covariance[j, j]) * fit.discrepancy, 0.0))
         x = float(fit.solution.x[j])
         # What it was before is known no better than that, whatever the runs say of what it is now.
-        fitted = [abs(value(where.parameters[j], end) / middle - ratio) for end in (x - spread, x + spread)]
-        wide = math.hypot(max(fitted), HALF_WIDTH * sigma / abs(middle) * ratio)
+        deviations = [abs(value(where.parameters[j], end) / middle - ratio) for end in (x - spread, x + spread)]
+        wide = math.hypot(max(deviations), HALF_WIDTH * sigma / abs(middle) * ratio)
         ends = [ratio - wide, ratio + wide]
         if ends[0] <= 1 <= ends[1]:  # then the runs do not determine by how much it moved
             found.append(Conflict(words, (), None, lambda model: model, name))
@@ -104,7 +104,7 @@ def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, confli
         task = replace(task, free=tuple(name for name in task.free if name != conflict.number))
         held = model.replace({conflict.number: data.known[conflict.number][0]})
     without = fit_model(task, held, fit.effects, effort=STARTED)
-    rest = data.error(fit) ** 2 - data.known_floor**2
+    rest = data.error(fit) ** 2 - data.known_noise_rms**2
     return without is None or data.error(without) ** 2 - data.error(fit) ** 2 >= LARGE * rest
 
 
@@ -220,8 +220,8 @@ def _levels(data: DiagnosisData) -> int:
 
 
 def _with(model: AxisDynamics, name: str, values: Mapping[str, float]) -> AxisDynamics:
-    acting = {**model.axis.effects, name: dict(values)}
-    return replace(model, axis=replace(model.axis, effects=acting))
+    effects_ = {**model.axis.effects, name: dict(values)}
+    return replace(model, axis=replace(model.axis, effects=effects_))
 
 
 def _named(name: str, key: str, numbers: list[float]) -> IdentifiedEffect:

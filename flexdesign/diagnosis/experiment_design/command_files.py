@@ -54,7 +54,7 @@ def write(folder: Path, commands: Sequence[Command], axis: str, model: AxisModel
     named = names(commands)
     for name, command in named.items():
         unit_tables.write(
-            folder / name, {"t [s]": command.time, "u [V]": command.volts}, _comment(command, axis, limits)
+            folder / name, {"t [s]": command.time, "u [V]": command.samples}, _comment(command, axis, limits)
         )
     (folder / DESCRIPTION).write_text(description(named, axis, model, limits, title, noise), encoding="utf-8")
     return [folder / DESCRIPTION, *(folder / name for name in named)]
@@ -95,13 +95,13 @@ def description(
 def _sensor(axis: str, model: AxisModel, noise: float | None) -> list[str]:
     small, large = {"m": ("nm", "um"), "rad": ("nrad", "urad"), "V": ("mV", "V")}[model.response]
     along = [int(axis == name) for name in AXES]
-    said = f'noise = "{units.to_text(noise, small, 3, model.response)}"' if noise else f'# noise = "... {small}"'
+    remarks = f'noise = "{units.to_text(noise, small, 3, model.response)}"' if noise else f'# noise = "... {small}"'
     span = f'# range = ["... {large}", "... {large}"]'
     if model.sensor.range is not None:
         low, high = (units.to_text(end, large, 6, model.response) for end in model.sensor.range)
         span = f'range = ["{low}", "{high}"]'
     return [
-        commented(said, "standard deviation of a reading at rest", _COLUMN),
+        commented(remarks, "standard deviation of a reading at rest", _COLUMN),
         span,
         commented('# point = ["... mm", "... mm", "... mm"]', "where on the table it looks", _COLUMN),
         f"direction = {along}",

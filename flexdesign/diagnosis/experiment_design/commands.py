@@ -47,7 +47,7 @@ class Command:
         As its file is called, without the number before it.
     kind, purpose
         What it shows; what it is for, in words.
-    volts
+    samples
         The command, n values [V].
     period
         Sampling period [s].
@@ -72,7 +72,7 @@ class Command:
     name: str
     kind: Kind
     purpose: str
-    volts: Array
+    samples: Array
     period: float
     role: Role = "identify"
     marks: tuple[float, ...] = ()
@@ -86,22 +86,22 @@ class Command:
     @property
     def time(self) -> Array:
         """Moments of the samples [s]."""
-        return self.period * np.arange(len(self.volts), dtype=np.float64)
+        return self.period * np.arange(len(self.samples), dtype=np.float64)
 
     @property
     def duration(self) -> float:
         """From the first sample to the last [s]."""
-        return self.period * (len(self.volts) - 1)
+        return self.period * (len(self.samples) - 1)
 
     @property
     def peak(self) -> float:
         """Largest voltage, with its sign [V]."""
-        return float(self.volts[np.argmax(np.abs(self.volts))])
+        return float(self.samples[np.argmax(np.abs(self.samples))])
 
     @property
     def slew(self) -> float:
         """Largest change from one sample to the next, per sampling period [V/s]."""
-        return float(np.abs(np.diff(self.volts)).max(initial=0.0)) / self.period
+        return float(np.abs(np.diff(self.samples)).max(initial=0.0)) / self.period
 
     @property
     def command_only(self) -> bool:
@@ -113,8 +113,8 @@ class Command:
 
         Temperature and another axis rest, unless it is them that move.
         """
-        still, other = np.zeros(len(self.volts)), other_than(axis)
-        columns = {"u": self.volts, axis: still, other: still, "T": still + ROOM}
+        still, other = np.zeros(len(self.samples)), other_than(axis)
+        columns = {"u": self.samples, axis: still, other: still, "T": still + ROOM}
         si = {"u": "V", axis: response, other: response, "T": "K"}
         for name, (unit, values) in self.recorded.items():
             columns[name], si[name] = values, unit
@@ -126,14 +126,14 @@ def other_than(axis: str) -> str:
     return next(name for name in AXES if name != axis)
 
 
-def on_grid(volts: Array, limits: Limits) -> Array:
+def on_grid(samples: Array, limits: Limits) -> Array:
     """Return a command in whole multiples of the grid, within the voltage range [V].
 
     Rounding is to the nearest multiple; one that the ends of the range cut off is the last within.
     """
     first, last = math.ceil(limits.low / GRID - 1e-9), math.floor(limits.high / GRID + 1e-9)
     # Divided by a whole number: the nearest double of the decimal that a file holds.
-    return np.clip(np.rint(volts / GRID), first, last) / round(1 / GRID)
+    return np.clip(np.rint(samples / GRID), first, last) / round(1 / GRID)
 
 
 def path(limits: Limits, points: Sequence[tuple[float, float]], gentle: float = 0.0) -> tuple[Array, tuple[float, ...]]:
@@ -165,9 +165,9 @@ def ramp(limits: Limits, start: float, end: float, gentle: float = 0.0) -> Array
 
     A gentle way is half a cosine, which leaves a mode of a few of its periods' length nearly at rest.
     """
-    rise = RISE / limits.bandwidth / 0.8  # a ramp's whole length from its 10 to 90 %
+    ramp_time = RISE / limits.bandwidth / 0.8  # a ramp's whole length from its 10 to 90 %
     slowest = abs(end - start) / limits.step * (0.5 * math.pi if gentle else 1.0)
-    samples = max(1, math.ceil(max(rise, gentle) * limits.rate - 0.5), math.ceil(slowest))
+    samples = max(1, math.ceil(max(ramp_time, gentle) * limits.rate - 0.5), math.ceil(slowest))
     share = np.arange(1, samples) / samples
     return start + (end - start) * (0.5 - 0.5 * np.cos(np.pi * share) if gentle else share)
 

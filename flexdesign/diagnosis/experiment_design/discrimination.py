@@ -12,7 +12,7 @@ from flexdesign import effects
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.experiment_design import signature
 from flexdesign.diagnosis.experiment_design.commands import Array, Command
-from flexdesign.diagnosis.experiment_design.effect_strength import EffectAtStrength, fitted, on, reading, rms
+from flexdesign.diagnosis.experiment_design.effect_strength import EffectAtStrength, fit_linear, on, reading, rms
 from flexdesign.diagnosis.experiment_design.experiments import SAME_WITH_MASS
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 
@@ -131,7 +131,7 @@ def resolve_effects(
     return Resolved((first, second), (one, other), left, noise, tuple(ordered))
 
 
-def needed(experiments: Sequence[Command], resolved: Resolved) -> tuple[Command, ...]:
+def required_experiments(experiments: Sequence[Command], resolved: Resolved) -> tuple[Command, ...]:
     """Return those of the experiments that tell two effects apart, and the record of the noise they are seen against.
 
     What is compared with a repetition needs the first time too: the multisine that the added mass repeats.
@@ -153,7 +153,7 @@ def steady(command: Command) -> slice:
 def _rank(each: Separation, reveal: str) -> tuple[float, bool, float]:
     """Return the place of an experiment: among equals those come first that the effects' own words name."""
     seen = each.over_noise
-    place = math.floor(math.log(seen) / math.log(signature.ALIKE)) if 0 < seen < math.inf else -math.inf
+    place = math.floor(math.log(seen) / math.log(signature.EQUALLY_GOOD)) if 0 < seen < math.inf else -math.inf
     return place, signature.named(reveal, each.command.kind), seen
 
 
@@ -216,7 +216,7 @@ def _refitted(model: AxisDynamics, command: Command, target: Array) -> Array:
         turned = reading(model.replace({"damping_ratio": (1 + SMALL) * damping}), command) - found
         if not math.isfinite(rms(found) + rms(turned)):
             break
-        gain, step = fitted(found[cut], target[cut], turned[cut])[1]
+        gain, step = fit_linear(found[cut], target[cut], turned[cut])[1]
         best = gain * found + step * turned
         best += np.mean((target - best)[cut])
         if not gain > 0:

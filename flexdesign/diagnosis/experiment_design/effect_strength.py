@@ -127,7 +127,7 @@ def on(model: AxisDynamics, name: str) -> EffectAtStrength:
 
 
 def _fresh(model: AxisDynamics, axis: AxisModel) -> AxisDynamics:
-    return AxisDynamics(model.name, axis, model.volts, EXACT, delay=model.delay)
+    return AxisDynamics(model.name, axis, model.max_command, EXACT, delay=model.delay)
 
 
 def _cleared(axis: AxisModel, effect: Effect, name: str) -> AxisModel:
@@ -137,12 +137,12 @@ def _cleared(axis: AxisModel, effect: Effect, name: str) -> AxisModel:
         blocks = [face for face in each.faces if isinstance(face, Block) and face.socket is Socket.HYSTERESIS]
         return any(block.states or block.memory for block in blocks)  # without memory it is a curve, no loop
 
-    kept = {
+    remaining = {
         other: values
         for other, values in axis.effects.items()
         if other != name and not (is_hysteresis(effect) and is_hysteresis(effects.find(other)))
     }
-    return replace(axis, effects=kept)
+    return replace(axis, effects=remaining)
 
 
 # --- what an experiment shows ---------------------------------------------------------------------------------------
@@ -186,7 +186,7 @@ def rms(values: Array) -> float:
     return found if math.isfinite(found) else math.inf
 
 
-def fitted(values: Array, target: Array, *directions: Array) -> tuple[Array, Array]:
+def fit_linear(values: Array, target: Array, *directions: Array) -> tuple[Array, Array]:
     """Return values with the gain, the offset and the steps along some directions that bring them closest to a target.
 
     Parameters

@@ -106,7 +106,7 @@ def suite_of(model: AxisDynamics, limits: Limits, seed: int = 1) -> tuple[Comman
         If slew or motion leave less than a twentieth of an experiment.
     """
     maker = _Maker(model, limits, times(model.axis, limits), np.random.default_rng(seed))
-    made = [replace(command, volts=on_grid(command.volts, limits)) for make in _MADE for command in make(maker)]
+    made = [replace(command, samples=on_grid(command.samples, limits)) for make in _MADE for command in make(maker)]
     same = next(command for command in made if command.name == SAME_WITH_MASS)
     return (*made, _added_mass(model.axis, same))
 
@@ -119,7 +119,7 @@ def elsewhere(model: AxisDynamics, limits: Limits) -> tuple[Command, ...]:
     maker = _Maker(model, limits, times(model.axis, limits), np.random.default_rng(0))
     still, other = maker.still(4.0), other_than(model.name)
     slow = maker.still(HOLD)
-    moves = 0.5 * model.stroke * (1 - np.cos(2 * np.pi * np.arange(len(still)) / (len(still) - 1) * 2)) / 2
+    motion = 0.5 * model.stroke * (1 - np.cos(2 * np.pi * np.arange(len(still)) / (len(still) - 1) * 2)) / 2
     warms = ROOM + 2.0 * np.arange(len(slow)) / (len(slow) - 1)
     return (
         Command(
@@ -128,7 +128,7 @@ def elsewhere(model: AxisDynamics, limits: Limits) -> tuple[Command, ...]:
         ),
         Command(
             "other_axis", "other axis", f"what axis {other} does to this one", still, maker.period,
-            recorded={other: (model.axis.response, moves)},
+            recorded={other: (model.axis.response, motion)},
             note=f"move axis {other} over half its range, twice, while this one rests; record both",
         ),
         Command(
@@ -172,11 +172,11 @@ class _Maker:
         The wave has a peak to peak of 2, `share` of the range when it is drawn.
         """
         limits = self.limits
-        volts = limits.middle + 0.5 * share * limits.span * wave
+        samples = limits.middle + 0.5 * share * limits.span * wave
         slow = GENTLE / self.times.lowest
-        first, _ = path(limits, [(limits.home, 0.2), (float(volts[0]), before)], slow)
-        last, _ = path(limits, [(float(volts[-1]), 0.0), (limits.home, self.times.settling)], slow)
-        return np.concatenate([first, volts, last[1:]]), len(first) * self.period
+        first, _ = path(limits, [(limits.home, 0.2), (float(samples[0]), before)], slow)
+        last, _ = path(limits, [(float(samples[-1]), 0.0), (limits.home, self.times.settling)], slow)
+        return np.concatenate([first, samples, last[1:]]), len(first) * self.period
 
     def within(self, name: str, make: Callable[[float], Array]) -> tuple[float, str]:
         """Return how large a wave may be, at most one, and what held it back.
@@ -200,19 +200,19 @@ class _Maker:
             raise InputError("command line", "plan", name, remedy)
         return share, f"{100 * share:.0f} %, {why}" if why else ""
 
-    def _too_far(self, volts: Array) -> float:
+    def _too_far(self, samples: Array) -> float:
         """Return the largest motion from the middle of the static range, per what is allowed."""
         low, high = self.limits.level(0.0), self.limits.level(1.0)
         there = math.ceil(max(self.times.settling, abs(high - low) / self.limits.slew) * self.limits.rate) + 1
         corners = [self.limits.home, high, low, high]
         slow = np.interp(np.arange(3 * there + 1) / there, np.arange(4), corners)
-        static, found = self._moved(slow), self._moved(volts)
+        static, found = self._motion(slow), self._motion(samples)
         middle, half = 0.5 * (static.max() + static.min()), (0.5 + BEYOND) * float(np.ptp(static))
         far = float(np.abs(found - middle).max()) / half if half > 0 else 0.0
         return far if math.isfinite(far) else math.inf
 
-    def _moved(self, volts: Array) -> Array:
-        tried = Command("tried", "sine", "", on_grid(volts, self.limits), self.period)
+    def _motion(self, samples: Array) -> Array:
+        tried = Command("tried", "sine", "", on_grid(samples, self.limits), self.period)
         return self.model.predict(tried.run(self.model.name, self.model.axis.response))
 
 
@@ -224,16 +224,16 @@ def _quiet(maker: _Maker) -> list[Command]:
 def _calibration(maker: _Maker) -> list[Command]:
     dwell = 1.5 * maker.times.settling
     levels = [0.5, 0.52, 0.5, 0.48, 0.5, 0.54, 0.5, 0.46, 0.5]
-    volts, marks = maker.path(*((level, dwell) for level in levels))
-    return [Command("calibration", "steps", "gain and sign from small steps", volts, maker.period, marks=marks)]
+    samples, marks = maker.path(*((level, dwell) for level in levels))
+    return [Command("calibration", "steps", "gain and sign from small steps", samples, maker.period, marks=marks)]
 
 
 def _steps(maker: _Maker) -> list[Command]:
     dwell = 2.0 * maker.times.settling
     levels = [s for size in (0.05, 0.15, 0.4) for s in (0.5 - size / 2, 0.5 + size / 2)]
-    volts, marks = maker.path(*((level, dwell) for level in [*levels, 0.5]))
+    samples, marks = maker.path(*((level, dwell) for level in [*levels, 0.5]))
     purpose = "steps of several sizes: slew, friction, stiffness that changes with the motion"
-    return [Command("steps", "steps", purpose, volts, maker.period, marks=marks)]
+    return [Command("steps", "steps", purpose, samples, maker.period, marks=marks)]
 
 
 def _multisines(maker: _Maker) -> list[Command]:
@@ -247,11 +247,11 @@ def _multisines(maker: _Maker) -> list[Command]:
                 return maker.about(share * size, wave, maker.times.settling)[0]
 
             share, why = maker.within(name, make)
-            volts, begins = maker.about(share * size, wave, maker.times.settling)
+            samples, begins = maker.about(share * size, wave, maker.times.settling)
             purpose = f"resonance, damping, delay at {100 * size:.0f} % of the range, phases {realisation}"
             marks = tuple(begins + (1 + k) * period for k in range(PERIODS + 1))
             found.append(
-                Command(name, "multisine", purpose, volts, maker.period, marks=marks, cycle=period, scaled=why)
+                Command(name, "multisine", purpose, samples, maker.period, marks=marks, cycle=period, scaled=why)
             )
     return found
 
@@ -276,15 +276,15 @@ def _triangles(maker: _Maker) -> list[Command]:
 def _staircase(maker: _Maker) -> list[Command]:
     dwell = max(0.3, 1.5 * maker.times.settling)
     stairs = [*np.linspace(0, 1, 9), *np.linspace(1, 0, 9)[1:]]
-    volts, marks = maker.path(*((float(level), dwell) for level in stairs))
-    return [Command("staircase", "staircase", "gain over the range, up and down", volts, maker.period, marks=marks)]
+    samples, marks = maker.path(*((float(level), dwell) for level in stairs))
+    return [Command("staircase", "staircase", "gain over the range, up and down", samples, maker.period, marks=marks)]
 
 
 def _hold(maker: _Maker) -> list[Command]:
     level = 0.6 if maker.limits.level(0.6) != maker.limits.home else 0.8
-    volts, marks = maker.path((level, HOLD), gentle=GENTLE / maker.times.lowest)
+    samples, marks = maker.path((level, HOLD), gentle=GENTLE / maker.times.lowest)
     purpose = "creep, drift: what goes on after a step, over the logarithm of time"
-    return [Command("hold", "hold", purpose, volts, maker.period, marks=marks)]
+    return [Command("hold", "hold", purpose, samples, maker.period, marks=marks)]
 
 
 def _added_mass(axis: AxisModel, same: Command) -> Command:
@@ -292,8 +292,8 @@ def _added_mass(axis: AxisModel, same: Command) -> Command:
     if mass is None:
         note = "fix a mass that lowers the resonance by about 5 % to the output, and write it into conditions"
     else:
-        said = units.to_text(ADDED_MASS * mass, "g", 2, "kg")
-        note = f"fix {said} to the output (a tenth of the model's moving mass), weighed to 1 %"
+        remarks = units.to_text(ADDED_MASS * mass, "g", 2, "kg")
+        note = f"fix {remarks} to the output (a tenth of the model's moving mass), weighed to 1 %"
     purpose = "tells a mass from a stiffness, and checks the moving mass"
     return replace(same, name="added_mass", purpose=purpose, mass_ratio=ADDED_MASS, note=note)
 
@@ -315,9 +315,9 @@ def _decaying_sine(maker: _Maker) -> list[Command]:
 def _random_levels(maker: _Maker) -> list[Command]:
     levels, dwells = maker.generator.uniform(0.3, 0.7, 16), maker.generator.uniform(0.5, 1.5, 16)
     points = [(float(s), 1.5 * float(d) * maker.times.settling) for s, d in zip(levels, dwells, strict=True)]
-    volts, marks = maker.path(*points)
+    samples, marks = maker.path(*points)
     purpose = "validation: steps of random sizes after random waits"
-    return [Command("random_levels", "levels", purpose, volts, maker.period, "validate", marks=marks)]
+    return [Command("random_levels", "levels", purpose, samples, maker.period, "validate", marks=marks)]
 
 
 _MADE: tuple[Callable[[_Maker], list[Command]], ...] = (

@@ -118,8 +118,8 @@ def axis(model: StageModel, name: str | None) -> str:
 
 def dynamics(model: StageModel, name: str, limits: Limits) -> AxisDynamics:
     """Return an axis as it is simulated on the bench, its stroke that of the limits."""
-    volts = max(abs(limits.low), abs(limits.high))
-    return AxisDynamics(name, model.axes[name], volts, EXACT, delay=model.controller.delay)
+    max_command = max(abs(limits.low), abs(limits.high))
+    return AxisDynamics(name, model.axes[name], max_command, EXACT, delay=model.controller.delay)
 
 
 def of_axis(model: StageModel, name: str, asked: Asked | None = None) -> Limits:
@@ -206,17 +206,17 @@ def _slew(
 
 def _bandwidth(axis: AxisModel, asked: Asked, rate: float, file: str, origin: dict[str, str]) -> float:
     highest = max([axis.natural_frequency, *(mode.frequency for mode in axis.modes)])
-    needed, nyquist = ABOVE * highest, BELOW_NYQUIST * rate
-    if nyquist < needed:
-        fast = math.ceil(needed / BELOW_NYQUIST - 1e-6)
+    wanted, nyquist = ABOVE * highest, BELOW_NYQUIST * rate
+    if nyquist < wanted:
+        fast = math.ceil(wanted / BELOW_NYQUIST - 1e-6)
         remedy = f"is too slow to see the resonance at {highest:.4g} Hz; sample at {fast} Hz or more (--rate)"
         raise InputError("command line" if asked.rate else file, origin["rate"], f"{rate:g} Hz", remedy)
     if asked.bandwidth is None:
         origin["bandwidth"] = f"{BELOW_NYQUIST:g} of the sampling rate"
         return nyquist
-    if not needed <= asked.bandwidth <= nyquist:
+    if not wanted <= asked.bandwidth <= nyquist:
         what = f"the resonance is at {highest:.4g} Hz, the sampling rate {rate:g} Hz"
-        remedy = f"commands must reach from {needed:.4g} Hz to at most {nyquist:.4g} Hz ({what}); choose between"
+        remedy = f"commands must reach from {wanted:.4g} Hz to at most {nyquist:.4g} Hz ({what}); choose between"
         raise InputError("command line", "--bandwidth", f"{asked.bandwidth:g} Hz", remedy)
     origin["bandwidth"] = "--bandwidth"
     return asked.bandwidth

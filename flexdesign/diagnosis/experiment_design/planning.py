@@ -11,7 +11,7 @@ from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.experiment_design import command_files, limits
 from flexdesign.diagnosis.experiment_design.commands import Command
-from flexdesign.diagnosis.experiment_design.discrimination import NOISE, Resolved, needed, resolve_effects
+from flexdesign.diagnosis.experiment_design.discrimination import NOISE, Resolved, required_experiments, resolve_effects
 from flexdesign.diagnosis.experiment_design.experiments import elsewhere, suite_of
 from flexdesign.diagnosis.experiment_design.limits import Asked, Limits
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
@@ -110,19 +110,19 @@ def plan_experiments(model: StageModel, request: Request, progress: Callable[[st
         _given("--rate", request.rate, "Hz"),
     )  # fmt: skip
     noise = _given("--sensor-noise", request.sensor_noise, axis.response) or axis.sensor.noise or None
-    kept = limits.of_axis(model, chosen, asked)
+    limits_ = limits.of_axis(model, chosen, asked)
     if request.slew is None:
-        limits.refuse_unlimited(model, chosen, kept)
+        limits.refuse_unlimited(model, chosen, limits_)
     progress("shaping the commands")
-    dynamics = limits.dynamics(model, chosen, kept)
-    commands, resolved = suite_of(dynamics, kept, request.seed), None
+    dynamics = limits.dynamics(model, chosen, limits_)
+    commands, resolved = suite_of(dynamics, limits_, request.seed), None
     if request.resolve:
         progress(f"simulating {request.resolve[0]} and {request.resolve[1]}")
-        menu = [*commands, *elsewhere(dynamics, kept)]
+        menu = [*commands, *elsewhere(dynamics, limits_)]
         resolved = resolve_effects(dynamics, request.resolve, menu, noise or NOISE * dynamics.stroke)
-        commands = needed(commands, resolved)
+        commands = required_experiments(commands, resolved)
     title = f"{model.title or model.name}: axis {chosen} on the bench"
-    return Plan(title, chosen, axis, commands, kept, resolved, noise)
+    return Plan(title, chosen, axis, commands, limits_, resolved, noise)
 
 
 def _given(option: str, text: str | None, si: str) -> float | None:

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from flexdesign import effects
 from flexdesign.core.model import Disturbance
 from flexdesign.diagnosis.experiment_design.commands import Array, Command
-from flexdesign.diagnosis.experiment_design.effect_strength import EffectAtStrength, fitted, reading, rms
+from flexdesign.diagnosis.experiment_design.effect_strength import EffectAtStrength, fit_linear, reading, rms
 
 #: The strength is such that the response changes by this share of the stroke, where it changes most.
 VISIBLE = 0.01
 #: Experiments within this factor show an effect equally well: then the plainer one comes first.
-ALIKE = 1.25
+EQUALLY_GOOD = 1.25
 #: Below this share of the stroke nothing is seen.
 INVISIBLE = 1e-5
 #: An experiment shows an effect if it changes by this share of what it changes in the best one.
@@ -34,30 +34,30 @@ WORDS = {
 
 
 @dataclass(frozen=True)
-class Seen:
+class EffectResponse:
     """One experiment with and without an effect.
 
     Parameters
     ----------
     command
         What was sent.
-    without, acting
+    without, affected
         Readings, n values [response].
     """
 
     command: Command
     without: Array
-    acting: Array
+    affected: Array
 
     @property
     def change(self) -> float:
         """By how much the reading changes, rms [response]."""
-        return rms(self.acting - self.without)
+        return rms(self.affected - self.without)
 
     @property
     def left(self) -> float:
         """What of the change a new gain and a new offset cannot take up, rms [response]."""
-        return rms(self.acting - fitted(self.without, self.acting)[0])
+        return rms(self.affected - fit_linear(self.without, self.affected)[0])
 
 
 @dataclass(frozen=True)
@@ -79,10 +79,10 @@ class Signature:
     effect: EffectAtStrength
     strength: float
     stroke: float
-    seen: tuple[Seen, ...]
+    seen: tuple[EffectResponse, ...]
 
     @property
-    def visible(self) -> tuple[Seen, ...]:
+    def visible(self) -> tuple[EffectResponse, ...]:
         """The experiments that show it; none if the strongest plausible effect changes nothing in any of them."""
         best = max((each.change for each in self.seen), default=0.0)
         return tuple(each for each in self.seen if each.change >= max(SHOWN * best, INVISIBLE * self.stroke))
@@ -110,7 +110,7 @@ def signature_of(effect: EffectAtStrength, experiments: Sequence[Command]) -> Si
     plain = without[best]
     strength = effect.search(VISIBLE * stroke, lambda model: rms(reading(model, experiments[best]) - plain))
     seen = [
-        Seen(command, before, reading(effect.at(strength), command))
+        EffectResponse(command, before, reading(effect.at(strength), command))
         for command, before in zip(experiments, without, strict=True)
     ]
     finite = [each for each in seen if math.isfinite(each.change)]
@@ -132,7 +132,7 @@ def named(reveal: str, kind: str) -> bool:
     return any(word in reveal for word in WORDS.get(kind, ()))
 
 
-def _ordered(seen: Sequence[Seen], reveal: str) -> list[Seen]:
+def _ordered(seen: Sequence[EffectResponse], reveal: str) -> list[EffectResponse]:
     """Return experiments by what they show: those that the effect's own words name first, if they do show it.
 
     What counts is what a new gain does not take up, unless the effect is one of gain.
@@ -140,9 +140,9 @@ def _ordered(seen: Sequence[Seen], reveal: str) -> list[Seen]:
     largest = max((each.change for each in seen), default=0.0)
     is_gain = max((each.left for each in seen), default=0.0) < 0.05 * largest
 
-    def rank(each: Seen) -> tuple[bool, float]:
-        shown = each.change if is_gain else each.left
-        place = math.floor(math.log(shown) / math.log(ALIKE)) if shown > 0 else -math.inf
+    def rank(each: EffectResponse) -> tuple[bool, float]:
+        change = each.change if is_gain else each.left
+        place = math.floor(math.log(change) / math.log(EQUALLY_GOOD)) if change > 0 else -math.inf
         return named(reveal, each.command.kind) and each.change >= SHOWN * largest, place
 
     return sorted(seen, key=rank, reverse=True)  # stable: the order of plainness among equals

@@ -179,7 +179,7 @@ class DiagnosisData:
         return fit.rms(self.scored, self.scales)
 
     @property
-    def volts(self) -> float:
+    def max_command(self) -> float:
         """Largest command [V]; of frequency responses alone what the model allows, on which plausible ranges hang."""
         driven = [float(np.abs(run.command()).max()) for run in self.runs]
         driven += [abs(each.bias) + (each.amplitude or 0.0) for each in self.responses]
@@ -194,17 +194,17 @@ class DiagnosisData:
         return [run.period for run in self.runs] or [0.5 / highest]
 
     @property
-    def known_floor(self) -> float:
+    def known_noise_rms(self) -> float:
         """Rms noise of what the model is chosen by; zero where the noise is a guess [response]."""
         return self._rms_noise(self.selecting) if self.noise.known else 0.0
 
     @property
     def stroke(self) -> float:
         """What the gain makes of the largest command, or of one volt where there are responses alone [response]."""
-        return abs(self.axis.gain * self.axis.driver.gain) * (self.volts if self.runs else 1.0)
+        return abs(self.axis.gain * self.axis.driver.gain) * (self.max_command if self.runs else 1.0)
 
     @property
-    def floor(self) -> float:
+    def noise_rms(self) -> float:
         """Rms noise of what errors are stated of [response]."""
         return self._rms_noise(self.scored)
 
@@ -259,7 +259,7 @@ def prepare(
     if (step := first.coarse_step) is not None:  # a quiet record may show nothing of it
         at_least = {run: max(rms, step / math.sqrt(12)) for run, rms in noise.rms.items()}
         first = replace(first, noise=replace(noise, rms=at_least))
-    least = min(OF_NOISE * first.floor, OF_STROKE * first.stroke) if noise.known else TOLERANCE * first.stroke
+    least = min(OF_NOISE * first.noise_rms, OF_STROKE * first.stroke) if noise.known else TOLERANCE * first.stroke
     asked = tolerance is not None
     data = replace(first, tolerance=least if tolerance is None else tolerance, default_limit=least, is_asked=asked)
     return replace(data, noise=with_lines(data.noise, responses, lines), responses=responses, lines=lines)
@@ -273,7 +273,7 @@ def _of_responses(
 ) -> DiagnosisData:
     """Return the data set of frequency responses alone, whose unit is the response to one volt."""
     data = replace(data, responses=responses, lines=lines)
-    least = min(OF_NOISE * data.floor, OF_STROKE * data.stroke)
+    least = min(OF_NOISE * data.noise_rms, OF_STROKE * data.stroke)
     least = least if data.noise.known else TOLERANCE * data.stroke
     asked = tolerance is not None
     return replace(data, tolerance=least if tolerance is None else tolerance, default_limit=least, is_asked=asked)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from flexdesign import effects
 from flexdesign.core.model import Block, Model, Observation, Parameter
-from flexdesign.dynamics.axis.axis_model import CAME_FROM, AxisDynamics
+from flexdesign.dynamics.axis.axis_model import REVERSALS, AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import TRIGGER
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -30,7 +30,9 @@ LATEST, IN_TIME = 0.012, 0.125
 OUT_OF_TUNE, IN_TUNE = 0.24, 0.03
 
 
-def known_of_start(parameter: Parameter, runs: Sequence[Run], volts: float, model: Model) -> tuple[float, float] | None:
+def prior_of_initial_condition(
+    parameter: Parameter, runs: Sequence[Run], max_command: float, model: Model
+) -> tuple[float, float] | None:
     """Return what is known of a number of one run of a model: about how late it began, where the voltage had turned.
 
     And how far a number of an effect may be from its mean over runs.
@@ -40,8 +42,8 @@ def known_of_start(parameter: Parameter, runs: Sequence[Run], volts: float, mode
         return 0.0, by_run[number]
     if number == TRIGGER:
         return 0.0, LATE * next(each.period for each in runs if each.name == run)
-    if number in CAME_FROM:
-        return CAME_FROM[number] * volts, TURNED * volts
+    if number in REVERSALS:
+        return REVERSALS[number] * max_command, TURNED * max_command
     return None
 
 

@@ -58,8 +58,8 @@ def rounded(
     seed
         Of the noise beneath the steps.
     """
-    drawn = list(errors(runs, noise, residuals, step, DRAWS, seed))
-    return Coloured({name: _process([each[name][np.isfinite(each[name])] for each in drawn]) for name in runs})
+    realisations = list(errors(runs, noise, residuals, step, DRAWS, seed))
+    return Coloured({name: _process([each[name][np.isfinite(each[name])] for each in realisations]) for name in runs})
 
 
 def errors(
@@ -75,16 +75,18 @@ def errors(
         for name, run in runs.items():
             beneath = min(noise.process(name).rms, HIDDEN * step)
             # Where the grid lies beneath an unknown offset is drawn, too.
-            moved = run.measured() - residuals[name] + rng.uniform(0, step)
-            found[name] = step * np.round((moved + beneath * rng.standard_normal(len(moved))) / step) - moved
+            disturbed = run.measured() - residuals[name] + rng.uniform(0, step)
+            found[name] = (
+                step * np.round((disturbed + beneath * rng.standard_normal(len(disturbed))) / step) - disturbed
+            )
         yield found
 
 
-def _process(drawn: list[Array]) -> Process:
+def _process(realisations: list[Array]) -> Process:
     """Return the autoregressive process with the correlations of some records, and the innovations that they show."""
-    count = sum(len(record) for record in drawn)
-    mean = sum(float(record.sum()) for record in drawn) / count
-    centred = [record - mean for record in drawn]
+    count = sum(len(record) for record in realisations)
+    mean = sum(float(record.sum()) for record in realisations) / count
+    centred = [record - mean for record in realisations]
     lags = [sum(float(e[k:] @ e[: len(e) - k]) for e in centred) / count for k in range(ORDER + 1)]
     process = Process.from_covariances(np.array(lags))
     innovations = np.concatenate([process.whiten(e[:, None])[ORDER:] for e in centred])

@@ -22,7 +22,7 @@ from flexdesign.analytic.static_model.separability import Proposal, proposals
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.comparison.static_table import compare
 from flexdesign.diagnosis.result import ErrorStep, Verdict
-from flexdesign.diagnosis.static_tables.fit import Cases, Trial, cases, fitted
+from flexdesign.diagnosis.static_tables.fit import Cases, Trial, cases, fit_with
 from flexdesign.effects import statics
 from flexdesign.estimation.criterion import INDISTINGUISHABLE
 
@@ -50,7 +50,7 @@ class TableDiagnosis:
         Everything that was fitted, best first.
     proposals
         Measurements that would tell `found` from `alike`, the best first.
-    ladder
+    error_ladder
         Relative errors, rms: of the design, with what was found, and so of each row left out of the fit in turn.
     remarks
         What was done to the table, or weakens the verdict.
@@ -64,7 +64,7 @@ class TableDiagnosis:
     alike: tuple[Trial, ...]
     tried: tuple[Trial, ...]
     proposals: tuple[Proposal, ...]
-    ladder: tuple[ErrorStep, ...]
+    error_ladder: tuple[ErrorStep, ...]
     remarks: tuple[str, ...]
     asked: bool = False
 
@@ -98,31 +98,31 @@ def diagnose(
     names = [name for name in (*statics.names(), *more) if name not in (*model.effects, *elsewhere)]
     candidates = [case for name in names for case in cases(model, name, before.table)]
     progress("trying every effect")
-    tried = singles = _sorted(fitted(before, case) for case in candidates)
-    nearest, answers = before, list[Trial]()
+    tried = singles = _sorted(fit_with(before, case) for case in candidates)
+    nearest, explanations = before, list[Trial]()
     if not before.is_adequate:
         last = (*LAST, *(LAST_OF_SEVERAL if len({row.part for row in table.rows}) > 1 else ()))
         every = _answers(before, singles, len(singles))
         first = _answers(before, [trial for trial in singles if trial.names[0] not in last], len(singles))
-        answers = first or every
+        explanations = first or every
         unlikely = {
             statics.find(trial.names[0]).name.replace("_", " ") for trial in every if first and trial not in first
         }
         remarks += tuple(f"{name} explains the table as well, but is seldom the cause" for name in sorted(unlikely))
         nearest = next((trial for trial in singles if trial.counts_beside(before, len(singles))), before)
-    if not (before.is_adequate or answers):
+    if not (before.is_adequate or explanations):
         # A displacement under load takes long to compute, and one member in a pair would be tried for each of them.
         often = [c for c in candidates if not {*c} & {*LAST_OF_SEVERAL} or not any(r.load for r in table.rows)]
-        pairs = _sorted(fitted(before, pair) for pair in _pairs(often, progress))
+        pairs = _sorted(fit_with(before, pair) for pair in _pairs(often, progress))
         # Two causes, of which one contradicts the design, are believed of nothing.
         sound = [trial for trial in pairs if not trial.excess_modulus(before)]
-        answers, tried = _answers(nearest, sound, len(pairs)), [*singles, *pairs]
-    best, *alike = answers or [nearest]
-    verdict: Verdict = "effects-found" if answers else "nothing-missing" if before.is_adequate else "unknown"
+        explanations, tried = _answers(nearest, sound, len(pairs)), [*singles, *pairs]
+    best, *alike = explanations or [nearest]
+    verdict: Verdict = "effects-found" if explanations else "nothing-missing" if before.is_adequate else "unknown"
     progress("leaving out each row in turn")
-    ladder, remarks = _ladder(before, best), (*remarks, *_contradictions(before, answers))
-    apart = proposals([trial.model for trial in answers], before.table) if alike else ()
-    return TableDiagnosis(verdict, before, best, tuple(alike), tuple(tried), apart, ladder, remarks)
+    error_ladder, remarks = _ladder(before, best), (*remarks, *_contradictions(before, explanations))
+    apart = proposals([trial.model for trial in explanations], before.table) if alike else ()
+    return TableDiagnosis(verdict, before, best, tuple(alike), tuple(tried), apart, error_ladder, remarks)
 
 
 def add(
@@ -137,7 +137,7 @@ def add(
     """
     before, remarks = _before(model, table)
     progress(f"fitting {effect}")
-    trials = _sorted(fitted(before, case) for case in cases(model, effect, before.table))
+    trials = _sorted(fit_with(before, case) for case in cases(model, effect, before.table))
     if not trials:
         remedy = (
             "cannot be fitted: the table does not show it, or it has as many numbers as there are rows; measure more"
@@ -147,8 +147,8 @@ def add(
     if not trial.counts_beside(before, 1):
         remarks += ("the effect lowers the error by no more than chance does: it is not needed",)
     remarks += _contradictions(before, [trial])
-    ladder = _ladder(before, trial)
-    return TableDiagnosis("effects-found", before, trial, (), (trial,), (), ladder, remarks, asked=True)
+    error_ladder = _ladder(before, trial)
+    return TableDiagnosis("effects-found", before, trial, (), (trial,), (), error_ladder, remarks, asked=True)
 
 
 def _pairs(candidates: Sequence[Cases], progress: Callable[[str], None]) -> Iterable[Cases]:
@@ -191,11 +191,11 @@ def _before(model: StaticModel, table: StaticTable) -> tuple[Trial, tuple[str, .
     return Trial({}, model, beside.table, beside.uncertainty), beside.remarks
 
 
-def _contradictions(before: Trial, answers: Sequence[Trial]) -> tuple[str, ...]:
+def _contradictions(before: Trial, explanations: Sequence[Trial]) -> tuple[str, ...]:
     """Return a remark if an answer takes the modulus where the design says it is not."""
-    stated, excess = before.model.design.tolerances.modulus, [trial.excess_modulus(before) for trial in answers]
-    said = f"which states it within {100 * stated:.3g} %: look for another cause"
-    return tuple(f"a modulus off by {100 * e:+.1f} % contradicts the design, {said}" for e in excess if e)[:1]
+    stated, excess = before.model.design.tolerances.modulus, [trial.excess_modulus(before) for trial in explanations]
+    remarks = f"which states it within {100 * stated:.3g} %: look for another cause"
+    return tuple(f"a modulus off by {100 * e:+.1f} % contradicts the design, {remarks}" for e in excess if e)[:1]
 
 
 def _ladder(before: Trial, best: Trial) -> tuple[ErrorStep, ...]:
@@ -212,7 +212,7 @@ def _ladder(before: Trial, best: Trial) -> tuple[ErrorStep, ...]:
         unseen = np.zeros(len(measured))
         for i in range(len(measured)):
             seen = replace(before, table=table.without(i), noise=before.noise.without(i))
-            if (again := fitted(seen, best.cases, near=best)) is None:
+            if (again := fit_with(seen, best.cases, near=best)) is None:
                 return tuple(rungs)  # with one row less there are none to fit
             unseen[i] = again.model.predict(table)[i] - measured[i]
         rungs.append(step_of_ladder(f"{label}, rows that the fit did not see", unseen))

@@ -119,12 +119,12 @@ def constant(name: str) -> Parameter | None:
 
 def cases(model: StaticModel, name: str, table: StaticTable) -> list[dict[str, tuple[float, ...]]]:
     """Return an effect with each value of its discrete constant that does something else to a table."""
-    own, shown = constant(name), {p.name: float(p.start or 0.0) for p in statics.find(name).parameters}
+    own, nominal = constant(name), {p.name: float(p.start or 0.0) for p in statics.find(name).parameters}
     if own is None:
         # A displacement takes long to compute: what does not change one is not fitted.
         if any(row.load for row in table.rows):
             with_it = model.with_effect(statics.find(name), name)
-            there = with_it.replace({f"{name}.{key}": number for key, number in shown.items()})
+            there = with_it.replace({f"{name}.{key}": number for key, number in nominal.items()})
             if np.allclose(there.predict(table), model.predict(table), rtol=1e-6, atol=0):
                 return []
         return [{name: ()}]
@@ -132,7 +132,7 @@ def cases(model: StaticModel, name: str, table: StaticTable) -> list[dict[str, t
     predictions = [model.predict(table)]  # of the model itself: what changes nothing is not tried
     for each in own.screen:
         with_it = model.with_effect(statics.find(name), name)
-        values = {f"{name}.{key}": number for key, number in {**shown, own.name: each}.items()}
+        values = {f"{name}.{key}": number for key, number in {**nominal, own.name: each}.items()}
         try:
             predictions.append(with_it.replace(values).predict(table))
         except InputError:  # cannot be built
@@ -142,7 +142,7 @@ def cases(model: StaticModel, name: str, table: StaticTable) -> list[dict[str, t
     return [{name: tuple(numbers)} for same, numbers in found.items() if same]
 
 
-def fitted(before: Trial, cases: Cases, near: Trial | None = None) -> Trial | None:
+def fit_with(before: Trial, cases: Cases, near: Trial | None = None) -> Trial | None:
     """Fit a model with some effects more to the same table, from the values of a trial perhaps.
 
     None where no values of theirs give numbers, or there are too few rows.

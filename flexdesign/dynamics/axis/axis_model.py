@@ -46,7 +46,7 @@ STILL = 0.01
 #: Periods of the mode after which it is taken to have settled, however small its damping.
 LONGEST_LEAD = 1000.0
 #: Where the voltage had turned before a record, as numbers of its own, and in shares of the largest command.
-CAME_FROM = {"turn.1": 0.75, "turn.2": 0.1}
+REVERSALS = {"turn.1": 0.75, "turn.2": 0.1}
 #: Where a search tries them, where commands have one sign, and where they have both.
 TRIED = {"turn.1": (0.5, 0.75, 0.95), "turn.2": (-0.25, 0.0, 0.1, 0.25)}
 TRIED_BOTH = {"turn.1": (-0.95, -0.5, 0.5, 0.95), "turn.2": (-0.95, -0.25, 0.25, 0.95)}
@@ -72,7 +72,7 @@ class AxisDynamics:
         The axis.
     axis
         Its numbers.
-    volts
+    max_command
         Largest command that is expected [V]; with the gain it gives the stroke, on which plausible ranges hang.
     tolerance
         Error allowed in a prediction, relative to its span.
@@ -104,7 +104,7 @@ class AxisDynamics:
 
     name: str
     axis: AxisModel
-    volts: float = 100.0
+    max_command: float = 100.0
     tolerance: float = TOLERANCE
     origin: AxisModel | None = None
     steps: Steps = field(default_factory=Steps, repr=False)
@@ -130,7 +130,7 @@ class AxisDynamics:
     @property
     def stroke(self) -> float:
         """What the first gain makes of the largest command [response]."""
-        return axis_parameters.stroke_of(self.first, self.volts)
+        return axis_parameters.stroke_of(self.first, self.max_command)
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return every number that the prediction depends on, named as in `AxisModel.numbers`, and the delay.
@@ -138,7 +138,7 @@ class AxisDynamics:
         The mass is none of them: it follows from stiffness and natural frequency.
         """
         numbers = {**self.axis.numbers, DELAY: self.delay}
-        every = axis_parameters.of(self.first, self.axis, self.volts)
+        every = axis_parameters.of(self.first, self.axis, self.max_command)
         made = [replace(p, start=numbers.get(p.name, p.start), **self._shown(p)) for p in every]
         made = [replace(p, twin=p.name) if p.name in self.by_run else p for p in made]
         return (*made, *(mine for run in self.apart for mine in self._of_run(run, made)))
@@ -162,11 +162,11 @@ class AxisDynamics:
         own = self.own.get(run, {})
         trigger = Parameter(TRIGGER, "s", "ms", "how late the record began", 0.0, 0.0, TRIGGERED_WITHIN)
         # Of both signs, also where commands have one sign: nobody knows how a stage came to rest.
-        farthest, tried = TURNED_WITHIN * self.volts, TRIED_BOTH if self.bipolar else TRIED
+        farthest, tried = TURNED_WITHIN * self.max_command, TRIED_BOTH if self.bipolar else TRIED
         before, range_ = "where the voltage had turned before the record", (-farthest, farthest)
         turns = (
-            Parameter(name, "V", "V", before, None, share * self.volts, range_, screen=self._shares(tried[name]))
-            for name, share in CAME_FROM.items()
+            Parameter(name, "V", "V", before, None, share * self.max_command, range_, screen=self._shares(tried[name]))
+            for name, share in REVERSALS.items()
         )
         phases = (replace(p, screen=QUARTERS) for p in common if p.per_run and p.si == "rad")
         deviations = (_deviation(p) for p in common if p.name in self.by_run)
@@ -174,7 +174,7 @@ class AxisDynamics:
             yield replace(p, name=f"{run}:{p.name}", start=own.get(p.name, p.start), run=run)
 
     def _shares(self, shares: Iterable[float]) -> tuple[float, ...]:
-        return tuple(share * self.volts for share in shares)
+        return tuple(share * self.max_command for share in shares)
 
     def replace(self, values: Mapping[str, float]) -> AxisDynamics:
         """Return the model with some values changed, SI; a new natural frequency keeps the stiffness."""
@@ -230,7 +230,7 @@ class AxisDynamics:
             raise InputError("model", name, None, f"acts on axis {self.name} already")
         # Plausible ranges do not depend on the values given here.
         blank = {p.name: p.start if p.start is not None else 0.0 for p in effect.parameters}
-        scaled = axis_parameters.of_effect(self.first, self.volts, effect, name, blank)
+        scaled = axis_parameters.of_effect(self.first, self.max_command, effect, name, blank)
         starts = {p.name.rpartition(".")[2]: p.start for p in scaled}
         values = {key: blank[key] if start is None else start for key, start in starts.items()}
         axis, origin = (replace(a, effects={**a.effects, name: values}) for a in (self.axis, self.first))
@@ -332,7 +332,7 @@ class AxisDynamics:
         lead, early = self._lead(run, own, float(command[0])), max(0, math.ceil(-delay / run.period))
         # A record that began early begins some samples later in a simulation with a longer delay.
         command, delay = np.concatenate([lead, command, np.full(early, command[-1])]), delay + early * run.period
-        more = {name: value for name, value in own.items() if name not in (TRIGGER, *CAME_FROM)}
+        more = {name: value for name, value in own.items() if name not in (TRIGGER, *REVERSALS)}
         more |= {name: self.axis.numbers[name] + more[name] for name in self.by_run if name in more}
         axis = loaded(self.first, changed(self.axis, more), run.payload)
         axis = behind_amplifier(axis) if at_stack else axis
@@ -358,7 +358,7 @@ class AxisDynamics:
             if first == 0:
                 return np.zeros(0)
             return np.full(math.ceil(self._decay(SETTLED, 0.5 * self.first.damping_ratio) / run.period), first)
-        turns = [0.0, *(own.get(name, share * self.volts) for name, share in CAME_FROM.items()), first]
+        turns = [0.0, *(own.get(name, share * self.max_command) for name, share in REVERSALS.items()), first]
         samples = max(8, math.ceil(PERIODS_OF_A_WAY / (self.first.natural_frequency * run.period)))
         return np.concatenate([a + (b - a) * smooth_way(samples) for a, b in pairwise(turns)])
 

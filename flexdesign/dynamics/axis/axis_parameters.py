@@ -26,7 +26,7 @@ LONGEST_DELAY = 0.05
 CATALOGUE_STROKE, CATALOGUE_VOLTS = 1e-4, 100.0
 
 
-def of(first: AxisModel, axis: AxisModel, volts: float) -> list[Parameter]:
+def of(first: AxisModel, axis: AxisModel, max_command: float) -> list[Parameter]:
     """Return every number that the prediction of a run depends on.
 
     Parameters
@@ -35,49 +35,53 @@ def of(first: AxisModel, axis: AxisModel, volts: float) -> list[Parameter]:
         The numbers about which ranges are plausible.
     axis
         The present ones: their effects count.
-    volts
+    max_command
         Largest command that is expected [V].
     """
     made = [*_mechanics(first), *_electronics(first)]
     for name, values in axis.effects.items():
-        made += of_effect(first, volts, effects.find(name), name, values)
+        made += of_effect(first, max_command, effects.find(name), name, values)
     return made
 
 
 def of_effect(
-    first: AxisModel, volts: float, effect: Effect, name: str, values: Mapping[str, float]
+    first: AxisModel, max_command: float, effect: Effect, name: str, values: Mapping[str, float]
 ) -> list[Parameter]:
     """Return the parameters of an effect in the units of this response, ranges and starts scaled to its stroke."""
-    stroke = stroke_of(first, volts)
+    stroke = stroke_of(first, max_command)
     power, _ = units_of.POWER_LAWS.get(name, ("", ()))
     exponent = first.effects.get(name, values).get(power, 1.0)
     fields = units_of.effect(name, first.response, exponent)
-    own = _hysteresis(stroke, volts, exponent).get(name, {})
+    own = _hysteresis(stroke, max_command, exponent).get(name, {})
     made = []
     for p in effect.parameters:
-        scale = of_catalogue(p, stroke, volts)
+        scale = of_catalogue(p, stroke, max_command)
         allowed = 1.0 if p.scale == "inverse" else scale  # limits of the amplifier do not shrink with the command
         low, high, start = own.get(p.name, (p.plausible[0] * allowed, p.plausible[1] * allowed, p.start))
         if start is not None and p.name not in own:
             start *= scale
         number, screen = fields[p.name], tuple(value * scale for value in p.screen)
-        moves: Scale = "linear" if low == 0 and p.scale == "log" else p.scale  # a logarithm never comes to zero
-        ranged = replace(p, name=f"{name}.{p.name}", plausible=(low, high), start=start, screen=screen, scale=moves)
+        parameter_scale: Scale = (
+            "linear" if low == 0 and p.scale == "log" else p.scale
+        )  # a logarithm never comes to zero
+        ranged = replace(
+            p, name=f"{name}.{p.name}", plausible=(low, high), start=start, screen=screen, scale=parameter_scale
+        )
         made.append(replace(ranged, si=number.si, unit=number.unit))
     return made
 
 
-def of_catalogue(parameter: Parameter, stroke: float, volts: float) -> float:
+def of_catalogue(parameter: Parameter, stroke: float, max_command: float) -> float:
     """Return by how much the catalogue's values of a parameter, for its stroke and voltage, are larger on this axis."""
     return float(
         (stroke / CATALOGUE_STROKE) ** _power("m", parameter.si)
-        * (volts / CATALOGUE_VOLTS) ** _power("V", parameter.si)
+        * (max_command / CATALOGUE_VOLTS) ** _power("V", parameter.si)
     )
 
 
-def stroke_of(first: AxisModel, volts: float) -> float:
+def stroke_of(first: AxisModel, max_command: float) -> float:
     """Return what the gain makes of the largest command [response]."""
-    return abs(first.gain * first.driver.gain) * volts
+    return abs(first.gain * first.driver.gain) * max_command
 
 
 def _mechanics(first: AxisModel) -> list[Parameter]:
@@ -100,21 +104,21 @@ def _mechanics(first: AxisModel) -> list[Parameter]:
 def _electronics(first: AxisModel) -> list[Parameter]:
     low, high = sorted((0.1 * first.driver.gain, 10 * first.driver.gain))
     made = [Parameter("driver.gain", "1", "", "voltage at the stack per command", plausible=(low, high))]
-    acting = (("driver.bandwidth", "driver_bandwidth"), ("driver.slew", "driver_slew"))
-    for name, effect in (*acting, ("sensor.bandwidth", "sensor_bandwidth")):
+    electronics = (("driver.bandwidth", "driver_bandwidth"), ("driver.slew", "driver_slew"))
+    for name, effect in (*electronics, ("sensor.bandwidth", "sensor_bandwidth")):
         made.append(replace(effects.find(effect).parameters[0], name=name))
     late = Parameter(DELAY, "s", "ms", "how late commands act", 0.0, plausible=(0.0, LONGEST_DELAY), twin=TRIGGER)
     return [*made, late, replace(late, name=SENSOR_DELAY, meaning="how late readings are")]
 
 
-def _hysteresis(stroke: float, volts: float, exponent: float) -> dict[str, dict[str, tuple[float, float, float]]]:
+def _hysteresis(stroke: float, max_command: float, exponent: float) -> dict[str, dict[str, tuple[float, float, float]]]:
     """Return low, high and start of what sets the size and the bend of a loop, scaled to gain, voltage and stroke.
 
     A Bouc-Wen loop takes up to the whole gain, and bends into saturation within a thousandth to a thousand times
     the voltage range; the start is a tenth of the gain, bent at the voltage itself. It rests within the stroke.
     """
-    gain = stroke / volts
-    rate, stiff = stroke ** (1 - exponent) / volts, stroke**-exponent
+    gain = stroke / max_command
+    rate, stiff = stroke ** (1 - exponent) / max_command, stroke**-exponent
     return {
         "bouc_wen": {
             "a": (1e-4 * gain, 2.0 * gain, 0.1 * gain),
@@ -174,8 +178,8 @@ def changed(axis: AxisModel, values: Mapping[str, float]) -> AxisModel:
         own["mass"] = axis.stiffness / (2 * math.pi * own["natural_frequency"]) ** 2
     modes = tuple(replace(mode, **tables.pop(f"modes.{i}", {})) for i, mode in enumerate(axis.modes, start=1))
     driver, sensor = (replace(getattr(axis, key), **tables.pop(key, {})) for key in ("driver", "sensor"))
-    acting = {name: {**given, **tables.get(name, {})} for name, given in axis.effects.items()}
-    return replace(axis, **own, modes=modes, driver=driver, sensor=sensor, effects=acting)
+    changed_effects = {name: {**given, **tables.get(name, {})} for name, given in axis.effects.items()}
+    return replace(axis, **own, modes=modes, driver=driver, sensor=sensor, effects=changed_effects)
 
 
 def loaded(first: AxisModel, axis: AxisModel, payload: float) -> AxisModel:

@@ -36,13 +36,15 @@ def of_axis(response: FrequencyResponse, name: str, axis: AxisModel) -> Frequenc
     if response.si != axis.response:
         remedy = f"the model's axis {name} responds in {axis.response} (the unit of its gain); correct one of the two"
         raise InputError(response.name, name, f"in {response.si}/V", remedy)
-    said = []
+    remarks = []
     if response.payload and axis.mass is None:
         added = units.to_text(response.payload, "g", 3)
-        said.append(f"carries {added}, which means nothing to a model without mass and stiffness: predicted without it")
+        remarks.append(
+            f"carries {added}, which means nothing to a model without mass and stiffness: predicted without it"
+        )
     if not {"gain", "driver.gain"} & set(axis.assumed):
         _refuse_wrong_unit(response, name, axis)
-    return replace(response, axis=name, remarks=(*response.remarks, *said))
+    return replace(response, axis=name, remarks=(*response.remarks, *remarks))
 
 
 def _refuse_wrong_unit(response: FrequencyResponse, name: str, axis: AxisModel) -> None:

@@ -90,8 +90,8 @@ def of_axis(run: Run, name: str, axis: AxisModel) -> AxisRun:
     if voltage is None:
         return seen
     if why := _unusable(run.columns[column], run.columns[voltage], amplifier):
-        said = f"{voltage} {why}: {column} drives the model"
-        return replace(seen, remarks=(*seen.remarks, said)) if np.ptp(run.columns[column]) else seen
+        remarks = f"{voltage} {why}: {column} drives the model"
+        return replace(seen, remarks=(*seen.remarks, remarks)) if np.ptp(run.columns[column]) else seen
     smooth = run.between_samples == "smooth"
     return replace(
         seen,
@@ -120,10 +120,10 @@ def _unusable(command: Array, voltage: Array, amplifier: float) -> str:
     """Return why a recorded voltage cannot be what drives the stack; empty if it can."""
     if not np.isfinite(voltage).all():
         return "has gaps"
-    moved = command - command.mean()
+    centred = command - command.mean()
     if not np.ptp(command):
         return "may have any scale, as the command stands still"
-    slope = float(moved @ voltage) / float(moved @ moved)
+    slope = float(centred @ voltage) / float(centred @ centred)
     if 1 / AMPLIFIED < slope / amplifier < AMPLIFIED:
         return ""
     return f"is {slope:.3g} times the command, and {amplifier:g} times by the model's driver.gain; correct one of them"
@@ -132,8 +132,8 @@ def _unusable(command: Array, voltage: Array, amplifier: float) -> str:
 def doubts(runs: Sequence[Run]) -> list[str]:
     """Return what is doubtful about the units of runs as axes see them, a sentence each."""
     named = [(run.name.partition(":")[0], run) for run in runs]  # the halves of one record say the same
-    said = [f"Take care: {name}: {doubt}" for name, run in named if isinstance(run, AxisRun) for doubt in run.doubts]
-    return list(dict.fromkeys(said))
+    remarks = [f"Take care: {name}: {doubt}" for name, run in named if isinstance(run, AxisRun) for doubt in run.doubts]
+    return list(dict.fromkeys(remarks))
 
 
 def is_at_stack(run: Run) -> bool:
@@ -162,8 +162,8 @@ def acts_ahead_of_stack(effect: Effect) -> bool:
     >>> [acts_ahead_of_stack(effects.find(name)) for name in ("driver_slew", "transport_delay", "creep")]
     [True, True, False]
     """
-    ahead = [isinstance(face, Block) and face.socket in (Socket.COMMAND, Socket.DRIVER) for face in effect.faces]
-    return effect.name == DELAY or (bool(ahead) and all(ahead))
+    margin = [isinstance(face, Block) and face.socket in (Socket.COMMAND, Socket.DRIVER) for face in effect.faces]
+    return effect.name == DELAY or (bool(margin) and all(margin))
 
 
 def behind_amplifier(axis: AxisModel) -> AxisModel:

@@ -44,7 +44,7 @@ def inverse(wanted: Array, gain: float, hysteresis: Mapping[str, float] | None) 
     return math.copysign(1.0, gain) * kernels.ticked(bouc_wen.invert, wanted, 2, constants)
 
 
-def ahead(wanted: Array, period: float, lead: float) -> Array:
+def advance(wanted: Array, period: float, lead: float) -> Array:
     """Return a motion earlier by `lead` [s]: what a held and late command must aim at.
 
     A held command acts half a sample late on average, on top of the loop's delay.

@@ -134,7 +134,7 @@ class PID:
         c = np.array([i, -d * (1 - keep), d * keep])
         d_reference = p * self.proportional_weight + i + d * (1 - keep) * self.derivative_weight
         d_reading = -(p + i + d * (1 - keep))
-        used = [row for row, needed in enumerate((i != 0, d != 0, d != 0 and keep > 0)) if needed]
+        used = [row for row, is_used in enumerate((i != 0, d != 0, d != 0 and keep > 0)) if is_used]
         return Realised(a[np.ix_(used, used)], b_reference[used], b_reading[used], c[used], d_reference, d_reading)
 
     def _filter_pole(self, period: float) -> float:

@@ -42,9 +42,9 @@ def measure(
     Quantities by axis, and sentences.
     """
     found: dict[str, tuple[Quantity, ...]] = {}
-    said: list[str] = []
+    remarks: list[str] = []
     if response.diverged is not None:
-        return found, said
+        return found, remarks
     for name in experiment.axes:
         row = axes.index(name)
         asked, motion = reference[row], response.motion[row]
@@ -52,21 +52,21 @@ def measure(
         try:
             found[name] += _of_shape(experiment, asked, motion, response.time, period, closed)
         except ValueError as error:  # too short or too still for what its shape has measures for
-            said.append(f"{name}: not measured: {error}.")
+            remarks.append(f"{name}: not measured: {error}.")
     if len(experiment.axes) == 1 and len(axes) > 1:
         driven = response.motion[axes.index(experiment.axes[0])]
         for name in axes:
             if name not in experiment.axes and np.ptp(driven) > 0:
-                moved = metrics.coupling(driven, response.motion[axes.index(name)])
+                coupled = metrics.coupling(driven, response.motion[axes.index(name)])
                 found[name] = (
-                    Quantity("coupled_motion", moved.other, "m", "um"),
-                    *moved.quantities(),
+                    Quantity("coupled_motion", coupled.other, "m", "um"),
+                    *coupled.quantities(),
                 )
     if isinstance(experiment.trajectory, Line) and experiment.reference is not None:
         rows = [axes.index(name) for name in experiment.axes]
         strayed = metrics.contour(reference[rows], response.motion[rows], period, within=0.05)
         found["all axes"] = strayed.quantities()
-    return found, said
+    return found, remarks
 
 
 def _of_shape(

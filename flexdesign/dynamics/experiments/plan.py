@@ -183,11 +183,11 @@ class Experiment(Table):
     def _fits(cls, given: Trajectory | None, others: ValidationInfo) -> Trajectory | None:
         if given is None:
             return None
-        volts = others.field_name == "command"
-        if given.si != ("V" if volts else "m"):
+        is_command = others.field_name == "command"
+        if given.si != ("V" if is_command else "m"):
             raise ValueError(
                 "is in metres, and a command is in volts; give volts, or name it reference"
-                if volts
+                if is_command
                 else "is in volts, and a reference is in metres; give micrometres, or name it command"
             )
         named = others.data.get("axes", ())

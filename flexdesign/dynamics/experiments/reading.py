@@ -139,30 +139,30 @@ def _experiment(given: Any, number: int, path: Path) -> Experiment:
 
 def _placed(experiment: Experiment, folder: Path) -> Experiment:
     """Return an experiment whose files are looked up beside the study."""
-    moved = {
+    placed = {
         key: given.beside(folder) for key in ("command", "reference") if (given := getattr(experiment, key)) is not None
     }
-    return experiment.model_copy(update=moved)
+    return experiment.model_copy(update=placed)
 
 
 def _check(plan: Plan, axes: Sequence[str], path: Path) -> None:
     """Refuse names that stand for nothing, for two things, or for the wrong thing."""
-    for kind, own, taken in (("variants", plan.variants, [AS_MODELLED]), ("controllers", plan.controllers, KNOWN)):
+    for kind, own, reserved in (("variants", plan.variants, [AS_MODELLED]), ("controllers", plan.controllers, KNOWN)):
         for name in own:
-            if name in taken or "+" in name:
+            if name in reserved or "+" in name:
                 why = "cannot hold a plus, which joins two" if "+" in name else "has a meaning in every study"
                 raise InputError(path, f"{kind}.{name}", None, f"this name {why}; choose another")
-    drawn: dict[str, str] = {}
+    owners: dict[str, str] = {}
     for number, experiment in enumerate(plan.experiments, start=1):
         at = f"experiment {number} ({experiment.name})"
         for variant in experiment.variants:
             _known(variant, [AS_MODELLED, *plan.variants], path, f"{at}.variants", "a known variant")
             file = stem(experiment.name if variant == AS_MODELLED else f"{experiment.name} {variant}").casefold()
-            if file in drawn:
-                other = drawn[file]
+            if file in owners:
+                other = owners[file]
                 why = "is used twice" if other == experiment.name else f"names the same figures as {other}"
                 raise InputError(path, f"{at}.name", experiment.name, f"{why}; give each experiment its own name")
-            drawn[file] = experiment.name
+            owners[file] = experiment.name
         for axis in experiment.axes:
             _known(axis, axes, path, f"{at}.axes", "an axis of the stage model")
         for controller in experiment.controllers:

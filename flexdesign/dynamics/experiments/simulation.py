@@ -177,10 +177,10 @@ def run(model: StageModel, variants: Mapping[str, StageModel], plan: Plan, progr
                 done = len(cases) + len(skipped)
                 left = f", about {(perf_counter() - began) * (count / done - 1):.0f} s left" if done else ""
                 progress(f"run {done + 1} of {count}{left}: {experiment.name}, {controller}, {variant}")
-                believed = model if _believes_otherwise(plan, variant) else known[variant]
+                design_model = model if _believes_otherwise(plan, variant) else known[variant]
                 designer = designers[known[variant].controller.rate]
                 try:
-                    cases.append(_case(experiment, variant, controller, known[variant], believed, designer))
+                    cases.append(_case(experiment, variant, controller, known[variant], design_model, designer))
                 except NoController as error:
                     skipped.append(Skipped(experiment, variant, controller, str(error)))
     return Simulation(model, plan, known, tuple(cases), tuple(skipped))
@@ -191,23 +191,28 @@ def _believes_otherwise(plan: Plan, variant: str) -> bool:
 
 
 def _case(
-    experiment: Experiment, variant: str, controller: str, truth: StageModel, believed: StageModel, designer: Designer
+    experiment: Experiment,
+    variant: str,
+    controller: str,
+    truth: StageModel,
+    design_model: StageModel,
+    designer: Designer,
 ) -> Case:
     period, delay = designer.period, truth.controller.delay
     wanted = _sampled(designer.plan, experiment, period)
     loops, found, seen, cautions = {}, {}, {}, list[str]()
     for name, asked in zip(experiment.axes, wanted, strict=True):
-        axis = believed.axes[name]
+        axis = design_model.axes[name]
         command, controllers = np.zeros_like(asked), []
         for piece in pieces(controller):
             if piece == "open loop":
                 gain = stages.secant_gain(axis) * axis.driver.gain
                 command = asked if experiment.command is not None else feedforward.secant(asked, gain)
             elif piece == "feedforward":
-                command = _inverse(believed, name, asked, period)
+                command = _inverse(design_model, name, asked, period)
             else:
                 try:
-                    found[name] = designer.pid(piece, name, axis, believed.controller.delay)
+                    found[name] = designer.pid(piece, name, axis, design_model.controller.delay)
                 except InputError as error:
                     raise NoController(f"{name}: the {error.file} {error.remedy}") from error
                 if len(pieces(controller)) > 1:  # what a feedforward does must not look like a disturbance
@@ -220,7 +225,9 @@ def _case(
                     cautions.append(f"{name}: {seen[name].says()}")
         cautions += _beyond(name, command, truth.axes[name])
         cautions += [
-            f"{name}: {c}." for effect, values in stages.acting(truth.axes[name]) for c in effect.cautions(values)
+            f"{name}: {c}."
+            for effect, values in stages.active_effects(truth.axes[name])
+            for c in effect.cautions(values)
         ]
         loops[name] = Loop(command, asked if controllers else None, tuple(controllers))
     fastest = max(mode.frequency for axis in stages.stage(truth).axes for mode in axis.modes)
@@ -235,10 +242,10 @@ def _case(
     measured, unmeasured = evaluate.measure(
         experiment, reference, response, list(truth.axes), period / finer, bool(found)
     )
-    written = truth.axes[experiment.axes[0]].shown.large
+    written = truth.axes[experiment.axes[0]].response_units.large
     measured = {name: tuple(_in_unit(q, written) for q in quantities) for name, quantities in measured.items()}
-    said, axes = tuple(dict.fromkeys([*cautions, *unmeasured])), tuple(truth.axes)
-    return Case(experiment, variant, controller, axes, reference, response, measured, found, seen, said)
+    remarks, axes = tuple(dict.fromkeys([*cautions, *unmeasured])), tuple(truth.axes)
+    return Case(experiment, variant, controller, axes, reference, response, measured, found, seen, remarks)
 
 
 def _in_unit(quantity: Quantity, unit: str) -> Quantity:
@@ -263,7 +270,7 @@ def _inverse(model: StageModel, name: str, asked: Array, period: float) -> Array
     """Return the feedforward command that an axis model says gives the motion, its clock and lags made up for."""
     axis, delay = model.axes[name], model.controller.delay
     lag = 1 / (2 * math.pi * axis.driver.bandwidth)
-    early = feedforward.ahead(asked, period, 0.5 * period + delay + lag)
+    early = feedforward.advance(asked, period, 0.5 * period + delay + lag)
     try:
         return feedforward.inverse(early, axis.gain, axis.effects.get("bouc_wen")) / axis.driver.gain
     except ValueError as error:
@@ -296,31 +303,31 @@ def _beyond(name: str, command: Array, axis: AxisModel) -> list[str]:
 
 
 def _ran(response: Response, axes: Sequence[str], experiment: Experiment) -> list[str]:
-    said = []
+    remarks = []
     if response.diverged is not None:
-        said.append(f"the motion runs away: the simulation stopped at {units.to_text(response.diverged, 's', 3)}.")
+        remarks.append(f"the motion runs away: the simulation stopped at {units.to_text(response.diverged, 's', 3)}.")
     for name in experiment.axes:
         cut = np.abs(response.cut[axes.index(name)]) > 0
         if cut.any():
             first = response.time[np.argmax(cut)]
             share = units.significant(100 * cut.mean(), 2)
-            said.append(f"{name}: limits cut the command {share} % of the time, first at {first:.3g} s.")
+            remarks.append(f"{name}: limits cut the command {share} % of the time, first at {first:.3g} s.")
     if response.diverged is None and response.error > 1e-5:
-        said.append(f"the integration error is estimated at {response.error:.1e} of the span, more than usual.")
-    return said
+        remarks.append(f"the integration error is estimated at {response.error:.1e} of the span, more than usual.")
+    return remarks
 
 
 def validity(model: StageModel) -> list[str]:
     """Return what makes a model doubtful before anything is run: assumed numbers, and a clock too slow for it."""
-    said = []
+    remarks = []
     for name, axis in model.axes.items():
         if axis.assumed:
             numbers = ", ".join(_with_ratio(axis, number) for number in axis.assumed)
-            said.append(f"{name}: assumed, neither measured nor computed: {numbers}.")
+            remarks.append(f"{name}: assumed, neither measured nor computed: {numbers}.")
         if axis.absent:
-            said.append(f"{name}: not in the model, and assumed to be none: {', '.join(axis.absent)}.")
-        said += [f"{name}: {text}" for text in plant(axis, 0.0).concerns(1 / model.controller.rate)]
-    return said
+            remarks.append(f"{name}: not in the model, and assumed to be none: {', '.join(axis.absent)}.")
+        remarks += [f"{name}: {text}" for text in plant(axis, 0.0).concerns(1 / model.controller.rate)]
+    return remarks
 
 
 def _with_ratio(axis: AxisModel, number: str) -> str:

@@ -51,9 +51,9 @@ def _of(name: str, axis: AxisModel, file: str) -> list[Experiment]:
     slowest = max(1 / (2 * math.pi * frequency * max(min(damping, 1.0), 1e-3)) for frequency, damping in modes)
     closed = ("feedforward", "ziegler-nichols", "robust", "feedforward + robust")
     waves = {"frequency": "1 Hz", "cycles": 3}
-    volts = {"low": f"{low:.6g} V", "high": f"{high:.6g} V"}
+    limits = {"low": f"{low:.6g} V", "high": f"{high:.6g} V"}
     tables = (
-        ("hysteresis", "whole range of voltage", {"command": {"shape": "triangle", **volts, **waves}}, ("open loop",)),
+        ("hysteresis", "whole range of voltage", {"command": {"shape": "triangle", **limits, **waves}}, ("open loop",)),
         ("step", "a tenth of the stroke", {"reference": _step(0.1 * away * stroke, slowest)}, ("open loop", *closed)),
         ("sine", "1 Hz", {"reference": {"shape": "sine", **ends, **waves}}, ("open loop", *closed)),
         ("staircase", "ten stairs", {"reference": _stairs(far, slowest)}, ("open loop", *closed)),

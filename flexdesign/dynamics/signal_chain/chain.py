@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from flexdesign.core.model import Block, Controller, Disturbance, Effect, Socket
 from flexdesign.core.model.effect import Values
 from flexdesign.dynamics.signal_chain import exact_step, kernels
-from flexdesign.dynamics.signal_chain.memory_layout import Forces, Layout, Modes, Moves, State, Ticks, Timing
+from flexdesign.dynamics.signal_chain.memory_layout import BlockCalls, Forces, Modes, SignalPlaces, State, Ticks, Timing
 
 #: Numbers for which a chain has room in one array: several times what one of the catalogue needs.
 ROOM = 1024
@@ -58,7 +58,7 @@ class AxisChain:
     amplifier: float = 1.0
 
     @cached_property
-    def acting(self) -> list[tuple[Effect, Values]]:
+    def active_effects(self) -> list[tuple[Effect, Values]]:
         """The effects that are not at null with their values, by name."""
         return by_name(self.effects)
 
@@ -68,7 +68,7 @@ class AxisChain:
 
     @cached_property
     def _blocks(self) -> list[tuple[Block, Values]]:
-        faces = ((face, values) for effect, values in self.acting for face in effect.faces)
+        faces = ((face, values) for effect, values in self.active_effects for face in effect.faces)
         return [(face, values) for face, values in faces if isinstance(face, Block)]
 
     def disturbance(
@@ -84,7 +84,7 @@ class AxisChain:
             Columns, n values each; an effect that needs one that is not there adds nothing.
         """
         there, total = recorded or {}, None
-        for effect, values in self.acting:
+        for effect, values in self.active_effects:
             for face in effect.faces:
                 if isinstance(face, Disturbance) and set(face.columns) <= set(there):
                     added = face.reading(values, there, time)
@@ -102,9 +102,9 @@ class Program:
     """A chain laid out for the engine."""
 
     timing: Timing
-    layout: Layout
+    signals: SignalPlaces
     command_ticks: Ticks
-    moves: Moves
+    block_calls: BlockCalls
     forces: Forces
     modes: Modes
     sensor_ticks: Ticks
@@ -161,7 +161,7 @@ def program(
             is_linear,
             keep.reals(_within(shares, steps)) if is_linear else 0,
         ),
-        Layout(keep.ints(command), keep.ints(voltage), keep.ints(drive), keep.ints(motion), keep.ints(reading)),
+        SignalPlaces(keep.ints(command), keep.ints(voltage), keep.ints(drive), keep.ints(motion), keep.ints(reading)),
         _ticks(keep, [_block_ticks(axis, Socket.COMMAND, period) for axis in axes]),
         builder.laid_out(signals, upstream),
         _forces(keep, axes, lengths[0]),
@@ -244,10 +244,10 @@ class Arena:
 class _Allocation:
     """An array that is filled from its beginning; what does not fit gets an array of its own."""
 
-    def __init__(self, array: NDArray[Any], kept: list[NDArray[Any]]) -> None:
-        self.array, self.kept, self.address = array, kept, array.ctypes.data
+    def __init__(self, array: NDArray[Any], arrays: list[NDArray[Any]]) -> None:
+        self.array, self.kept, self.address = array, arrays, array.ctypes.data
         self.numbers: list[float] = []
-        kept.append(array)
+        arrays.append(array)
 
     def keep(self, numbers: Sequence[float]) -> int:
         """Put numbers and a zero behind them into the array; return their address."""
@@ -320,13 +320,13 @@ class _Moves:
         constants = [self.keep.reals(block.constants(values, step)) for step in self.steps]
         self.moves.append((hook, path, out, _state(self.keep, block), base, constants))
 
-    def laid_out(self, signals: int, upstream: int) -> Moves:
+    def laid_out(self, signals: int, upstream: int) -> BlockCalls:
         """Return the moves as addresses."""
         columns = zip(*self.moves, strict=True) if self.moves else ((),) * 6
         hooks, paths, outs, states, bases, constants = columns
         ints, reals = self.keep.ints, self.keep.reals
         places = (ints(paths), ints(outs))
-        return Moves(
+        return BlockCalls(
             len(paths),
             upstream,
             ints(hooks),

@@ -23,14 +23,14 @@ from flexdesign.dynamics.signal_chain.kernels import (
     reals,
 )
 from flexdesign.dynamics.signal_chain.memory_layout import (
+    BlockCalls,
     Coupling,
     Forces,
     Inputs,
-    Layout,
     Modes,
-    Moves,
     Reals,
     Record,
+    SignalPlaces,
     State,
     Ticks,
     Timing,
@@ -46,9 +46,9 @@ once = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_w
 def run(
     inputs: Inputs,
     timing: Timing,
-    layout: Layout,
+    places: SignalPlaces,
     command_ticks: Ticks,
-    moves: Moves,
+    block_calls: BlockCalls,
     forces: Forces,
     modes: Modes,
     coupling: Coupling,
@@ -68,10 +68,10 @@ def run(
     for k in range(inputs.samples):
         for axis in range(inputs.axes):
             at = axis * inputs.samples + k
-            motion[at] = _mixed(axis, inputs.axes, state.moved, coupling)
+            motion[at] = _mixed(axis, inputs.axes, state.axis_motion, coupling)
             if not abs(motion[at]) < bound:
                 return k
-            _observe(axis, at, motion[at], inputs, layout, moves, sensor_ticks, state, record)
+            _observe(axis, at, motion[at], inputs, places, block_calls, sensor_ticks, state, record)
             if closed[axis] and k % inputs.every:
                 reals(record.command)[at], reals(record.cut)[at] = (
                     reals(record.command)[at - 1],
@@ -83,7 +83,9 @@ def run(
             within = timing.within
             for segment in range(timing.segments):
                 for _ in range(steps[segment]):
-                    _advance(k, segment, within, inputs, timing, layout, moves, forces, modes, coupling, state, record)
+                    _advance(
+                        k, segment, within, inputs, timing, places, block_calls, forces, modes, coupling, state, record
+                    )
                     within += 24  # three numbers on
     return inputs.samples
 
@@ -97,18 +99,18 @@ def _observe(
     at: int,
     motion: float,
     inputs: Inputs,
-    layout: Layout,
-    moves: Moves,
+    places: SignalPlaces,
+    block_calls: BlockCalls,
     ticks: Ticks,
     state: State,
     record: Record,
 ) -> None:
     """Take the reading of an axis, and record voltage and drive."""
     signals = reals(state.signals)
-    y = signals[ints(layout.reading)[axis] + 2] if moves.upstream < moves.number else motion
+    y = signals[ints(places.reading)[axis] + 2] if block_calls.upstream < block_calls.number else motion
     reals(record.reading)[at] = _ticked(axis, y + reals(inputs.noise)[at], ticks)
-    reals(record.voltage)[at] = signals[ints(layout.voltage)[axis] + 2]
-    reals(record.drive)[at] = signals[ints(layout.drive)[axis] + 2]
+    reals(record.voltage)[at] = signals[ints(places.voltage)[axis] + 2]
+    reals(record.drive)[at] = signals[ints(places.drive)[axis] + 2]
 
 
 @once
@@ -150,8 +152,8 @@ def _advance(
     within: Reals,
     inputs: Inputs,
     timing: Timing,
-    layout: Layout,
-    moves: Moves,
+    places: SignalPlaces,
+    block_calls: BlockCalls,
     forces: Forces,
     modes: Modes,
     coupling: Coupling,
@@ -161,19 +163,19 @@ def _advance(
     """Advance the whole stage by one step."""
     length = reals(timing.step)[segment]
     for axis in range(inputs.axes):
-        _command(axis, k, segment, within, inputs, timing, layout, state, record)
-    _move(0, moves.upstream, segment, moves, state)
-    drive, first = ints(layout.drive), ints(forces.first)
-    moved, before = reals(state.moved), reals(state.before)
+        _command(axis, k, segment, within, inputs, timing, places, state, record)
+    _move(0, block_calls.upstream, segment, block_calls, state)
+    drive, first = ints(places.drive), ints(forces.first)
+    axis_motion, previous = reals(state.axis_motion), reals(state.previous_axis_motion)
     for axis in range(inputs.axes):
-        before[2 * axis], before[2 * axis + 1] = moved[2 * axis], moved[2 * axis + 1]
+        previous[2 * axis], previous[2 * axis + 1] = axis_motion[2 * axis], axis_motion[2 * axis + 1]
         if first[axis + 1] > first[axis]:
             _forced(axis, segment, drive[axis], length, modes, forces, state)
         else:
             _free(axis, segment, drive[axis], modes, state)
-    if moves.upstream < moves.number:
-        _motion(length, inputs.axes, layout, coupling, state)
-        _move(moves.upstream, moves.number, segment, moves, state)
+    if block_calls.upstream < block_calls.number:
+        _motion(length, inputs.axes, places, coupling, state)
+        _move(block_calls.upstream, block_calls.number, segment, block_calls, state)
 
 
 @once
@@ -184,13 +186,13 @@ def _command(
     within: Reals,
     inputs: Inputs,
     timing: Timing,
-    layout: Layout,
+    places: SignalPlaces,
     state: State,
     record: Record,
 ) -> None:
     """Fill in the command at the start, the middle and the end of a step."""
     path, command = reals(state.signals), reals(record.command)
-    place, row = ints(layout.command)[axis], axis * inputs.samples
+    place, row = ints(places.command)[axis], axis * inputs.samples
     index = k - timing.late - (timing.segments - 1 - segment)
     held = command[row + index] if index >= 0 else 0.0
     if not timing.linear:
@@ -201,26 +203,31 @@ def _command(
     share = reals(within)
     for i in range(3):
         path[place + i] = held + (following - held) * share[i]
-    if inputs.slopes != 0 and index >= 0:  # a cubic with the right slopes at both samples
-        slope, rise = reals(inputs.slopes), following - held
-        before, after = slope[row + index] - rise, slope[row + min(index + 1, inputs.samples - 1)] - rise
+    if inputs.derivatives != 0 and index >= 0:  # a cubic with the right slopes at both samples
+        slope, difference = reals(inputs.derivatives), following - held
+        previous, after = slope[row + index] - difference, slope[row + min(index + 1, inputs.samples - 1)] - difference
         for i in range(3):
             f = share[i]
-            path[place + i] += f * (1.0 - f) * (before * (1.0 - f) - after * f)
+            path[place + i] += f * (1.0 - f) * (previous * (1.0 - f) - after * f)
 
 
 @inside
-def _move(first: int, last: int, segment: int, moves: Moves, state: State) -> None:
+def _move(first: int, last: int, segment: int, block_calls: BlockCalls, state: State) -> None:
     """Let blocks take their three values of input to three values of output."""
-    signals, base, hook = reals(state.signals), reals(moves.base), ints(moves.hook)
-    source, target = ints(moves.source), ints(moves.target)
-    path, out, states, constants = ints(moves.path), ints(moves.out), ints(moves.state), ints(moves.constants)
+    signals, base, hook = reals(state.signals), reals(block_calls.base), ints(block_calls.hook)
+    source, target = ints(block_calls.source), ints(block_calls.target)
+    path, out, states, constants = (
+        ints(block_calls.path),
+        ints(block_calls.out),
+        ints(block_calls.state),
+        ints(block_calls.constants),
+    )
     for i in range(first, last):
         if base[i] == base[i]:
             for node in range(3):
                 signals[target[i] + node] = base[i] * signals[source[i] + node] if base[i] != 0.0 else 0.0
         if hook[i] != 0:
-            call_move(hook[i], path[i], out[i], states[i], constants[segment * moves.number + i])
+            call_move(hook[i], path[i], out[i], states[i], constants[segment * block_calls.number + i])
 
 
 @inside
@@ -236,18 +243,18 @@ def _free(axis: int, segment: int, drive: int, modes: Modes, state: State) -> No
         q[2 * m] = p[i + 6] * q0 + p[i + 7] * q1 + p[i + 10] * d0 + p[i + 11] * d1 + p[i + 12] * d2
         q[2 * m + 1] = p[i + 8] * q0 + p[i + 9] * q1 + p[i + 13] * d0 + p[i + 14] * d1 + p[i + 15] * d2
         x, v = x + q[2 * m], v + q[2 * m + 1]
-    reals(state.moved)[2 * axis], reals(state.moved)[2 * axis + 1] = x, v
+    reals(state.axis_motion)[2 * axis], reals(state.axis_motion)[2 * axis + 1] = x, v
 
 
 @once
 def _forced(axis: int, segment: int, drive: int, step: float, modes: Modes, forces: Forces, state: State) -> None:
     """Advance the modes of an axis over a step with forces that depend on the motion (Cox and Matthews, eqs 26-29)."""
     d, q, p = reals(state.signals), reals(state.modes), reals(modes.passages)
-    moved, first = reals(state.moved), ints(modes.first)
+    axis_motion, first = reals(state.axis_motion), ints(modes.first)
     d0, d1, d2 = d[drive], d[drive + 1], d[drive + 2]
     r1 = forces.rates  # addresses of the states' rates at the four stages
     r2, r3, r4 = r1 + 8 * forces.number, r1 + 16 * forces.number, r1 + 24 * forces.number
-    begin = _driven(axis, d0, moved[2 * axis], moved[2 * axis + 1], 0.0, r1, r1, forces, state)
+    begin = _driven(axis, d0, axis_motion[2 * axis], axis_motion[2 * axis + 1], 0.0, r1, r1, forces, state)
     # Two guesses of the middle, from the force at the start and from that at the first guess.
     x, v = _halfway(axis, segment, begin, modes, state)
     guess_a = _driven(axis, d1, x, v, 0.5 * step, r1, r2, forces, state)
@@ -268,7 +275,7 @@ def _forced(axis: int, segment: int, drive: int, step: float, modes: Modes, forc
     place, states, force = ints(forces.place), reals(forces.states), ints(forces.first)
     for i in range(place[force[axis]], place[force[axis + 1]]):  # forces by path have rates of zero
         states[i] += step / 6.0 * (reals(r1)[i] + 2.0 * reals(r2)[i] + 2.0 * reals(r3)[i] + reals(r4)[i])
-    _pulled(axis, moved[2 * axis], moved[2 * axis + 1], step, forces.states, forces, state)
+    _pulled(axis, axis_motion[2 * axis], axis_motion[2 * axis + 1], step, forces.states, forces, state)
 
 
 @inside
@@ -327,7 +334,7 @@ def _pulled(axis: int, x: float, v: float, after: float, states: Reals, forces: 
     first, last = ints(forces.by_path)[axis], ints(forces.first)[axis + 1]
     if first == last:
         return 0.0
-    begin, speed = reals(state.before)[2 * axis], reals(state.before)[2 * axis + 1]
+    begin, speed = reals(state.previous_axis_motion)[2 * axis], reals(state.previous_axis_motion)[2 * axis + 1]
     turns = speed * v < 0.0
     turn = begin + 0.5 * after * speed * speed / (speed - v) if turns else begin
     hook, place, constants = ints(forces.hook), ints(forces.place), ints(forces.constants)
@@ -343,33 +350,36 @@ def _pulled(axis: int, x: float, v: float, after: float, states: Reals, forces: 
 @inside
 def _mixed(axis: int, axes: int, motions: Reals, coupling: Coupling) -> float:
     """Return the table's position along an axis, to which every axis contributes."""
-    moved, linear, quadratic = reals(motions), reals(coupling.linear), reals(coupling.quadratic)
+    axis_motion, linear, quadratic = reals(motions), reals(coupling.linear), reals(coupling.quadratic)
     total = 0.0
     for other in range(axes):
-        x = moved[2 * other]
+        x = axis_motion[2 * other]
         total += (linear[axis * axes + other] + quadratic[axis * axes + other] * x) * x
     return total
 
 
 @inside
 def _mixed_velocity(axis: int, axes: int, motions: Reals, coupling: Coupling) -> float:
-    moved, linear, quadratic = reals(motions), reals(coupling.linear), reals(coupling.quadratic)
+    axis_motion, linear, quadratic = reals(motions), reals(coupling.linear), reals(coupling.quadratic)
     total = 0.0
     for other in range(axes):
-        x, v = moved[2 * other], moved[2 * other + 1]
+        x, v = axis_motion[2 * other], axis_motion[2 * other + 1]
         total += (linear[axis * axes + other] + 2.0 * quadratic[axis * axes + other] * x) * v
     return total
 
 
 @once
-def _motion(step: float, axes: int, layout: Layout, coupling: Coupling, state: State) -> None:
+def _motion(step: float, axes: int, places: SignalPlaces, coupling: Coupling, state: State) -> None:
     """Fill in the table's motion at the start, the middle (by the cubic through both ends) and the end of a step."""
     signals = reals(state.signals)
     for axis in range(axes):
-        x0, x1 = _mixed(axis, axes, state.before, coupling), _mixed(axis, axes, state.moved, coupling)
-        v0 = _mixed_velocity(axis, axes, state.before, coupling)
-        v1 = _mixed_velocity(axis, axes, state.moved, coupling)
-        place = ints(layout.motion)[axis]
+        x0, x1 = (
+            _mixed(axis, axes, state.previous_axis_motion, coupling),
+            _mixed(axis, axes, state.axis_motion, coupling),
+        )
+        v0 = _mixed_velocity(axis, axes, state.previous_axis_motion, coupling)
+        v1 = _mixed_velocity(axis, axes, state.axis_motion, coupling)
+        place = ints(places.motion)[axis]
         signals[place] = x0
         signals[place + 1] = 0.5 * (x0 + x1) + 0.125 * step * (v0 - v1)
         signals[place + 2] = x1

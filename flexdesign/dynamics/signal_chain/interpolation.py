@@ -18,13 +18,13 @@ Array = NDArray[np.float64]
 REACH, SHAPE = 16, 9.0
 
 
-def slopes(samples: Array) -> Array:
+def derivatives(samples: Array) -> Array:
     """Return the slope at each sample of a band-limited signal, n values per sampling period.
 
     Beyond both ends the signal is taken to go on point-symmetrically.
 
     >>> wave = np.sin(0.7 * np.arange(200.0))
-    >>> bool(np.abs(slopes(wave)[50:150] / 0.7 - np.cos(0.7 * np.arange(50.0, 150.0))).max() < 5e-4)
+    >>> bool(np.abs(derivatives(wave)[50:150] / 0.7 - np.cos(0.7 * np.arange(50.0, 150.0))).max() < 5e-4)
     True
     """
     reach = min(REACH, len(samples) - 1)
@@ -47,7 +47,7 @@ def smooth(samples: Array, at: Array) -> Array:
         Where, in sampling periods from the first sample, from 0 to n - 1.
     """
     first = np.minimum(np.floor(at).astype(np.intp), len(samples) - 2)
-    f, slope = at - first, slopes(samples)
-    rise = samples[first + 1] - samples[first]
-    bend = (slope[first] - rise) * (1 - f) - (slope[first + 1] - rise) * f
-    return np.asarray(samples[first] + rise * f + f * (1 - f) * bend)
+    f, slope = at - first, derivatives(samples)
+    difference = samples[first + 1] - samples[first]
+    bend = (slope[first] - difference) * (1 - f) - (slope[first + 1] - difference) * f
+    return np.asarray(samples[first] + difference * f + f * (1 - f) * bend)

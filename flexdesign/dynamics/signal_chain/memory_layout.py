@@ -13,7 +13,7 @@ Ints = int
 Reals = int
 
 
-class Moves(NamedTuple):
+class BlockCalls(NamedTuple):
     """What happens to the signals' three values in a step, in order; those from `upstream` on are the sensors'.
 
     For each move: the addresses of its hook (0: none), input, output and state, and of its constants (a row for each
@@ -76,7 +76,7 @@ class Inputs(NamedTuple):
     """What comes from outside, axes by samples.
 
     `given` is the command, or in a closed loop the feedforward. `limits` are the lowest and highest command of each
-    axis; `closed` is 1 where controllers act, at every `every`-th sample. `slopes` are those of a command that is
+    axis; `closed` is 1 where controllers act, at every `every`-th sample. `derivatives` are those of a command that is
     smooth between its samples, per sample; 0 where it is not.
     """
 
@@ -88,7 +88,7 @@ class Inputs(NamedTuple):
     noise: Reals
     closed: Ints
     limits: Reals
-    slopes: Reals
+    derivatives: Reals
 
 
 class Timing(NamedTuple):
@@ -106,7 +106,7 @@ class Timing(NamedTuple):
     within: Reals
 
 
-class Layout(NamedTuple):
+class SignalPlaces(NamedTuple):
     """Places in the signal array: of command, voltage, drive, motion and reading of each axis."""
 
     command: Ints
@@ -124,8 +124,8 @@ class State(NamedTuple):
 
     signals: Reals
     modes: Reals
-    moved: Reals
-    before: Reals
+    axis_motion: Reals
+    previous_axis_motion: Reals
 
 
 class Coupling(NamedTuple):

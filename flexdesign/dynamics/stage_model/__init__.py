@@ -12,7 +12,7 @@ from flexdesign.dynamics.stage_model.axis import ActuatorData, AxisModel, Contra
 from flexdesign.dynamics.stage_model.editing import edit
 from flexdesign.dynamics.stage_model.model import ControllerTiming, Coupling, StageModel
 from flexdesign.dynamics.stage_model.reading import changed, find, read
-from flexdesign.dynamics.stage_model.shown import Shown
+from flexdesign.dynamics.stage_model.response_units import ResponseUnits
 from flexdesign.dynamics.stage_model.writing import to_toml
 
 __all__ = [
@@ -23,8 +23,8 @@ __all__ = [
     "Coupling",
     "Driver",
     "Mode",
+    "ResponseUnits",
     "Sensor",
-    "Shown",
     "StageModel",
     "changed",
     "edit",

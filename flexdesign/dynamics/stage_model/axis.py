@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields
 
 from flexdesign import effects
 from flexdesign.core.model import PIEZO
-from flexdesign.dynamics.stage_model.shown import Shown
+from flexdesign.dynamics.stage_model.response_units import ResponseUnits
 
 #: How far a stated natural frequency may be from that of mass and stiffness, relative: each may be off by half a unit
 #: in the third digit, 0.5 %, and half of mass's and stiffness's errors add to the frequency's own.
@@ -210,9 +210,9 @@ class AxisModel:
             raise Contradiction("modes", f"carry {given} of the response; something must be left to the main mode")
 
     @property
-    def shown(self) -> Shown:
+    def response_units(self) -> ResponseUnits:
         """The SI unit of the response, which knows in which units sizes of it are written."""
-        return Shown(self.response, self.unit)
+        return ResponseUnits(self.response, self.unit)
 
     @property
     def driven_by(self) -> str:

@@ -14,7 +14,7 @@ from flexdesign.core import data_files, toml_files, units
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.toml_files import is_file
 from flexdesign.design import changes
-from flexdesign.dynamics.stage_model import fields, shown
+from flexdesign.dynamics.stage_model import fields, response_units
 from flexdesign.dynamics.stage_model.axis import (
     ActuatorData,
     AxisModel,
@@ -236,8 +236,8 @@ def _unit(given: object, response: str, place: _Place) -> str:
     try:
         units.factor(unit or response, response)
     except ValueError as error:
-        usual = " or ".join(dict.fromkeys((*fields.RESPONSES[response], *shown.USUAL[response])))
-        raise place.refused(given, f"{error}; the gain is per volt of it: write for example {usual}") from None
+        defaults = " or ".join(dict.fromkeys((*fields.RESPONSES[response], *response_units.DEFAULT_UNITS[response])))
+        raise place.refused(given, f"{error}; the gain is per volt of it: write for example {defaults}") from None
     return str(unit)
 
 
@@ -276,12 +276,12 @@ def _provenance(axis: AxisModel, given: Mapping[str, Any], place: _Place) -> Axi
         if _renamed(str(name), whole) not in named:
             remedy = f"{toml_files.as_written(name)} is not a number that this axis has{suggest(str(name), named)}"
             raise place.at("assumed").refused(assumed, remedy)
-    fitted = given.get("fitted", [])
-    if not isinstance(fitted, list) or not all(isinstance(measure, str) for measure in fitted):
-        raise place.at("fitted").refused(fitted, 'expected a list of measures, such as ["loop_span"]')
+    measures = given.get("fitted", [])
+    if not isinstance(measures, list) or not all(isinstance(measure, str) for measure in measures):
+        raise place.at("fitted").refused(measures, 'expected a list of measures, such as ["loop_span"]')
     return replace(
         axis,
-        fitted=tuple(fitted),
+        fitted=tuple(measures),
         uncertainty=entries("uncertainty", numbers, fields.RELATIVE),
         assumed=tuple(_renamed(name, whole) for name in assumed),
         sources=entries("sources", named, fields.Text()),

@@ -200,8 +200,8 @@ def _read(given: Any) -> Trajectory:
             raise _error(key, given[key], f"is not a key of a {name}{suggest(key, list(fields))}")
     for key, field in fields.items():
         if field.is_required() and key not in given:
-            needed = ", ".join(name for name, field in fields.items() if field.is_required())
-            raise _error(key, None, f"is missing; a {name} needs {needed}")
+            required = ", ".join(name for name, field in fields.items() if field.is_required())
+            raise _error(key, None, f"is missing; a {name} needs {required}")
     try:
         return shape.model_validate(given)
     except ValidationError as error:

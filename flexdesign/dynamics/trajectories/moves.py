@@ -139,5 +139,5 @@ class Line(Trajectory):
 
     def _at(self, time: Array) -> Array:
         times, points = self._knots()
-        moved = np.stack([np.interp(time, times, along) for along in points])
-        return moved[0] if self.axes == 1 else moved
+        points_at = np.stack([np.interp(time, times, along) for along in points])
+        return points_at[0] if self.axes == 1 else points_at

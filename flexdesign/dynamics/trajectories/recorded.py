@@ -88,5 +88,5 @@ class Recorded(Trajectory):
     def _at(self, time: Array) -> Array:
         sheet = self._sheet()
         rows = sheet.time() - sheet.time()[0]
-        moved = np.stack([np.interp(time, rows, sheet.values[_axis(cell)[0]]) for cell in self.column])
-        return moved[0] if self.axes == 1 else moved
+        points_at = np.stack([np.interp(time, rows, sheet.values[_axis(cell)[0]]) for cell in self.column])
+        return points_at[0] if self.axes == 1 else points_at

@@ -54,8 +54,8 @@ def _edges(member: Member) -> float:
 
 
 def _constrained(elastic: Elastic, relief: float) -> float:
-    kept = elastic.constraint * elastic.poissons_ratio**2 * (1 - min(relief, 1.0))
-    return elastic.youngs_modulus / (1 - kept)
+    remaining = elastic.constraint * elastic.poissons_ratio**2 * (1 - min(relief, 1.0))
+    return elastic.youngs_modulus / (1 - remaining)
 
 
 def plate_modulus(member: Member, elastic: Elastic, lever: int) -> float:
@@ -75,8 +75,8 @@ def plate_modulus(member: Member, elastic: Elastic, lever: int) -> float:
     mean = 1 - float(np.interp(length / member.width, RATIOS, BENDING))
     u = _argument(mean)
     weight = math.tanh(u) / u if lever == 0 else 3 * (math.tanh(u) * (1 / u + 2 / u**3) - 2 / u**2)
-    kept = elastic.poissons_ratio**2 * weight * (1 - min(_edges(member), 1.0))
-    return elastic.youngs_modulus / (1 - kept)
+    remaining = elastic.poissons_ratio**2 * weight * (1 - min(_edges(member), 1.0))
+    return elastic.youngs_modulus / (1 - remaining)
 
 
 def _argument(mean: float) -> float:

@@ -198,11 +198,15 @@ class Dataset:
         lengths = np.linalg.norm(stacked, axis=0)
         unit = stacked / np.where(lengths > 0, lengths, 1.0)
         left, singular, right = np.linalg.svd(unit, full_matrices=False)
-        kept = singular > HIDDEN * singular.max(initial=0.0)
-        basis = left[:, kept]
-        amounts = (right[kept].T / singular[kept]) @ basis.T / np.where(lengths > 0, lengths, 1.0)[:, None]
+        significant = singular > HIDDEN * singular.max(initial=0.0)
+        basis = left[:, significant]
+        amounts = (
+            (right[significant].T / singular[significant]) @ basis.T / np.where(lengths > 0, lengths, 1.0)[:, None]
+        )
         log_volume = (
-            np.log(singular[kept]).sum() + np.log(lengths[lengths > 0]).sum() + np.log(sizes[np.isfinite(sizes)]).sum()
+            np.log(singular[significant]).sum()
+            + np.log(lengths[lengths > 0]).sum()
+            + np.log(sizes[np.isfinite(sizes)]).sum()
         )
         filled = np.where(present, measured, 0.0)
         return Record(observation, filled, present, columns, sizes, basis, amounts, float(log_volume), given, count)

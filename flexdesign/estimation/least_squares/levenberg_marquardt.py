@@ -155,7 +155,7 @@ def linearise(problem: Problem, x: Array) -> Solution | None:
     return None if residuals is None else _Search(problem, x, residuals, None, SMALL).solution(False)
 
 
-def polish(solution: Solution, small: float) -> Solution:
+def refine_minimum(solution: Solution, small: float) -> Solution:
     """Return where further steps with the Jacobian of a solution lead, until they promise less than `small`."""
     search = _Search(solution.problem, solution.x, list(solution.residuals), solution.columns(), small)
     search.fresh = True

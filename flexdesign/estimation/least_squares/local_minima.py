@@ -40,8 +40,8 @@ def grid_initial_states(dataset: Dataset, model: Model, each: Map = map, fit_sta
     grids = {_number(p): p.screen for parameters in own.values() for p in parameters if p.screen}
     if not grids or not records:
         return model
-    usual = _medians([p for parameters in own.values() for p in parameters])
-    points = [{**usual, **dict(zip(grids, values, strict=True))} for values in itertools.product(*grids.values())]
+    medians = _medians([p for parameters in own.values() for p in parameters])
+    points = [{**medians, **dict(zip(grids, values, strict=True))} for values in itertools.product(*grids.values())]
     changed = dict[str, float]()
     trials = [(record, values) for record in records for values in ({}, *(_of_run(own, record, p) for p in points))]
     costs = list(each(lambda trial: _cost(dataset, model.replace(trial[1]), trial[0]), trials))

@@ -28,25 +28,25 @@ class Starts:
     ----------
     asked
         How many starts were asked for.
-    polished
+    refined
         How many were followed to their minimum before three of them agreed.
-    agreed
+    converged
         How many of these ended at the best minimum.
     """
 
     asked: int
-    polished: int
-    agreed: int
+    refined: int
+    converged: int
 
     @property
     def is_unconfirmed(self) -> bool:
         """Tell whether nothing confirms that the minimum is the best: no second start ended there."""
-        return self.agreed < 2
+        return self.converged < 2
 
     def __str__(self) -> str:
-        if self.polished == 1:
+        if self.refined == 1:
             return "one start only: nothing confirms that this minimum is the best"
-        text = f"{self.agreed} of {self.polished} starts ended at the best minimum"
+        text = f"{self.converged} of {self.refined} starts ended at the best minimum"
         return text + ("; the fit may be stuck: ask for more starts" if self.is_unconfirmed else "")
 
 
@@ -65,25 +65,25 @@ def multistart(
         If the model fails at every point, or refuses the observations.
     """
     found: list[Solution] = []
-    ended = Starts(starts, 0, 0)
+    summary = Starts(starts, 0, 0)
     for point in _points(problem, starts, seed):
         if (minimum := solve(problem.fresh(), point, MINIMUM, small=problem.dataset.floor)) is not None:
             found.append(minimum)
-        ended = Starts(starts, len(found), _agreed(problem, found))
-        progress(f"start {len(found)} of {starts}: {ended.agreed} at the best minimum")
-        if ended.agreed == 3:
+        summary = Starts(starts, len(found), _count_converged(problem, found))
+        progress(f"start {len(found)} of {starts}: {summary.converged} at the best minimum")
+        if summary.converged == 3:
             break
     if not found:
         remedy = "the model cannot be simulated at its present values nor elsewhere in the plausible ranges"
         raise InputError("fit", "model", None, remedy)
-    return min(found, key=lambda solution: solution.cost), ended, [solution.x for solution in found]
+    return min(found, key=lambda solution: solution.cost), summary, [solution.x for solution in found]
 
 
-def _agreed(problem: Problem, found: list[Solution]) -> int:
+def _count_converged(problem: Problem, found: list[Solution]) -> int:
     """Return how many minima are as good as the best: to a tenth of the noise's variance, a third of its sigma."""
     best = min((solution.cost for solution in found), default=0.0)
-    fitted = len(problem.where.names) + sum(record.columns.shape[1] for record in problem.dataset.records)
-    variance = best / max(problem.dataset.samples - fitted, 1)
+    parameters = len(problem.where.names) + sum(record.columns.shape[1] for record in problem.dataset.records)
+    variance = best / max(problem.dataset.samples - parameters, 1)
     return sum(solution.cost <= best + 0.1 * variance + problem.dataset.floor for solution in found)
 
 

@@ -26,9 +26,9 @@ Array = NDArray[np.float64]
 #: Applies a function to each item of a list, over threads perhaps.
 Map = Callable[..., Any]
 #: How far a finite difference should move the response, relative: between a simulator's error of 1e-7 and curvature.
-MOVED = 3e-4
+DIFFERENCE_STEP = 3e-4
 #: The same for central differences, whose error is of second order.
-MOVED_CENTRAL = 3 * MOVED
+MOVED_CENTRAL = 3 * DIFFERENCE_STEP
 #: Step of a finite difference per size of its coordinate: where it begins, and how small and large it may become.
 STEP, SMALLEST, LARGEST = 1e-4, 1e-7, 1e-2
 #: Makes another model of one, with the same numbers.
@@ -246,21 +246,21 @@ class Problem:
             back = x - forward * self.steps
             inside = (back >= self.where.lower) & (back <= self.where.upper)
             opposite = self._moved(x, [(r, j) for r, j in pairs if inside[j] and j not in failed], -forward, make)
-        moved, columns = np.zeros(len(x)), dict[tuple[int, int], Array]()
+        steps, columns = np.zeros(len(x)), dict[tuple[int, int], Array]()
         for (r, j), part in parts.items():
             other = opposite.get((r, j))
             column = np.zeros_like(here[r]) if part is None else (part - here[r]) * forward[j]
             if part is not None and other is not None:
                 column = (part - other) * forward[j] / 2
-            moved[j] += column @ column
+            steps[j] += column @ column
             columns[r, j] = column / self.steps[j]
         for j, name in enumerate(self.where.names):
             for r, column in enumerate(old.get(name, ())):
                 if column is not None:
                     columns[r, j] = column
         # The next steps move the whitened response by a small share of it.
-        sizes, wanted = self.where.sizes(x), (MOVED_CENTRAL if self.central else MOVED) * self.dataset.size
-        by = np.where(moved > 0, np.clip(wanted / np.maximum(np.sqrt(moved), 1e-300), 0.1, 10.0), 1.0)
+        sizes, wanted = self.where.sizes(x), (MOVED_CENTRAL if self.central else DIFFERENCE_STEP) * self.dataset.size
+        by = np.where(steps > 0, np.clip(wanted / np.maximum(np.sqrt(steps), 1e-300), 0.1, 10.0), 1.0)
         self.steps = np.clip(self.steps * by, SMALLEST * sizes, LARGEST * sizes)
         return [
             JacobianBlock(

@@ -44,7 +44,7 @@ class EstimationTask:
         Told what is being done.
     nominal
         Values of the free numbers in the design, SI.
-    floor
+    noise_rms
         Rms noise of the runs by which models are chosen [response]; zero where it is unknown.
     test
         Runs that neither fit nor choose; None if there are none.
@@ -77,7 +77,7 @@ class EstimationTask:
     each: Map = map
     progress: Callable[[str], None] = lambda _: None
     nominal: Mapping[str, float] = field(default_factory=dict)
-    floor: float = 0.0
+    noise_rms: float = 0.0
     test: Dataset | None = None
     prepared: Callable[[EstimationTask, Model], EstimationTask] = lambda task, _: task
     prior_bound: float = math.inf

@@ -277,9 +277,9 @@ def escape(task: EstimationTask, fit: FittedModel) -> FittedModel:
     Hysteresis is not differentiable where a threshold is met or a voltage turns, so that chi^2 has local minima. Fits
     restart from other initial states, then with larger and smaller thresholds, while chi^2 falls by more than one.
     """
-    moved = search_initial_states(task, fit.solution.problem.dataset, fit.model)
-    if moved is not fit.model:
-        fit = _better(fit, fit_model(task, moved, fit.effects, old=fit.solution.columns()))
+    model = search_initial_states(task, fit.solution.problem.dataset, fit.model)
+    if model is not fit.model:
+        fit = _better(fit, fit_model(task, model, fit.effects, old=fit.solution.columns()))
     for name in (name for effect in fit.effects for name in effect.hidden):
         task.progress(f"fitting with other values of {name}")
         before = None

@@ -33,7 +33,7 @@ class Trial:
         Share of the unexplained mean square of the validation runs that it removes.
     error
         Rms residual of the validation runs [response].
-    needed, score
+    critical_gain, score
         Critical value of the gain, discrepancy counted; and of the largest score of the catalogue.
     reason
         Why it is not accepted; empty if it is.
@@ -46,7 +46,7 @@ class Trial:
     gain: float
     share: float
     error: float
-    needed: float
+    critical_gain: float
     score: float
     reason: str
     is_small: bool = False
@@ -73,7 +73,7 @@ class Step:
         if self.chosen is None:
             return ()
         others = (trial for trial in self.trials if trial.names != self.chosen.names and not trial.reason)
-        return tuple(trial for trial in others if is_alike(self.chosen.fit, trial.fit))
+        return tuple(trial for trial in others if is_indistinguishable(self.chosen.fit, trial.fit))
 
 
 def compare(
@@ -87,7 +87,7 @@ def compare(
     errors = [fit.rms(scored, task.scales) for fit in (before, after)]
     added = [effect for effect in after.effects if effect.name in names]
     bounds = after.at_bound()
-    share = criterion.explained_share(errors[0], errors[1], task.floor)
+    share = criterion.explained_share(errors[0], errors[1], task.noise_rms)
     evidence = Evidence(
         gain=gain,
         needed=criterion.critical_value(score, sum(len(effect.free) for effect in added)) * after.discrepancy,
@@ -161,8 +161,8 @@ def best_of(task: EstimationTask, trials: Sequence[Trial]) -> Trial | None:
     pair = _preferred(task, [trial for trial in accepted if len(trial.names) == 2])
     assert pair is not None  # the first is one
     is_validated = bool(task.validate.records)
-    explained = criterion.explained_share(single.error, pair.error, task.floor) if is_validated else 1.0
-    is_more = bic_lead(pair.fit, single.fit) >= pair.needed and explained >= criterion.SHARE
+    explained = criterion.explained_share(single.error, pair.error, task.noise_rms) if is_validated else 1.0
+    is_more = bic_lead(pair.fit, single.fit) >= pair.critical_gain and explained >= criterion.SHARE
     return pair if is_more else single
 
 
@@ -175,11 +175,11 @@ def _preferred(task: EstimationTask, accepted: Sequence[Trial]) -> Trial | None:
         return next(iter(accepted), None)
     first, best = accepted[0], min(accepted, key=lambda trial: trial.error)
     is_alike = criterion.cannot_tell_apart(bic_lead(first.fit, best.fit), first.fit.discrepancy)
-    is_more = criterion.explained_share(first.error, best.error, task.floor) >= criterion.SHARE
+    is_more = criterion.explained_share(first.error, best.error, task.noise_rms) >= criterion.SHARE
     return best if is_alike and is_more else first
 
 
-def is_alike(a: FittedModel, b: FittedModel) -> bool:
+def is_indistinguishable(a: FittedModel, b: FittedModel) -> bool:
     """Tell whether the runs cannot tell two answers apart."""
     if len(a.effects) != len(b.effects):
         return False

@@ -189,15 +189,15 @@ class Screening:
         dataset, there = self.solution.problem.dataset, model.replace(values)
         parts = list[Array]()
         for record, before in zip(dataset.records, self.here, strict=True):
-            moved = np.asarray(there.predict(record.observation)) - before
-            if not np.isfinite(moved).all():
+            change = np.asarray(there.predict(record.observation)) - before
+            if not np.isfinite(change).all():
                 return None
-            parts.append(dataset.whitened(record, np.where(record.present, moved, 0.0)))
+            parts.append(dataset.whitened(record, np.where(record.present, change, 0.0)))
         return np.concatenate(parts)
 
     def _direction(self, candidate: Candidate, values: Mapping[str, float], move: Array) -> Direction | None:
         """Return a direction; None where the model can imitate it."""
-        projection = self._imitated(move[:, None])[:, 0]
+        projection = self._projected(move[:, None])[:, 0]
         whole = float(move @ move)
         projected_norm2 = whole - float(projection @ self.inverse @ projection)
         if whole <= (ROUNDING * self.solution.problem.dataset.size) ** 2 or projected_norm2 < OWN * whole:
@@ -218,7 +218,7 @@ class Screening:
                 column[begin:end] = move[begin:end]
                 columns.append(column)
         matrix = np.column_stack(columns)
-        projection = self._imitated(matrix)
+        projection = self._projected(matrix)
         gram = matrix.T @ matrix - projection.T @ self.inverse @ projection
         amounts = np.linalg.pinv(gram, rcond=1e-8, hermitian=True) @ (matrix.T @ self.residual)
         sines, cosines = amounts[: len(names)], amounts[len(names) :]
@@ -229,11 +229,11 @@ class Screening:
         found = self._direction(candidate, {**values, **phases}, matrix @ (amounts / size))
         return None if found is None else replace(found, columns=len(amounts))
 
-    def _imitated(self, moves: Array) -> Array:
+    def _projected(self, changes: Array) -> Array:
         """Return J'd for moves (rows by k): coordinates by k."""
-        total, row = np.zeros((len(self.solution.x), moves.shape[1])), 0
+        total, row = np.zeros((len(self.solution.x), changes.shape[1])), 0
         for jacobian in self.solution.jacobian:
-            part = moves[row : row + len(jacobian.matrix)]
+            part = changes[row : row + len(jacobian.matrix)]
             total[jacobian.places] += jacobian.matrix.T @ part
             row += len(part)
         return total
@@ -242,9 +242,9 @@ class Screening:
         """Return the cosines between directions, what free numbers imitate taken out."""
         if not directions:
             return np.zeros((0, 0))
-        moves = np.array([direction.move for direction in directions])
+        changes = np.array([direction.move for direction in directions])
         projection = np.array([direction.projection for direction in directions])
-        inner = moves @ moves.T - projection @ self.inverse @ projection.T
+        inner = changes @ changes.T - projection @ self.inverse @ projection.T
         length = np.sqrt(np.array([direction.projected_norm2 for direction in directions]))
         return np.asarray(inner / np.outer(length, length))
 
@@ -316,10 +316,10 @@ class Screening:
             if not far and (of_a > 0 or a.candidate.signed) and (of_b > 0 or b.candidate.signed):
                 made.append((of_a * p + of_b * q, a, b))
         made.sort(key=lambda pair: -pair[0])
-        seen, kept = set[frozenset[str]](), []
+        seen, pairs = set[frozenset[str]](), []
         for pair in made:
             names = frozenset((pair[1].candidate.name, pair[2].candidate.name))
             if names not in seen:
                 seen.add(names)
-                kept.append(pair)
-        return kept[:most]
+                pairs.append(pair)
+        return pairs[:most]

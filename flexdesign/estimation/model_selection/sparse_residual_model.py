@@ -38,7 +38,7 @@ class SparseModel:
         Amounts of the terms, in the order in which they were taken up [response].
     gain, held_gain
         Fall of the cost of what the fit saw, and of the validation runs.
-    moved
+    validation_rms
         How large the sum is on the validation runs, rms [response].
     shares
         Share of the fall that each term brought.
@@ -47,7 +47,7 @@ class SparseModel:
     terms: Mapping[str, float]
     gain: float
     held_gain: float
-    moved: float
+    validation_rms: float
     shares: Mapping[str, float]
 
 
@@ -68,9 +68,9 @@ def sparse_model(task: EstimationTask, fit: FittedModel, features: BasisFunction
         return SparseModel({}, 0.0, 0.0, 0.0, {})
     amounts = np.asarray(np.linalg.solve(gram[np.ix_(chosen, chosen)], predicted_gain[chosen]), dtype=np.float64)
     gain = float(amounts @ predicted_gain[chosen])
-    held, moved = _held(task, fit, features, chosen, amounts, inverse @ projection[:, chosen] @ amounts)
-    terms = {names[j]: float(amount) for j, amount in zip(chosen, amounts, strict=True)}
-    return SparseModel(terms, gain, held, moved, {names[j]: g / sum(gains) for j, g in zip(chosen, gains, strict=True)})
+    held, rms = _held(task, fit, features, chosen, amounts, inverse @ projection[:, chosen] @ amounts)
+    terms = {names[j]: float(coefficient) for j, coefficient in zip(chosen, amounts, strict=True)}
+    return SparseModel(terms, gain, held, rms, {names[j]: g / sum(gains) for j, g in zip(chosen, gains, strict=True)})
 
 
 def cost_of_terms(task: EstimationTask, fit: FittedModel, features: BasisFunctions, terms: Collection[str]) -> float:
@@ -109,7 +109,7 @@ def _columns(dataset: Dataset, fit: FittedModel, features: BasisFunctions) -> tu
 
 
 def _pursuit(
-    gram: Array, predicted_gain: Array, own: NDArray[np.bool_], needed: float
+    gram: Array, predicted_gain: Array, own: NDArray[np.bool_], critical_gain: float
 ) -> tuple[list[int], list[float]]:
     chosen, gains, before = list[int](), list[float](), 0.0
     size = np.diag(gram).copy()
@@ -127,7 +127,7 @@ def _pursuit(
             fall = float((predicted_gain[trial] / scale) @ np.linalg.solve(scaled, predicted_gain[trial] / scale))
             if fall > reached:
                 best, reached = j, fall
-        if best < 0 or reached - before < needed:
+        if best < 0 or reached - before < critical_gain:
             break
         chosen.append(best)
         gains.append(reached - before)
@@ -136,7 +136,7 @@ def _pursuit(
 
 
 def _held(
-    task: EstimationTask, fit: FittedModel, features: BasisFunctions, chosen: list[int], amounts: Array, moves: Array
+    task: EstimationTask, fit: FittedModel, features: BasisFunctions, chosen: list[int], amounts: Array, steps: Array
 ) -> tuple[float, float]:
     """Return by how much the sum lowers the cost of the validation runs, and how large it is there.
 
@@ -147,14 +147,14 @@ def _held(
         return 0.0, 0.0
     where, x, step = fit.solution.problem.where, fit.solution.x, 1e-3
     # A sum that the model's own numbers can imitate asks for moves without end: these stay where they are plausible.
-    moved = np.clip(x + step * moves, np.maximum(where.lower, x - 1.0), np.minimum(where.upper, x + 1.0))
-    shared = {n: v for n, v in where.values(moved).items() if ":" not in n}
+    shifted = np.clip(x + step * steps, np.maximum(where.lower, x - 1.0), np.minimum(where.upper, x + 1.0))
+    shared = {n: v for n, v in where.values(shifted).items() if ":" not in n}
     nudged = fit.model.replace(shared)
     gained, sizes = 0.0, {True: (0.0, 0), False: (0.0, 0)}
     for record in dataset.records:
         here = np.asarray(fit.model.predict(record.observation))
         made = list(features(record.observation, here).values())
-        added = sum(amount * made[j] for j, amount in zip(chosen, amounts, strict=True))
+        added = sum(coefficient * made[j] for j, coefficient in zip(chosen, amounts, strict=True))
         added = added + (np.asarray(nudged.predict(record.observation)) - here) / step
         before, after = dataset.residual(record, here), dataset.residual(record, here + added)
         if before is None or after is None:

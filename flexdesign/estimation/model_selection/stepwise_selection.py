@@ -33,7 +33,7 @@ from flexdesign.estimation.model_selection.model_comparison import (
     best_of,
     bic_lead,
     compare,
-    is_alike,
+    is_indistinguishable,
     rank,
 )
 from flexdesign.estimation.model_selection.score_test import Candidate, Direction, Screening
@@ -45,7 +45,7 @@ STARTS, PAIRS = 2, 2
 #: Candidates that are fitted roughly, and those of them that are fitted to the end.
 ROUGHLY, FINALISTS = 6, 3
 #: Reduced chi^2 above which the Jacobian and the initial states of the present fit mislead.
-GROSS = 30.0
+GROSS_MISFIT = 30.0
 #: Largest number of effects in a group of confounded effects.
 LARGEST_GROUP = 3
 
@@ -137,7 +137,10 @@ def finish(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -
 
 
 def forward(
-    task: EstimationTask, fit: FittedModel, candidates: Sequence[Candidate], origins: Sequence[FittedModel] = ()
+    task: EstimationTask,
+    fit: FittedModel,
+    candidates: Sequence[Candidate],
+    expansion_points: Sequence[FittedModel] = (),
 ) -> Step:
     """Return the addition that pays best, or none.
 
@@ -147,10 +150,10 @@ def forward(
         The runs, and the present fit.
     candidates
         The catalogue.
-    origins
+    expansion_points
         Fits from which additions are tried as well, such as the design where calibration led astray.
     """
-    score, entries = screen(task, fit, candidates, origins)
+    score, entries = screen(task, fit, candidates, expansion_points)
     singles, pairs = _compete(task, fit, entries)
     trials = _trials(task, fit, singles, score)
     best = best_of(task, trials)
@@ -177,9 +180,9 @@ def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_S
 
 def _compete(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]) -> tuple[list[Entry], list[Entry]]:
     """Return the fits that are worth being carried to their end: with one further effect, and with two."""
-    fitted = fit_roughly(task, fit, entries)
-    singles = [entry for entry in fitted if len(entry.start.names) == 1]
-    pairs = [entry for entry in fitted if len(entry.start.names) == 2]
+    candidates = fit_roughly(task, fit, entries)
+    singles = [entry for entry in candidates if len(entry.start.names) == 1]
+    pairs = [entry for entry in candidates if len(entry.start.names) == 2]
     finalists = singles[:FINALISTS]
     # Effects that the best one is known to be taken for compete to the end.
     like = singles[0].start.directions[0].candidate.like if singles else ()
@@ -214,7 +217,7 @@ def _quick_fit(task: EstimationTask, start: _Start) -> Entry | None:
             old[strength] = [-part for part in np.split(direction.move / direction.values[strength], ends)]
     bounds = {parameter.name: parameter.plausible for parameter in model.parameters()}
     begun = {name: float(np.clip(value, *bounds.get(name, (-math.inf, math.inf)))) for name, value in values.items()}
-    is_misleading = origin.scale > GROSS or any(direction.candidate.is_limit for direction in start.directions)
+    is_misleading = origin.scale > GROSS_MISFIT or any(direction.candidate.is_limit for direction in start.directions)
     model = task.coarse(model.replace(begun))
     found = solve_case(task, model, start.effects, old=None if is_misleading else old, effort=QUICK)
     return None if found is None else Entry(start, found)
@@ -236,7 +239,7 @@ def _trial(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -
 
 def _escaped(task: EstimationTask, fit: FittedModel, trial: Trial) -> Trial:
     """Return a trial with more evidence than chance gives, its fit restarted elsewhere."""
-    better = escape(task, trial.fit) if trial.gain > trial.needed else trial.fit
+    better = escape(task, trial.fit) if trial.gain > trial.critical_gain else trial.fit
     return trial if better is trial.fit else compare(task, fit, better, trial.names, trial.score)
 
 
@@ -254,9 +257,9 @@ def backward(task: EstimationTask, fit: FittedModel, tested: Sequence[str]) -> F
         rest = tuple(other for other in fit.effects if other.name != effect.name)
         if effect.name not in tested or not rest:
             continue
-        needed = critical_value(float(chdtri(1, LEVEL)), len(effect.free)) * fit.discrepancy
+        critical_gain = critical_value(float(chdtri(1, LEVEL)), len(effect.free)) * fit.discrepancy
         without = refit(task, fit, rest)
-        if without is not None and without.cost - fit.cost < needed:
+        if without is not None and without.cost - fit.cost < critical_gain:
             return backward(task, without, tested)
     return fit
 
@@ -267,7 +270,7 @@ def select(
     candidates: Sequence[Candidate],
     most: int,
     *,
-    origins: Sequence[FittedModel] = (),
+    expansion_points: Sequence[FittedModel] = (),
     vary_step: Callable[[FittedModel, Step], Step] = lambda _, step: step,
     vary: Callable[[FittedModel], FittedModel] = lambda fit: fit,
 ) -> tuple[list[Step], list[FittedModel]]:
@@ -281,14 +284,14 @@ def select(
         The catalogue.
     most
         Largest number of effects.
-    origins
+    expansion_points
         See `forward`; used at the first step.
     vary_step, vary
         Return a step beside a fit, and a fit, with strengths that differ from run to run where the runs call for that.
     """
     steps, fits = list[Step](), list[FittedModel]()
     while len(fit.effects) < most:
-        steps.append(vary_step(fit, forward(task, fit, candidates, () if fits else origins)))
+        steps.append(vary_step(fit, forward(task, fit, candidates, () if fits else expansion_points)))
         if (chosen := steps[-1].chosen) is None:
             break
         doubtful = fit.names if len(chosen.names) == 1 else chosen.fit.names
@@ -353,4 +356,4 @@ def _does_as_well(task: EstimationTask, fit: FittedModel, name: str, seen: Fitte
     task.progress(f"fitting with {other} in the place of {name}")
     model = with_effects(task.bare(fit.model), effects)
     made = fit_model(task, with_values(with_values(model, seen.model), fit.model), effects)
-    return made is not None and is_alike(fit, made)
+    return made is not None and is_indistinguishable(fit, made)

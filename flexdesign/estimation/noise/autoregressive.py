@@ -103,10 +103,12 @@ class Process:
 
         Its inverse is the Cholesky factor of their covariance matrix.
         """
-        kept = np.append(np.cumprod((1 - self.reflections**2)[::-1])[::-1], 1.0)  # sigma^2 over the error of each order
+        variances = np.append(
+            np.cumprod((1 - self.reflections**2)[::-1])[::-1], 1.0
+        )  # sigma^2 over the error of each order
         rows = np.zeros((self.order, self.order))
         for order, row in enumerate(rows):
-            row[: order + 1] = self.predictors[order][::-1] * np.sqrt(kept[order]) / self.sigma
+            row[: order + 1] = self.predictors[order][::-1] * np.sqrt(variances[order]) / self.sigma
         return rows
 
     def autocorrelation(self, count: int) -> Array:

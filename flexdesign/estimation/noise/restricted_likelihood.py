@@ -105,8 +105,8 @@ class _Likelihood:
         grams = whitened.transpose(0, 2, 1) @ whitened
         grams += np.einsum("k,skp->sp", weights, self.products).reshape(grams.shape)
         trends, mixed = grams[:, 1:, 1:], grams[:, 1:, 0]
-        solved = np.linalg.solve(trends, mixed[..., None])[..., 0]
-        squares = float(np.sum(grams[:, 0, 0] - np.sum(mixed * solved, axis=1)))
+        solution = np.linalg.solve(trends, mixed[..., None])[..., 0]
+        squares = float(np.sum(grams[:, 0, 0] - np.sum(mixed * solution, axis=1)))
         log_variances = -len(grams) * float(np.arange(1, self.order + 1) @ np.log1p(-(reflections**2)))
         return squares, log_variances + float(np.linalg.slogdet(trends)[1].sum())
 
@@ -118,10 +118,10 @@ class _Likelihood:
     def effective(self, at: Array) -> float:
         """Return the effective number of samples behind the process's rms, by the curvature at the optimum."""
         step = 1e-3  # small beside the standard error of a coordinate, 1 / sqrt(n)
-        moves = step * np.eye(len(at))
-        slope = np.array([np.log(self.process(at + m).rms / self.process(at - m).rms) for m in moves]) / (2 * step)
+        steps = step * np.eye(len(at))
+        slope = np.array([np.log(self.process(at + m).rms / self.process(at - m).rms) for m in steps]) / (2 * step)
         curvature = np.empty((len(at), len(at)))
-        for (i, a), (j, b) in combinations_with_replacement(enumerate(moves), 2):
+        for (i, a), (j, b) in combinations_with_replacement(enumerate(steps), 2):
             corners = self(at + a + b) + self(at - a - b) - self(at + a - b) - self(at - a + b)
             curvature[i, j] = curvature[j, i] = corners / (4 * step**2)
         values, vectors = np.linalg.eigh(0.5 * curvature)

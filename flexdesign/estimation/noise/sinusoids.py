@@ -85,8 +85,8 @@ def _peaks(stretches: Sequence[Stretch], period: float) -> list[float]:
     resolution = length / max(len(s.values) for s in stretches)
     lowest = int(FEWEST_TURNS * resolution)
     ratio = power / np.maximum(_local_median(power, 2 * lowest), np.finfo(float).tiny)
-    usual = gammainccinv(len(runs), 1 / len(power)) / gammaincinv(len(runs), 0.5)
-    places = lowest + find_peaks(ratio[lowest:], height=usual, distance=2 * resolution)[0]
+    median_ratio = gammainccinv(len(runs), 1 / len(power)) / gammaincinv(len(runs), 0.5)
+    places = lowest + find_peaks(ratio[lowest:], height=median_ratio, distance=2 * resolution)[0]
     places = places[np.argsort(-ratio[places])][:MOST]
     before, at, after = power[places - 1], power[places], power[places + 1]
     vertices = places + 0.5 * (before - after) / (before - 2 * at + after)  # of parabolas
@@ -102,7 +102,7 @@ def _local_median(power: Array, width: int) -> Array:
 
 def _tested(stretches: Sequence[Stretch], peak: float, period: float) -> _Fit | None:
     """Return the sinusoid at a peak [Hz]; None if noise, or a mode that dies away, explains the peak."""
-    frequency = _refined(stretches, peak, period)
+    frequency = _refine(stretches, peak, period)
     without = _fit(stretches, frequency, period, Process.white(1.0)).without
     process = Process(burg([s.residual for s in without], HIGHEST_ORDER), 1.0)
     squares = sum(float(np.sum(s.whitened(process, s.residual) ** 2)) for s in without)
@@ -118,7 +118,7 @@ def _tested(stretches: Sequence[Stretch], peak: float, period: float) -> _Fit | 
     return None if is_noise or dies_away else fit
 
 
-def _refined(stretches: Sequence[Stretch], peak: float, period: float) -> float:
+def _refine(stretches: Sequence[Stretch], peak: float, period: float) -> float:
     """Return the frequency at which a sinusoid explains most [Hz], within half a resolution of a peak.
 
     The peak alone is not precise: of a strong sinusoid it would leave a beat, which would seem to fade.

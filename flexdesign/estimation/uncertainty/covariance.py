@@ -48,7 +48,7 @@ class Uncertainty:
     ----------
     covariance
         Of the coordinates, without the null space.
-    bread
+    inverse_hessian
         (J'J + P)^-1: what the covariance would be if the residual were white of variance one.
     null_space
         Directions that neither data nor prior knowledge determine, one a row: weights in coordinates scaled by their
@@ -66,7 +66,7 @@ class Uncertainty:
     """
 
     covariance: Array
-    bread: Array
+    inverse_hessian: Array
     null_space: Array
     quantile: float
     dof: float
@@ -105,8 +105,8 @@ class _Channel(NamedTuple):
     colour: Colour
     chi2: float
     samples: int
-    meat: Array
-    fitted: float
+    score_covariance: Array
+    effective_parameters: float
 
 
 def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncertainty:
@@ -126,29 +126,31 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
     data = np.zeros((len(solution.x), len(solution.x)))
     for part in solution.jacobian:
         data[np.ix_(part.places, part.places)] += part.matrix.T @ part.matrix
-    projection, bread, null_space = _decomposed(data, prior)
+    projection, inverse_hessian, null_space = _decomposed(data, prior)
     jacobians = [part.matrix @ projection[part.places] for part in solution.jacobian]
-    channels = _channels(solution, jacobians, bread)
+    channels = _channels(solution, jacobians, inverse_hessian)
     inflation = np.array([channel.colour.inflation for channel in channels])
     samples = np.array([channel.samples for channel in channels])
     chi2 = np.array([channel.chi2 for channel in channels])
     # A slowly varying residual seems to be fitted altogether; a tenth of the samples keeps variances finite.
-    left = np.maximum(samples - [channel.fitted for channel in channels], 0.1 * samples)
+    left = np.maximum(samples - [channel.effective_parameters for channel in channels], 0.1 * samples)
     pooled = float(chi2.sum() / left.sum())
     nuisance = sum(float(np.sum(record.basis[: len(record.measured)] ** 2)) for record in records)
-    fitted = float(np.sum(bread * (projection.T @ data @ projection))) + nuisance
-    dof = max(float(np.sum(samples / inflation)) - fitted, 1.0)
+    parameters = float(np.sum(inverse_hessian * (projection.T @ data @ projection))) + nuisance
+    dof = max(float(np.sum(samples / inflation)) - parameters, 1.0)
     is_white = all(channel.colour.is_white for channel in channels)
     is_explained = is_white and pooled * dof < given * float(chdtri(dof, LEVEL))
     variance = given if is_explained else pooled
     variances = np.full(len(channels), variance) if is_white else np.maximum(chi2 / left, given)
     # What is known of nuisance columns and of parameters counts with the variance that it states.
     known = np.vstack([prior, *(j[len(record.measured) :] for j, record in zip(jacobians, records, strict=True))])
-    meat = known.T @ known + sum(v * channel.meat for v, channel in zip(variances, channels, strict=True))
+    score_covariance = known.T @ known + sum(
+        v * channel.score_covariance for v, channel in zip(variances, channels, strict=True)
+    )
     upper = (1 + CONFIDENCE) / 2
     return Uncertainty(
-        covariance=bread @ meat @ bread,
-        bread=bread,
+        covariance=inverse_hessian @ score_covariance @ inverse_hessian,
+        inverse_hessian=inverse_hessian,
         null_space=null_space,
         quantile=float(ndtri(upper) if is_explained else stdtrit(dof, upper)),
         dof=math.inf if is_explained else dof,
@@ -160,16 +162,21 @@ def uncertainty(solution: Solution, known_variance: float | None = 1.0) -> Uncer
     )
 
 
-def _channels(solution: Solution, jacobians: Sequence[Array], bread: Array) -> list[_Channel]:
+def _channels(solution: Solution, jacobians: Sequence[Array], inverse_hessian: Array) -> list[_Channel]:
     """Return the channels of all records; the Jacobians have no null directions."""
     made = []
     for r, record in enumerate(solution.problem.dataset.records):
         for rows, present in zip(record.series(), record.present.reshape(record.channels, -1), strict=True):
             residual = solution.residuals[r][rows]
             found = colour(residual)
-            meat, nuisance = found.quadratic(jacobians[r][rows]), float(np.trace(found.quadratic(record.basis[rows])))
-            fitted = float(np.sum(bread * meat)) + nuisance
-            made.append(_Channel(r, found, float(residual @ residual), int(present.sum()), meat, fitted))
+            score_covariance, nuisance = (
+                found.quadratic(jacobians[r][rows]),
+                float(np.trace(found.quadratic(record.basis[rows]))),
+            )
+            parameters = float(np.sum(inverse_hessian * score_covariance)) + nuisance
+            made.append(
+                _Channel(r, found, float(residual @ residual), int(present.sum()), score_covariance, parameters)
+            )
     return made
 
 

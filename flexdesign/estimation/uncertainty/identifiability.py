@@ -187,11 +187,11 @@ class _Check:
         a, b = self.values[first.name], self.values[second.name]
         if not (a and b and math.isfinite(a) and math.isfinite(b)):
             return ""
-        moves = {"product": (1.1 * a, b / 1.1), "ratio": (1.1 * a, 1.1 * b)}
+        variations = {"product": (1.1 * a, b / 1.1), "ratio": (1.1 * a, 1.1 * b)}
         if first.si == second.si:
             shift = 0.1 * min(abs(a), abs(b))
-            moves |= {"sum": (a + shift, b - shift), "difference": (a + shift, b + shift)}
-        for name, (to_a, to_b) in moves.items():
+            variations |= {"sum": (a + shift, b - shift), "difference": (a + shift, b + shift)}
+        for name, (to_a, to_b) in variations.items():
             alone, both = self._change({i: to_a}), self._change({i: to_a, j: to_b})
             if self.floor < alone < math.inf and both < 1e-3 * alone:
                 return name

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from flexdesign.estimation.least_squares.levenberg_marquardt import MINIMUM, Solution, polish, solve
+from flexdesign.estimation.least_squares.levenberg_marquardt import MINIMUM, Solution, refine_minimum, solve
 from flexdesign.estimation.uncertainty.covariance import Uncertainty, uncertainty
 from flexdesign.estimation.uncertainty.identifiability import Estimate, estimates
 from flexdesign.estimation.uncertainty.profile_likelihood import Profile, profile, quadratic
@@ -42,7 +42,7 @@ def intervals(
     def refine(near: Solution) -> tuple[Solution, Uncertainty]:
         # The middle of an interval to 0.05 standard deviations.
         accuracy = 0.05**2 * uncertainty(near, known_variance).variance
-        polished = polish(near, accuracy + near.problem.dataset.floor)
+        polished = refine_minimum(near, accuracy + near.problem.dataset.floor)
         return polished, uncertainty(polished, known_variance)
 
     places = [solution.problem.where.names.index(name) for name in names]
@@ -82,7 +82,7 @@ def checked(
 def profiles_of(solution: Solution, found: Uncertainty, places: Sequence[int], check: bool = True) -> Profiles:
     """Return the intervals of some coordinates, each end checked by a profile or not; None in the null space."""
     # A coordinate that shows in no small step may show in a large one: a limit that the runs stay far below.
-    shown = [j for j in places if not found.in_null_space(j) or (check and not found.confounded_with(j))]
+    chosen = [j for j in places if not found.in_null_space(j) or (check and not found.confounded_with(j))]
     make = profile if check else quadratic
-    made = dict(zip(shown, solution.problem.each(lambda j: make(solution, found, j), shown), strict=True))
+    made = dict(zip(chosen, solution.problem.each(lambda j: make(solution, found, j), chosen), strict=True))
     return {j: made.get(j) for j in places}

@@ -69,7 +69,7 @@ class _Path:
     def __init__(self, solution: Solution, uncertainty: Uncertainty, j: int) -> None:
         self.minimum, self.problem, self.j = solution, solution.problem, j
         self.others = np.array([i for i in range(len(solution.x)) if i != j], dtype=int)
-        where, variance = self.problem.where, uncertainty.bread[j, j]
+        where, variance = self.problem.where, uncertainty.inverse_hessian[j, j]
         if uncertainty.in_null_space(j):  # without influence nearby: no other follows, and the whole range is searched
             self.tangent = np.eye(len(solution.x))[j]
             self.half = math.inf if math.isfinite(where.span[j]) else float(where.sizes(solution.x)[j])
@@ -77,7 +77,7 @@ class _Path:
         else:
             # Parameters of one run stay: the response is not smooth in its initial state.
             shared = [parameter.run in ("", where.parameters[j].run) for parameter in where.parameters]
-            self.tangent = np.where(shared, uncertainty.bread[:, j] / variance, 0.0)
+            self.tangent = np.where(shared, uncertainty.inverse_hessian[:, j] / variance, 0.0)
             self.half = float(uncertainty.half_width[j])
             self.expected = float(self.half**2 / variance)
         self.floor = self.problem.dataset.floor
@@ -99,9 +99,9 @@ class _Path:
         def excess(distance: float) -> float:
             if distance not in met:
                 nearest = max(d for d in met if d < distance)
-                rise, displacement = self.rise(side * distance, met[nearest][1] * distance)
+                increase, displacement = self.cost_increase(side * distance, met[nearest][1] * distance)
                 # Limited to one, so that the way is halved where the model fails; zero ends the search.
-                found = min(math.sqrt(max(rise, 0.0) / self.expected) - 1, 1.0)
+                found = min(math.sqrt(max(increase, 0.0) / self.expected) - 1, 1.0)
                 met[distance] = (found if abs(found) > ACCURACY else 0.0, displacement / distance)
             return met[distance][0]
 
@@ -120,7 +120,7 @@ class _Path:
             inside = outside
         return bound, True, self.half < room
 
-    def rise(self, displacement: float, guess: Array) -> tuple[float, Array]:
+    def cost_increase(self, displacement: float, guess: Array) -> tuple[float, Array]:
         """Return how far the profile rises above the minimum, and the displacement of all coordinates.
 
         The others take steps with the Jacobian of the minimum, each at the price of one simulation. Where they end
@@ -137,10 +137,10 @@ class _Path:
         if self._above_minimum(x, found) > (1 + TRUSTED) ** 2 * self.expected and self.others.size:
             found = solve(others, found.x, Effort(2, 0.0, is_exact=False), found.columns(), small=small) or found
             self.columns = found.columns()
-        rise = self._above_minimum(x, found)
-        if -rise > small:
+        increase = self._above_minimum(x, found)
+        if -increase > small:
             self.better = x
-        return rise, x - self.minimum.x
+        return increase, x - self.minimum.x
 
     def _above_minimum(self, x: Array, found: Solution) -> float:
         """Move the others to where they were fitted, and return the cost there less the minimum's."""

@@ -93,8 +93,8 @@ def _made(flat: FloatArray, corners: IntArray, longest: float) -> tuple[FloatArr
     triangles = Delaunay(points).simplices.astype(np.int64)
     a, b, c = (points[triangles[:, i]] for i in range(3))
     area = ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
-    kept = _within((a + b + c) / 3, flat, loops) & (np.abs(area) > 1e-9 * longest**2)
-    triangles, area = triangles[kept], area[kept]
+    inside = _within((a + b + c) / 3, flat, loops) & (np.abs(area) > 1e-9 * longest**2)
+    triangles, area = triangles[inside], area[inside]
     triangles[area < 0] = triangles[area < 0][:, [0, 2, 1]]
     one, other = flat[corners[:, 1]] - flat[corners[:, 0]], flat[corners[:, 2]] - flat[corners[:, 0]]
     whole = np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]).sum() / 2

@@ -304,12 +304,12 @@ def _even_face(face: Any, chord: float, size: float) -> Face:
     Chords [m] are alike on all faces, as neighbours share edges; points are no farther apart than a share of the
     `size` [m].
     """
-    told = _face(face, chord, math.inf)
+    tessellated = _face(face, chord, math.inf)
     longest = APART * size
-    if told.axis is not None:
-        longest = min(longest, float(np.sqrt(8 * told.radius * chord)))
+    if tessellated.axis is not None:
+        longest = min(longest, float(np.sqrt(8 * tessellated.radius * chord)))
     made = developed.triangles_of(face, chord / MM, longest / MM)
-    return told if made is None else replace(told, points=made[0] * MM, triangles=made[1])
+    return tessellated if made is None else replace(tessellated, points=made[0] * MM, triangles=made[1])
 
 
 def _split(points: FloatArray, triangles: IntArray, longest: float) -> tuple[FloatArray, IntArray]:

@@ -197,9 +197,9 @@ class LocalThickness:
         fine = wanted < largest
         if not fine.any():
             fine[np.argmin(wanted)] = True
-        kept = _thinned(places[fine], np.minimum(wanted[fine], largest))
+        thinned = _thinned(places[fine], np.minimum(wanted[fine], largest))
         return ThicknessField(
-            places[fine][kept], np.minimum(wanted[fine], largest)[kept], self.growth * coarseness, largest
+            places[fine][thinned], np.minimum(wanted[fine], largest)[thinned], self.growth * coarseness, largest
         )
 
     def check(self, mesh: TaggedMesh) -> list[HingeCheck]:
@@ -233,20 +233,20 @@ class LocalThickness:
     def _measured(self, mesh: TaggedMesh, rays: Rays, hinge: Member, chosen: NDArray[np.int64]) -> HingeCheck:
         thin = self.thin
         some = chosen[:: max(len(chosen) // MEASURED, 1)]
-        drawn, inward = thin.thickness[some], thin.inward[some]
-        middle = thin.points[some] + inward * drawn[:, None] / 2
+        thickness, inward = thin.thickness[some], thin.inward[some]
+        middle = thin.points[some] + inward * thickness[:, None] / 2
         forth, _ = rays.first(middle, inward)
         back, _ = rays.first(middle, -inward)
         seen = forth + back
-        seen = np.where(seen < 2 * drawn, seen, np.nan)
+        seen = np.where(seen < 2 * thickness, seen, np.nan)
         if np.isnan(seen).mean() < 0.02:  # a ray through an edge of the mesh
-            drawn, seen = drawn[~np.isnan(seen)], seen[~np.isnan(seen)]
-        off = np.abs(seen / drawn - 1)
+            thickness, seen = thickness[~np.isnan(seen)], seen[~np.isnan(seen)]
+        off = np.abs(seen / thickness - 1)
         neck = bool(np.isfinite(thin.curved[some]).mean() > 0.5)
         return HingeCheck(
             hinge=hinge,
             deviation=float(np.quantile(off, 0.98)) if not np.isnan(off).any() else float("nan"),
-            bending=float((np.mean(seen**-3.0) / np.mean(drawn**-3.0)) ** (-1 / 3) - 1),
+            bending=float((np.mean(seen**-3.0) / np.mean(thickness**-3.0)) ** (-1 / 3) - 1),
             limit=PLACE_LIMIT,
             across=self._across(mesh, hinge, middle, inward) if neck else float("inf"),
         )

@@ -195,9 +195,9 @@ def snap(mesh: TaggedMesh, domain: Domain, envelope: float) -> TaggedMesh:
         far = np.flatnonzero(off > 3 * envelope)
         goal[far] = _on_nearest(mesh.points[far], domain)
         off = np.linalg.norm(goal - mesh.points, axis=1)
-    moved = float(off.max())
-    if moved > 3 * envelope + domain.chord:
-        raise MeshError(f"a surface vertex lies {moved * 1e6:.2g} um off its CAD face; reduce mesh.envelope")
+    largest = float(off.max())
+    if largest > 3 * envelope + domain.chord:
+        raise MeshError(f"a surface vertex lies {largest * 1e6:.2g} um off its CAD face; reduce mesh.envelope")
     loose = np.zeros(len(goal), dtype=bool)
     most = MOST_LOOSE * len(np.unique(mesh.facets))
     while True:

@@ -58,7 +58,7 @@ class Pattern:
     size: Size
     plan: Triangulation
 
-    def moved(self, section: Section, size: Size) -> Triangulation:
+    def morph(self, section: Section, size: Size) -> Triangulation:
         """Return the triangles in a neighbour's section, with the edge length wanted there.
 
         Raises
@@ -77,11 +77,11 @@ class Pattern:
         fixed, free, solve, coupling = self._spring
         shift = points[fixed] - self.plan.points[fixed]
         points[free] = self.plan.points[free] - solve(coupling @ shift)
-        moved = replace(self.plan, points=points)
-        worst, before = moved.quality().min(), self.plan.quality().min()
+        plan = replace(self.plan, points=points)
+        worst, before = plan.quality().min(), self.plan.quality().min()
         if not worst > LEAST_QUALITY * before:
             raise MeshError(f"morphed from a neighbour's, the section's worst triangle has a quality of {worst:.2g}")
-        return moved
+        return plan
 
     @cached_property
     def _on_curves(self) -> tuple[list[IntArray], list[FloatArray]]:
@@ -123,7 +123,7 @@ def alike(one: Section, other: Section) -> bool:
     return bool(np.array_equal(_joints(one), _joints(other)))
 
 
-def moved(mesh: TaggedMesh, plan: Triangulation, section: Section, heights: FloatArray) -> TaggedMesh:
+def morph(mesh: TaggedMesh, plan: Triangulation, section: Section, heights: FloatArray) -> TaggedMesh:
     """Return an extruded mesh with its vertices where a moved plan and layers, as many as it has, put them.
 
     Raises

@@ -197,10 +197,10 @@ def _wanted(points: FloatArray, triangles: IntArray, boundary: _Boundary, size: 
     bad = bad[np.argsort(-excess[bad], kind="stable")]
     places, reach = centres[bad], radius[bad]
     near = cKDTree(places).query_ball_point(places, 0.9 * reach) if len(places) else []
-    taken = np.zeros(len(bad), dtype=bool)
+    is_used = np.zeros(len(bad), dtype=bool)
     for index, neighbours in enumerate(near):
-        taken[index] = not taken[neighbours].any()
-    return np.asarray(places[taken])
+        is_used[index] = not is_used[neighbours].any()
+    return np.asarray(places[is_used])
 
 
 def _smoothed(boundary: _Boundary, inner: FloatArray, size: Size) -> Triangulation:
@@ -214,11 +214,11 @@ def _smoothed(boundary: _Boundary, inner: FloatArray, size: Size) -> Triangulati
         middles = points[triangles].mean(axis=1)
         weights = np.abs(_areas(points, triangles)) / size(middles) ** 4
         total = np.bincount(triangles.ravel(), np.repeat(weights, 3), minlength=len(points))
-        moved = [
+        smoothed = [
             np.bincount(triangles.ravel(), np.repeat(weights * middles[:, i], 3), minlength=len(points)) / total
             for i in (0, 1)
         ]
-        points, triangles = _inside(boundary, np.column_stack(moved)[first:])
+        points, triangles = _inside(boundary, np.column_stack(smoothed)[first:])
         found = Triangulation(points, triangles, boundary.sides, boundary.owners)
         if not boundary.fits(triangles):
             break

@@ -152,10 +152,10 @@ def _measure(surface: FloatArray, hinge: Member, along: int = 21, across: int = 
     curved = profile.is_curved(hinge)
     filleted = hinge.root_radius > 0 and not curved
     middle = min(hinge.length / 4, hinge.length / 2 - 2 * hinge.root_radius) if filleted else math.inf
-    judged = np.abs(grid[:, 0]) <= max(middle, hinge.length / 20)
+    central = np.abs(grid[:, 0]) <= max(middle, hinge.length / 20)
     return HingeCheck(
         hinge=hinge,
-        deviation=float(np.abs(measured / nominal - 1)[judged].max()),
+        deviation=float(np.abs(measured / nominal - 1)[central].max()),
         bending=float((np.mean(measured**-3.0) / np.mean(nominal**-3.0)) ** (-1 / 3) - 1),
         limit=CURVED_LIMIT if curved else FLAT_LIMIT,
     )

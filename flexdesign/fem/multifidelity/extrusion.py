@@ -9,7 +9,7 @@ from flexdesign.design import part as parts
 from flexdesign.design.design import Design
 from flexdesign.design.part import Part
 from flexdesign.design.study import MeshSettings
-from flexdesign.fem.meshing import domain, methods, outlined
+from flexdesign.fem.meshing import domain, methods, polygon_domain
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.methods import Extruded, Grading
 
@@ -29,7 +29,7 @@ def of_design(design: Design) -> tuple[Part, Domain]:
         raise InputError(design.file, "part", None, "is a whole stage; sweep the design of one part")
     part = design.part()
     try:
-        body = outlined.of_part(part, material=design.material)
+        body = polygon_domain.of_part(part, material=design.material)
         if body is None:
             body = domain.of_part(part, material=design.material, chord=domain.chord(part))
     except InputError as error:

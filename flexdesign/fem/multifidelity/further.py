@@ -92,15 +92,15 @@ class Further:
         self, found: Mapping[str, Quantity], known: Sequence[Known], weights: Sequence[float], changed: float
     ) -> list[Quantity]:
         """Correct what one mesh gave, by anchors of these weights; their errors may have `changed`, relative."""
-        told = []
+        corrected = []
         for key, quantity in found.items():
             if not all(key in anchor.gaps for anchor in known):
-                told.append(replace(quantity, source="FEM, coarse mesh, not corrected"))
+                corrected.append(replace(quantity, source="FEM, coarse mesh, not corrected"))
                 continue
             gap = sum(weight * anchor.gaps[key] for weight, anchor in zip(weights, known, strict=True))
             error = sum(weight * anchor.errors[key] for weight, anchor in zip(weights, known, strict=True))
             value = quantity.value * math.exp(gap)
             doubt = (1.0 if quantity.name.startswith(LATERAL) else 0.5) * abs(gap) if changed else 0.0
             sigma = math.hypot(error, changed, doubt) * abs(value)
-            told.append(replace(quantity, value=value, half_width=sigma, source=MORPHED))
-        return told
+            corrected.append(replace(quantity, value=value, half_width=sigma, source=MORPHED))
+        return corrected

@@ -65,8 +65,8 @@ class Planar:
         size = method.planar_size(self.coarseness)
         for pattern in self.patterns:
             try:
-                return pattern.moved(method.section, size)
+                return pattern.morph(method.section, size)
             except MeshError:
                 continue
         self.patterns.append(Pattern(method.section, size, method.plan(self.coarseness)))
-        return self.patterns[-1].moved(method.section, size)
+        return self.patterns[-1].morph(method.section, size)

@@ -91,17 +91,17 @@ class Coarse:
 
     def morphed(self, method: Extruded) -> TaggedMesh:
         """Return the mesh moved to another design; raise MeshError if it cannot be used there."""
-        plan = self.pattern.moved(method.section, method.planar_size(self.coarseness))
+        plan = self.pattern.morph(method.section, method.planar_size(self.coarseness))
         layers = len(self.body.mesh.points) // len(self.pattern.plan.points) - 1
-        return morphing.moved(self.body.mesh, plan, method.section, method.heights(self.coarseness, layers))
+        return morphing.morph(self.body.mesh, plan, method.section, method.heights(self.coarseness, layers))
 
     def numbers(self, design: Design, part: Part, domain: Domain, method: Extruded) -> FloatArray:
         """Return the three numbers of a design, on the mesh moved to it; raise MeshError if it cannot be used."""
         mesh = self.morphed(method)
         resolution_gate.check(mesh, domain, part.linkage().of_kind("hinge"))
-        body = self.body.moved(mesh, design.material)
+        body = self.body.on_mesh(mesh, design.material)
         known, self.factor = self.factor, None  # lost if what follows fails
-        compliance, self.factor = solved(part, domain, body, known)
+        compliance, self.factor = solve(part, domain, body, known)
         return three(compliance)
 
 
@@ -215,8 +215,8 @@ class FastSolid:
             sigma = np.hypot(error, changed)
             # An anchor nearer than this would know no better: its own limit is as uncertain.
             if sigma.max() <= max(self.accuracy, 1.2 * error.max()):
-                told = self._told(design, fine * np.exp(gap), sigma, MORPHED)
-                return told + self._besides(design, part, domain, method, family, told, changed)
+                quantities = self._told(design, fine * np.exp(gap), sigma, MORPHED)
+                return quantities + self._besides(design, part, domain, method, family, quantities, changed)
             return self._anchored(design, part, domain, method, family)
         return self._anchored(design, part, domain, method, None)
 
@@ -255,8 +255,8 @@ class FastSolid:
         known.anchors.append(anchor)
         if family is None:
             self.families.append(known)
-        told = self._told(design, limits, errors, "FEM, anchor: fine meshes, extrapolated")
-        return told + self._besides(design, part, domain, method, known, told, 0.0)
+        quantities = self._told(design, limits, errors, "FEM, anchor: fine meshes, extrapolated")
+        return quantities + self._besides(design, part, domain, method, known, quantities, 0.0)
 
     def _besides(
         self,
@@ -265,14 +265,14 @@ class FastSolid:
         domain: Domain,
         method: Extruded,
         family: Family,
-        told: Sequence[Quantity],
+        quantities: Sequence[Quantity],
         changed: float,
     ) -> list[Quantity]:
         """Return what is asked beside what is told already, corrected; the errors may have `changed`, relative."""
         if self.further is None:
             return []
         found = self.further.on(family.meshes[0].morphed(method), design, part, domain)
-        rest = {key: quantity for key, quantity in found.items() if key not in {q.key for q in told}}
+        rest = {key: quantity for key, quantity in found.items() if key not in {q.key for q in quantities}}
         weights = family.weights(extrusion.coordinates(design)).tolist()
         return self.further.corrected(rest, [anchor.further for anchor in family.anchors], weights, changed)
 
@@ -285,7 +285,7 @@ class FastSolid:
             try:
                 mesh = method.mesh(coarseness)
                 resolution_gate.check(mesh, domain, part.linkage().of_kind("hinge"))
-                compliance, factor = solved(part, domain, Elasticity(mesh, design.material))
+                compliance, factor = solve(part, domain, Elasticity(mesh, design.material))
             except MeshError as error:  # too coarse for a fillet: two others will do
                 if coarseness > max(ANCHORING[-2:]):
                     continue
@@ -338,7 +338,7 @@ def of_three(numbers: FloatArray) -> PortCompliance:
     return PortCompliance(matrix, np.array([1.0, 0.0]), np.array([0.0, 1.0]))
 
 
-def solved(part: Part, domain: Domain, body: Elasticity, factor: Factor | None = None) -> tuple[PortCompliance, Factor]:
+def solve(part: Part, domain: Domain, body: Elasticity, factor: Factor | None = None) -> tuple[PortCompliance, Factor]:
     """Solve the symmetric class for input and output, with the order of elimination of a `factor` if that fits."""
     stiffness = body.stiffness(zeros=True)
     held = [domain.ports[port.name] for port in part.ports() if port.role == "ground" and port.name in domain.ports]

@@ -28,14 +28,14 @@ def moved_mass(mass: sp.csr_matrix) -> FloatArray:
     return times(mass, translations)
 
 
-def of_mode(shape: FloatArray, moved: FloatArray, cls: SymmetryClass) -> Three:
+def of_mode(shape: FloatArray, moving_mass: FloatArray, cls: SymmetryClass) -> Three:
     """Return the effective masses of a mode along x, y, z [kg].
 
     Parameters
     ----------
     shape
         Displacements of the domain's nodes for unit modal mass of the whole part, shape (n, 3) [1/sqrt(kg)].
-    moved
+    moving_mass
         From `moved_mass`, of the domain.
     cls
         The mode's symmetry class; a translation that does not fit it stirs no mode of it: the images cancel.
@@ -43,6 +43,6 @@ def of_mode(shape: FloatArray, moved: FloatArray, cls: SymmetryClass) -> Three:
     fits = np.ones(3, dtype=bool)
     for plane, sign in zip(cls.planes, cls.signs, strict=True):
         fits &= parity(plane.index)[:3] == sign
-    parts = 2 ** len(cls.planes) * (shape.ravel() @ moved)
+    parts = 2 ** len(cls.planes) * (shape.ravel() @ moving_mass)
     x, y, z = np.where(fits, parts**2, 0.0).tolist()
     return x, y, z

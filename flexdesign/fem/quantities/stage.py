@@ -125,10 +125,10 @@ def of_stage(study: Study, stage: AssembledStage) -> list[Quantity]:
     for axis in stage.assembly.axes:
         w, t, free = statics.signs(axis), statics.along(axis), statics.free
         n, held = np.abs(w).sum(), statics.installed(math.inf)
-        push, moved = float(w @ free @ w), float(t @ free @ w)
+        push, travel = float(w @ free @ w), float(t @ free @ w)
         values |= {
             f"K_in_{axis}_table_free": n / push,
-            f"lambda_{axis}_table_free": n * moved / push,
+            f"lambda_{axis}_table_free": n * travel / push,
             f"K_out_{axis}_inputs_free": 1 / float(t @ free @ t),
             f"K_out_{axis}_inputs_held": 1 / float(t @ held @ t),
         }
@@ -153,9 +153,9 @@ def _frequencies(stage: AssembledStage, actuator: float) -> dict[str, float]:
         modes = mode_shares(stage, actuator, SOUGHT)
         found |= _outputs(stage, modes, "actuators_installed")
         for axis in stage.assembly.axes:
-            main = max(modes, key=lambda mode: mode.answers[axis])
+            main = max(modes, key=lambda mode: mode.participation[axis])
             found[f"drive_frequency_{axis}_actuators_installed"] = main.mode.frequency
-            found[f"drive_share_{axis}_actuators_installed"] = main.answers[axis]
+            found[f"drive_share_{axis}_actuators_installed"] = main.participation[axis]
     return found
 
 

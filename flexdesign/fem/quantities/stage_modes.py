@@ -22,9 +22,9 @@ FloatArray = NDArray[np.float64]
 #: The table's motions, in order.
 NAMES: Sequence[str] = ("x", "y", "z", "rx", "ry", "rz")
 #: Modes whose frequencies differ by less, relative, are one by symmetry: rounding leaves 1e-9.
-ALIKE = 1e-6
+SAME_FREQUENCY = 1e-6
 #: More than so many are never alike, so that with so many more none is parted from those it belongs to.
-MOST_ALIKE = 8
+MOST_COINCIDENT = 8
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class ModeShares:
     ----------
     mode
         Frequency and shape.
-    answers
+    participation
         By axis, its part of the static response to the axis' actuators [1].
     table
         By motion of the table, x, y, z, rx, ry and rz, its part of the kinetic energy [1]; what is missing to one is
@@ -43,7 +43,7 @@ class ModeShares:
     """
 
     mode: StageMode
-    answers: Mapping[str, float]
+    participation: Mapping[str, float]
     table: Mapping[str, float]
 
 
@@ -56,13 +56,13 @@ def mode_shares(stage: AssembledStage, actuator: float, count: int) -> list[Mode
     table = stage.assembly.body(stage.assembly.table)
     inertia, motion = table.inertia(stage.density), stage.motion(table.name, table.centre)
     found = []
-    modes = stage.modes(min(count + MOST_ALIKE, stage.size), actuator)
+    modes = stage.modes(min(count + MOST_COINCIDENT, stage.size), actuator)
     for mode in _sorted_out(modes, np.stack(list(along.values())))[:count]:
         shape, square = mode.amplitudes, (2 * np.pi * mode.frequency) ** 2
-        answers = {a: float((along[a] @ shape) * (drives[a] @ shape)) / square / static[a] for a in axes}
-        moved = motion @ shape
-        energies = moved * (inertia @ moved)
-        found.append(ModeShares(mode, answers, dict(zip(NAMES, energies.tolist(), strict=True))))
+        participation = {a: float((along[a] @ shape) * (drives[a] @ shape)) / square / static[a] for a in axes}
+        motion_of_table = motion @ shape
+        energies = motion_of_table * (inertia @ motion_of_table)
+        found.append(ModeShares(mode, participation, dict(zip(NAMES, energies.tolist(), strict=True))))
     return found
 
 
@@ -70,7 +70,7 @@ def _sorted_out(modes: Sequence[StageMode], along: FloatArray) -> list[StageMode
     """Turn modes of equal frequency so that each moves the table along one axis; `along` has the axes as rows."""
     groups: list[list[StageMode]] = []
     for mode in modes:
-        if groups and mode.frequency - groups[-1][0].frequency <= ALIKE * mode.frequency:
+        if groups and mode.frequency - groups[-1][0].frequency <= SAME_FREQUENCY * mode.frequency:
             groups[-1].append(mode)
         else:
             groups.append([mode])
@@ -79,8 +79,8 @@ def _sorted_out(modes: Sequence[StageMode], along: FloatArray) -> list[StageMode
 
 def _turned(group: Sequence[StageMode], along: FloatArray) -> list[StageMode]:
     shapes = np.stack([mode.amplitudes for mode in group], axis=1)
-    moves = (along @ shapes).T
-    sizes = np.linalg.norm(moves, axis=0)
-    kept = moves[:, sizes > 1e-3 * sizes.max()]
-    turn = np.linalg.qr(np.hstack([kept, np.eye(len(group))]))[0]
+    travel = (along @ shapes).T
+    sizes = np.linalg.norm(travel, axis=0)
+    independent = travel[:, sizes > 1e-3 * sizes.max()]
+    turn = np.linalg.qr(np.hstack([independent, np.eye(len(group))]))[0]
     return [StageMode(mode.frequency, shape) for mode, shape in zip(group, (shapes @ turn).T, strict=True)]

@@ -94,7 +94,7 @@ class Elasticity:
         rest = inverse.transpose(0, 2, 1)
         return np.concatenate([-rest.sum(axis=1, keepdims=True), rest], axis=1), np.linalg.det(jacobian) / 6
 
-    def moved(self, mesh: TaggedMesh, material: Material) -> Elasticity:
+    def on_mesh(self, mesh: TaggedMesh, material: Material) -> Elasticity:
         """Return a body on a mesh that differs in its points alone; numbers of nodes and places of entries stay."""
         other = Elasticity(mesh, material)
         for name in ("basis", "_scikit_nodes", "nodes", "vertex_nodes", "_edge_nodes", "_node_pairs"):
@@ -276,8 +276,8 @@ def shape_derivatives(barycentric: FloatArray) -> FloatArray:
 def _stiffness_tensor() -> FloatArray:
     """Mean of dN_a/dL_k dN_b/dL_l over a tetrahedron for the pairs a, b of `PAIRS`, shape (55, 16)."""
     points, weights = quadrature(4, 4)
-    slopes = shape_derivatives(points)
-    return np.einsum("q,qak,qbl->abkl", weights, slopes, slopes)[*PAIRS].reshape(-1, 16)
+    gradients = shape_derivatives(points)
+    return np.einsum("q,qak,qbl->abkl", weights, gradients, gradients)[*PAIRS].reshape(-1, 16)
 
 
 def _mass_tensor() -> FloatArray:

@@ -65,9 +65,9 @@ class LargeDisplacement:
         """Return the strain energy under displacements (n_dofs,) [J]."""
         gradients, volumes = self.body.barycentric_gradients
         lam, mu = self.body.material.lame
-        moved = displacement.reshape(-1, 3)[self.body.nodes]
+        displacements = displacement.reshape(-1, 3)[self.body.nodes]
         shape = np.einsum("qak,eki->eqai", self._slopes, gradients, optimize=True)
-        gradient = np.einsum("eaj,eqai->eqji", moved, shape, optimize=True)
+        gradient = np.einsum("eaj,eqai->eqji", displacements, shape, optimize=True)
         strain = 0.5 * (
             gradient + gradient.swapaxes(2, 3) + np.einsum("eqki,eqkj->eqij", gradient, gradient, optimize=True)
         )
@@ -80,9 +80,9 @@ class LargeDisplacement:
         nodes = self.body.nodes
         forces = np.zeros((len(nodes), 30))
         local = np.zeros((len(nodes) if with_tangent else 0, PAIRS.shape[1], 3, 3))
-        moved = np.ascontiguousarray(displacement.reshape(-1, 3)[nodes])
+        displacements = np.ascontiguousarray(displacement.reshape(-1, 3)[nodes])
         lam, mu = self.body.material.lame
-        _elements(gradients, volumes, self._slopes, self._weights, lam, mu, moved, forces, local)
+        _elements(gradients, volumes, self._slopes, self._weights, lam, mu, displacements, forces, local)
         total = np.bincount(self._dofs.ravel(), weights=forces.ravel(), minlength=self.body.n_dofs)
         return np.asarray(total, dtype=float), local
 
@@ -95,11 +95,11 @@ class LargeDisplacement:
 def _elements(
     gradients: FloatArray,
     volumes: FloatArray,
-    slopes: FloatArray,
+    derivatives: FloatArray,
     weights: FloatArray,
     lam: float,
     mu: float,
-    moved: FloatArray,
+    displacements: FloatArray,
     forces: FloatArray,
     local: FloatArray,
 ) -> None:
@@ -113,12 +113,12 @@ def _elements(
                 for i in range(3):
                     g[a, i] = 0.0
                     for k in range(4):
-                        g[a, i] += slopes[q, a, k] * gradients[element, k, i]
+                        g[a, i] += derivatives[q, a, k] * gradients[element, k, i]
             for i in range(3):
                 for j in range(3):
                     h[i, j] = 0.0
                     for a in range(10):
-                        h[i, j] += moved[element, a, i] * g[a, j]
+                        h[i, j] += displacements[element, a, i] * g[a, j]
                     f[i, j] = h[i, j] + (i == j)
             for i in range(3):
                 for j in range(3):

@@ -77,13 +77,13 @@ def load_path(
     ArithmeticError
         If a level is not reached: the body buckles before it.
     """
-    walk = _Walk(model, loads, max(map(abs, levels)))
+    walk = _LoadPath(model, loads, max(map(abs, levels)))
     for level in levels:
         yield walk.to(level)
     walk.factor.free()
 
 
-class _Walk:
+class _LoadPath:
     """Where a load path has got to: an equilibrium, and the tangent's factor there."""
 
     def __init__(self, model: LargeDisplacement, loads: FloatArray, largest: float) -> None:
@@ -100,8 +100,8 @@ class _Walk:
         while self.level != level:
             step = np.copysign(min(abs(step), abs(level - self.level)), step)
             aim = level if step == level - self.level else self.level + step
-            taken, done = self._step(aim)
-            iterations += taken
+            reached, done = self._step(aim)
+            iterations += reached
             if not done:
                 step *= 0.5
                 if abs(step) < smallest:
@@ -195,7 +195,7 @@ def stroke_path(
     held = [domain.ports[port.name] for port in part.ports() if port.role == "ground" and port.name in domain.ports]
     space, cls = port_compliance.port_space(body, domain, part.ports()), port_compliance.classes(domain)[0]
     shares = space.halves[:, None] * (space.projection(cls) @ np.column_stack([space.extension, space.output]))
-    loads = np.hstack([space.loads[name] for name in space.kept]) @ shares
+    loads = np.hstack([space.loads[name] for name in space.retained]) @ shares
     free = statics.free_dofs(body, domain, cls, held)
     work = 2 ** len(domain.planes) * loads
     rows = []

@@ -72,12 +72,12 @@ def class_modes(system: ClassSystem, mass: sp.csr_matrix, space: PortSpace, coun
     for value, vector in zip(values, vectors.T, strict=True):
         shape = vector / np.sqrt(copies)
         shape *= -1.0 if output @ shape < 0 else 1.0
-        moved = float(output @ shape)
+        output_motion = float(output @ shape)
         modes.append(
             Mode(
                 frequency=float(np.sqrt(value) / (2 * np.pi)),
                 symmetry=system.cls.name,
-                output_mass=1 / moved**2 if moved > 1e-6 else np.inf,
+                output_mass=1 / output_motion**2 if output_motion > 1e-6 else np.inf,
                 extension=float(extension @ shape),
                 shape=system.spread(shape).reshape(-1, 3),
             )
@@ -133,6 +133,6 @@ def _spring_inverse(system: ClassSystem, extension: FloatArray, spring: float) -
 def _measure(space: PortSpace, system: ClassSystem, motion: FloatArray) -> FloatArray:
     """Return the row c over the domain's dofs with c . u = the whole part's port motion `motion`, in this class."""
     projection = space.projection(system.cls)
-    loads = np.hstack([space.loads[name] for name in space.kept])
-    images = np.repeat([2.0 ** (len(space.planes) - space.swaps(name)) for name in space.kept], 6)
+    loads = np.hstack([space.loads[name] for name in space.retained])
+    images = np.repeat([2.0 ** (len(space.planes) - space.swaps(name)) for name in space.retained], 6)
     return np.asarray(loads @ (images * (projection @ motion)))

@@ -171,8 +171,8 @@ class Plate:
         return PortCompliance(images * gram, np.array([1.0, 0.0]), np.array([0.0, 1.0]))
 
     def _driven(self, ports: Sequence[Port], role: str, sign: float) -> FloatArray:
-        kept = [port for port in ports if port.role == role and port.name in self.domain.ports]
-        return np.asarray(sign * sum((self.load(port) for port in kept), np.zeros(self.basis.N)))
+        driven = [port for port in ports if port.role == role and port.name in self.domain.ports]
+        return np.asarray(sign * sum((self.load(port) for port in driven), np.zeros(self.basis.N)))
 
 
 def plane_stress(material: Material, directions: Sequence[int]) -> FloatArray:

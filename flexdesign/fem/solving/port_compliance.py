@@ -82,7 +82,7 @@ class PortSpace:
     ----------
     ports
         Ports of the whole part that can move, in the order of the rows of the compliance, six rows each.
-    kept
+    retained
         Names of those that lie in the domain.
     loads
         For each kept port the nodal forces of its six unit loads that fall on the domain, shape (n_dofs, 6).
@@ -91,7 +91,7 @@ class PortSpace:
     """
 
     ports: tuple[Port, ...]
-    kept: tuple[str, ...]
+    retained: tuple[str, ...]
     loads: dict[str, FloatArray]
     planes: tuple[SymmetryPlane, ...]
 
@@ -108,7 +108,7 @@ class PortSpace:
     def of_role(self, role: str) -> NDArray[np.bool_]:
         """Tell which kept motions belong to ports of a role, shape (6 * kept,)."""
         roles = {port.name: port.role for port in self.ports}
-        return np.repeat([roles[name] == role for name in self.kept], 6)
+        return np.repeat([roles[name] == role for name in self.retained], 6)
 
     def along(self, role: str, sign: float) -> FloatArray:
         """Return the vector that adds up motions along (+1) or against (-1) the outward normals of a role's ports."""
@@ -130,8 +130,8 @@ class PortSpace:
 
     def projection(self, cls: SymmetryClass) -> FloatArray:
         """Return P with q_whole = P^T q_domain for one class, (6 * kept, size); rows that do not fit are zero."""
-        matrix = np.zeros((6 * len(self.kept), self.size))
-        for index, name in enumerate(self.kept):
+        matrix = np.zeros((6 * len(self.retained), self.size))
+        for index, name in enumerate(self.retained):
             fits = np.ones(6, dtype=bool)
             for plane, sign in zip(self.planes, cls.signs, strict=True):
                 if name not in plane.swaps.values():
@@ -143,14 +143,14 @@ class PortSpace:
     def _images(self, name: str, cls: SymmetryClass) -> list[tuple[str, IntArray]]:
         images = [(name, np.ones(6, dtype=np.int64))]
         for plane, sign in zip(self.planes, cls.signs, strict=True):
-            back = {kept: left for left, kept in plane.swaps.items()}
+            back = {source: left for left, source in plane.swaps.items()}
             images += [(back[n], s * sign * parity(plane.index)) for n, s in images if n in back]
         return images
 
     @property
     def halves(self) -> FloatArray:
         """What of a load on the whole part each class gets, for each kept motion: halved where a port has an image."""
-        return np.repeat([0.5 ** self.swaps(name) for name in self.kept], 6)
+        return np.repeat([0.5 ** self.swaps(name) for name in self.retained], 6)
 
     def swaps(self, name: str) -> int:
         """Return in how many planes the kept port has a mirror image of another name."""
@@ -160,9 +160,9 @@ class PortSpace:
 def port_space(body: Elasticity, domain: Domain, ports: Sequence[Port]) -> PortSpace:
     """Find the moving ports on the mesh and integrate their loads."""
     moving = tuple(port for port in ports if port.role != "ground")
-    kept = tuple(port.name for port in moving if port.name in domain.ports)
-    loads = {port.name: _loads(body, domain, port) for port in moving if port.name in kept}
-    return PortSpace(moving, kept, loads, domain.planes)
+    retained = tuple(port.name for port in moving if port.name in domain.ports)
+    loads = {port.name: _loads(body, domain, port) for port in moving if port.name in retained}
+    return PortSpace(moving, retained, loads, domain.planes)
 
 
 def _loads(body: Elasticity, domain: Domain, port: Port) -> FloatArray:

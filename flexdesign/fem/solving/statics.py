@@ -275,7 +275,7 @@ def class_compliance(
     """
     projection = space.projection(system.cls)
     fitting = np.any(projection != 0, axis=1)
-    loads = np.hstack([space.loads[name] for name in space.kept])
+    loads = np.hstack([space.loads[name] for name in space.retained])
     displacements = np.zeros_like(loads)
     if not fitting.any():
         return np.zeros((space.size, space.size)), Checks(0, 0, 0, 0), displacements, projection
@@ -304,7 +304,7 @@ def drive_compliance(
         Of these solves.
     """
     shares = space.halves[:, None] * (space.projection(system.cls) @ np.column_stack([space.extension, space.output]))
-    loads = np.hstack([space.loads[name] for name in space.kept]) @ shares
+    loads = np.hstack([space.loads[name] for name in space.retained]) @ shares
     displacements = system.solve(loads)
     matrix = loads.T @ displacements * 2 ** len(space.planes)
     checks = _checks(body, system, stiffness, loads, displacements)

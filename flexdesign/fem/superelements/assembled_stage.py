@@ -141,8 +141,8 @@ class AssembledStage:
         placement, centre = element.placement, self.assembly.body(body).centre
 
         def motions(places: FloatArray) -> FloatArray:
-            moved = rigid_motions(placement.outside(places), centre)
-            return np.asarray(np.einsum("ji,njk->nik", placement.matrix, moved))
+            motions_ = rigid_motions(placement.outside(places), centre)
+            return np.asarray(np.einsum("ji,njk->nik", placement.matrix, motions_))
 
         return self.parts[element.name].of(port).coordinates(motions)
 

@@ -133,7 +133,7 @@ class CorotatedStage:
             forces, tangent = self.forces_and_tangent(state, actuators)
             residual, alike = softness * (dead - forces), softness[:, None] * tangent * softness
             try:
-                state = self.moved(state, softness * scipy.linalg.solve(alike, residual, assume_a="sym"))
+                state = self.displace(state, softness * scipy.linalg.solve(alike, residual, assume_a="sym"))
             except (np.linalg.LinAlgError, ValueError):  # singular, or no longer finite
                 return None
             if np.abs(residual).max() <= tolerance:
@@ -163,7 +163,7 @@ class CorotatedStage:
         kinds = self._kinds
         return sum(float(kind.law.energy(kind.seen(*self._moves(kind, state)).amplitudes).sum()) for kind in kinds)
 
-    def moved(self, state: State, step: FloatArray) -> State:
+    def displace(self, state: State, step: FloatArray) -> State:
         """Return the state after small displacements and spins of the bodies, and extensions, shape (size,)."""
         count = len(self._body)
         bodies = step[: 6 * count].reshape(count, 6)
@@ -253,20 +253,20 @@ class _Kind:
         turned = inward @ rotations @ own
         angles = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_rotvec().reshape(m, n, 3)
         # Of displacements and spins of the bodies: motions and spins of the ports, and the spin of the frame.
-        moves, spins = np.zeros((2, m, n, 3, 6 * n))
+        translations, spins = np.zeros((2, m, n, 3, 6 * n))
         for i in range(n):
             at, about = slice(6 * i, 6 * i + 3), slice(6 * i + 3, 6 * i + 6)
-            moves[:, i, :, at] = spins[:, i, :, about] = inward[:, 0]
-            moves[:, i, :, about] = -inward[:, 0] @ _cross(arms[:, i])
+            translations[:, i, :, at] = spins[:, i, :, about] = inward[:, 0]
+            translations[:, i, :, about] = -inward[:, 0] @ _cross(arms[:, i])
         whole = np.linalg.solve(_less(turned.mean(axis=1)), (_less(turned) @ spins).mean(axis=1))
-        way = moves - moves.mean(axis=1, keepdims=True) + _cross(local) @ whole[:, None]
+        way = translations - translations.mean(axis=1, keepdims=True) + _cross(local) @ whole[:, None]
         turn = _of_angles(angles) @ (spins - whole[:, None])
         extra = pushed.shape[1]
         jacobian = np.zeros((m, 6 * n + extra, 6 * n + extra))
         jacobian[:, : 6 * n, : 6 * n] = np.concatenate([way, turn], axis=2).reshape(m, 6 * n, 6 * n)
         jacobian[:, 6 * n :, 6 * n :] = np.eye(extra)
         bodies = np.concatenate([local - self.spread, angles], axis=2).reshape(m, 6 * n)
-        return _Seen(np.hstack([bodies, pushed]), jacobian, (moves, spins, way, whole), arms, frame)
+        return _Seen(np.hstack([bodies, pushed]), jacobian, (translations, spins, way, whole), arms, frame)
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,11 +294,11 @@ class _Seen:
 
     def _geometric(self, forces: FloatArray) -> FloatArray:
         """Return what forces and moments on the bodies (m, n, 6) add to the tangent as the parts turn, symmetric."""
-        moves, spins, way, whole = self.variations
+        translations, spins, way, whole = self.variations
         moments = forces[..., 3:] - np.cross(self.arms, forces[..., :3])
         push, twist = (_cross((each[:, :, None] @ self.frame)[:, :, 0]) for each in (forces[..., :3], moments))
         turning = np.einsum("mia,mnij,mnjb->mab", whole, push, way)
-        turning -= np.einsum("mnia,mnij,mjb->mab", moves, push, whole)
+        turning -= np.einsum("mnia,mnij,mjb->mab", translations, push, whole)
         turning -= np.einsum("mnia,mnij,mjb->mab", spins, twist, whole)
         swung = self.frame.swapaxes(-1, -2) @ _cross(forces[..., :3]) @ _cross(self.arms) @ self.frame
         turning += np.einsum("mnia,mnij,mnjb->mab", spins, swung, spins)

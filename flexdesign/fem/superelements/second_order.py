@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from flexdesign.design.materials import Material
 from flexdesign.fem.solving.elasticity import shape_derivatives, stress_points
 from flexdesign.fem.solving.port_shapes import Motions, rigid_motions
-from flexdesign.fem.superelements.superelement import Inside, Superelement
+from flexdesign.fem.superelements.superelement import Interior, Superelement
 
 FloatArray = NDArray[np.float64]
 
@@ -118,12 +118,12 @@ def of(part: Superelement) -> SecondOrder:
     ValueError
         If the superelement does not know its inside.
     """
-    if part.inside is None:
+    if part.interior is None:
         raise ValueError("a part that does not know its inside tells nothing of large displacements: condense it anew")
     basis = amplitudes(part)
     forces = basis.T @ part.stiffness
-    tensor = _of_domain(part.inside, part.material, basis)
-    for reflection in part.inside.reflections:
+    tensor = _of_domain(part.interior, part.material, basis)
+    for reflection in part.interior.reflections:
         turned = np.linalg.lstsq(basis, reflection @ basis, rcond=None)[0]
         tensor = tensor + np.einsum("ijk,ia,jb,kc->abc", tensor, turned, turned, turned, optimize=True)
     return SecondOrder(
@@ -154,23 +154,23 @@ def _arc(point: FloatArray) -> Motions:
     return motions
 
 
-def _of_domain(inside: Inside, material: Material, basis: FloatArray) -> FloatArray:
+def _of_domain(inside: Interior, material: Material, basis: FloatArray) -> FloatArray:
     """Return what h gives to B in the fundamental domain alone."""
     body = inside.body
     fields = (inside.vectors @ basis).reshape(-1, 3, basis.shape[1])
     points, weights = stress_points()
     gradients, volumes = body.barycentric_gradients
-    slopes = shape_derivatives(points)
+    derivatives = shape_derivatives(points)
     count = basis.shape[1]
     tensor = np.zeros((count, count, count))
     for chunk in np.array_split(np.arange(len(volumes)), max(1, len(volumes) // 500)):
-        shape = np.einsum("qak,eki->eqai", slopes, gradients[chunk], optimize=True)
+        shape = np.einsum("qak,eki->eqai", derivatives, gradients[chunk], optimize=True)
         # d u_c / d x_i of each amplitude, shape (e, q, component, direction, k)
         grad = np.einsum("eqai,eacn->eqcin", shape, fields[body.nodes[chunk]], optimize=True)
         stress = _stress(material, grad)
         share = np.einsum("e,q->eq", volumes[chunk], weights)
-        moved = np.einsum("eqabn,eqcaj->nebqcj", share[:, :, None, None, None] * stress, grad, optimize=True)
-        tensor += np.einsum("nebqcj,eqcbk->njk", moved, grad, optimize=True) / 2
+        stiffening = np.einsum("eqabn,eqcaj->nebqcj", share[:, :, None, None, None] * stress, grad, optimize=True)
+        tensor += np.einsum("nebqcj,eqcbk->njk", stiffening, grad, optimize=True) / 2
     return tensor
 
 

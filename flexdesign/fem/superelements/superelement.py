@@ -44,7 +44,7 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Inside:
+class Interior:
     """The fundamental domain, and how it and its mirror images move with the amplitudes.
 
     Parameters
@@ -83,7 +83,7 @@ class Superelement:
         What it is made of.
     unknowns
         Of the mesh of the fundamental domain it was condensed from.
-    inside
+    interior
         What goes on inside, for pictures and for large displacements; None if nobody asked.
     """
 
@@ -94,7 +94,7 @@ class Superelement:
     extension: FloatArray
     material: Material
     unknowns: int
-    inside: Inside | None = None
+    interior: Interior | None = None
 
     @property
     def size(self) -> int:
@@ -127,9 +127,9 @@ class Superelement:
         """Return arrays and a JSON-ready table from which `from_store` makes the same superelement."""
         arrays = {"stiffness": self.stiffness, "mass": self.mass, "extension": self.extension}
         arrays |= {f"average {port}": rows for port, rows in self.averages.items()}
-        if self.inside is not None:
-            arrays |= {"vectors": self.inside.vectors}
-            arrays |= {f"reflection {i}": each for i, each in enumerate(self.inside.reflections)}
+        if self.interior is not None:
+            arrays |= {"vectors": self.interior.vectors}
+            arrays |= {f"reflection {i}": each for i, each in enumerate(self.interior.reflections)}
         shapes = {each.port.name: {"size": each.size, "degree": each.degree} for each in self.shapes}
         return arrays, {"shapes": shapes, "unknowns": self.unknowns}
 
@@ -142,7 +142,7 @@ class Superelement:
         inside = None
         if "vectors" in arrays:
             reflections = tuple(arrays[f"reflection {i}"] for i in range(len(domain.planes)))
-            inside = Inside(body, domain.planes, arrays["vectors"], reflections)
+            inside = Interior(body, domain.planes, arrays["vectors"], reflections)
         averages = {key.partition(" ")[2]: rows for key, rows in arrays.items() if key.startswith("average ")}
         return cls(
             shapes=tuple(PortShapes(found[name], **sizes) for name, sizes in table["shapes"].items()),
@@ -152,7 +152,7 @@ class Superelement:
             extension=arrays["extension"],
             material=body.material,
             unknowns=table["unknowns"],
-            inside=inside,
+            interior=inside,
         )
 
     def made_of(self, material: Material) -> Superelement:
@@ -239,7 +239,7 @@ def condense(
     within = None
     if inside:
         vectors = np.sum([share.vectors @ onto for share, onto in pairs], axis=0)
-        within = Inside(body, domain.planes, vectors, _on_all(reflections, shares))
+        within = Interior(body, domain.planes, vectors, _on_all(reflections, shares))
     return Superelement(
         shapes=tuple(shapes),
         stiffness=(k + k.T) / 2,
@@ -248,21 +248,21 @@ def condense(
         extension=space.extension @ averages,
         material=material,
         unknowns=body.n_dofs,
-        inside=within,
+        interior=within,
     )
 
 
 def _shapes(part: Piece, domain: Domain, degree: int) -> list[PortShapes]:
-    images = {image: kept for plane in domain.planes for image, kept in plane.swaps.items()}
+    images = {image: original for plane in domain.planes for image, original in plane.swaps.items()}
     found = {port.name: port for port in part.ports()}
     shapes = []
     for port in found.values():
         if port.role == "input":
             continue
-        kept = port.name
-        while kept not in domain.ports:
-            kept = images[kept]
-        reach = domain.faces[domain.ports[kept]].points - np.array(found[kept].point)
+        original = port.name
+        while original not in domain.ports:
+            original = images[original]
+        reach = domain.faces[domain.ports[original]].points - np.array(found[original].point)
         shapes.append(PortShapes(port, float(np.abs(reach).max()), degree))
     return shapes
 
@@ -270,7 +270,7 @@ def _shapes(part: Piece, domain: Domain, degree: int) -> list[PortShapes]:
 def _reflection(shapes: Sequence[PortShapes], plane: SymmetryPlane) -> FloatArray:
     """Return R, the amplitudes of S u(S x) from those of u, for the reflection in a plane."""
     names, starts = [each.port.name for each in shapes], np.cumsum([0, *(each.count for each in shapes)])
-    swapped = {**plane.swaps, **{kept: image for image, kept in plane.swaps.items()}}
+    swapped = {**plane.swaps, **{original: image for image, original in plane.swaps.items()}}
     whole = np.zeros((starts[-1], starts[-1]))
     for index, each in enumerate(shapes):
         onto = names.index(swapped.get(each.port.name, each.port.name))
@@ -324,7 +324,7 @@ def _share(
     inside = np.setdiff1d(np.arange(body.n_dofs), np.concatenate([faces, *planes]))
     factor = factorize(stiffness[inside][:, inside].tocsr())
     vectors[inside] = -factor.solve(times(stiffness, vectors)[inside])
-    loads, projection = np.hstack([space.loads[name] for name in space.kept]), space.projection(cls)
+    loads, projection = np.hstack([space.loads[name] for name in space.retained]), space.projection(cls)
     pushed = loads[:, np.any(projection != 0, axis=1) & space.of_role("input")][inside]
     internal = [factor.solve(pushed)] if pushed.shape[1] else []
     if mode_count:
@@ -333,9 +333,9 @@ def _share(
     width = sum(each.shape[1] for each in internal)
     vectors = np.hstack([vectors, np.zeros((body.n_dofs, width))])
     if width:  # of unit mass each, as amplitudes of forces and of modes differ by many orders
-        moved = times(mass[inside][:, inside], each := np.hstack(internal))
-        vectors[inside, -width:] = each / np.sqrt(copies * np.einsum("ij,ij->j", each, moved))
-    cut = np.repeat([2.0 ** (len(space.planes) - space.swaps(name)) for name in space.kept], 6)
+        inertia = times(mass[inside][:, inside], each := np.hstack(internal))
+        vectors[inside, -width:] = each / np.sqrt(copies * np.einsum("ij,ij->j", each, inertia))
+    cut = np.repeat([2.0 ** (len(space.planes) - space.swaps(name)) for name in space.retained], 6)
     return _Share(
         cls=cls,
         basis=basis,

@@ -8,7 +8,7 @@ makes runs of the variables; `folder` writes them beside a ``measurements.toml``
 from flexdesign.measurements.importing.contents import Contents, Variable
 from flexdesign.measurements.importing.folder import Imported, bring_in
 from flexdesign.measurements.importing.mapping import Map, parse_map
-from flexdesign.measurements.importing.readers import look
+from flexdesign.measurements.importing.readers import read_contents
 from flexdesign.measurements.importing.template import Proposal, asking, proposal, propose, template
 
 __all__ = [
@@ -19,9 +19,9 @@ __all__ = [
     "Variable",
     "asking",
     "bring_in",
-    "look",
     "parse_map",
     "proposal",
     "propose",
+    "read_contents",
     "template",
 ]

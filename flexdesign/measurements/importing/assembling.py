@@ -97,8 +97,8 @@ class _Maker:
         sizes = {name: part.values.shape for name, part in parts.items()}
         count, length = max(rows for rows, _ in sizes.values()), next(iter(sizes.values()))[1]
         if any(rows not in (1, count) or n != length for rows, n in sizes.values()):
-            said = ", ".join(f"{name} {rows} x {n}" for name, (rows, n) in sizes.items())
-            remedy = f"differ in realisations x samples ({said}); take variables that were recorded together"
+            remark = ", ".join(f"{name} {rows} x {n}" for name, (rows, n) in sizes.items())
+            remedy = f"differ in realisations x samples ({remark}); take variables that were recorded together"
             raise self.refused(f"{self.place}.columns", None, remedy)
         name = self.run.name or self.contents.paths[0].stem
         made = []
@@ -133,9 +133,9 @@ class _Maker:
         variable = self.contents.find(table.variable, self.plan.path, f"{field}.variable")
         unit = table.unit or variable.unit
         if not unit:
-            usual = {"t": "s", "f": "Hz", "response": "um/V", "magnitude": "um/V", "re": "um/V", "im": "um/V"}
-            usual |= {"phase": "deg", "coherence": "1"} if self.columns.is_response else {}
-            example = usual.get(name) or ("um" if name in "xyz" else "V")
+            default_units = {"t": "s", "f": "Hz", "response": "um/V", "magnitude": "um/V", "re": "um/V", "im": "um/V"}
+            default_units |= {"phase": "deg", "coherence": "1"} if self.columns.is_response else {}
+            example = default_units.get(name) or ("um" if name in "xyz" else "V")
             remedy = f'is missing, and the file does not say it; write unit = "{example}"'
             raise self.refused(f"{field}.unit", None, remedy)
         values = table.scale * _parted(variable.values(), table, self, field) + table.offset
@@ -203,9 +203,9 @@ class _Maker:
             recorded[f"magnitude [{parts[RESPONSE].unit}]"] = np.abs(values)
             recorded["phase [deg]"] = np.angle(values)
         recorded |= {f"{column} [{parts[column].unit}]": np.real(values) for column, values in rows.items()}
-        kept = next(iter(recorded.values())) != 0
-        left = "" if kept.all() else "the line at 0 Hz is left out"
-        lines = {cell: values[kept] for cell, values in recorded.items()}
+        valid = next(iter(recorded.values())) != 0
+        left = "" if valid.all() else "the line at 0 Hz is left out"
+        lines = {cell: values[valid] for cell, values in recorded.items()}
         return Recording(name, self.number, lines, remarks=(left,) if left else ())
 
     def _period(self, parts: Mapping[str, _Part]) -> float:
@@ -217,8 +217,8 @@ class _Maker:
             raise self.refused(f"{self.place}.rate", None, remedy)
         stated = list(steps.values())
         if max(stated) - min(stated) > ALIKE * max(stated):
-            said = ", ".join(f"{name} {1 / step:.6g} Hz" for name, step in steps.items())
-            remedy = f"the columns were sampled at different rates ({said}); make runs of columns of one rate"
+            remark = ", ".join(f"{name} {1 / step:.6g} Hz" for name, step in steps.items())
+            remedy = f"the columns were sampled at different rates ({remark}); make runs of columns of one rate"
             raise self.refused(f"{self.place}.columns", None, remedy)
         return stated[0]
 

@@ -60,17 +60,17 @@ def hdf5(path: Path, of_matlab: bool = False) -> dict[str, Variable]:
         if not isinstance(item, h5py.Dataset) or name.startswith("#") or not item.size or item.dtype is None:
             return
         unit = _unit({key: item.attrs[key] for key in item.attrs})
-        shown = name.replace("/", ".") if of_matlab else name
+        label = name.replace("/", ".") if of_matlab else name
         shape = item.shape[::-1] if of_matlab else item.shape
         in_parts = item.dtype.names == PARTS and all(is_numeric(item.dtype[part]) for part in PARTS)
         for column in () if in_parts else item.dtype.names or ():
             if is_numeric(item.dtype[column]):
                 is_complex = item.dtype[column].kind == "c"
-                found[f"{shown}/{column}"] = Variable(shape, read(name, column), unit, is_complex=is_complex)
+                found[f"{label}/{column}"] = Variable(shape, read(name, column), unit, is_complex=is_complex)
         is_text = item.attrs.get("MATLAB_class") == b"char" or "MATLAB_empty" in item.attrs
         if in_parts or (not item.dtype.names and is_numeric(item.dtype) and not is_text):
             is_complex = in_parts or item.dtype.kind == "c"
-            found[shown] = Variable(shape, read(name, None), unit, is_complex=is_complex)
+            found[label] = Variable(shape, read(name, None), unit, is_complex=is_complex)
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)

@@ -58,9 +58,9 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
         If there are no rows of numbers, or rows differ in length.
     """
     lines = [line.rstrip("\r") for line in _decoded(path, dialect.encoding).split("\n")][dialect.skip or 0 :]
-    kept = [line for line in lines if line.strip()]
-    separator = dialect.separator or _separator(kept)
-    table = [_cells(line.lstrip("#% ") if line[0] in "#%" else line, separator) for line in kept]
+    content = [line for line in lines if line.strip()]
+    separator = dialect.separator or _separator(content)
+    table = [_cells(line.lstrip("#% ") if line[0] in "#%" else line, separator) for line in content]
     decimal = dialect.decimal or _decimal(table)
     numeric = _numeric(table, decimal)
     first = next((k for k, row in enumerate(table) if _is_data(row, decimal, numeric)), None)
@@ -72,10 +72,12 @@ def read(path: Path, dialect: Dialect = Dialect()) -> tuple[dict[str, Variable],
     width, rows = len(table[first]), table[first:]
     if ragged := next((k for k, row in enumerate(rows) if len(row) != width), None):
         remedy = f"has {len(rows[ragged])} cells where the first row of numbers has {width}"
-        raise InputError(path, f"row {ragged + 1} of numbers", kept[first + ragged], f"{remedy}; remove or complete it")
-    heads, of_head = _head(table[:first], kept[:first], width)
+        raise InputError(
+            path, f"row {ragged + 1} of numbers", content[first + ragged], f"{remedy}; remove or complete it"
+        )
+    heads, of_head = _head(table[:first], content[:first], width)
     names, units = _names(heads, width)
-    notes = tuple(line.strip() for k, line in enumerate(kept[:first]) if k not in of_head)
+    notes = tuple(line.strip() for k, line in enumerate(content[:first]) if k not in of_head)
     found = {}
     for k, name in enumerate(names):
         if k in numeric or not numeric:

@@ -11,7 +11,7 @@ from flexdesign.core import toml_writing, unit_tables
 from flexdesign.core.errors import InputError
 from flexdesign.measurements.importing.assembling import Recording, assemble
 from flexdesign.measurements.importing.mapping import Map, read_map
-from flexdesign.measurements.importing.readers import look
+from flexdesign.measurements.importing.readers import read_contents
 from flexdesign.measurements.recordings import (
     DESCRIPTION,
     FrequencyResponse,
@@ -79,8 +79,8 @@ def bring_in(paths: Sequence[Path], plan: Path | Map, folder: Path) -> Imported:
                 file.replace(folder / file.name)
     except OSError as error:
         raise InputError(folder, "", None, f"cannot be written: {error.strerror}; choose another folder") from error
-    said = {recording.name: recording.remarks for recording in recordings}
-    found = tuple(replace(each, remarks=(*said[each.name], *each.remarks)) for each in found)
+    remark = {recording.name: recording.remarks for recording in recordings}
+    found = tuple(replace(each, remarks=(*remark[each.name], *each.remarks)) for each in found)
     responses = tuple(each for each in found if isinstance(each, FrequencyResponse))
     return Imported(folder, tuple(each for each in found if isinstance(each, Run)), responses)
 
@@ -88,10 +88,10 @@ def bring_in(paths: Sequence[Path], plan: Path | Map, folder: Path) -> Imported:
 def _assembled(paths: Sequence[Path], plan: Map) -> list[Recording]:
     """Return the recordings of all files: read together, or of each by itself, which are then named after it."""
     if not plan.per_file:
-        return assemble(look(paths, plan.dialect), plan)
+        return assemble(read_contents(paths, plan.dialect), plan)
     made = []
     for path in paths:
-        for recording in assemble(look([path], plan.dialect), plan, plan.of(path)):
+        for recording in assemble(read_contents([path], plan.dialect), plan, plan.of(path)):
             own = plan.runs[recording.number][0].name
             made.append(replace(recording, name=f"{path.stem}_{recording.name}") if own else recording)
     return made
@@ -114,7 +114,7 @@ def _written(recordings: Sequence[Recording], plan: Map, paths: Sequence[Path], 
         written.append(file)
         tables.append({"file": file.name, **plan.said_of_runs[recording.number]})
     description = folder / DESCRIPTION
-    text = toml_writing.to_toml({**plan.said, "run": tables})
+    text = toml_writing.to_toml({**plan.stated, "run": tables})
     description.write_text(f"# {origin}\n{text}", encoding="utf-8")
     return [*written, description]
 

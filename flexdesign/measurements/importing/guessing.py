@@ -15,7 +15,7 @@ from flexdesign.measurements.importing.contents import Contents, Variable
 from flexdesign.measurements.importing.mapping import OF_RESPONSES, RESPONSE
 from flexdesign.measurements.importing.roles import Role
 from flexdesign.measurements.recordings import ALLOWED, AXES
-from flexdesign.measurements.recordings.clock import fitted
+from flexdesign.measurements.recordings.time_base import fit_grid
 
 #: Names of scalars that are a sampling rate in Hz, or the time between samples in s.
 RATES = ("fs", "fsamp", "rate", "samplerate", "samplingrate", "samplefrequency", "samplingfrequency", "abtastrate")
@@ -103,8 +103,8 @@ def guess(contents: Contents) -> Guess:
         return _complex_response(contents, arrays, is_complex[0])
     lines = {name: roles.line_of(_short(name), header_cells.si_of(v.unit)) for name, v in arrays.items()}
     shapes = ({"f", "magnitude", "phase"}, {"f", "re", "im"})
-    said = set(lines.values())
-    if any(shape <= said for shape in shapes) and not {"t", "u"} & {_role(n, v).column for n, v in arrays.items()}:
+    remark = set(lines.values())
+    if any(shape <= remark for shape in shapes) and not {"t", "u"} & {_role(n, v).column for n, v in arrays.items()}:
         return _real_response(contents, arrays, lines)
     return _run(contents, arrays)
 
@@ -137,12 +137,12 @@ def _run(contents: Contents, arrays: Mapping[str, Variable]) -> Guess:
         cell = f"u{axis}" if axis and (len(commands) > 1 or (on_axes and axis in answers)) else "u"
         columns.append(_column(cell, name, arrays[name], questions))
     columns += [_column(axis or "x", name, arrays[name], questions) for axis, name in answers.items()]
-    taken = {column.variable for column in columns}
+    used = {column.variable for column in columns}
     for letter in ("r", "v", "i", "f", "T"):
-        of_kind = [n for n, role in found.items() if role.column == letter and role.strength and n not in taken]
+        of_kind = [n for n, role in found.items() if role.column == letter and role.strength and n not in used]
         if len(of_kind) == 1 and _fits(letter, arrays[of_kind[0]]):
             columns.append(Column(letter, of_kind[0]))
-            taken.add(of_kind[0])
+            used.add(of_kind[0])
     columns = _without_command(columns, arrays, questions)
     for letter, name in (("u", "command"), ("x", "response")):
         if not any(column.name.lstrip("u") in ("", *AXES) and column.name[0] in _firsts(letter) for column in columns):
@@ -184,7 +184,7 @@ def _rises(variable: Variable) -> bool:
     values = np.real(variable.values()).ravel()
     if len(values) < 3 or not np.isfinite(values).all() or not (np.diff(values) > 0).all():
         return False
-    return fitted(values) is not None
+    return fit_grid(values) is not None
 
 
 def _counts(variable: Variable) -> bool:
@@ -286,8 +286,8 @@ def _complex_response(contents: Contents, arrays: Mapping[str, Variable], name: 
     several = _is_several(arrays[name])
     if several:
         questions.append("what the axes of the arrays are (frequency, channel, input, realisation), and which channel")
-    taken = {column.variable for column in columns}
-    left = tuple(each for each in arrays if each not in taken)
+    used = {column.variable for column in columns}
+    left = tuple(each for each in arrays if each not in used)
     return Guess(tuple(columns), "", ("?", "?") if several else (), True, tuple(questions), left)
 
 
@@ -296,8 +296,8 @@ def _frequency(name: str, arrays: Mapping[str, Variable], questions: list[str]) 
         questions.append("which variable is the frequency f")
         return Column("f", "", "?")
     if "angular" in roles.classes(_short(name)) and not arrays[name].unit and name.isidentifier():
-        said = "an angular frequency, by its name"
-        return Column("f", "", "Hz", f"{name} / (2 * pi)", variables={name: "rad/s"}, remark=said)
+        remark = "an angular frequency, by its name"
+        return Column("f", "", "Hz", f"{name} / (2 * pi)", variables={name: "rad/s"}, remark=remark)
     if arrays[name].unit:
         return Column("f", name)
     questions.append(f"the unit of {_said(name)}, the frequency f (Hz?)")
@@ -314,8 +314,8 @@ def _real_response(contents: Contents, arrays: Mapping[str, Variable], lines: Ma
         columns.append(_line(what, of[what], arrays[of[what]], questions))
     if "coherence" in of:
         columns.append(Column("coherence", of["coherence"], "" if arrays[of["coherence"]].unit else "1"))
-    taken = {column.variable for column in columns} | set(of.values())
-    return Guess(tuple(columns), "", (), True, tuple(questions), tuple(name for name in arrays if name not in taken))
+    used = {column.variable for column in columns} | set(of.values())
+    return Guess(tuple(columns), "", (), True, tuple(questions), tuple(name for name in arrays if name not in used))
 
 
 def _line(what: str, name: str, variable: Variable, questions: list[str]) -> Column:

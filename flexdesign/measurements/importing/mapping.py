@@ -206,7 +206,7 @@ class Map:
         Quantities of pint, by the names that formulas use.
     variables
         Variables of the files, by the names that formulas use.
-    said, said_of_runs
+    stated, said_of_runs
         Entries for ``measurements.toml``, as written in the map: for all runs, and for each run.
     per_file
         Whether the map is applied to each file by itself.
@@ -217,7 +217,7 @@ class Map:
     runs: tuple[tuple[RunMap, RunColumns], ...]
     constants: Mapping[str, Any]
     variables: Mapping[str, VariableTable]
-    said: Mapping[str, Any]
+    stated: Mapping[str, Any]
     said_of_runs: tuple[Mapping[str, Any], ...]
     per_file: bool = False
 
@@ -278,8 +278,8 @@ def parse_map(content: Mapping[str, Any], path: Path) -> Map:
     constants, variables = _constants(table.constants, path), _variables(table.variables, path)
     if both := sorted(constants.keys() & variables.keys()):
         raise InputError(path, f"variables.{both[0]}", None, "is the name of a constant as well; rename one of them")
-    said = _passed_on(content), tuple(_passed_on(each) for each in tables)
-    return Map(path, dialect, tuple(runs), constants, variables, *said, per_file=table.per_file)
+    remark = _passed_on(content), tuple(_passed_on(each) for each in tables)
+    return Map(path, dialect, tuple(runs), constants, variables, *remark, per_file=table.per_file)
 
 
 def _passed_on(table: Mapping[str, Any]) -> dict[str, Any]:

@@ -31,7 +31,7 @@ APART = {
 }  # fmt: skip
 
 
-def look(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Contents:  # noqa: B008
+def read_contents(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Contents:  # noqa: B008
     """Return what files hold together.
 
     Parameters
@@ -49,10 +49,10 @@ def look(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Contents:  # no
     found = []
     notes: list[str] = []
     for path in paths:
-        variables, said = _opened(path, dialect)
+        variables, remark = _opened(path, dialect)
         if not variables:
             raise InputError(path, "", None, "holds no array of numbers")
-        notes += said
+        notes += remark
         found += [(path, name, variable) for name, variable in variables.items()]
     times = Counter(name for _, name, _ in found)
     named = {name if times[name] == 1 else f"{path.stem}:{name}": variable for path, name, variable in found}

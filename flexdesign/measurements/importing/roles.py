@@ -93,8 +93,8 @@ def words(name: str) -> list[str]:
 
 def classes(name: str) -> set[str]:
     """Return the classes of `WORDS` that the words of a name belong to."""
-    said = words(name)
-    return {kind for kind, known in WORDS.items() if any(_is(word, known) for word in said)}
+    remark = words(name)
+    return {kind for kind, known in WORDS.items() if any(_is(word, known) for word in remark)}
 
 
 def _is(word: str, known: Sequence[str]) -> bool:
@@ -106,23 +106,23 @@ def _is(word: str, known: Sequence[str]) -> bool:
 
 def axis_of(name: str) -> str:
     """Return the axis or the number that a name has: ``x`` of ``Sensor X`` or ``ux``, ``2`` of ``CH2``."""
-    said = words(name)
-    for word in said:
+    remark = words(name)
+    for word in remark:
         if match := _AXIS.fullmatch(word):
             return match[1]
-    return next((word for word in reversed(said) if word.isdigit() and len(word) == 1), "")
+    return next((word for word in reversed(remark) if word.isdigit() and len(word) == 1), "")
 
 
 def role_of(name: str, si: str) -> Role:
     """Return what a variable is by its name and the SI unit of its unit; that is empty where no unit is known."""
-    said, axis = classes(name), axis_of(name)
+    remark, axis = classes(name), axis_of(name)
     if name.strip().lower().replace("-", "_").replace(" ", "_") in ("x_value", "x_axis"):
         return Role("t", 2)
     for kind, column, allowed, strength in _RULES:
-        if said & kind and si in allowed:
+        if remark & kind and si in allowed:
             return Role(column, strength, axis)
     column = {"s": "t", "m": "x", "rad": "x", "V": "u", "A": "i", "N": "f", "K": "T", "Hz": "frequency"}.get(si, "")
-    return Role("" if "count" in said else column, 0, axis)
+    return Role("" if "count" in remark else column, 0, axis)
 
 
 #: The first one that fits: words of a class, the column, which SI units, and how clear that is.
@@ -154,11 +154,11 @@ _RULES: tuple[tuple[set[str], str, tuple[str, ...], int], ...] = (
 
 def line_of(name: str, si: str) -> str:
     """Return which column of a frequency response a variable is: f, magnitude, phase, re, im, coherence; or nothing."""
-    said = classes(name)
+    remark = classes(name)
     allowed = {
         "frequency": ("Hz", ""), "angular": ("Hz", ""), "coherence": ("1", ""), "phase": ("rad", ""),
         "re": ("m/V", "rad/V", "1", ""), "im": ("m/V", "rad/V", "1", ""),
         "magnitude": ("m/V", "rad/V", "1", "dB", ""),
     }  # fmt: skip
-    found = next((kind for kind, units in allowed.items() if kind in said and si in units), "")
+    found = next((kind for kind, units in allowed.items() if kind in remark and si in units), "")
     return "f" if found in ("frequency", "angular") else found

@@ -12,7 +12,7 @@ from flexdesign.core.errors import InputError, printable
 from flexdesign.measurements.importing.contents import Contents, Variable
 from flexdesign.measurements.importing.guessing import USUAL, Column, Guess, guess
 from flexdesign.measurements.importing.mapping import Map, parse_map
-from flexdesign.measurements.importing.readers import look
+from flexdesign.measurements.importing.readers import read_contents
 
 #: A line above a table is repeated up to so many letters, and no more than so many lines.
 LETTERS, LINES = 110, 30
@@ -54,7 +54,7 @@ def proposal(paths: Sequence[Path]) -> Proposal:
     InputError
         As `look` does.
     """
-    alone = [look([path]) for path in paths]
+    alone = [read_contents([path]) for path in paths]
     guesses = [guess(each) for each in alone]
     groups: list[list[int]] = []
     for k, each in enumerate(alone):
@@ -64,7 +64,7 @@ def proposal(paths: Sequence[Path]) -> Proposal:
         else:
             group.append(k)
     if len(groups) > 1 and not all(_is_whole(guesses[group[0]]) for group in groups):
-        together = look(paths)
+        together = read_contents(paths)
         return _written([together], [guess(together)], [paths])
     first = [alone[group[0]] for group in groups]
     return _written(first, [guesses[group[0]] for group in groups], [[paths[k] for k in group] for group in groups])
@@ -179,10 +179,10 @@ def _row(name: str, variable: Variable) -> list[str]:
     if variable.is_complex:
         size = f"{size}, complex"
     unit = f"[{variable.unit}]" if variable.unit else "no unit"
-    said = [f"{1 / variable.step:.6g} Hz"] if variable.step else []
+    remark = [f"{1 / variable.step:.6g} Hz"] if variable.step else []
     if variable.size == 1:
-        said.append(f"= {variable.values().item():.6g}")
-    note = _line("; ".join([*said, variable.note]).strip("; "))
+        remark.append(f"= {variable.values().item():.6g}")
+    note = _line("; ".join([*remark, variable.note]).strip("; "))
     return [_quoted(name), size, _line(unit), note]
 
 
@@ -192,8 +192,8 @@ def _quoted(name: str) -> str:
 
 def _column(column: Column, contents: Contents) -> list[str]:
     if column.formula:
-        said = f"  # {column.remark}" if column.remark else ""
-        return [f"formula = {json.dumps(column.formula)}{said}", f"unit = {json.dumps(column.unit)}"]
+        remark = f"  # {column.remark}" if column.remark else ""
+        return [f"formula = {json.dumps(column.formula)}{remark}", f"unit = {json.dumps(column.unit)}"]
     variable = contents.variables.get(column.variable)
     lines = [f"variable = {_quoted(column.variable or '?')}" + ("  # a guess" if column.variable else "")]
     if column.unit == "?":

@@ -6,7 +6,7 @@ residual of a model, or whitening would swallow the physics that the model lacks
 line by line: see `lines`.
 """
 
-from flexdesign.measurements.noise_level.floor import NoiseFloor, allowed_excess, noise_floor
 from flexdesign.measurements.noise_level.lines import LineNoise, Mixed, line_noise
+from flexdesign.measurements.noise_level.noise_floor import NoiseFloor, allowed_excess, noise_floor
 
 __all__ = ["LineNoise", "Mixed", "NoiseFloor", "allowed_excess", "line_noise", "noise_floor"]

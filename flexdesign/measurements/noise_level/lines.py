@@ -18,7 +18,7 @@ from scipy.special import digamma
 
 from flexdesign.core.model import Observation
 from flexdesign.estimation.noise.whitening import Coloured, Whitening
-from flexdesign.measurements.noise_level.floor import NoiseFloor
+from flexdesign.measurements.noise_level.noise_floor import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse
 
 Array = NDArray[np.float64]

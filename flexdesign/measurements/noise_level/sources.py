@@ -60,7 +60,7 @@ class Source:
         return 1 / max(math.sqrt(float(np.mean(squares))), 0.1)
 
 
-def quiet_stretches(runs: Sequence[Run], axis: str, settle: float) -> Source:
+def quiet_stretches(runs: Sequence[Run], axis: str, settling_time: float) -> Source:
     """Return where all commands stand still and nothing rings.
 
     Parameters
@@ -69,15 +69,15 @@ def quiet_stretches(runs: Sequence[Run], axis: str, settle: float) -> Source:
         With all their commands.
     axis
         The response.
-    settle
+    settling_time
         How long the stage rings after a command has come to rest [s]; more where the stretches, taken together, still
         decay. A record that begins at rest is taken from its first sample, unless it rings.
     """
-    found = _quiet(runs, axis, settle)
+    found = _quiet(runs, axis, settling_time)
     fewest = KEPT * sum(len(s.values) for s in found)
     while (later := [s.values for s in found if s.first]) and _decay(later, BY_CHANCE_TOGETHER):
-        settle *= LONGER
-        fewer = _quiet(runs, axis, settle)
+        settling_time *= LONGER
+        fewer = _quiet(runs, axis, settling_time)
         left = sum(len(s.values) for s in fewer)
         if left < fewest or left == sum(len(s.values) for s in found):
             break
@@ -85,22 +85,22 @@ def quiet_stretches(runs: Sequence[Run], axis: str, settle: float) -> Source:
     return Source(_words("quiet stretches", runs, found), tuple(found))
 
 
-def _quiet(runs: Sequence[Run], axis: str, settle: float) -> list[Stretch]:
+def _quiet(runs: Sequence[Run], axis: str, settling_time: float) -> list[Stretch]:
     spans, found = _spans(runs), []
     for run in runs:
-        look = max(1, math.ceil(LOOK / run.period))
+        window = max(1, math.ceil(LOOK / run.period))
         finite = np.isfinite(run.columns[axis])
-        for first, last in where_up(_still(run, spans, look)):
-            moved = None if first == 0 else first - look  # the look goes back: here the command came to rest
-            begin = 0 if moved is None else max(first, moved + math.ceil(settle / run.period))
+        for first, last in where_up(_still(run, spans, window)):
+            last_motion = None if first == 0 else first - window  # the look goes back: here the command came to rest
+            begin = 0 if last_motion is None else max(first, last_motion + math.ceil(settling_time / run.period))
             if begin >= last or any(np.ptp(run.columns[c][begin:last]) > DRIFTED * spans[c] for c in run.commands):
                 continue
             for a, b in where_up(finite[begin:last]):
-                found += _settled(run, begin + a, run.columns[axis][begin + a : begin + b], moved)
+                found += _settled(run, begin + a, run.columns[axis][begin + a : begin + b], last_motion)
     return found
 
 
-def differences_of_periods(runs: Sequence[Run], axis: str, settle: float) -> Source:
+def differences_of_periods(runs: Sequence[Run], axis: str, settling_time: float) -> Source:
     """Return half the difference of one half of a periodic record and the other, by the root of two.
 
     What the first period still has of the time before is left out: all of it where there are three or more, else up to
@@ -113,7 +113,7 @@ def differences_of_periods(runs: Sequence[Run], axis: str, settle: float) -> Sou
         if repeated is None:
             continue
         first, last, period = repeated
-        begin = first + math.ceil(settle / run.period)
+        begin = first + math.ceil(settling_time / run.period)
         if (last - first) // period >= 3:
             begin = max(begin, first + period)
         lag = max((last - begin) // period // 2, 1) * period
@@ -155,19 +155,19 @@ def _spans(runs: Sequence[Run]) -> dict[str, float]:
     return {name: max(float(c.max()) for c in all_) - min(float(c.min()) for c in all_) for name, all_ in ends.items()}
 
 
-def _still(run: Run, spans: dict[str, float], look: int) -> NDArray[np.bool_]:
-    """Return where no command has moved since `look` samples ago."""
+def _still(run: Run, spans: dict[str, float], window: int) -> NDArray[np.bool_]:
+    """Return where no command has moved since `window` samples ago."""
     still = np.ones(len(run.time), dtype=bool)
     for name in run.commands:
         command, allowed = run.columns[name], STILL * spans[name]
-        for back in {1, look}:
+        for back in {1, window}:
             still[back:] &= np.abs(command[back:] - command[:-back]) <= allowed
-        early = command[:look]
-        still[:look] &= np.abs(early - early[0]) <= allowed
+        early = command[:window]
+        still[:window] &= np.abs(early - early[0]) <= allowed
     return still
 
 
-def _settled(run: Run, first: int, values: Array, moved: int | None) -> list[Stretch]:
+def _settled(run: Run, first: int, values: Array, last_motion: int | None) -> list[Stretch]:
     """Return a stretch without the part of it in which something still decays; nothing if too little is left.
 
     Parameters
@@ -176,7 +176,7 @@ def _settled(run: Run, first: int, values: Array, moved: int | None) -> list[Str
         Where it comes from: the index of its first sample.
     values
         Its samples.
-    moved
+    last_motion
         Index at which a command came to rest or a period began: from there creep goes with the logarithm of time.
     """
     fewest = max(FEWEST, math.ceil(SHORTEST / run.period))
@@ -186,7 +186,7 @@ def _settled(run: Run, first: int, values: Array, moved: int | None) -> list[Str
     if len(values) < fewest:
         return []
     place = np.linspace(-1, 1, len(values))
-    bend = place**2 if moved is None else np.log(first - moved + 1.0 + np.arange(len(values)))
+    bend = place**2 if last_motion is None else np.log(first - last_motion + 1.0 + np.arange(len(values)))
     trend = np.linalg.qr(np.column_stack([np.ones(len(values)), place, bend]))[0]
     return [Stretch(run.name, first, values, trend)]
 
@@ -204,26 +204,26 @@ def _is_louder(one: Array, other: Array) -> bool:
     return powers[0] > ratio_of_variances.isf(BY_CHANCE**0.5, *counted) * powers[1]
 
 
-def _decay(records: Sequence[Array], chance: float) -> bool:
+def _decay(records: Sequence[Array], probability: float) -> bool:
     """Tell whether the first thirds of records move more than the last ones do, beyond chance.
 
     What is too small to be seen in one of them may be seen in all.
     """
     from scipy.stats import f as ratio_of_variances
 
-    early, late, counted = np.array([_moves(values) for values in records]).T
+    early, late, counted = np.array([_is_moving(values) for values in records]).T
     dof = counted.sum()
-    return bool(counted @ early > ratio_of_variances.isf(chance, dof, dof) * (counted @ late))
+    return bool(counted @ early > ratio_of_variances.isf(probability, dof, dof) * (counted @ late))
 
 
-def _moves(values: Array) -> tuple[float, float, float]:
+def _is_moving(values: Array) -> tuple[float, float, float]:
     """Return the mean square of neighbours' differences in the first and in the last third, and how many count.
 
     Differences of slow noise are nearly independent, so that even short stretches show what decays.
     """
-    moves = np.diff(values)
-    third = len(moves) // 3
-    early, late = moves[:third] - moves[:third].mean(), moves[-third:] - moves[-third:].mean()
+    steps = np.diff(values)
+    third = len(steps) // 3
+    early, late = steps[:third] - steps[:third].mean(), steps[-third:] - steps[-third:].mean()
     counted = third / min(colour(late).inflation, NARROWEST)  # what rings is narrow itself
     return float(early @ early) / third, float(late @ late) / third, counted
 

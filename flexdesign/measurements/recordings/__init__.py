@@ -21,7 +21,7 @@ from flexdesign.measurements.recordings.reading import (
 )
 from flexdesign.measurements.recordings.run import AXES, COMMANDS, Array, Between, CommandIs, Role, Run, Sensor
 from flexdesign.measurements.recordings.splitting import split
-from flexdesign.measurements.recordings.suspicion import refuse_wrong_units, suspicions
+from flexdesign.measurements.recordings.unit_check import refuse_wrong_units, suspicions
 
 __all__ = [
     "ALLOWED",

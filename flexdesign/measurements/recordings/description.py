@@ -244,11 +244,11 @@ def read_measurements(path: Path) -> Measurements:
     if abs(setup.scale) < SMALLEST:
         remedy = "makes every command zero; write the volts of the command per volt written"
         raise InputError(path, "scale", f"{setup.scale:g}", remedy)
-    said: dict[str, RunSettings] = {}
+    stated_runs: dict[str, RunSettings] = {}
     for number, table in enumerate(tables, start=1):
         place = f"run {number}"
         run = toml_files.check(RunTable, table, path, place)
-        if run.file in said:
+        if run.file in stated_runs:
             raise InputError(path, f"{place}.file", run.file, "is described twice; keep one of the two tables")
-        said[run.file] = run
-    return Measurements(path, setup, said)
+        stated_runs[run.file] = run
+    return Measurements(path, setup, stated_runs)

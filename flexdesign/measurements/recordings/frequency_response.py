@@ -136,14 +136,14 @@ def is_frequency_response(path: Path) -> bool:
     return header.partition(",")[0].strip().strip('"').partition("[")[0].strip() == FREQUENCY
 
 
-def read(path: Path, measurements: Measurements, said: RunSettings) -> FrequencyResponse:
+def read(path: Path, measurements: Measurements, settings: RunSettings) -> FrequencyResponse:
     """Read one frequency response.
 
     Parameters
     ----------
     path
         The file.
-    measurements, said
+    measurements, settings
         What ``measurements.toml`` says of all runs, and of this one.
 
     Raises
@@ -157,8 +157,8 @@ def read(path: Path, measurements: Measurements, said: RunSettings) -> Frequency
     sheet, response, remarks = _usable(sheet, response)
     frequencies = _frequencies(sheet)
     setup = measurements.setup
-    amplitude, bias = _number(sheet, said, "amplitude"), _number(sheet, said, "bias")
-    averages = _number(sheet, said, "averages")
+    amplitude, bias = _number(sheet, settings, "amplitude"), _number(sheet, settings, "bias")
+    averages = _number(sheet, settings, "averages")
     if averages is not None and not (averages >= 1 and averages == int(averages)):
         raise InputError(path, "averages", averages, "is a whole number of measurements, one or more")
     coherence = _coherence(sheet)
@@ -174,13 +174,13 @@ def read(path: Path, measurements: Measurements, said: RunSettings) -> Frequency
         averages=None if averages is None else int(averages),
         amplitude=None if not amplitude else abs(setup.scale * amplitude),
         bias=setup.scale * (bias or 0.0) + setup.bias,
-        axis=said.output or setup.axis,
-        command_is=said.input or setup.command_is,
-        period=said.period or None,
-        role=said.role or "identify",
-        kind=said.kind,
-        payload=said.conditions.payload,
-        role_is_stated=said.role is not None,
+        axis=settings.output or setup.axis,
+        command_is=settings.input or setup.command_is,
+        period=settings.period or None,
+        role=settings.role or "identify",
+        kind=settings.kind,
+        payload=settings.conditions.payload,
+        role_is_stated=settings.role is not None,
         remarks=tuple(remarks),
     )
 
@@ -202,7 +202,7 @@ def _response(sheet: Sheet) -> Complex:
     if (magnitude < 0).any():
         row = int(np.flatnonzero(magnitude < 0)[0])
         value = units.to_text(float(magnitude[row]), sheet.unit["magnitude"], si=sheet.si["magnitude"])
-        raise sheet.refusal(row, "magnitude", value, "is negative; write it positive, and turn the phase by 180 deg")
+        raise sheet.cell_error(row, "magnitude", value, "is negative; write it positive, and turn the phase by 180 deg")
     return np.asarray(magnitude * np.exp(1j * phase))
 
 
@@ -211,23 +211,23 @@ def _usable(sheet: Sheet, response: Complex) -> tuple[Sheet, Complex, list[str]]
     there = np.isfinite(response) & np.isfinite(sheet.values[FREQUENCY])
     if "coherence" in sheet.values:
         there &= np.isfinite(sheet.values["coherence"])
-    said = [] if there.all() else [f"{sheet.where(~there)}: no number in a cell; left out"]
+    lines = [] if there.all() else [f"{sheet.where(~there)}: no number in a cell; left out"]
     if there.sum() < FEWEST_LINES:
         remedy = f"has {there.sum()} lines that can be used; at least {FEWEST_LINES} are needed"
         raise InputError(sheet.path, "", None, remedy)
-    return sheet.rows(there), response[there], said
+    return sheet.rows(there), response[there], lines
 
 
 def _frequencies(sheet: Sheet) -> Array:
     found = sheet.values[FREQUENCY]
     if found[0] <= 0:
         remedy = "a frequency is above zero; leave the line out"
-        raise sheet.refusal(0, FREQUENCY, f"{found[0]:g} Hz", remedy)
+        raise sheet.cell_error(0, FREQUENCY, f"{found[0]:g} Hz", remedy)
     back = np.flatnonzero(np.diff(found) <= 0)
     if back.size:
         row = int(back[0]) + 1
         remedy = f"is not above the line before ({found[row - 1]:.9g} Hz); sort the lines, remove doubles"
-        raise sheet.refusal(row, FREQUENCY, f"{found[row]:.9g} Hz", remedy)
+        raise sheet.cell_error(row, FREQUENCY, f"{found[row]:.9g} Hz", remedy)
     return found
 
 
@@ -239,13 +239,13 @@ def _coherence(sheet: Sheet) -> Array | None:
     if wrong.size:
         row = int(wrong[0])
         remedy = "a coherence is between 0 and 1; write percent as coherence [%]"
-        raise sheet.refusal(row, "coherence", f"{found[row]:g}", remedy)
+        raise sheet.cell_error(row, "coherence", f"{found[row]:g}", remedy)
     return np.minimum(found, 1.0)
 
 
-def _number(sheet: Sheet, said: RunSettings, name: str) -> float | None:
+def _number(sheet: Sheet, settings: RunSettings, name: str) -> float | None:
     """Return what the file or ``measurements.toml`` says of all lines; the file goes first."""
-    stated: float | None = getattr(said, name)
+    stated: float | None = getattr(settings, name)
     column = sheet.values.get(name)
     if column is None or not np.isfinite(column).any():
         return stated
@@ -253,7 +253,7 @@ def _number(sheet: Sheet, said: RunSettings, name: str) -> float | None:
     if np.ptp(values) > 1e-9 * np.abs(values).max():
         row = int(np.flatnonzero(np.isfinite(column) & (column != values[0]))[0])
         remedy = "differs from line to line; one file holds one working point: split it"
-        raise sheet.refusal(row, name, f"{column[row]:g}", remedy)
+        raise sheet.cell_error(row, name, f"{column[row]:g}", remedy)
     return float(values[0])
 
 
@@ -273,21 +273,21 @@ def split_lines(responses: Sequence[FrequencyResponse]) -> tuple[FrequencyRespon
     for each in responses:
         about = (each.axis, each.amplitude, each.bias, each.payload, each.command_is, each.kind.strip().lower())
         alike.setdefault(about, []).append(each.name)
-    kept = {names[-1] for names in alike.values() if len(names) > 1}
-    if kept:
-        return tuple(replace(each, role="validate") if each.name in kept else each for each in responses)
+    last_of = {names[-1] for names in alike.values() if len(names) > 1}
+    if last_of:
+        return tuple(replace(each, role="validate") if each.name in last_of else each for each in responses)
     return tuple(half for each in responses for half in _halves(each))
 
 
 def _halves(response: FrequencyResponse) -> tuple[FrequencyResponse, FrequencyResponse]:
-    judging = np.arange(len(response.frequencies)) % KEPT_LINE == KEPT_LINE // 2
+    validation_lines = np.arange(len(response.frequencies)) % KEPT_LINE == KEPT_LINE // 2
 
     def half(role: Role, lines: NDArray[np.bool_]) -> FrequencyResponse:
         purpose = {"identify": "identification", "validate": "validation"}[role]
-        said = f"every fourth line judges: {np.count_nonzero(lines)} of {len(lines)} lines are for {purpose}"
+        remarks = f"every fourth line judges: {np.count_nonzero(lines)} of {len(lines)} lines are for {purpose}"
         left = np.where(lines, response.response, np.nan)
         return replace(
-            response, name=f"{response.name}:{role}", response=left, role=role, remarks=(*response.remarks, said)
+            response, name=f"{response.name}:{role}", response=left, role=role, remarks=(*response.remarks, remarks)
         )
 
-    return half("identify", ~judging), half("validate", judging)
+    return half("identify", ~validation_lines), half("validate", validation_lines)

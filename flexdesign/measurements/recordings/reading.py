@@ -10,7 +10,7 @@ from pathlib import Path
 from flexdesign.core import toml_files, unit_tables
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.unit_tables import Sheet
-from flexdesign.measurements.recordings import bridging, clock, description, faults, frequency_response
+from flexdesign.measurements.recordings import description, frequency_response, gap_filling, sensor_faults, time_base
 from flexdesign.measurements.recordings.description import (
     Measurements,
     RunSettings,
@@ -65,20 +65,20 @@ def read_run(path: str | Path) -> Run:
     return _run(sheet, measurements, measurements.runs.get(path.name, RunSettings()))
 
 
-def _run(sheet: Sheet, measurements: Measurements, said: RunSettings) -> Run:
+def _run(sheet: Sheet, measurements: Measurements, settings: RunSettings) -> Run:
     setup = measurements.setup
     sensors = _sensors(sheet, measurements)
-    stated = said.between_samples or setup.between_samples
+    stated = settings.between_samples or setup.between_samples
     between = stated or "linear"
     _enough(sheet.path, len(sheet.lines))
-    sheet, out_of_order = clock.in_order(sheet)
+    sheet, out_of_order = time_base.in_order(sheet)
     _enough(sheet.path, len(sheet.lines))
-    sheet, unbelievable = faults.masked(sheet, sensors)
-    grid, uneven = clock.grid_of(sheet)
-    time, recorded, left_out = clock.trimmed(grid.time, clock.on_grid(sheet, grid, between))
+    sheet, unbelievable = sensor_faults.masked(sheet, sensors)
+    grid, uneven = time_base.grid_of(sheet)
+    time, recorded, left_out = time_base.trim(grid.time, time_base.on_grid(sheet, grid, between))
     _enough(sheet.path, len(time))
-    recorded, bridges = bridging.bridged(sheet, time, recorded, between)
-    closed = said.closed_loop if said.closed_loop is not None else setup.closed_loop
+    recorded, bridges = gap_filling.bridged(sheet, time, recorded, between)
+    closed = settings.closed_loop if settings.closed_loop is not None else setup.closed_loop
     commands = {name: setup.scale * values + setup.bias for name, values in recorded.items() if name in COMMANDS}
     recorded |= commands
     for values in recorded.values():
@@ -89,16 +89,16 @@ def _run(sheet: Sheet, measurements: Measurements, said: RunSettings) -> Run:
         columns=recorded,
         si={name: sheet.si[name] for name in recorded},
         between_samples=between,
-        role=said.role or "identify",
-        kind=said.kind,
+        role=settings.role or "identify",
+        kind=settings.kind,
         command_is=setup.command_is,
         limits=setup.limits,
         closed_loop=any(name in recorded for name in ("r", "rx", "ry", "rz")) if closed is None else closed,
-        payload=said.conditions.payload,
-        temperature=said.conditions.temperature,
+        payload=settings.conditions.payload,
+        temperature=settings.conditions.temperature,
         axis=setup.axis,
         sensors=sensors,
-        role_is_stated=said.role is not None,
+        role_is_stated=settings.role is not None,
         between_is_stated=stated is not None,
         remarks=(*out_of_order, *unbelievable, *uneven, *left_out, *bridges, *_beyond(commands, setup.limits)),
     )

@@ -59,10 +59,10 @@ def split(runs: Sequence[Run], *, test: bool = False) -> tuple[Run, ...]:
     if any(run.role_is_stated or run.role != "identify" for run in runs):
         return tuple(runs)
     moving = [run for run in runs if not _is_quiet(run, runs)]
-    kept = _chosen(moving)
-    if kept:
-        roles: dict[str, Role] = dict.fromkeys(kept, "validate")
-        left = [run for run in moving if run.name not in kept]
+    validation_runs = _chosen(moving)
+    if validation_runs:
+        roles: dict[str, Role] = dict.fromkeys(validation_runs, "validate")
+        left = [run for run in moving if run.name not in validation_runs]
         if test and len(moving) >= ENOUGH and (tested := _tested(left)) is not None:
             roles[tested] = "test"
         return tuple(replace(run, role=roles.get(run.name, run.role)) for run in runs)
@@ -120,8 +120,8 @@ def _blocks(run: Run) -> tuple[Run, Run]:
     """Return the two halves of a record that is judged by blocks."""
     count = len(run.time)
     block = np.minimum(np.arange(count) * BLOCKS // count, BLOCKS - 1)
-    judging = np.isin(block, _judging(np.atleast_2d(run.command()), block))
-    turn = np.flatnonzero(np.diff(judging)) + 1
+    validation_lines = np.isin(block, _judging(np.atleast_2d(run.command()), block))
+    turn = np.flatnonzero(np.diff(validation_lines)) + 1
     width = max(1, round(BORDER * count))
     border = np.zeros(count, dtype=bool)
     for place in turn:
@@ -130,8 +130,8 @@ def _blocks(run: Run) -> tuple[Run, Run]:
     def half(role: Role, rows: NDArray[np.bool_]) -> Run:
         gaps = {name: np.where(rows & ~border, run.columns[name], np.nan) for name in run.responses}
         purpose = {"identify": "identification", "validate": "validation"}[role]
-        said = f"blocks of one record: {np.count_nonzero(rows & ~border)} of {count} samples are for {purpose}"
-        remarks = (*run.remarks, said)
+        remark = f"blocks of one record: {np.count_nonzero(rows & ~border)} of {count} samples are for {purpose}"
+        remarks = (*run.remarks, remark)
         return replace(run, name=f"{run.name}:{role}", columns={**run.columns, **gaps}, role=role, remarks=remarks)
 
-    return half("identify", ~judging), half("validate", judging)
+    return half("identify", ~validation_lines), half("validate", validation_lines)

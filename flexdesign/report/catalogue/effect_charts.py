@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.diagnosis.experiment_design.commands import Array, Command
-from flexdesign.diagnosis.experiment_design.signature import Seen
+from flexdesign.diagnosis.experiment_design.signature import EffectResponse
 from flexdesign.report.charts import COLOURS, NEUTRAL, plain, svg
 from flexdesign.report.traces import thinned
 
@@ -30,7 +30,7 @@ class Pair:
     ----------
     x
         Abscissae, n values, in the unit of `xlabel`.
-    without, acting, difference
+    without, affected, difference
         Ordinates, n values each, in the units of `ylabel` and `below`.
     xlabel, ylabel, below
         Axis labels.
@@ -40,7 +40,7 @@ class Pair:
 
     x: Array
     without: Array
-    acting: Array
+    affected: Array
     difference: Array
     xlabel: str
     ylabel: str
@@ -48,7 +48,9 @@ class Pair:
     log: str = ""
 
 
-def draw(seen: Seen, response: str, labels: tuple[str, str] = ("with the effect", "without")) -> tuple[bytes, str]:
+def draw(
+    seen: EffectResponse, response: str, labels: tuple[str, str] = ("with the effect", "without")
+) -> tuple[bytes, str]:
     """Return the drawing of one experiment as SVG, and what it shows, in words.
 
     Parameters
@@ -64,22 +66,22 @@ def draw(seen: Seen, response: str, labels: tuple[str, str] = ("with the effect"
     return _drawn(make(seen, *SHOWN[response]), labels), words
 
 
-def commands(shown: Sequence[Command]) -> bytes:
+def commands(experiments: Sequence[Command]) -> bytes:
     """Draw every command over its time, in small panels with a common ordinate."""
     from matplotlib.figure import Figure
 
     columns = 3
-    rows = -(-len(shown) // columns)
+    rows = -(-len(experiments) // columns)
     figure = Figure(figsize=(7.6, 1.45 * rows), layout="constrained")
     grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
-    for place, command in zip(grid.flat, shown, strict=False):
-        x, y = thinned(command.time, command.volts)
+    for place, command in zip(grid.flat, experiments, strict=False):
+        x, y = thinned(command.time, command.samples)
         place.plot(x, y, color=COLOURS[2] if command.role == "validate" else COLOURS[0], linewidth=0.8)
         place.set_title(command.name, fontsize=8, color=NEUTRAL, loc="left", pad=3)
         plain(place)
         place.tick_params(labelsize=7)
         place.grid(color=NEUTRAL, alpha=0.2)
-    for place in list(grid.flat)[len(shown) :]:
+    for place in list(grid.flat)[len(experiments) :]:
         place.set_axis_off()
     figure.supylabel("command [V]", color=NEUTRAL, fontsize=8)
     figure.supxlabel("time [s]", color=NEUTRAL, fontsize=8)
@@ -91,7 +93,7 @@ def _drawn(pair: Pair, labels: tuple[str, str]) -> bytes:
 
     figure = Figure(figsize=(7.2, 4.6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    _plot(upper, pair.x, pair.acting, pair.log, color=WITH, linewidth=1.6, label=labels[0])
+    _plot(upper, pair.x, pair.affected, pair.log, color=WITH, linewidth=1.6, label=labels[0])
     _plot(upper, pair.x, pair.without, pair.log, color=NEUTRAL, linewidth=1.3, linestyle=(0, (4, 3)), label=labels[1])
     _plot(lower, pair.x, pair.difference, pair.log, color=DIFFERENCE, linewidth=1.3)
     upper.set_ylabel(pair.ylabel)
@@ -119,11 +121,11 @@ def _plot(place: Any, x: Array, y: Array, log: str, **style: Any) -> None:
 # --- what each kind of experiment is drawn over ---------------------------------------------------------------------
 
 
-def _over_time(seen: Seen, unit: str, factor: float) -> Pair:
-    time, without, acting = seen.command.time, seen.without * factor, seen.acting * factor
-    keep = _kept(time, acting - without)
+def _over_time(seen: EffectResponse, unit: str, factor: float) -> Pair:
+    time, without, affected = seen.command.time, seen.without * factor, seen.affected * factor
+    keep = _kept(time, affected - without)
     return Pair(
-        time[keep], without[keep], acting[keep], (acting - without)[keep], "time [s]", f"reading [{unit}]",
+        time[keep], without[keep], affected[keep], (affected - without)[keep], "time [s]", f"reading [{unit}]",
         f"difference [{unit}]",
     )  # fmt: skip
 
@@ -133,25 +135,25 @@ def _kept(x: Array, y: Array) -> NDArray[np.intp]:
     return np.searchsorted(x, thinned(x, y)[0])
 
 
-def _loop(seen: Seen, unit: str, factor: float) -> Pair:
+def _loop(seen: EffectResponse, unit: str, factor: float) -> Pair:
     """Draw the last cycle over the voltage."""
-    volts, count = seen.command.volts, round(seen.command.cycle / seen.command.period)
-    end = int(np.flatnonzero(volts != volts[-1])[-1]) + 2 if np.ptp(volts) else len(volts)
+    command, count = seen.command.samples, round(seen.command.cycle / seen.command.period)
+    end = int(np.flatnonzero(command != command[-1])[-1]) + 2 if np.ptp(command) else len(command)
     cut = slice(max(0, end - count - 1), end)
-    u, without, acting = volts[cut], seen.without[cut] * factor, seen.acting[cut] * factor
+    u, without, affected = command[cut], seen.without[cut] * factor, seen.affected[cut] * factor
     step = max(1, len(u) // 1200)
     return Pair(
-        u[::step], without[::step], acting[::step], (acting - without)[::step], "command [V]", f"reading [{unit}]",
+        u[::step], without[::step], affected[::step], (affected - without)[::step], "command [V]", f"reading [{unit}]",
         f"difference [{unit}]",
     )  # fmt: skip
 
 
-def _after_the_step(seen: Seen, unit: str, factor: float) -> Pair:
+def _after_the_step(seen: EffectResponse, unit: str, factor: float) -> Pair:
     """Draw what follows a step over the logarithm of time, as change since shortly after it."""
-    moved = np.flatnonzero(np.diff(seen.command.volts))
-    runs = np.split(moved, np.flatnonzero(np.diff(moved) > 1) + 1)
+    steps = np.flatnonzero(np.diff(seen.command.samples))
+    runs = np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1)
     starts = [run[-1] + 1 for run in runs]
-    ends = [run[0] for run in runs[1:]] + [len(seen.command.volts) - 1]
+    ends = [run[0] for run in runs[1:]] + [len(seen.command.samples) - 1]
     longest = max(range(len(starts)), key=lambda k: ends[k] - starts[k])
     begin, end, period = int(starts[longest]), int(ends[longest]), seen.command.period
     since = np.arange(1, end - begin) * period
@@ -159,20 +161,20 @@ def _after_the_step(seen: Seen, unit: str, factor: float) -> Pair:
     wanted = np.geomspace(first, since[-1], 600)
     places = np.unique(np.searchsorted(since, wanted).clip(0, len(since) - 1))
     rows = begin + 1 + places
-    without, acting = seen.without[rows] * factor, seen.acting[rows] * factor
+    without, affected = seen.without[rows] * factor, seen.affected[rows] * factor
     return Pair(
-        since[places], without, acting, acting - without, "time since the step [s]",
+        since[places], without, affected, affected - without, "time since the step [s]",
         f"reading [{unit}]", f"difference [{unit}]", "x",
     )  # fmt: skip
 
 
-def _spectrum(seen: Seen, unit: str, factor: float) -> Pair:
+def _spectrum(seen: EffectResponse, unit: str, factor: float) -> Pair:
     """Draw the amplitude at every tone of the last period, and that of the difference."""
     command = seen.command
     count, end = round(command.cycle / command.period), round(command.marks[-1] / command.period)
     cut = slice(end - count, end)
     frequency = np.arange(count // 2) / command.cycle
-    asked = np.abs(np.fft.rfft(command.volts[cut]))[: count // 2]
+    asked = np.abs(np.fft.rfft(command.samples[cut]))[: count // 2]
     asked[0] = 0.0
     tones = np.flatnonzero(asked > 0.1 * asked.max())
     amplitude = 2.0 / count * factor
@@ -181,50 +183,56 @@ def _spectrum(seen: Seen, unit: str, factor: float) -> Pair:
         return np.asarray(amplitude * np.abs(np.fft.rfft(values[cut]))[tones])
 
     return Pair(
-        frequency[tones], at_tones(seen.without), at_tones(seen.acting), at_tones(seen.acting - seen.without),
+        frequency[tones], at_tones(seen.without), at_tones(seen.affected), at_tones(seen.affected - seen.without),
         "frequency [Hz]", f"amplitude [{unit}]", f"of the difference [{unit}]", "xy",
     )  # fmt: skip
 
 
-def _quiet(seen: Seen, unit: str, factor: float) -> Pair:
+def _quiet(seen: EffectResponse, unit: str, factor: float) -> Pair:
     """Draw a part of a quiet record, in which nothing but the effect moves."""
     pair = _over_time(seen, unit, factor)
-    shown = pair.x <= 0.2
-    if np.ptp(pair.difference[shown]) < 0.5 * np.ptp(pair.difference):
+    window = pair.x <= 0.2
+    if np.ptp(pair.difference[window]) < 0.5 * np.ptp(pair.difference):
         return pair
     return Pair(
-        pair.x[shown], pair.without[shown], pair.acting[shown], pair.difference[shown], pair.xlabel, pair.ylabel,
+        pair.x[window], pair.without[window], pair.affected[window], pair.difference[window], pair.xlabel, pair.ylabel,
         pair.below,
     )  # fmt: skip
 
 
-def _other(seen: Seen, unit: str, factor: float) -> Pair:
+def _other(seen: EffectResponse, unit: str, factor: float) -> Pair:
     """Draw the reading over the other column that was recorded."""
     (name, (si, values)), *_ = seen.command.recorded.items()
-    shown, scale = SHOWN.get(si, (si, 1.0))
+    column_unit, scale = SHOWN.get(si, (si, 1.0))
     x = (values - (values[0] if si == "K" else 0.0)) * scale
     order = np.argsort(x)[:: max(1, len(x) // 600)]
-    label = f"change of temperature [{shown}]" if si == "K" else f"motion of {name} [{shown}]"
-    without, acting = seen.without[order] * factor, seen.acting[order] * factor
-    return Pair(x[order], without, acting, acting - without, label, f"reading [{unit}]", f"difference [{unit}]")
+    label = f"change of temperature [{column_unit}]" if si == "K" else f"motion of {name} [{column_unit}]"
+    without, affected = seen.without[order] * factor, seen.affected[order] * factor
+    return Pair(x[order], without, affected, affected - without, label, f"reading [{unit}]", f"difference [{unit}]")
 
 
-def _one_step(seen: Seen, unit: str, factor: float) -> Pair:
+def _one_step(seen: EffectResponse, unit: str, factor: float) -> Pair:
     """Draw the largest step: what goes before it, its edge and its ringing."""
     command = seen.command
     jumps = [round(mark / command.period) for mark in command.marks]
-    sizes = [abs(command.volts[min(j + 1, len(command.volts) - 1)] - command.volts[max(j - 1, 0)]) for j in jumps]
+    sizes = [abs(command.samples[min(j + 1, len(command.samples) - 1)] - command.samples[max(j - 1, 0)]) for j in jumps]
     at = jumps[int(np.argmax(sizes))]
     first, last = max(0, at - round(0.01 / command.period)), at + round(0.12 / command.period)
     cut = slice(first, last)
     time = (command.time[cut] - command.time[at]) * 1e3
-    without, acting = seen.without[cut] * factor, seen.acting[cut] * factor
+    without, affected = seen.without[cut] * factor, seen.affected[cut] * factor
     return Pair(
-        time, without, acting, acting - without, "time since the step [ms]", f"reading [{unit}]", f"difference [{unit}]"
+        time,
+        without,
+        affected,
+        affected - without,
+        "time since the step [ms]",
+        f"reading [{unit}]",
+        f"difference [{unit}]",
     )
 
 
-_VIEWS: dict[str, tuple[Callable[[Seen, str, float], Pair], str]] = {
+_VIEWS: dict[str, tuple[Callable[[EffectResponse, str, float], Pair], str]] = {
     "quiet": (_quiet, "Reading while the command rests"),
     "steps": (_one_step, "The largest step"),
     "multisine": (_spectrum, "Amplitude at every tone of the multisine"),

@@ -19,7 +19,7 @@ from flexdesign.effects import statics
 from flexdesign.report.document import Document, Figure, Section, Table
 
 if TYPE_CHECKING:
-    from flexdesign.diagnosis.experiment_design.signature import Seen, Signature
+    from flexdesign.diagnosis.experiment_design.signature import EffectResponse, Signature
 
 #: So many experiments are drawn, one of each kind.
 DRAWN = 3
@@ -72,12 +72,12 @@ def result(name: str, signature: Signature | None) -> dict[str, Any]:
 
     axis = signature.effect.without
     unit, factor = effect_charts.SHOWN[axis.axis.response]
-    shown = signature.effect.values(signature.strength)
+    values = signature.effect.values(signature.strength)
     stated = {p.name: p for p in effect.parameters}
     answer["signature"] = {
         "axis": axis.name,
         "stroke": {"value": factor * signature.stroke, "unit": unit},
-        "values": {key: _number(value, stated[key]) for key, value in shown.items() if key in stated},
+        "values": {key: _number(value, stated[key]) for key, value in values.items() if key in stated},
         "experiments": [
             {
                 "name": seen.command.name,
@@ -158,10 +158,10 @@ def _signature(effect: Effect, signature: Signature, model: Mapping[str, str]) -
     unit, factor = effect_charts.SHOWN[axis.axis.response]
     stated = {p.name: p for p in effect.parameters}
     given = signature.effect.values(signature.strength)
-    said = ", ".join(f"{key} = {_text(value, stated[key])}" for key, value in given.items() if key in stated)
+    sentences = ", ".join(f"{key} = {_text(value, stated[key])}" for key, value in given.items() if key in stated)
     stroke = f"{units.significant(factor * signature.stroke, 3)} {unit}"
     on = f"axis {axis.name} of the {model['title']}" if model.get("title") else f"axis {axis.name}"
-    where = f"Shown on {on}{model.get('changes', '')}, stroke {stroke}, without noise, at {said}."
+    where = f"Shown on {on}{model.get('changes', '')}, stroke {stroke}, without noise, at {sentences}."
     if not signature.visible:
         return Section("Signature", [where, "Even so none of the experiments changes by a hundred-thousandth of it."])
     best = max(signature.seen, key=lambda seen: seen.change)
@@ -179,9 +179,9 @@ def _figures(signature: Signature, response: str) -> list[Figure]:
         if seen.command.kind in kinds or len(found) == DRAWN:
             continue
         kinds.append(seen.command.kind)
-        drawn, words = effect_charts.draw(seen, response)
+        figures, words = effect_charts.draw(seen, response)
         caption = f"{words} ({seen.command.name}); below, what the effect changes"
-        found.append(Figure(f"{seen.command.name}.svg", drawn, caption))
+        found.append(Figure(f"{seen.command.name}.svg", figures, caption))
     return found
 
 
@@ -254,18 +254,18 @@ def model_file(signature: Signature) -> str:
     """Return a stage model of one axis with the effect as it is shown, ready for `flexdesign simulate`."""
     from flexdesign.dynamics.stage_model import ControllerTiming, StageModel, to_toml
 
-    shown = signature.effect.at(signature.strength)
-    timing = ControllerTiming(delay=shown.delay)
-    title = f"axis {shown.name} with {Path(signature.effect.name).stem}"
-    return to_toml(StageModel({shown.name: shown.axis}, timing, title=title))
+    values = signature.effect.at(signature.strength)
+    timing = ControllerTiming(delay=values.delay)
+    title = f"axis {values.name} with {Path(signature.effect.name).stem}"
+    return to_toml(StageModel({values.name: values.axis}, timing, title=title))
 
 
-def made_by() -> dict[str, Any]:
+def provenance() -> dict[str, Any]:
     """Return what made a result."""
     return {"versions": versions.installed()}
 
 
-def _plain(seen: Seen) -> str:
+def _plain(seen: EffectResponse) -> str:
     return seen.command.name.replace("_", " ")
 
 

@@ -52,10 +52,10 @@ def catalogue() -> Table:
 
 def words(material: Material) -> list[str]:
     """Say what the numbers hold for."""
-    said = [f"{material.note[:1].upper()}{material.note[1:]}."] if material.note else []
+    sentences = [f"{material.note[:1].upper()}{material.note[1:]}."] if material.note else []
     if material.crystal is not None:
-        said.append(_oriented(material.crystal))
-    return said
+        sentences.append(_oriented(material.crystal))
+    return sentences
 
 
 def numbers(material: Material) -> Table:
@@ -79,8 +79,8 @@ def numbers(material: Material) -> Table:
 
 def result(name: str | None) -> dict[str, Any]:
     """Return the library, or one material, as result.json has it."""
-    shown = materials.library().values() if name is None else [find(name)]
-    return {"format": FORMAT, "kind": "materials", "materials": {m.name: m.as_text() for m in shown}}
+    listed = materials.library().values() if name is None else [find(name)]
+    return {"format": FORMAT, "kind": "materials", "materials": {m.name: m.as_text() for m in listed}}
 
 
 def _of_crystal(material: Material, crystal: Crystal) -> list[list[str]]:

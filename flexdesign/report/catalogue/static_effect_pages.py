@@ -60,7 +60,7 @@ def result(name: str, design: Design) -> dict[str, Any]:
         "kind": "effect",
         **effect_pages.described(statics.find(name)),
         "signature": {"design": design.name, "relative_changes": changes(name, design)},
-        "made_by": effect_pages.made_by(),
+        "made_by": effect_pages.provenance(),
     }
 
 

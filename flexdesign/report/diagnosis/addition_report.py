@@ -21,11 +21,11 @@ from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.dynamics.trajectories import Step
 from flexdesign.report import comparison_words as words
 from flexdesign.report import published_rows
-from flexdesign.report.comparison_words import shown_in
+from flexdesign.report.comparison_words import units_of
 from flexdesign.report.diagnosis import diagnosis_figures as figures
 from flexdesign.report.diagnosis import diagnosis_report as reports
 from flexdesign.report.diagnosis import diagnosis_result as results
-from flexdesign.report.diagnosis import diagnosis_words as said
+from flexdesign.report.diagnosis import diagnosis_words as prose
 from flexdesign.report.diagnosis import response_pages
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.simulation import simulation_report
@@ -38,18 +38,18 @@ ROUNDING = 1e-12
 def ladder_of(found: AddedEffect) -> Table:
     """Return the error ladder."""
     size = response_pages.line_size(found)
-    return reports.ladder(found.ladder, found.noise, found.noise_floor, said.response(found), size)
+    return reports.error_ladder(found.error_ladder, found.noise, found.noise_floor, prose.response(found), size)
 
 
 def summary(found: AddedEffect) -> list[str]:
     """Return the answer in a few sentences."""
-    name = said.called(found.name)
-    text = [f"{name[:1].upper()}{name[1:]}: {'; '.join(said.quantity(value, short=True) for value in found.values)}."]
+    name = prose.effect_name(found.name)
+    text = [f"{name[:1].upper()}{name[1:]}: {'; '.join(prose.quantity(value, short=True) for value in found.values)}."]
     if found.reason:
         text.append(f"It is not needed: it {_reason(found.reason)}. The model that is written has it all the same.")
     else:
         text.append(f"It explains {words.percent(found.share)} of what recalibration leaves unexplained.")
-    text.append(f"What to do about it: {said.remedy(found, found.name)}.")
+    text.append(f"What to do about it: {prose.remedy(found, found.name)}.")
     return [*doubts(found.runs), *text]
 
 
@@ -63,42 +63,45 @@ def document(found: AddedEffect, loop: InTheLoop) -> Document:
     loop
         What it does to a closed loop.
     """
-    title = f"{found.before.title or found.before.name}: {said.called(found.name)} added to axis {found.axis}"
+    title = f"{found.before.title or found.before.name}: {prose.effect_name(found.name)} added to axis {found.axis}"
     return Document(title, summary(found), partial(_sections, found, loop))
 
 
 def _sections(found: AddedEffect, loop: InTheLoop) -> list[Section]:
-    name = said.called(found.name)
+    name = prose.effect_name(found.name)
     stands = [("recalibrated", compared(found, "calibrated")), (f"with {name}", compared(found, "found"))]
     kinds, axis = figures.pictures([found.name]), found.before.axes[found.axis]
     return [
         Section(
-            "The error ladder", [], [ladder_of(found)], [figures.ladder_figure(found, found.ladder, found.noise_floor)]
+            "The error ladder",
+            [],
+            [ladder_of(found)],
+            [figures.ladder_figure(found, found.error_ladder, found.noise_floor)],
         ),
         Section(
             "Its numbers", _caveats(found), [reports.values_table(found.values), *reports.by_run_table(found.by_run)]
         ),
         loop_section(found.before, found.axis, loop),
         *_in_time(stands, kinds),
-        *response_pages.section([(n, s.responses) for n, s in stands], axis.shown, axis.natural_frequency),
+        *response_pages.section([(n, s.responses) for n, s in stands], axis.response_units, axis.natural_frequency),
         Section("The model's own numbers", [], [reports.numbers_table(axis, found.calibration)]),
-        Section("Noise", reports.noise_text(found.noise, found.noise_floor, said.response(found))),
+        Section("Noise", reports.noise_text(found.noise, found.noise_floor, prose.response(found))),
     ]
 
 
 def _in_time(stands: list[tuple[str, Comparison]], kinds: list[str]) -> list[Section]:
     if not stands[0][1].runs:
         return []
-    drawn = figures.where_figures(stands, kinds[:2])
+    chart = figures.where_figures(stands, kinds[:2])
     return [
-        Section("Where the model fails without it", figures.where_text(stands), [], drawn),
+        Section("Where the model fails without it", figures.where_text(stands), [], chart),
         Section("Measured and predicted", [], [], figures.run_figures(stands)),
     ]
 
 
 def result(found: AddedEffect, loop: InTheLoop) -> dict[str, Any]:
     """Return result.json's content: every number with its unit, and what made it."""
-    si = said.response(found)
+    si = prose.response(found)
     return {
         "format": FORMAT,
         "kind": "addition",
@@ -111,13 +114,13 @@ def result(found: AddedEffect, loop: InTheLoop) -> dict[str, Any]:
             "needed": not found.reason,
             "reason": found.reason or None,
         },
-        "ladder": results.ladder_json(found.ladder, si),
+        "ladder": results.ladder_json(found.error_ladder, si),
         "noise_floor": results.noise_json(found.noise, found.noise_floor, si),
         "where": results.where_json(found, si),
         **response_pages.before_and_after(found),
         "calibration": [results.value_json(value) for value in found.calibration],
         "loop": loop_json(loop),
-        "made_by": results.made_by(found),
+        "made_by": results.provenance(found),
     }
 
 
@@ -151,7 +154,7 @@ def _text(case: Case, axis: str, name: str) -> str:
         return "unstable" if case.response.diverged is not None else ""
     if not math.isfinite(quantity.value):
         return "never"
-    return "0" if abs(quantity.value) < (ROUNDING if quantity.si == "m" else 1e-9) else quantity.shown(3)
+    return "0" if abs(quantity.value) < (ROUNDING if quantity.si == "m" else 1e-9) else quantity.formatted(3)
 
 
 def loop_section(model: StageModel, axis: str, loop: InTheLoop) -> Section:
@@ -173,17 +176,17 @@ def _proposal(simulation: Simulation, axis: str) -> list[tuple[Case, Case]]:
     for pair in _pairs(simulation):
         motions = [case.response.motion[case.row(axis)] for case in pair]
         count = min(map(len, motions))
-        moved = float(np.max(np.abs(motions[1][:count] - motions[0][:count])))
+        shift = float(np.max(np.abs(motions[1][:count] - motions[0][:count])))
         name = pair[0].experiment.name
-        if name not in chosen or moved > chosen[name][0]:
-            chosen[name] = moved, pair
+        if name not in chosen or shift > chosen[name][0]:
+            chosen[name] = shift, pair
     return [pair for _, pair in chosen.values()]
 
 
 def _side_by_side(model: StageModel, axis: str, pair: tuple[Case, Case]) -> Figure:
     """Draw the motion without and with the effect, and how far each is from what was asked for."""
-    si = model.axes[axis].shown
-    large = shown_in(si)[0]
+    si = model.axes[axis].response_units
+    large = units_of(si)[0]
     scale, unit, first = units.factor(large, si), words.sign(large), pair[0]
     names = ("without", pair[1].variant)
     motions, errors = [], []
@@ -196,9 +199,9 @@ def _side_by_side(model: StageModel, axis: str, pair: tuple[Case, Case]) -> Figu
     motions.append(Curve("reference", time, first.reference[first.row(axis)][: len(time)] / scale, dashed=True))
     labels = [f"{axis} [{unit}]", f"motion − reference [{unit}]"]
     asked_for = first.experiment.name.partition(" ")[0]
-    drawn = Traces([motions, errors], "time [s]", labels, limits=_closely(first))
+    chart = Traces([motions, errors], "time [s]", labels, limits=_closely(first))
     caption = f"{asked_for.capitalize()} under {first.controller}, on the stage without the effect and with it"
-    return Figure.of_traces(f"loop_{asked_for}.svg", drawn, caption)
+    return Figure.of_traces(f"loop_{asked_for}.svg", chart, caption)
 
 
 def _closely(case: Case) -> tuple[float, float] | None:

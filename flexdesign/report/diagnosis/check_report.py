@@ -41,12 +41,12 @@ def _channel(channel: Channel) -> str:
     def number(value: float, digits: int = 3) -> str:
         return units.significant(value / units.factor(unit or "1", channel.si), digits)
 
-    said = f"{channel.name} {number(channel.low)} to {number(channel.high)} {unit}".rstrip()
+    sentences = f"{channel.name} {number(channel.low)} to {number(channel.high)} {unit}".rstrip()
     if channel.noise is not None:
-        said = f"{said} ± {units.to_text(channel.noise, 'nm' if channel.si == 'm' else unit, 2, channel.si)}"
+        sentences = f"{sentences} ± {units.to_text(channel.noise, 'nm' if channel.si == 'm' else unit, 2, channel.si)}"
     if channel.missing > 0:
-        said = f"{said}, {100 * channel.missing:.2g} % missing"
-    return said
+        sentences = f"{sentences}, {100 * channel.missing:.2g} % missing"
+    return sentences
 
 
 def document(found: Check) -> Document:
@@ -81,9 +81,9 @@ def _kinds(each: Shown) -> str:
 def _headline(found: Check) -> str:
     count, doubts = len(found.recordings) + len(found.tables), len(found.suspicions)
     suspicious = f"{doubts} suspicion{'s' if doubts > 1 else ''}" if doubts else "nothing suspicious"
-    said = f"{count} recording{'s' if count > 1 else ''}, {suspicious}."
+    sentences = f"{count} recording{'s' if count > 1 else ''}, {suspicious}."
     noise = "; ".join(f"{axis}: {source}" for axis, source in found.noise.items())
-    return f"{said} Noise of {noise}." if noise else said
+    return f"{sentences} Noise of {noise}." if noise else sentences
 
 
 def _sentence(recording: str, what: str, remedy: str) -> str:
@@ -96,10 +96,10 @@ def _coverage(found: Check) -> list[str]:
         return ["A diagnosis of a static table needs its design: flexdesign diagnose DESIGN TABLE."]
     visible = [each.effect.replace("_", " ") for each in found.shown if each.kinds]
     hidden = [name.replace("_", " ") for name in found.hidden]
-    said = [f"A diagnosis can find: {', '.join(visible)}."] if visible else ["These recordings reveal no effect."]
+    sentences = [f"A diagnosis can find: {', '.join(visible)}."] if visible else ["These recordings reveal no effect."]
     if hidden:
-        said.append(f"It cannot find: {', '.join(hidden)}. flexdesign plan writes commands that reveal effects.")
-    return said
+        sentences.append(f"It cannot find: {', '.join(hidden)}. flexdesign plan writes commands that reveal effects.")
+    return sentences
 
 
 def result(found: Check) -> dict[str, Any]:

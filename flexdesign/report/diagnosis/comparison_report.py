@@ -14,7 +14,7 @@ from flexdesign.core.toml_files import FORMAT
 from flexdesign.diagnosis.comparison import Breakdown, Comparison, RunComparison
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.report import comparison_words as words
-from flexdesign.report.comparison_words import shown_in
+from flexdesign.report.comparison_words import units_of
 from flexdesign.report.diagnosis import residual_charts as charts
 from flexdesign.report.diagnosis import response_pages
 from flexdesign.report.diagnosis.identification_report import SLOW
@@ -42,23 +42,23 @@ def errors(found: Comparison) -> Table:
             words.error(found.response, run.largest),
             words.percent(run.of_stroke),
             f"{run.r2:.4f}" if math.isfinite(run.r2) else "–",
-            words.error(found.response, run.floor, 2),
+            words.error(found.response, run.noise_floor, 2),
             units.significant(run.ratio, 3),
         ]
         for run in found.runs
     ]
     heads = ["run", "role", "rms error", "largest", "of stroke", "R²", "noise floor", "rms / floor"]
-    large = shown_in(found.response)[0]
+    large = units_of(found.response)[0]
     stroke = units.to_text(found.runs[0].stroke, large, 3, si=found.response).replace(large, words.sign(large))
     if not found.noise.known:  # a guess would be taken for a fact
         heads, rows = heads[:6], [row[:6] for row in rows]
-    taken = "the offset of each run taken out"
+    offset_note = "the offset of each run taken out"
     if all(run.offset_rms is not None for run in found.runs):
         heads.append("offset alone")
         alone = [words.error(found.response, run.offset_rms or 0.0) for run in found.runs]
         rows = [[*row, rms] for row, rms in zip(rows, alone, strict=True)]
-        taken = "the initial conditions of each run fitted; in the last column its offset alone"
-    return Table(heads, rows, f"Measured less predicted, {taken}; stroke {stroke}")
+        offset_note = "the initial conditions of each run fitted; in the last column its offset alone"
+    return Table(heads, rows, f"Measured less predicted, {offset_note}; stroke {stroke}")
 
 
 def summary(found: Comparison) -> list[str]:
@@ -67,21 +67,24 @@ def summary(found: Comparison) -> list[str]:
     lines = [" ".join(response_pages.sentences(found.responses, mode))] if found.responses else []
     if not found.runs:
         return lines
-    rms, floor = words.error(found.response, found.rms), words.error(found.response, found.floor, 2)
+    rms, noise_floor = words.error(found.response, found.rms), words.error(found.response, found.floor, 2)
     share = words.percent(found.rms / found.runs[0].stroke if found.runs[0].stroke else math.nan)
     count = f"{len(found.runs)} runs" if len(found.runs) > 1 else found.runs[0].name
-    kept = [r for r in found.runs if r.role == "test"] or [r for r in found.runs if r.role == "validate"]
-    if 0 < len(kept) < len(found.runs):  # the error that the ladder of a diagnosis states
-        squares = np.concatenate([run.residual[np.isfinite(run.residual)] ** 2 for run in kept])
-        kind = "test" if kept[0].role == "test" else "validation"
+    validation_runs = [r for r in found.runs if r.role == "test"] or [r for r in found.runs if r.role == "validate"]
+    if 0 < len(validation_runs) < len(found.runs):  # the error that the ladder of a diagnosis states
+        squares = np.concatenate([run.residual[np.isfinite(run.residual)] ** 2 for run in validation_runs])
+        kind = "test" if validation_runs[0].role == "test" else "validation"
         share += f" (the {kind} runs by {words.error(found.response, float(np.sqrt(np.mean(squares))))})"
-    said = [*doubts(found.observed), f"The model misses {count} by {rms} rms, {share} of the stroke. {_noise(found)}"]
+    sentences = [
+        *doubts(found.observed),
+        f"The model misses {count} by {rms} rms, {share} of the stroke. {_noise(found)}",
+    ]
     if found.rms < NOISE * found.floor:
-        noise = f"the noise ({floor})" if found.noise.known else "no more than what may be noise"
-        said.append(f"That is {noise}: nothing in these runs says that the model fails.")
-        return [*said, *lines]
-    said.append(" ".join(words.sentences(found)))
-    return [*said, *lines]
+        noise = f"the noise ({noise_floor})" if found.noise.known else "no more than what may be noise"
+        sentences.append(f"That is {noise}: nothing in these runs says that the model fails.")
+        return [*sentences, *lines]
+    sentences.append(" ".join(words.sentences(found)))
+    return [*sentences, *lines]
 
 
 def result(found: Comparison) -> dict[str, Any]:
@@ -116,7 +119,7 @@ def result(found: Comparison) -> dict[str, Any]:
                 "largest_error": number(run.largest),
                 "error_of_stroke": run.of_stroke,
                 "r2": run.r2,
-                "noise_floor": number(run.floor),
+                "noise_floor": number(run.noise_floor),
                 "error_over_floor": run.ratio,
                 "remarks": list(run.remarks),
             }
@@ -175,7 +178,7 @@ def _shares(found: Comparison) -> Figure:
 
 
 def _pictures(found: Comparison, traces: Sequence[Trace]) -> list[Figure]:
-    large, small = shown_in(found.response)
+    large, small = units_of(found.response)
     factor = units.factor(large, found.response) / units.factor(small, found.response)
     frequencies = charts.octaves(traces)
     scale = units.factor(large, found.response)
@@ -209,7 +212,7 @@ def _pictures(found: Comparison, traces: Sequence[Trace]) -> list[Figure]:
 
 
 def _figures(found: Comparison, run: RunComparison) -> list[Figure]:
-    large, small = shown_in(found.response)
+    large, small = units_of(found.response)
     scale, fine = units.factor(large, found.response), units.factor(small, found.response)
     compared = np.isfinite(run.measured)
     t, measured, predicted = run.time[compared], run.measured[compared] / scale, run.predicted[compared] / scale
@@ -241,29 +244,31 @@ def shows_a_loop(run: RunComparison, frequency: float) -> bool:
 
 
 def _trace(found: Comparison, run: RunComparison) -> Trace:
-    scale = units.factor(shown_in(found.response)[0], found.response)
+    scale = units.factor(units_of(found.response)[0], found.response)
     period = float(run.time[-1] - run.time[0]) / (len(run.time) - 1)
-    return Trace(run.name, period, run.command, run.measured / scale, run.predicted / scale, run.floor / scale)
+    return Trace(run.name, period, run.command, run.measured / scale, run.predicted / scale, run.noise_floor / scale)
 
 
 # --- words ------------------------------------------------------------------------------------------------------------
 
 
 def _noise(found: Comparison) -> str:
-    floor = words.error(found.response, found.floor, 2)
+    noise_floor = words.error(found.response, found.floor, 2)
     ratio = units.significant(found.rms / found.floor, 3)
     if not found.noise.known:
         return (
             f"The noise is unknown: nothing stands still or repeats in these runs. In its quietest band the response "
-            f"has {floor}; the error is {ratio} times that."
+            f"has {noise_floor}; the error is {ratio} times that."
         )
-    return f"The noise floor is {floor} ({found.noise.source}): the error is {ratio} times that."
+    return f"The noise floor is {noise_floor} ({found.noise.source}): the error is {ratio} times that."
 
 
 def _noise_remarks(found: Comparison) -> list[str]:
-    said = [f"Noise: {remark}." for remark in found.noise.remarks]
+    sentences = [f"Noise: {remark}." for remark in found.noise.remarks]
     if found.noise.known and found.noise.relative_error > 0:
-        said.insert(0, f"The noise floor is known to {words.percent(found.noise.relative_error)} (one standard error).")
+        sentences.insert(
+            0, f"The noise floor is known to {words.percent(found.noise.relative_error)} (one standard error)."
+        )
     if found.noise.lines:
         lines = words.listed(
             [
@@ -271,8 +276,8 @@ def _noise_remarks(found: Comparison) -> list[str]:
                 for line in found.noise.lines
             ]
         )
-        said.append(f"Where it should be quiet, the response swings at {lines}; this is not counted as noise.")
-    return said
+        sentences.append(f"Where it should be quiet, the response swings at {lines}; this is not counted as noise.")
+    return sentences
 
 
 def _where_text(found: Comparison) -> list[str]:

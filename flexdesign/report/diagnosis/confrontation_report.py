@@ -19,18 +19,18 @@ from flexdesign.report.document import Document, Section, Table
 
 def ladder_of(found: Confronted) -> Table:
     """Return the error ladder."""
-    return reports.ladder(found.ladder, found.noise, found.noise_floor, said.response(found))
+    return reports.error_ladder(found.ladder, found.noise, found.noise_floor, said.response(found))
 
 
 def summary(found: Confronted) -> list[str]:
     """Return by how much the model misses the runs that judge, and where it fails."""
-    names = words.listed([said.called(name) for name in found.effects]) if found.effects else ""
+    names = words.listed([said.effect_name(name) for name in found.effects]) if found.effects else ""
     which = f"With {names} the" if names else "The"
-    error, floor = (words.error(said.response(found), value) for value in (found.error, found.noise_floor))
-    times = f"{found.ratio:.3g} times the noise floor ({floor})" if found.noise.known else "the noise is unknown"
-    text = [f"{which} model misses {said.judged_on(said.recorded(found))} by {error} rms; {times}."]
+    error, noise_floor = (words.error(said.response(found), value) for value in (found.error, found.noise_floor))
+    times = f"{found.ratio:.3g} times the noise floor ({noise_floor})" if found.noise.known else "the noise is unknown"
+    text = [f"{which} model misses {said.validated_on(said.recorded(found))} by {error} rms; {times}."]
     if found.reason:
-        text.append(f"{figures.capital(said.called(found.effects[-1]))} is not needed: {found.reason}.")
+        text.append(f"{figures.capital(said.effect_name(found.effects[-1]))} is not needed: {found.reason}.")
     return text
 
 
@@ -58,7 +58,7 @@ def document(found: Confronted, values: Sequence[Value]) -> Document:
 
 
 def _sections(found: Confronted, values: Sequence[Value]) -> list[Section]:
-    physics = [f"{figures.capital(said.called(name))}: {effects.find(name).physics}" for name in found.effects]
+    physics = [f"{figures.capital(said.effect_name(name))}: {effects.find(name).physics}" for name in found.effects]
     ladder = figures.ladder_figure(found, found.ladder, found.noise_floor)
     return [
         Section("The error ladder", physics, [ladder_of(found)], [ladder]),
@@ -79,5 +79,5 @@ def result(found: Confronted, values: Sequence[Value]) -> dict[str, Any]:
         "ladder": diagnosis_result.ladder_json(found.ladder, si),
         "noise_floor": diagnosis_result.noise_json(found.noise, found.noise_floor, si),
         "numbers": [diagnosis_result.value_json(value) for value in values],
-        "made_by": diagnosis_result.made_by(found),
+        "made_by": diagnosis_result.provenance(found),
     }

@@ -28,14 +28,14 @@ class Step(NamedTuple):
     text: str
 
 
-def ladder(steps: Sequence[Step], floor: float, floor_text: str, unit: str) -> bytes:
+def error_ladder(steps: Sequence[Step], noise_floor: float, floor_text: str, unit: str) -> bytes:
     """Draw the errors as bars that fall from step to step, and the noise floor as a line.
 
     Parameters
     ----------
     steps
         From the model as designed to the last effect; errors in `unit`.
-    floor, floor_text
+    noise_floor, floor_text
         The noise floor [unit], zero where it is unknown; and how it is written.
     unit
         Of the errors.
@@ -46,7 +46,7 @@ def ladder(steps: Sequence[Step], floor: float, floor_text: str, unit: str) -> b
     axes = figure.add_subplot()
     plain(axes)
     errors = np.array([step.error for step in steps])
-    least = min(float(errors.min()), floor) if floor else float(errors.min())
+    least = min(float(errors.min()), noise_floor) if noise_floor else float(errors.min())
     # The colours that the models have in the pictures of runs, too.
     named = {"as designed": NEUTRAL, "recalibrated": COLOURS[0]}
     colours = [named.get(step.name.partition(",")[0], COLOURS[1]) for step in steps]
@@ -54,11 +54,13 @@ def ladder(steps: Sequence[Step], floor: float, floor_text: str, unit: str) -> b
     axes.bar(places, errors, color=colours, width=0.58, alpha=0.9)
     for place, step in zip(places, steps, strict=True):
         axes.annotate(
-            step.text, (place, max(step.error, floor)), (0, 4), textcoords="offset points",
+            step.text, (place, max(step.error, noise_floor)), (0, 4), textcoords="offset points",
             ha="center", color=NEUTRAL, fontsize=9.5,
         )  # fmt: skip
-    if floor:
-        axes.axhline(floor, label=f"noise floor, {floor_text}", color=COLOURS[2], linewidth=1.8, linestyle=(0, (5, 3)))
+    if noise_floor:
+        axes.axhline(
+            noise_floor, label=f"noise floor, {floor_text}", color=COLOURS[2], linewidth=1.8, linestyle=(0, (5, 3))
+        )
     wide = max(LETTERS // max(len(steps), 3), 12)
     axes.set_xticks(places, [fill(step.name, wide) for step in steps])
     axes.set_xlim(-0.55, len(steps) - 0.45)
@@ -72,7 +74,7 @@ def ladder(steps: Sequence[Step], floor: float, floor_text: str, unit: str) -> b
         axes.set_ylim(0, 1.14 * float(errors.max()))
     axes.grid(axis="y", color=NEUTRAL, alpha=0.25)
     axes.set_axisbelow(True)
-    if floor:
+    if noise_floor:
         below(figure, axes, 1)
     return svg(figure)
 

@@ -16,10 +16,10 @@ from flexdesign.diagnosis.comparison import Comparison, RunComparison
 from flexdesign.diagnosis.experiment_design.signature import named as speaks_of
 from flexdesign.diagnosis.residual_comparison import ModelResiduals
 from flexdesign.report import comparison_words as words
-from flexdesign.report.comparison_words import shown_in
+from flexdesign.report.comparison_words import units_of
 from flexdesign.report.diagnosis import comparison_report, response_pages
 from flexdesign.report.diagnosis import diagnosis_charts as drawings
-from flexdesign.report.diagnosis import diagnosis_words as said
+from flexdesign.report.diagnosis import diagnosis_words as prose
 from flexdesign.report.diagnosis import residual_charts as charts
 from flexdesign.report.diagnosis.residual_charts import Bars, Trace
 from flexdesign.report.document import Figure, Section
@@ -63,20 +63,22 @@ def pictures(names: Sequence[str]) -> list[str]:
     return list(dict.fromkeys([*first, *(["position"] if bends else []), *PICTURES]))
 
 
-def ladder_figure(found: ModelResiduals, rungs: Sequence[ErrorStep], floor: float) -> Figure:
+def ladder_figure(found: ModelResiduals, rungs: Sequence[ErrorStep], noise_floor: float) -> Figure:
     """Draw the error ladder; the noise floor where the noise is known."""
-    floor = floor if found.noise.known else 0.0
-    caption = f"Error of {said.judged_on(said.recorded(found))}, step by step"
+    noise_floor = noise_floor if found.noise.known else 0.0
+    caption = f"Error of {prose.validated_on(prose.recorded(found))}, step by step"
     if math.isfinite(line := response_pages.line_size(found)):
-        steps = [drawings.Step(said.label(r), 100 * r.error / line, words.percent(r.error / line)) for r in rungs]
-        drawn = drawings.ladder(steps, 100 * floor / line, words.percent(floor / line), "% of the line")
-        return Figure("ladder.svg", drawn, caption)
-    si = said.response(found)
-    small = shown_in(si)[1]
+        steps = [drawings.Step(prose.label(r), 100 * r.error / line, words.percent(r.error / line)) for r in rungs]
+        chart = drawings.error_ladder(
+            steps, 100 * noise_floor / line, words.percent(noise_floor / line), "% of the line"
+        )
+        return Figure("ladder.svg", chart, caption)
+    si = prose.response(found)
+    small = units_of(si)[1]
     factor = units.factor(small, si)
-    steps = [drawings.Step(said.label(r), r.error / factor, words.error(si, r.error)) for r in rungs]
-    drawn = drawings.ladder(steps, floor / factor, words.error(si, floor, 2), words.sign(small))
-    return Figure("ladder.svg", drawn, caption)
+    steps = [drawings.Step(prose.label(r), r.error / factor, words.error(si, r.error)) for r in rungs]
+    chart = drawings.error_ladder(steps, noise_floor / factor, words.error(si, noise_floor, 2), words.sign(small))
+    return Figure("ladder.svg", chart, caption)
 
 
 def where_text(stands: Sequence[tuple[str, Comparison]]) -> list[str]:
@@ -111,23 +113,23 @@ def where_figures(
 def run_figures(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
     """Draw validation runs, or the others if there are none, beside what each model predicts."""
     first = stands[0][1]
-    kept = [run.name for run in first.runs if run.role == "validate"] or [run.name for run in first.runs]
-    large, small = shown_in(first.response)
+    validation_runs = [run.name for run in first.runs if run.role == "validate"] or [run.name for run in first.runs]
+    large, small = units_of(first.response)
     scale, factor = units.factor(large, first.response), finer(first.response)
     labels = (f"{first.axis} [{words.sign(large)}]", f"residual [{words.sign(small)}]")
     made = []
-    for name in kept[:DRAWN]:
+    for name in validation_runs[:DRAWN]:
         runs = [next(run for run in fit.runs if run.name == name) for _, fit in stands]
         run = runs[0]
         there = np.logical_and.reduce([np.isfinite(each.measured) for each in runs])
         measured = run.measured[there] / scale
         predicted = [(s, each.predicted[there] / scale) for (s, _), each in zip(stands, runs, strict=True)]
-        drawn = drawings.beside(run.time[there], measured, predicted, labels, factor)
-        made.append(Figure.of_traces(f"run_{name}.svg", drawn, _run_caption(stands, runs)))
+        chart = drawings.beside(run.time[there], measured, predicted, labels, factor)
+        made.append(Figure.of_traces(f"run_{name}.svg", chart, _run_caption(stands, runs)))
     return made
 
 
-def in_time(stands: Sequence[tuple[str, Comparison]], text: Sequence[str], kinds: Sequence[str]) -> list[Section]:
+def time_domain(stands: Sequence[tuple[str, Comparison]], text: Sequence[str], kinds: Sequence[str]) -> list[Section]:
     """Return where models fail in runs in time, and their predictions; nothing without runs."""
     if not stands[0][1].runs:
         return []
@@ -141,36 +143,36 @@ def more_pictures(stands: Sequence[tuple[str, Comparison]], kinds: Sequence[str]
     """Return the pictures that were not shown first; none without runs."""
     if not stands[0][1].runs:
         return []
-    drawn = where_figures(stands, kinds[2:], shares=False)
-    return [Section("More pictures of the residual", [], [], drawn, folded=True)]
+    figures = where_figures(stands, kinds[2:], shares=False)
+    return [Section("More pictures of the residual", [], [], figures, folded=True)]
 
 
 def _run_caption(stands: Sequence[tuple[str, Comparison]], runs: Sequence[RunComparison]) -> str:
     response = stands[0][1].response
     errors = [f"{name} {words.error(response, run.rms)}" for (name, _), run in zip(stands, runs, strict=True)]
-    floor = words.error(response, runs[0].floor, 2)
-    return f"{runs[0].name}: residual, rms: {', '.join(errors)}; noise {floor}"
+    noise_floor = words.error(response, runs[0].noise_floor, 2)
+    return f"{runs[0].name}: residual, rms: {', '.join(errors)}; noise {noise_floor}"
 
 
 def _picture(kind: str, fit: Comparison, name: str, suffix: str) -> Figure | None:
     """Draw one kind of picture of what a model leaves; None where the runs have nothing for it."""
-    large, small = (words.sign(unit) for unit in shown_in(fit.response))
+    large, small = (words.sign(unit) for unit in units_of(fit.response))
     traces, factor = [_trace(fit, run) for run in fit.runs], finer(fit.response)
-    drawn: bytes | None
+    chart: bytes | None
     if kind == "steps":
-        drawn = charts.since_step(traces, small, factor)
+        chart = charts.since_step(traces, small, factor)
     elif kind == "position":
-        drawn = charts.over_position(traces, large, small, factor)
+        chart = charts.over_position(traces, large, small, factor)
     else:
-        scale = units.factor(shown_in(fit.response)[0], fit.response)
+        scale = units.factor(units_of(fit.response)[0], fit.response)
         frequencies = charts.octaves(traces)
         noise = [
             np.where(frequencies <= 0.5 / run.period, fit.noise.density(run, frequencies) / scale**2, np.nan)
             for run in fit.observed
         ]
         mode = fit.model.axes[fit.axis].natural_frequency
-        drawn = charts.spectrum(traces, noise, frequencies, large, mode)
-    return Figure(f"{kind}_{suffix}.svg", drawn, f"{capital(name)}. {SHOWS[kind]}") if drawn else None
+        chart = charts.spectrum(traces, noise, frequencies, large, mode)
+    return Figure(f"{kind}_{suffix}.svg", chart, f"{capital(name)}. {SHOWS[kind]}") if chart else None
 
 
 def _loops(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
@@ -182,12 +184,12 @@ def _loops(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
         return []
     runs = [next(run for run in fit.runs if run.name == slow) for _, fit in stands]
     there = np.logical_and.reduce([np.isfinite(run.measured) for run in runs]) & _last_turns(runs[0].command)
-    small = shown_in(first.response)[1]
+    small = units_of(first.response)[1]
     scale = units.factor(small, first.response)
     left = [(name, run.residual[there] / scale) for (name, _), run in zip(stands, runs, strict=True)]
-    drawn = drawings.loop(runs[0].command[there], left, f"residual [{words.sign(small)}]")
+    chart = drawings.loop(runs[0].command[there], left, f"residual [{words.sign(small)}]")
     caption = f"{slow}, its end: the residual over the command; a loop means memory"
-    return [Figure.of_traces("loop.svg", drawn, caption)]
+    return [Figure.of_traces("loop.svg", chart, caption)]
 
 
 def _last_turns(command: Array) -> Flags:
@@ -210,14 +212,14 @@ def _bars(fit: Comparison) -> list[Bars]:
 
 
 def _trace(fit: Comparison, run: RunComparison) -> Trace:
-    scale = units.factor(shown_in(fit.response)[0], fit.response)
+    scale = units.factor(units_of(fit.response)[0], fit.response)
     period = float(run.time[-1] - run.time[0]) / (len(run.time) - 1)
-    return Trace(run.name, period, run.command, run.measured / scale, run.predicted / scale, run.floor / scale)
+    return Trace(run.name, period, run.command, run.measured / scale, run.predicted / scale, run.noise_floor / scale)
 
 
 def finer(si: str) -> float:
     """Return how many of the units for small things one for large things is."""
-    large, small = shown_in(si)
+    large, small = units_of(si)
     return units.factor(large, si) / units.factor(small, si)
 
 

@@ -19,9 +19,9 @@ from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.report import comparison_words as words
-from flexdesign.report.diagnosis import diagnosis_words as said
+from flexdesign.report.diagnosis import diagnosis_words as prose
 from flexdesign.report.diagnosis import plan_pages, response_pages
-from flexdesign.report.diagnosis.diagnosis_figures import capital, in_time, ladder_figure, more_pictures, pictures
+from flexdesign.report.diagnosis.diagnosis_figures import capital, ladder_figure, more_pictures, pictures, time_domain
 from flexdesign.report.document import Document, Section, Table
 
 Array = NDArray[np.float64]
@@ -35,45 +35,50 @@ OVER_FREQUENCY = ("magnitude near", "phase near")
 def ladder_of(found: Diagnosis) -> Table:
     """Return the error ladder of a diagnosis."""
     line = response_pages.line_size(found)
-    return ladder(found.ladder, found.noise, found.noise_floor, said.response(found), line, found.stroke)
+    return error_ladder(found.error_ladder, found.noise, found.noise_floor, prose.response(found), line, found.stroke)
 
 
-def ladder(
-    rungs: Sequence[ErrorStep], noise: NoiseFloor, floor: float, si: str, line: float = math.nan, stroke: float = 0.0
+def error_ladder(
+    rungs: Sequence[ErrorStep],
+    noise: NoiseFloor,
+    noise_floor: float,
+    si: str,
+    line: float = math.nan,
+    stroke: float = 0.0,
 ) -> Table:
     """Return the error ladder, the noise floor as its last line where the noise is known.
 
     Parameters
     ----------
-    rungs, noise, floor, si
+    rungs, noise, noise_floor, si
         Its steps, the noise, its rms, and the unit of both [SI].
     line
         Size of a line of frequency responses; errors are stated as shares of it, where it is finite.
     stroke
         The stroke, likewise, where it is not zero and there are no lines.
     """
-    steps = [(said.label(step_of_ladder), step_of_ladder.error) for step_of_ladder in rungs]
-    steps += [(f"noise floor: {noise.source}", floor)] if noise.known else []
+    steps = [(prose.label(step_of_ladder), step_of_ladder.error) for step_of_ladder in rungs]
+    steps += [(f"noise floor: {noise.source}", noise_floor)] if noise.known else []
     heads = ["model", "rms error"]
-    rows = [[name, words.error(si, error, 2 if error is floor else 3)] for name, error in steps]
+    rows = [[name, words.error(si, error, 2 if error is noise_floor else 3)] for name, error in steps]
     whole, of = (line, "of the line") if math.isfinite(line) else (stroke, "of the stroke")
     if whole:
         heads.append(of)
         rows = [[*row, words.percent(error / whole)] for row, (_, error) in zip(rows, steps, strict=True)]
     if noise.known:
         heads.append("over the noise")
-        rows = [[*row, units.significant(error / floor, 3)] for row, (_, error) in zip(rows, steps, strict=True)]
+        rows = [[*row, units.significant(error / noise_floor, 3)] for row, (_, error) in zip(rows, steps, strict=True)]
     caption = "Over the lines that judge, each weighted by its noise" if math.isfinite(line) else ""
     return Table(heads, rows, caption)
 
 
 def candidates(found: Diagnosis) -> Table:
     """Return every effect that was tried, with what it leaves and why it was taken or not."""
-    si, line = said.response(found), response_pages.line_size(found)
+    si, line = prose.response(found), response_pages.line_size(found)
     rows = [
         [
-            " + ".join(said.called(name) for name in tried.names),
-            " + ".join(said.called(name) for name in tried.beside) or "–",
+            " + ".join(prose.effect_name(name) for name in tried.names),
+            " + ".join(prose.effect_name(name) for name in tried.beside) or "–",
             words.percent(tried.error / line) if math.isfinite(line) else words.error(si, tried.error),
             units.significant(tried.evidence, 3) if tried.evidence > 0 else "none",
             tried.outcome.replace("_", " "),
@@ -96,26 +101,26 @@ def document(found: Diagnosis, proposals: Sequence[Proposal]) -> Document:
         For its groups the experiments that would tell them apart.
     """
     title = f"{found.before.title or found.before.name}: diagnosis of axis {found.axis}"
-    return Document(title, said.summary(found, proposals), partial(_sections, found, proposals))
+    return Document(title, prose.summary(found, proposals), partial(_sections, found, proposals))
 
 
 def _sections(found: Diagnosis, proposals: Sequence[Proposal]) -> list[Section]:
     axis = found.before.axes[found.axis]
     before, after = compared(found, "calibrated"), compared(found, "found")
-    changed = any(step_of_ladder.label.startswith("+ ") for step_of_ladder in found.ladder)
+    changed = any(step_of_ladder.label.startswith("+ ") for step_of_ladder in found.error_ladder)
     stands = [("recalibrated", before), (_stand_name(found), after)] if changed else [("recalibrated", before)]
     names = [named.name for named in found.effects] or list(found.near)
-    kinds, bars = pictures(names), ladder_figure(found, found.ladder, found.noise_floor)
+    kinds, bars = pictures(names), ladder_figure(found, found.error_ladder, found.noise_floor)
     return [
         Section("The error ladder", _ladder_text(found), [ladder_of(found)], [bars]),
-        *in_time(stands, _runs_text(found), kinds),
-        *response_pages.section([(n, s.responses) for n, s in stands], axis.shown, axis.natural_frequency),
+        *time_domain(stands, _runs_text(found), kinds),
+        *response_pages.section([(n, s.responses) for n, s in stands], axis.response_units, axis.natural_frequency),
         *(_effect(found, named) for named in found.effects),
         Section("What was tried", _tried_text(found), [candidates(found)] if found.candidates else []),
         *_apart(found, proposals),
         *_left(found),
         Section("The model's own numbers", _numbers_text(found), [numbers_table(axis, found.calibration)]),
-        Section("Noise", noise_text(found.noise, found.noise_floor, said.response(found))),
+        Section("Noise", noise_text(found.noise, found.noise_floor, prose.response(found))),
         *more_pictures(stands, kinds),
         Section("How it was done", _how(found)),
     ]
@@ -124,9 +129,9 @@ def _sections(found: Diagnosis, proposals: Sequence[Proposal]) -> list[Section]:
 # --- pieces that other reports use --------------------------------------------------------------------------------
 
 
-def noise_text(noise: NoiseFloor, floor: float, si: str) -> list[str]:
+def noise_text(noise: NoiseFloor, noise_floor: float, si: str) -> list[str]:
     """Return where the noise floor comes from, and how well it is known."""
-    value = words.error(si, floor, 2)
+    value = words.error(si, noise_floor, 2)
     if not noise.known:
         first = f"Nothing in these runs shows the noise: {value} was guessed from the quietest band. "
         first += "Record some seconds in which nothing moves."
@@ -147,7 +152,7 @@ def values_table(values: Sequence[Value]) -> Table:
     """Return fitted numbers with their intervals and what they mean."""
     rows = []
     for value in values:
-        estimate = said.estimated(value)
+        estimate = prose.estimated(value)
         name = value.parameter.name.rpartition(".")[2]
         rows.append([name, value.parameter.meaning, estimate.value_text, estimate.interval_text])
     return Table(["number", "what it is", "value", "95 % interval"], rows)
@@ -155,7 +160,7 @@ def values_table(values: Sequence[Value]) -> Table:
 
 def by_run_table(by_run: Mapping[str, Value]) -> list[Table]:
     """Return the values of a number that differs from run to run; no table where none does."""
-    estimates = {run: said.estimated(value) for run, value in by_run.items()}
+    estimates = {run: prose.estimated(value) for run, value in by_run.items()}
     rows = [[run, each.value_text, each.interval_text] for run, each in estimates.items()]
     names = dict.fromkeys(value.parameter.name.rpartition(".")[2] for value in by_run.values())
     return [Table(["run", name, "95 % interval"], rows, f"The {name} differs from run to run") for name in names]
@@ -165,12 +170,14 @@ def by_run_table(by_run: Mapping[str, Value]) -> list[Table]:
 
 
 def _stand_name(found: Diagnosis) -> str:
-    names = [said.called(named.name) for named in found.effects] or [said.called(name) for name in found.near]
+    names = [prose.effect_name(named.name) for named in found.effects] or [
+        prose.effect_name(name) for name in found.near
+    ]
     return f"with {words.listed(names)}"
 
 
 def _ladder_text(found: Diagnosis) -> list[str]:
-    runs = said.judged_on(said.recorded(found))
+    runs = prose.validated_on(prose.recorded(found))
     return [
         f"Each bar is the error of {runs}. As designed: only the initial conditions of each record are fitted. "
         "Recalibrated: the model's own numbers are fitted, with their priors. Then effects are added while they "
@@ -181,8 +188,8 @@ def _ladder_text(found: Diagnosis) -> list[str]:
 def _runs_text(found: Diagnosis) -> list[str]:
     every = [f"{run.name.partition(':')[0]}: {remark}." for run in found.runs for remark in run.remarks]
     remarks = list(dict.fromkeys(every))  # the halves of one record say the same
-    kept = [run for run in found.runs if run.role == "validate"]
-    if not kept:
+    validation_runs = [run for run in found.runs if run.role == "validate"]
+    if not validation_runs:
         return ["There are no validation runs: the errors are those of the fitted runs.", *remarks]
     return ["Validation runs; only the initial conditions of each were fitted.", *remarks]
 
@@ -192,14 +199,14 @@ def _effect(found: Diagnosis, named: IdentifiedEffect) -> Section:
     text = [
         effect.physics,
         f"Where: {effect.where}.",
-        f"What to do about it: {said.remedy(found, named.name)}.",
+        f"What to do about it: {prose.remedy(found, named.name)}.",
         f"What reveals it: {effect.reveal}.",
         f"Reference: {effect.reference}.",
     ]
     if named.values:
         doubts = effect.cautions({v.parameter.name.rpartition(".")[2]: v.value for v in named.values})
         text += [f"Take care: {doubt}." for doubt in doubts]
-    title = f"What it is: {said.called(named.name)}"
+    title = f"What it is: {prose.effect_name(named.name)}"
     return Section(title, text, [values_table(named.values), *by_run_table(named.by_run)] if named.values else [])
 
 
@@ -215,8 +222,8 @@ def _tried_text(found: Diagnosis) -> list[str]:
 def _apart(found: Diagnosis, proposals: Sequence[Proposal]) -> list[Section]:
     if not found.confusable:
         return []
-    text = [said.apart(group, proposals) for group in found.confusable]
-    pairs = [resolved for telling in proposals for resolved in telling.resolved]
+    text = [prose.apart(group, proposals) for group in found.confusable]
+    pairs = [resolved for proposal in proposals for resolved in proposal.resolved]
     text += [
         f"Commands for the bench: flexdesign plan MODEL --resolve {' '.join(effect.name for effect in pair.effects)}"
         for pair in pairs
@@ -228,18 +235,18 @@ def _apart(found: Diagnosis, proposals: Sequence[Proposal]) -> list[Section]:
 def _separations(pair: Resolved) -> Table:
     """Return the experiments that tell two effects apart best."""
     whole = plan_pages.separations(pair)
-    caption = f"What tells {said.either([said.called(effect.name) for effect in pair.effects])}"
+    caption = f"What tells {prose.either([prose.effect_name(effect.name) for effect in pair.effects])}"
     return Table(whole.columns, whole.rows[:PROPOSED], caption)
 
 
 def _left(found: Diagnosis) -> list[Section]:
     if not found.remainder and not found.sparse_model.terms:
         return []
-    si = said.response(found)
+    si = prose.response(found)
     text = [f"{capital(found.remainder)}."] if found.remainder else ["Only noise remains."]
     rows = [
-        [name, words.percent(found.sparse_model.shares[name]), _amount(name, amount, si)]
-        for name, amount in found.sparse_model.terms.items()
+        [name, words.percent(found.sparse_model.shares[name]), _amount(name, coefficient, si)]
+        for name, coefficient in found.sparse_model.terms.items()
     ]
     caption = "Smooth functions that explain most of the residual, with no physics in them"
     table = Table(["function", "of what they explain", "amount"], rows, caption)
@@ -250,9 +257,9 @@ def _every(found: ModelResiduals) -> list[Run | FrequencyResponse]:
     return [*found.runs, *found.responses]
 
 
-def _amount(name: str, amount: float, si: str) -> str:
+def _amount(name: str, coefficient: float, si: str) -> str:
     """Write the amount of a smooth function; one over frequency multiplies the response."""
-    return words.percent(amount) if name.startswith(OVER_FREQUENCY) else words.error(si, amount)
+    return words.percent(coefficient) if name.startswith(OVER_FREQUENCY) else words.error(si, coefficient)
 
 
 def numbers_table(axis: AxisModel, calibration: Sequence[Value]) -> Table:
@@ -260,7 +267,7 @@ def numbers_table(axis: AxisModel, calibration: Sequence[Value]) -> Table:
     before = axis.numbers
     rows = []
     for value in calibration:
-        p, estimate = value.parameter, said.estimated(value)
+        p, estimate = value.parameter, prose.estimated(value)
         old = before.get(p.name)
         was = "–" if old is None else units.to_text(old, p.unit, si=p.si)
         change = f"{100 * (value.value / old - 1):+.2g} %" if old else "–"
@@ -276,9 +283,9 @@ def _numbers_text(found: Diagnosis) -> list[str]:
 
 def _how(found: Diagnosis) -> list[str]:
     seen = [each.name for each in _every(found) if each.role == "identify"]
-    kept = [each.name for each in _every(found) if each.role == "validate"]
+    validation_runs = [each.name for each in _every(found) if each.role == "validate"]
     text = f"Fitted: {words.listed(seen)}."
-    text += f" Kept apart: {words.listed(kept)}." if kept else " None was kept apart."
+    text += f" Kept apart: {words.listed(validation_runs)}." if validation_runs else " None was kept apart."
     made = ", ".join(f"{name} {number}" for name, number in versions.installed().items())
     return [
         text,

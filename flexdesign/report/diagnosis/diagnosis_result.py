@@ -17,7 +17,7 @@ from flexdesign.diagnosis.residual_comparison import ModelResiduals, Which, comp
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.report.diagnosis import comparison_report, response_pages
-from flexdesign.report.diagnosis import diagnosis_words as said
+from flexdesign.report.diagnosis import diagnosis_words as prose
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -25,7 +25,7 @@ Flags = NDArray[np.bool_]
 
 def result(found: Diagnosis, proposals: Sequence[Proposal]) -> dict[str, Any]:
     """Return result.json's content: the verdict and everything behind it, every number with its unit."""
-    si = said.response(found)
+    si = prose.response(found)
     return {
         "format": FORMAT,
         "kind": "diagnosis",
@@ -34,9 +34,9 @@ def result(found: Diagnosis, proposals: Sequence[Proposal]) -> dict[str, Any]:
         "effects": [_named(found, named) for named in found.effects],
         "candidates": [_tried(tried, si) for tried in found.candidates],
         "confusable": [list(group) for group in found.confusable],
-        "tell_apart": [_proposal(telling) for telling in proposals],
+        "tell_apart": [_proposal(proposal) for proposal in proposals],
         "near": list(found.near),
-        "ladder": ladder_json(found.ladder, si),
+        "ladder": ladder_json(found.error_ladder, si),
         "noise_floor": noise_json(found.noise, found.noise_floor, si),
         "validation_error": _number(found.validation_error, si),
         **({"line_size": _number(response_pages.line_size(found), si)} if not found.runs else {}),
@@ -51,10 +51,10 @@ def result(found: Diagnosis, proposals: Sequence[Proposal]) -> dict[str, Any]:
         "rival": {
             "gain": found.sparse_model.gain,
             "held_gain": found.sparse_model.held_gain,
-            "moved": _number(found.sparse_model.moved, si),
+            "moved": _number(found.sparse_model.validation_rms, si),
             "terms": [
-                {"name": name, "amount": _number(amount, si), "share": found.sparse_model.shares[name]}
-                for name, amount in found.sparse_model.terms.items()
+                {"name": name, "amount": _number(coefficient, si), "share": found.sparse_model.shares[name]}
+                for name, coefficient in found.sparse_model.terms.items()
             ],
         },
         "where": where_json(found, si),
@@ -63,7 +63,7 @@ def result(found: Diagnosis, proposals: Sequence[Proposal]) -> dict[str, Any]:
         "conflicts": list(found.conflicts),
         "confidence": found.confidence,
         "remarks": {each.name: list(each.remarks) for each in _every(found) if each.remarks},
-        "made_by": made_by(found),
+        "made_by": provenance(found),
         "simulations": found.evaluations,
     }
 
@@ -84,10 +84,10 @@ def ladder_json(rungs: Sequence[ErrorStep], si: str) -> list[dict[str, Any]]:
     return [{"label": step_of_ladder.label, "error": _number(step_of_ladder.error, si)} for step_of_ladder in rungs]
 
 
-def noise_json(noise: NoiseFloor, floor: float, si: str) -> dict[str, Any]:
+def noise_json(noise: NoiseFloor, noise_floor: float, si: str) -> dict[str, Any]:
     """Return the noise floor, and where it comes from."""
     return {
-        **_number(floor, si),
+        **_number(noise_floor, si),
         "known": noise.known,
         "source": noise.source,
         "relative_error": noise.relative_error,
@@ -109,11 +109,11 @@ def value_json(value: Value) -> dict[str, Any]:
         "value": value.value,
         "unit": value.parameter.si,
         "interval": list(value.interval),
-        "text": said.quantity(value, short=True),
+        "text": prose.quantity(value, short=True),
     }
 
 
-def made_by(found: ModelResiduals) -> dict[str, Any]:
+def provenance(found: ModelResiduals) -> dict[str, Any]:
     """Return what made a result: the model, the runs with their roles, versions."""
     return {
         "model": found.before.name,
@@ -145,7 +145,7 @@ def _named(found: Diagnosis, named: IdentifiedEffect) -> dict[str, Any]:
         "parameters": [value_json(value) for value in named.values],
         "by_run": by_run_json(named.by_run),
         "share": named.share,
-        "remedy": said.remedy(found, named.name),
+        "remedy": prose.remedy(found, named.name),
     }
 
 
@@ -159,9 +159,9 @@ def _tried(tried: CandidateRecord, si: str) -> dict[str, Any]:
     }
 
 
-def _proposal(telling: Proposal) -> dict[str, Any]:
+def _proposal(proposal: Proposal) -> dict[str, Any]:
     return {
-        "group": list(telling.group),
+        "group": list(proposal.group),
         "pairs": [
             {
                 "effects": [effect.name for effect in resolved.effects],
@@ -170,7 +170,7 @@ def _proposal(telling: Proposal) -> dict[str, Any]:
                     for each in resolved.proposed
                 ],
             }
-            for resolved in telling.resolved
+            for resolved in proposal.resolved
         ],
-        "reason": telling.reason or None,
+        "reason": proposal.reason or None,
     }

@@ -29,14 +29,14 @@ PROPER = {
 }
 
 
-def called(name: str) -> str:
+def effect_name(name: str) -> str:
     """Return what an effect is called in a sentence.
 
-    >>> called("stress_stiffening"), called("bouc_wen"), called("second_mode.2")
+    >>> effect_name("stress_stiffening"), effect_name("bouc_wen"), effect_name("second_mode.2")
     ('stress stiffening', 'Bouc-Wen hysteresis', 'another second mode (second_mode.2)')
     """
     if effects.original(name) != name:
-        return f"another {called(effects.original(name))} ({name})"
+        return f"another {effect_name(effects.original(name))} ({name})"
     own = effects.find(name).name
     return PROPER.get(own, own.replace("_", " "))
 
@@ -45,12 +45,12 @@ def verdict(found: Diagnosis) -> str:
     """Return the verdict in a few sentences: what is missing, the error with it, and what remains."""
     error = of_line(found, found.validation_error) + words.error(response(found), found.validation_error)
     error += _of_stroke(found, found.validation_error)
-    runs = judged_on(recorded(found))
+    runs = validated_on(recorded(found))
     if found.verdict == "nothing-missing":
         return f"Nothing is missing. The recalibrated model predicts {runs} within {error} rms; {_noise(found)}."
     if found.verdict == "unknown":
-        said = "Something is missing, and no effect known here explains a large and certain share of it"
-        return f"{said}. The recalibrated model misses {runs} by {error} rms; {_noise(found)}."
+        sentences = "Something is missing, and no effect known here explains a large and certain share of it"
+        return f"{sentences}. The recalibrated model misses {runs} by {error} rms; {_noise(found)}."
     names = [_alternatives(found, named.name) for named in found.effects]
     missing, it = ("; " if found.confusable else ", ").join(names), "them" if len(names) > 1 else "it"
     return f"Missing: {missing}. With {it} the model misses {runs} by {error} rms; {_noise(found)}.{_remains(found)}"
@@ -70,7 +70,7 @@ def _remains(found: Diagnosis) -> str:
 
 def possible(found: Diagnosis) -> str:
     """Return the effects that may be there without being certain, and how each is fitted."""
-    names = words.listed([called(name) for name in found.near])
+    names = words.listed([effect_name(name) for name in found.near])
     lines = "; ".join(f"flexdesign add MODEL {name} RUNS" for name in found.near)
     each = "each of them" if len(found.near) > 1 else "it"
     return (
@@ -88,16 +88,18 @@ def undetermined(found: Diagnosis) -> str:
 def effect(found: Diagnosis, named: IdentifiedEffect) -> str:
     """Return an effect with its numbers, what it explains and what to do about it, in some sentences."""
     values = "; ".join(quantity(value, short=True) for value in named.values)
-    name = _sentence(called(named.name))
-    said = f"{name}: {values}" if values else f"{name}: seen in the model's own numbers ({'; '.join(found.conflicts)})"
+    name = _sentence(effect_name(named.name))
+    sentences = (
+        f"{name}: {values}" if values else f"{name}: seen in the model's own numbers ({'; '.join(found.conflicts)})"
+    )
     if named.by_run:
-        said += f", the mean over runs; it differs from run to run, {_between(named)}"
+        sentences += f", the mean over runs; it differs from run to run, {_between(named)}"
     if named.values:
         others = _beside(found, named.name)
-        it = f"Together with {words.listed([called(other) for other in others])} it" if others else "It"
+        it = f"Together with {words.listed([effect_name(other) for other in others])} it" if others else "It"
         if named.share > 0:  # else recalibration left no more than the noise
-            said += f". {it} explains {words.percent(named.share)} of what recalibration leaves unexplained"
-    return f"{said}. What to do about it: {remedy(found, named.name)}."
+            sentences += f". {it} explains {words.percent(named.share)} of what recalibration leaves unexplained"
+    return f"{sentences}. What to do about it: {remedy(found, named.name)}."
 
 
 def _between(named: IdentifiedEffect) -> str:
@@ -134,57 +136,61 @@ def label(step_of_ladder: ErrorStep) -> str:
     """
     if not step_of_ladder.label.startswith("+ "):
         return step_of_ladder.label
-    return " ".join(word if word in ("+", "-") else called(word) for word in step_of_ladder.label.split(" "))
+    return " ".join(word if word in ("+", "-") else effect_name(word) for word in step_of_ladder.label.split(" "))
 
 
 def apart(group: Sequence[str], proposals: Sequence[Proposal]) -> str:
     """Return that a group cannot be told apart, and what would."""
-    said = f"These runs cannot tell {either([called(name) for name in group])}."
-    for telling in proposals:
-        if telling.group == tuple(group):
-            said += "".join(f" {_would(resolved)}" for resolved in telling.resolved)
-            said += f" No experiment could be simulated: {telling.reason}." if telling.reason else ""
-    return said
+    sentences = f"These runs cannot tell {either([effect_name(name) for name in group])}."
+    for proposal in proposals:
+        if proposal.group == tuple(group):
+            sentences += "".join(f" {_would(resolved)}" for resolved in proposal.resolved)
+            sentences += f" No experiment could be simulated: {proposal.reason}." if proposal.reason else ""
+    return sentences
 
 
 def summary(found: Diagnosis, proposals: Sequence[Proposal]) -> list[str]:
     """Return the answer in a few paragraphs."""
-    said = [*doubts(found.runs), verdict(found), *(effect(found, named) for named in found.effects)]
-    said += [apart(group, proposals) for group in found.confusable]
+    sentences = [*doubts(found.runs), verdict(found), *(effect(found, named) for named in found.effects)]
+    sentences += [apart(group, proposals) for group in found.confusable]
     if found.near:
-        said.append(possible(found))
+        sentences.append(possible(found))
     if found.verdict == "unknown" or found.remainder_rms:
         left, mode = compared(found, "found"), found.before.axes[found.axis].natural_frequency
         looks = words.sentences(left) if found.runs else []
         looks += response_pages.sentences(left.responses, mode) if found.responses else []
         shape = f" {_sentence(found.remainder)}." if found.remainder else ""
-        said.append(f"What remains looks like this. {' '.join(looks)}{shape}")
+        sentences.append(f"What remains looks like this. {' '.join(looks)}{shape}")
     if found.undetermined:
-        said.append(undetermined(found))
+        sentences.append(undetermined(found))
     if found.conflicts and all(named.values for named in found.effects):
-        said.append(f"Beyond the prior of the model: {'; '.join(found.conflicts)}.")
+        sentences.append(f"Beyond the prior of the model: {'; '.join(found.conflicts)}.")
     if found.confidence:
-        said.append(f"Take care: {found.confidence}.")
+        sentences.append(f"Take care: {found.confidence}.")
     remarks = {remark for run in found.runs for remark in run.remarks}
-    said += [f"Take care: {assumed}." for assumed in FITS_BETTER.values() if assumed in remarks]
-    return said
+    sentences += [f"Take care: {assumed}." for assumed in FITS_BETTER.values() if assumed in remarks]
+    return sentences
 
 
-def judged_on(runs: Sequence[Run | FrequencyResponse]) -> str:
+def validated_on(runs: Sequence[Run | FrequencyResponse]) -> str:
     """Return which runs errors are stated of, in words."""
     for role, kind in (("test", "test"), ("validate", "validation")):
-        kept = [run.name.removesuffix(f":{role}") for run in runs if run.role == role]
-        if kept and any(isinstance(run, FrequencyResponse) for run in runs):
-            return f"the {kind} lines of {words.listed(kept)}"
-        if kept:
-            return f"the {len(kept)} {kind} runs" if len(kept) > 1 else f"the {kind} run {kept[0]}"
+        validation_runs = [run.name.removesuffix(f":{role}") for run in runs if run.role == role]
+        if validation_runs and any(isinstance(run, FrequencyResponse) for run in runs):
+            return f"the {kind} lines of {words.listed(validation_runs)}"
+        if validation_runs:
+            return (
+                f"the {len(validation_runs)} {kind} runs"
+                if len(validation_runs) > 1
+                else f"the {kind} run {validation_runs[0]}"
+            )
     return "the fitted runs (there are no validation runs)"
 
 
 def response(found: ModelResiduals) -> str:
     """Return the SI unit of errors: that of the response, per volt where there are frequency responses alone."""
-    shown = found.before.axes[found.axis].shown
-    return shown if found.runs else shown.per_volt
+    si = found.before.axes[found.axis].response_units
+    return si if found.runs else si.per_volt
 
 
 def of_line(found: ModelResiduals, error: float) -> str:
@@ -209,20 +215,20 @@ def either(names: Sequence[str]) -> str:
 
 def _would(resolved: Resolved) -> str:
     """Return which experiments would tell two effects apart, by how many times the noise."""
-    other = called(resolved.effects[1].name)
+    other = effect_name(resolved.effects[1].name)
     if not resolved.proposed:
         most = max((each.over_noise for each in resolved.separations), default=0.0)
         return (
             f"No experiment of the menu shows {other} apart by more than {units.significant(most, 2)} times the noise: "
             "record longer, average, or use a better sensor."
         )
-    told = [
+    parts = [
         f"{each.command.name.replace('_', ' ')} {units.significant(each.over_noise, 2)}"
         + (f" ({each.command.note})" if each.command.note else "")
         for each in resolved.proposed
     ]
-    pair = either([called(effect.name) for effect in resolved.effects])
-    return f"What would tell {pair}, and by how many times the noise the readings differ: {', '.join(told)}."
+    pair = either([effect_name(effect.name) for effect in resolved.effects])
+    return f"What would tell {pair}, and by how many times the noise the readings differ: {', '.join(parts)}."
 
 
 def _beside(found: Diagnosis, name: str) -> list[str]:
@@ -233,7 +239,7 @@ def _beside(found: Diagnosis, name: str) -> list[str]:
 
 def _alternatives(found: Diagnosis, name: str) -> str:
     group = next((group for group in found.confusable if group[0] == name), (name,))
-    return " or ".join(called(each) for each in group)
+    return " or ".join(effect_name(each) for each in group)
 
 
 def _noise(found: Diagnosis) -> str:

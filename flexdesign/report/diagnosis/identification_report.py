@@ -12,7 +12,7 @@ from flexdesign.core import units, versions
 from flexdesign.core.toml_files import FORMAT
 from flexdesign.diagnosis.identify import Identification, RunMatch
 from flexdesign.estimation import Estimate
-from flexdesign.report.comparison_words import shown_in
+from flexdesign.report.comparison_words import units_of
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.traces import Curve, Traces
 
@@ -28,10 +28,10 @@ def estimates(found: Identification) -> Table:
         if estimate.name in found.held:
             held = found.held[estimate.name]
             value = f"({_value(estimate, held.value)})"
-            kept = (
+            validation_runs = (
                 "keeps its old value" if held.is_old else "held at the best fit, as its old value contradicts the runs"
             )
-            remark = f"not determined, {kept}: {estimate.reason}"
+            remark = f"not determined, {validation_runs}: {estimate.reason}"
         interval = "not stated" if found.is_incomplete and estimate.determined else estimate.interval_text
         rows.append([estimate.name, value, interval, _known(found, estimate), remark])
     return Table(["number", "value", "95 % interval", "known before", "remark"], rows)
@@ -39,12 +39,12 @@ def estimates(found: Identification) -> Table:
 
 def matches(found: Identification) -> Table:
     """Return the residual of every run, before and after."""
-    unit = shown_in(found.response)[1]
+    unit = units_of(found.response)[1]
     rows = [
         [
             run.name,
             run.role,
-            units.to_text(run.span, shown_in(found.response)[0], si=found.response),
+            units.to_text(run.span, units_of(found.response)[0], si=found.response),
             units.to_text(found.before_errors[run.name], unit, 3, si=found.response),
             units.to_text(run.rms, unit, 3, si=found.response),
             f"{100 * run.error:.3g} %" if math.isfinite(run.error) else "–",
@@ -63,7 +63,12 @@ def result(found: Identification) -> dict[str, Any]:
         "axis": found.axis,
         "estimates": [_json(found, estimate) for estimate in found.estimates],
         "correlation": {"names": _fitted(found), "values": found.fit.correlation.tolist() if found.fit else []},
-        "starts": vars(found.starts) | {"is_unconfirmed": found.starts.is_unconfirmed},
+        "starts": {
+            "asked": found.starts.asked,
+            "polished": found.starts.refined,
+            "agreed": found.starts.converged,
+            "is_unconfirmed": found.starts.is_unconfirmed,
+        },
         "runs": [
             {
                 "name": run.name,
@@ -105,26 +110,28 @@ def _sections(found: Identification) -> list[Section]:
 def summary(found: Identification) -> list[str]:
     """Return the answer in a few sentences."""
     seen = [run for run in found.runs if run.role == "identify"]
-    kept = [run for run in found.runs if run.role != "identify"]
+    validation_runs = [run for run in found.runs if run.role != "identify"]
     text = f"{_listed([e.name for e in found.estimates])} fitted to {_listed([run.name for run in seen])}: "
     text += f"the residual is {_range(found, seen)}"
-    text += f"; of validation and test runs, {_range(found, kept)}." if kept else "."
-    said = [*found.doubts, text, _beside_noise(found)]
+    text += f"; of validation and test runs, {_range(found, validation_runs)}." if validation_runs else "."
+    sentences = [*found.doubts, text, _beside_noise(found)]
     if "bouc_wen" not in found.before.axes[found.axis].effects:
-        said.append("The model has no hysteresis, and none was fitted.")
+        sentences.append("The model has no hysteresis, and none was fitted.")
     if found.held:
         names, verb = _listed(list(found.held)), "is" if len(found.held) == 1 else "are"
-        said.append(f"{names} {verb} not determined by these runs but held; the intervals hold for the values held.")
+        sentences.append(
+            f"{names} {verb} not determined by these runs but held; the intervals hold for the values held."
+        )
     if found.starts.is_unconfirmed:
-        said.append(f"Take care: {found.starts}.")
-    return said
+        sentences.append(f"Take care: {found.starts}.")
+    return sentences
 
 
 def _beside_noise(found: Identification) -> str:
     """Set the residual beside the noise, and say what follows."""
-    fitted = [found.noise.rms[run.name] for run in found.runs if run.role == "identify"]
-    unit = shown_in(found.response)[1]
-    level = units.to_text(float(np.sqrt(np.mean(np.square(fitted)))), unit, 3, si=found.response)
+    rms = [found.noise.rms[run.name] for run in found.runs if run.role == "identify"]
+    unit = units_of(found.response)[1]
+    level = units.to_text(float(np.sqrt(np.mean(np.square(rms)))), unit, 3, si=found.response)
     if not found.noise.known:
         return (
             "The noise of these runs is unknown, so that the residual does not tell whether the model lacks physics: "
@@ -150,19 +157,19 @@ def _estimates_text(found: Identification) -> list[str]:
 
 
 def _rests_on(found: Identification) -> list[str]:
-    said = [f"{found.starts}; {found.evaluations} simulations in {found.seconds:.1f} s."]
+    sentences = [f"{found.starts}; {found.evaluations} simulations in {found.seconds:.1f} s."]
     if found.fit:
         factor = max(match.inflation for match in found.fit.matches)
         if factor > 1.5:
-            said.append(
+            sentences.append(
                 f"Neighbouring samples of the residual are alike: up to {factor:.0f} count as one in the intervals. A "
                 "residual that is not white means noise with a colour of its own, or physics that the model lacks."
             )
         else:
-            said.append("The residual is white.")
+            sentences.append("The residual is white.")
     if not found.known:
-        said.append("No uncertainty was stated for what is free, so that nothing known before took part.")
-    return said
+        sentences.append("No uncertainty was stated for what is free, so that nothing known before took part.")
+    return sentences
 
 
 def _correlation(found: Identification) -> Table:
@@ -180,7 +187,7 @@ def _remarks(found: Identification) -> list[str]:
 
 
 def _figures(found: Identification, run: RunMatch) -> list[Figure]:
-    large, small = shown_in(found.response)
+    large, small = units_of(found.response)
     scale, fine = units.factor(large, found.response), units.factor(small, found.response)
     compared = np.isfinite(run.measured)
     t, measured = run.time[compared], run.measured[compared] / scale
@@ -251,7 +258,7 @@ def _json(found: Identification, estimate: Estimate) -> dict[str, Any]:
 
 
 def _range(found: Identification, runs: list[RunMatch]) -> str:
-    errors, unit = sorted(run.rms for run in runs), shown_in(found.response)[1]
+    errors, unit = sorted(run.rms for run in runs), units_of(found.response)[1]
     low, high = (units.to_text(error, unit, 3, si=found.response) for error in (errors[0], errors[-1]))
     shares = sorted(100 * run.error for run in runs if math.isfinite(run.error))
     if not shares:

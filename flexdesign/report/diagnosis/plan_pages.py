@@ -12,7 +12,7 @@ from flexdesign.core import units, versions
 from flexdesign.core.toml_files import FORMAT
 from flexdesign.diagnosis.experiment_design import Command, EffectAtStrength, Limits, Resolved
 from flexdesign.diagnosis.experiment_design.discrimination import PLAIN
-from flexdesign.diagnosis.experiment_design.signature import Seen
+from flexdesign.diagnosis.experiment_design.signature import EffectResponse
 from flexdesign.report.catalogue import effect_charts
 from flexdesign.report.document import Document, Figure, Section, Table
 
@@ -96,19 +96,19 @@ def _separation(resolved: Resolved) -> Section:
     first, second = resolved.effects
     response = first.without.axis.response
     unit, factor = effect_charts.SHOWN[response]
-    said = " and ".join(_strength(e, s) for e, s in zip(resolved.effects, resolved.strengths, strict=True))
+    sentences = " and ".join(_strength(e, s) for e, s in zip(resolved.effects, resolved.strengths, strict=True))
     noise = f"{units.significant(factor * resolved.noise, 2)} {unit}"
     text = [
-        f"Simulated with {said}, at which they are as alike on the medium multisine as they can be: "
+        f"Simulated with {sentences}, at which they are as alike on the medium multisine as they can be: "
         f"{units.significant(factor * resolved.alike, 2)} {unit} between them. In each experiment the second has been "
         f"given the gain, the offset and the damping that fit the first best. Noise of the sensor: {noise}, rms.",
     ]
     figures = []
     for each in resolved.proposed:
-        seen = Seen(each.command, each.second, each.first)
-        drawn, words = effect_charts.draw(seen, response, (_called(first), f"{_called(second)}, refitted"))
+        seen = EffectResponse(each.command, each.second, each.first)
+        chart, words = effect_charts.draw(seen, response, (_called(first), f"{_called(second)}, refitted"))
         caption = f"{words} ({_plain(each.command)}); below, the difference of the two"
-        figures.append(Figure(f"separates_{each.command.name}.svg", drawn, caption))
+        figures.append(Figure(f"separates_{each.command.name}.svg", chart, caption))
     title = f"What tells {_called(first)} from {_called(second)}"
     return Section(title, text, [separations(resolved)], figures)
 

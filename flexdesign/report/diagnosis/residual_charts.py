@@ -105,11 +105,11 @@ def spectrum(traces: Sequence[Trace], noise: Sequence[Array], frequencies: Array
     edges = np.append(frequencies, frequencies[-1] ** 2 / frequencies[-2])
     measured = _mean([_density(t.measured, t.period, edges) for t in traces])
     left = _mean([_density(t.residual, t.period, edges) for t in traces])
-    floor = _mean(list(noise))
+    noise_floor = _mean(list(noise))
     for values, colour, label, style in (
         (measured, COLOURS[0], "measured", {"linewidth": 1.3, "alpha": 0.75}),
         (left, COLOURS[1], "measured less predicted", {"linewidth": 1.8}),
-        (floor, NEUTRAL, "noise floor", {"linewidth": 1.4, "linestyle": (0, (4, 3))}),
+        (noise_floor, NEUTRAL, "noise floor", {"linewidth": 1.4, "linestyle": (0, (4, 3))}),
     ):
         seen = np.isfinite(values) & (values > 0)
         axes.loglog(frequencies[seen], np.sqrt(values[seen]), color=colour, label=label, **style)
@@ -159,9 +159,9 @@ def coherence(traces: Sequence[Trace]) -> bytes:
         averages += segments
     product = np.maximum(commands * left, 1e-300)
     share = np.where(commands > 1e-9 * np.max(commands), np.abs(across) ** 2 / product, np.nan)
-    chance = 1 - EXCEEDED ** (1 / max(averages - 1, 1))
+    probability = 1 - EXCEEDED ** (1 / max(averages - 1, 1))
     axes.semilogx(frequency[1:], share[1:], color=COLOURS[1], linewidth=1.4, label="command to residual")
-    axes.axhspan(0, chance, color=NEUTRAL, alpha=0.25, linewidth=0, label="by chance, 99 %")
+    axes.axhspan(0, probability, color=NEUTRAL, alpha=0.25, linewidth=0, label="by chance, 99 %")
     axes.set_xlim(frequency[1], frequency[-1])
     axes.set_ylim(0, 1.02)
     axes.set_xlabel("frequency [Hz]")
@@ -188,13 +188,13 @@ def over_position(traces: Sequence[Trace], unit: str, fine: str, factor: float) 
     left = factor * np.concatenate([t.residual for t in traces])
     edges = np.linspace(position.min(), position.max(), PLACES + 1)
     rests = 0.01 * float(np.quantile(np.abs(speed), 0.98))
-    floor = factor * math.sqrt(float(np.mean([t.floor**2 for t in traces])))
-    axes.axhspan(-2 * floor, 2 * floor, color=NEUTRAL, alpha=0.25, linewidth=0, label="noise, 95 %")
-    for label, moves, colour in (
+    noise_floor = factor * math.sqrt(float(np.mean([t.floor**2 for t in traces])))
+    axes.axhspan(-2 * noise_floor, 2 * noise_floor, color=NEUTRAL, alpha=0.25, linewidth=0, label="noise, 95 %")
+    for label, moving, colour in (
         ("moving up", speed > rests, COLOURS[0]),
         ("moving down", speed < -rests, COLOURS[1]),
     ):
-        middle, low, high = _binned(position[moves], left[moves], edges)
+        middle, low, high = _binned(position[moving], left[moving], edges)
         places = 0.5 * (edges[1:] + edges[:-1])
         axes.fill_between(places, low, high, color=colour, alpha=0.18, linewidth=0)
         axes.plot(places, middle, color=colour, linewidth=1.8, label=label)
@@ -222,8 +222,8 @@ def since_step(traces: Sequence[Trace], fine: str, factor: float) -> bytes | Non
     figure, axes = _figure(3.3)
     edges = np.geomspace(min(h[1][0] for h in found) * 0.99, max(h[1][-1] for h in found) * 1.01, PLACES + 1)
     places = np.sqrt(edges[1:] * edges[:-1])
-    floor = factor * math.sqrt(float(np.mean([t.floor**2 for t in traces])))
-    axes.axhspan(-2 * floor, 2 * floor, color=NEUTRAL, alpha=0.25, linewidth=0, label="noise, 95 %")
+    noise_floor = factor * math.sqrt(float(np.mean([t.floor**2 for t in traces])))
+    axes.axhspan(-2 * noise_floor, 2 * noise_floor, color=NEUTRAL, alpha=0.25, linewidth=0, label="noise, 95 %")
     for k, (_, time, after) in enumerate(sorted(found, key=lambda h: -h[0])[:HOLDS]):
         middle, _, _ = _binned(time, after, edges, fewest=1)
         seen = np.isfinite(middle)

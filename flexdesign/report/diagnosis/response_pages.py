@@ -13,7 +13,7 @@ from flexdesign.core import units
 from flexdesign.diagnosis.comparison import Breakdown, ResponseComparison, by_band
 from flexdesign.diagnosis.residual_comparison import ModelResiduals, compared
 from flexdesign.report import comparison_words as words
-from flexdesign.report.comparison_words import shown_in
+from flexdesign.report.comparison_words import units_of
 from flexdesign.report.diagnosis.frequency_charts import Line, measured_bode
 from flexdesign.report.document import Figure, Section, Table
 
@@ -32,7 +32,7 @@ def table(stands: Sequence[FittedModel]) -> Table:
             each.name,
             words.percent(each.rms),
             f"{words.percent(float(each.left.max()))} at {words.limit(_worst(each), 'Hz')}",
-            words.percent(each.floor),
+            words.percent(each.noise_floor),
             units.significant(each.ratio, 3),
         ]
         for name, responses in stands
@@ -46,19 +46,19 @@ def table(stands: Sequence[FittedModel]) -> Table:
 
 def sentences(responses: Sequence[ResponseComparison], natural_frequency: float) -> list[str]:
     """Return by how much a model misses frequency responses, and in which band."""
-    said = [
+    text = [
         f"{each.name}: {words.percent(each.rms)} rms of the measured line, "
         f"{units.significant(each.ratio, 3)} times the {'noise' if each.known else 'guessed noise'}."
         for each in responses
     ]
     if all(each.ratio < NOISE for each in responses):
-        return [*said, "Nothing is above the noise of the lines."]
+        return [*text, "Nothing is above the noise of the lines."]
     bands = by_band(responses)
     if band := bands.dominant():
         near = band[0].lower <= natural_frequency < band[-1].upper
         mode = f", where the main mode is ({natural_frequency:.4g} Hz)" if near else ""
-        said.append(f"It fails mostly {words.place(bands, band)}{mode}: {words.percent(sum(p.share for p in band))}.")
-    return said
+        text.append(f"It fails mostly {words.place(bands, band)}{mode}: {words.percent(sum(p.share for p in band))}.")
+    return text
 
 
 def section(stands: Sequence[FittedModel], response: str, natural_frequency: float) -> list[Section]:
@@ -77,7 +77,8 @@ def section(stands: Sequence[FittedModel], response: str, natural_frequency: flo
         return []
     named = [(name, sentences(responses, natural_frequency)) for name, responses in stands]
     text = [
-        f"{name[:1].upper()}{name[1:]}: {' '.join(said)}" if len(stands) > 1 else " ".join(said) for name, said in named
+        f"{name[:1].upper()}{name[1:]}: {' '.join(message)}" if len(stands) > 1 else " ".join(message)
+        for name, message in named
     ]
     remarks = [f"{each.name}: {remark}." for each in stands[0][1] for remark in each.remarks]
     tables = [table(stands), *(_bands(name if len(stands) > 1 else "", by_band(r)) for name, r in stands)]
@@ -86,7 +87,7 @@ def section(stands: Sequence[FittedModel], response: str, natural_frequency: flo
 
 def figures(stands: Sequence[FittedModel], response: str) -> list[Figure]:
     """Draw every frequency response beside what each model predicts."""
-    large = shown_in(response)[0]
+    large = units_of(response)[0]
     scale, made = units.factor(large, response), []
     for number, each in enumerate(stands[0][1]):
         there = np.isfinite(each.measured)
@@ -94,9 +95,9 @@ def figures(stands: Sequence[FittedModel], response: str) -> list[Figure]:
         lines = [Line("measured", f, each.measured[there] / scale, dots=True)]
         lines += [Line(name, f, responses[number].predicted[there] / scale) for name, responses in stands]
         coherence = None if each.coherence is None else each.coherence[there]
-        drawn = measured_bode(lines, coherence, f"{words.sign(large)}/V")
+        chart = measured_bode(lines, coherence, f"{words.sign(large)}/V")
         errors = ", ".join(f"{name} {units.significant(r[number].ratio, 3)}" for name, r in stands)
-        made.append(Figure(f"bode_{each.name}.svg", drawn, f"{each.name}: error over the noise: {errors}"))
+        made.append(Figure(f"bode_{each.name}.svg", chart, f"{each.name}: error over the noise: {errors}"))
     return made
 
 
@@ -110,7 +111,7 @@ def result(responses: Sequence[ResponseComparison], response: str) -> list[dict[
             "rms_error_of_line": each.rms,
             "largest_error_of_line": float(each.left.max()),
             "largest_error_at": {"value": _worst(each), "unit": "Hz"},
-            "noise_of_line": each.floor,
+            "noise_of_line": each.noise_floor,
             "noise_is_known": each.known,
             "error_over_noise": each.ratio,
             "unit": f"{response}/V",
@@ -132,8 +133,8 @@ def line_size(found: ModelResiduals) -> float:
     """
     if found.runs:
         return math.nan
-    judging = [each for each in found.responses if each.role == "validate"] or found.responses
-    sizes = [each.measured() * found.noise.rms[each.name] / found.lines[each.name].of_values for each in judging]
+    validation = [each for each in found.responses if each.role == "validate"] or found.responses
+    sizes = [each.measured() * found.noise.rms[each.name] / found.lines[each.name].of_values for each in validation]
     return float(np.sqrt(np.nanmean(np.concatenate(sizes) ** 2)))
 
 
@@ -142,8 +143,8 @@ def before_and_after(found: ModelResiduals) -> dict[str, Any]:
     if not found.responses:
         return {}
     si = found.before.axes[found.axis].response
-    calibrated, final = (compared(found, which).responses for which in ("calibrated", "found"))
-    both = {"calibrated": result(calibrated, si), "final": result(final, si)}
+    calibration, final = (compared(found, which).responses for which in ("calibrated", "found"))
+    both = {"calibrated": result(calibration, si), "final": result(final, si)}
     return {"frequency_responses": both}
 
 

@@ -56,19 +56,19 @@ def comparison_document(comparison: TableComparison) -> Document:
     count = len(comparison.table.rows)
     squares = comparison.uncertainty.squares(comparison.predicted - comparison.table.measured())
     if wrong:
-        said = [f"{wrong} of {count} measurements differ from the model by more than the validation uncertainty."]
+        sentences = [f"{wrong} of {count} measurements differ from the model by more than the validation uncertainty."]
     elif comparison.agrees:
-        said = [f"All {count} measurements agree with the model within the validation uncertainty."]
+        sentences = [f"All {count} measurements agree with the model within the validation uncertainty."]
     else:
-        said = [
+        sentences = [
             "No single measurement differs from the model by more than the validation uncertainty, but together they "
             f"do: their sum of squares is {squares:.3g}, where about {count} is expected."
         ]
-    said += [f"Take care: {'; '.join(comparison.remarks)}."] if comparison.remarks else []
+    sentences += [f"Take care: {'; '.join(comparison.remarks)}."] if comparison.remarks else []
     picture = Figure("differences.svg", words.differences(comparison), "Each row, and what would be no difference")
     return Document(
         f"{comparison.model.design.title}: beside {comparison.table.name}",
-        said,
+        sentences,
         [
             Section("Measured and predicted", _uncertainty(comparison), [rows(comparison)], [picture]),
             _physics(comparison.model),
@@ -92,12 +92,12 @@ def _diagnosis_sections(found: TableDiagnosis) -> list[Section]:
             Figure(
                 "differences_after.svg",
                 words.differences(after),
-                f"With {' and '.join(map(words.called, found.found.names))}",
+                f"With {' and '.join(map(words.effect_name, found.found.names))}",
             )
         )
         tables.append(rows(after))
     sections = [
-        Section("The error ladder", [], [ladder(found)]),
+        Section("The error ladder", [], [error_ladder(found)]),
         Section("Measured and predicted", _uncertainty(before), tables, pictures),
         Section("What was tried", _tried_text(), [tried(found)]),
     ]
@@ -107,11 +107,11 @@ def _diagnosis_sections(found: TableDiagnosis) -> list[Section]:
     return [*sections, _physics(found.before.model)]
 
 
-def ladder(found: TableDiagnosis) -> Table:
+def error_ladder(found: TableDiagnosis) -> Table:
     """Return the error ladder."""
     rungs = [
         [step_of_ladder.label.replace("_", " "), f"{100 * step_of_ladder.error:.3g} %"]
-        for step_of_ladder in found.ladder
+        for step_of_ladder in found.error_ladder
     ]
     return Table(["model", "relative error, rms"], rungs)
 
@@ -152,7 +152,7 @@ def _uncertainty(comparison: TableComparison) -> list[str]:
 
 
 def _physics(model: StaticModel) -> Section:
-    there = [[words.called(name), statics.find(name).where] for name in model.effects]
+    there = [[words.effect_name(name), statics.find(name).where] for name in model.effects]
     return Section("What the model has", [], [Table(["effect", "where"], there)] if there else [], folded=True)
 
 
@@ -177,7 +177,9 @@ def diagnosis_result(found: TableDiagnosis) -> dict[str, Any]:
         "effects": _effects(found.found) if is_known else {},
         "confusable": [_own_names(group) for group in found.groups] if is_known else [],
         "near": _own_names(found.found.names) if found.verdict == "unknown" else [],
-        "ladder": [{"model": step_of_ladder.label, "error": step_of_ladder.error} for step_of_ladder in found.ladder],
+        "ladder": [
+            {"model": step_of_ladder.label, "error": step_of_ladder.error} for step_of_ladder in found.error_ladder
+        ],
         "sum_of_squares": {
             "before": found.before.cost,
             "after": found.found.cost,

@@ -20,10 +20,10 @@ from flexdesign.report import charts
 from flexdesign.report.comparison_words import listed
 
 
-def called(name: str) -> str:
+def effect_name(name: str) -> str:
     """Return what an effect is called in a sentence.
 
-    >>> called("over_cut")
+    >>> effect_name("over_cut")
     'over cut'
     """
     return statics.find(name).name.replace("_", " ")
@@ -31,21 +31,21 @@ def called(name: str) -> str:
 
 def measurement(row: Row) -> str:
     """Return what a row measures: ``K_out, input held, hinge_thickness 0.3 mm``."""
-    shown = ", ".join(
+    text = ", ".join(
         f"{name} {value:.4g}" if name in row.numbers else f"{name} {1e3 * value:.4g} mm"
         for name, value in row.dimensions.items()
     )
     load = zip(LOADS.items(), row.load or (0.0, 0.0, 0.0), strict=True)
     pushed = [f"{name} {units.to_text(f, si, 4, si=si)}" for (name, si), f in load if f]
-    return ", ".join([row.quantity, *(pushed or [row.boundary]), *([shown] if shown else [])])
+    return ", ".join([row.quantity, *(pushed or [row.boundary]), *([text] if text else [])])
 
 
 def number(row: Row, value: float, digits: int = 4) -> str:
     """Return a number of a row, SI, in the row's unit."""
     si = (DISPLACEMENTS[row.quantity] if row.load else QUANTITIES[row.quantity])[0]
     unit = row.unit or {"N/m": "N/mm", "1": "", "m": "mm", "rad": "mrad"}[si]
-    shown = units.significant(value / units.factor(unit or "1", si), digits)
-    return f"{shown} {'' if unit == '1' else unit}".rstrip()
+    text = units.significant(value / units.factor(unit or "1", si), digits)
+    return f"{text} {'' if unit == '1' else unit}".rstrip()
 
 
 def percentage(share: float) -> str:
@@ -66,8 +66,8 @@ def quantity(value: Value) -> str:
     low, high = (end / scale for end in value.interval)
     if _is_without_end(value):
         return f"{name} too large to be told from a rigid one" if parameter.null == 0 else f"{name} next to nothing"
-    shown = units.significant(value.value / scale, 3)
-    return f"{name} {shown} {parameter.unit} (95 %: {low:.3g} to {high:.3g} {parameter.unit})"
+    text = units.significant(value.value / scale, 3)
+    return f"{name} {text} {parameter.unit} (95 %: {low:.3g} to {high:.3g} {parameter.unit})"
 
 
 def _is_without_end(value: Value) -> bool:
@@ -79,9 +79,9 @@ def _is_without_end(value: Value) -> bool:
 
 def verdict(found: TableDiagnosis) -> str:
     """Return the verdict in a sentence or two."""
-    before, after = found.ladder[0].error, found.ladder[-1].error
+    before, after = found.error_ladder[0].error, found.error_ladder[-1].error
     if found.asked:
-        with_it = found.ladder[1].error
+        with_it = found.error_ladder[1].error
         return (
             f"With {names(found.found)} the model misses the table by {percentage(with_it)} rms, without by "
             f"{percentage(before)}."
@@ -103,27 +103,29 @@ def verdict(found: TableDiagnosis) -> str:
 
 def _alternatives(found: TableDiagnosis, name: str) -> str:
     group = next((group for group in found.groups if group[0] == name), (name,))
-    return listed([called(other) for other in group], "or")
+    return listed([effect_name(other) for other in group], "or")
 
 
 def names(trial: Trial, between: str = " and ") -> str:
     """Return the effects of a trial, with the first of the members of which one is changed."""
     first = {name: [member.name for member in trial.members(name)[:1]] for name in trial.names}
-    return between.join(called(name) + "".join(f" ({member})" for member in first[name]) for name in trial.names)
+    return between.join(effect_name(name) + "".join(f" ({member})" for member in first[name]) for name in trial.names)
 
 
 def summary(found: TableDiagnosis) -> list[str]:
     """Return the answer in a few paragraphs."""
-    said = [verdict(found)]
+    sentences = [verdict(found)]
     if found.verdict == "effects-found":
-        said += [effect(found.found, name) for name in found.found.names]
+        sentences += [effect(found.found, name) for name in found.found.names]
     for group in found.groups if found.verdict == "effects-found" else ():
-        said.append(f"This table cannot tell {listed([called(name) for name in group], 'from')}. {_would_tell(found)}")
+        sentences.append(
+            f"This table cannot tell {listed([effect_name(name) for name in group], 'from')}. {_would_tell(found)}"
+        )
     if found.verdict == "unknown":
-        said.append(f"What it looks like: {shape(found)}")
+        sentences.append(f"What it looks like: {shape(found)}")
     if found.remarks:
-        said.append(f"Take care: {'; '.join(found.remarks)}.")
-    return said
+        sentences.append(f"Take care: {'; '.join(found.remarks)}.")
+    return sentences
 
 
 def effect(trial: Trial, name: str) -> str:
@@ -136,7 +138,9 @@ def effect(trial: Trial, name: str) -> str:
         for m in members[:1]
     ]
     strength = f": {'; '.join(values)}" if values else ""
-    return f"{called(name).capitalize()}{strength}. {known.physics} What to do about it: {known.remedy_for(PIEZO)}."
+    return (
+        f"{effect_name(name).capitalize()}{strength}. {known.physics} What to do about it: {known.remedy_for(PIEZO)}."
+    )
 
 
 def _would_tell(found: TableDiagnosis) -> str:
@@ -146,15 +150,15 @@ def _would_tell(found: TableDiagnosis) -> str:
     return f"Measure {measurement(best.row)}: {_expectations(found, best)}."
 
 
-def _expectations(found: TableDiagnosis, telling: Proposal) -> str:
-    answers = (found.found, *found.alike)[: len(telling.expected)]
-    expected = [number(telling.row, value, 3) for value in telling.expected]
-    return ", ".join(f"with {names(a)} it is {value}" for a, value in zip(answers, expected, strict=True))
+def _expectations(found: TableDiagnosis, proposal: Proposal) -> str:
+    candidates = (found.found, *found.alike)[: len(proposal.expected)]
+    expected = [number(proposal.row, value, 3) for value in proposal.expected]
+    return ", ".join(f"with {names(a)} it is {value}" for a, value in zip(candidates, expected, strict=True))
 
 
 def proposals(found: TableDiagnosis) -> list[list[str]]:
     """Return rows of measurements that would tell, and what each answer expects."""
-    return [[measurement(telling.row), _expectations(found, telling)] for telling in found.proposals]
+    return [[measurement(proposal.row), _expectations(found, proposal)] for proposal in found.proposals]
 
 
 def shape(found: TableDiagnosis) -> str:
@@ -174,10 +178,13 @@ def differences(comparison: TableComparison) -> bytes:
     allowed = 100 * comparison.uncertainty.validation / measured
     axes.barh(places, 2 * allowed, left=-allowed, color=charts.NEUTRAL, alpha=0.3, height=0.8, label="no difference")
     wrong = comparison.significance > 1
-    for said, chosen, colour in (("within it", ~wrong, charts.COLOURS[0]), ("beyond it", wrong, charts.COLOURS[1])):
+    for sentences, chosen, colour in (
+        ("within it", ~wrong, charts.COLOURS[0]),
+        ("beyond it", wrong, charts.COLOURS[1]),
+    ):
         if chosen.any():
             error = 100 * (comparison.predicted - comparison.table.measured()) / measured
-            axes.plot(error[chosen], places[chosen], "o", color=colour, label=said)
+            axes.plot(error[chosen], places[chosen], "o", color=colour, label=sentences)
     axes.axvline(0, color=charts.NEUTRAL, linewidth=1)
     axes.set_yticks(places, labels)
     axes.invert_yaxis()

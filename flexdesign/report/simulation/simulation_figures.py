@@ -17,37 +17,37 @@ from flexdesign.report.traces import Curve, Traces
 
 def draw(experiment: Experiment, cases: Sequence[Case], unit: str) -> list[Figure]:
     """Draw the loop where there is one, and the motion over time in a unit, each variant in a drawing of its own."""
-    drawn: list[Figure] = []
+    figures: list[Figure] = []
     for variant in dict.fromkeys(case.variant for case in cases):
         of_variant = [case for case in cases if case.variant == variant]
         words = experiment.name if variant == AS_MODELLED else f"{experiment.name} {variant}"
         name = stem(words)
-        said = "" if variant == AS_MODELLED else f", {variant}"
+        sentences = "" if variant == AS_MODELLED else f", {variant}"
         if isinstance(experiment.trajectory, (Sine, Triangle)):
-            drawn.append(_loop(experiment, of_variant, name, said, unit))
+            figures.append(_loop(experiment, of_variant, name, sentences, unit))
         if experiment.reference is not None or not isinstance(experiment.trajectory, (Sine, Triangle)):
-            drawn.append(_over_time(experiment, of_variant, name, said, unit))
-    return drawn
+            figures.append(_over_time(experiment, of_variant, name, sentences, unit))
+    return figures
 
 
-def _loop(experiment: Experiment, cases: Sequence[Case], name: str, said: str, unit: str) -> Figure:
+def _loop(experiment: Experiment, cases: Sequence[Case], name: str, sentences: str, unit: str) -> Figure:
     """Draw the motion over a command, or over a reference what is missing to it."""
     axis, scale = experiment.axes[0], units.factor(unit, "m")
-    volts = experiment.command is not None
+    has_command = experiment.command is not None
     curves = []
     for case in cases:
         asked, motion = case.reference[case.row(axis)], case.response.motion[case.row(axis)] / scale
         asked = asked[: len(motion)]
-        shown = motion if volts else motion - asked / scale
-        curves.append(Curve(case.controller, asked if volts else asked / scale, shown))
+        curve = motion if has_command else motion - asked / scale
+        curves.append(Curve(case.controller, asked if has_command else asked / scale, curve))
     written = f"[{words.sign(unit)}]"
-    below = "command [V]" if volts else f"{axis} asked for {written}"
-    beside = f"{axis} {written}" if volts else f"motion − reference {written}"
-    what = f"Motion of {axis} over its command" if volts else f"Error of {axis} over its reference"
-    return Figure.of_traces(f"{name}_loop.svg", Traces([curves], below, [beside], height=3.4), f"{what}{said}")
+    below = "command [V]" if has_command else f"{axis} asked for {written}"
+    beside = f"{axis} {written}" if has_command else f"motion − reference {written}"
+    what = f"Motion of {axis} over its command" if has_command else f"Error of {axis} over its reference"
+    return Figure.of_traces(f"{name}_loop.svg", Traces([curves], below, [beside], height=3.4), f"{what}{sentences}")
 
 
-def _over_time(experiment: Experiment, cases: Sequence[Case], name: str, said: str, unit: str) -> Figure:
+def _over_time(experiment: Experiment, cases: Sequence[Case], name: str, sentences: str, unit: str) -> Figure:
     """Draw motion, and error or the other axes, over time; steps close up."""
     axis, limits = experiment.axes[0], _limits(experiment)
     first, scale, away = cases[0], units.factor(unit, "m"), f"motion − reference [{words.sign(unit)}]"
@@ -62,8 +62,8 @@ def _over_time(experiment: Experiment, cases: Sequence[Case], name: str, said: s
         ]
         every = [(case, name) for case in cases for name in experiment.axes]
         errors = [replace(_error(case, name, scale), label=f"{name}, {case.controller}") for case, name in every]
-        drawn = Traces([motions, errors], "time [s]", [f"motion [{words.sign(unit)}]", away])
-        return Figure.of_traces(f"{name}_time.svg", drawn, f"Motion ({first.controller}) and errors{said}")
+        chart = Traces([motions, errors], "time [s]", [f"motion [{words.sign(unit)}]", away])
+        return Figure.of_traces(f"{name}_time.svg", chart, f"Motion ({first.controller}) and errors{sentences}")
     others = [name for name in first.axes if name not in experiment.axes]
     if len(cases) == 1 and len(experiment.axes) == 1 and others:
         rows.append([Curve(n, first.response.time, first.response.motion[first.row(n)] / scale) for n in others])
@@ -71,8 +71,8 @@ def _over_time(experiment: Experiment, cases: Sequence[Case], name: str, said: s
     elif experiment.reference is not None and limits is None:
         rows.append([_error(case, axis, scale) for case in cases])
         labels.append(away)
-    drawn = Traces(rows, "time [s]", labels, limits=limits)
-    return Figure.of_traces(f"{name}_time.svg", drawn, f"Motion of {axis}{said}")
+    chart = Traces(rows, "time [s]", labels, limits=limits)
+    return Figure.of_traces(f"{name}_time.svg", chart, f"Motion of {axis}{sentences}")
 
 
 def _error(case: Case, axis: str, scale: float) -> Curve:

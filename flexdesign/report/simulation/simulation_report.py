@@ -129,8 +129,8 @@ def digest(simulation: Simulation) -> Table:
         for axis in case.experiment.axes:
             found = [q for q in case.measures.get(axis, ()) if q.name in BRIEF]
             nothing = "–" if case.response.diverged is None else "unstable"
-            said = ", ".join(f"{ALONE.get(q.name) or WORDS[q.name]} {_text(q)}" for q in found) or nothing
-            rows.append([case.experiment.name, who(case), axis, said])
+            sentences = ", ".join(f"{ALONE.get(q.name) or WORDS[q.name]} {_text(q)}" for q in found) or nothing
+            rows.append([case.experiment.name, who(case), axis, sentences])
     return Table(["experiment", "run", "axis", "measured"], rows)
 
 
@@ -145,7 +145,7 @@ def _experiment(simulation: Simulation, experiment: Experiment) -> Section:
     paragraphs = [text for text in (experiment.note, *_gathered(cautions), *skipped) if text]
     tables = [_measured(cases), _others(cases), _loops(cases)]
     title = f"{experiment.name}: {experiment.title}" if experiment.title else experiment.name
-    unit = simulation.model.axes[experiment.axes[0]].shown.large
+    unit = simulation.model.axes[experiment.axes[0]].response_units.large
     figures = simulation_figures.draw(experiment, cases, unit)
     folded = len(simulation.plan.experiments) > UNFOLDED
     return Section(title, paragraphs, [t for t in tables if t.rows], figures, folded=folded, brief=_brief(cases))
@@ -199,8 +199,8 @@ def _others(cases: Sequence[Case]) -> Table:
     for case in firsts.values():
         for axis, found in case.measures.items():
             if any(q.name == "coupling" for q in found):
-                moved, ratio = case.measure(axis, "coupled_motion"), case.measure(axis, "coupling")
-                rows.append([who(case), axis, _text(moved), _text(ratio)])
+                coupled, ratio = case.measure(axis, "coupled_motion"), case.measure(axis, "coupling")
+                rows.append([who(case), axis, _text(coupled), _text(ratio)])
     return Table(["run", "axis", "motion", "per driven motion"], rows, "Axes that should stand still")
 
 
@@ -236,7 +236,7 @@ def _text(quantity: Quantity | None) -> str:
     if not math.isfinite(quantity.value):
         return "never"
     # What is below a picometre, or a millionth of a percent, is rounding.
-    return "0" if abs(quantity.value) < (1e-12 if quantity.si == "m" else 1e-9) else quantity.shown(3)
+    return "0" if abs(quantity.value) < (1e-12 if quantity.si == "m" else 1e-9) else quantity.formatted(3)
 
 
 # --- what stands behind the numbers -------------------------------------------------------------------------------

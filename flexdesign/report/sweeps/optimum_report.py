@@ -17,8 +17,8 @@ from flexdesign.report import accuracy_words
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.validation import design_pictures
 from flexdesign.workflows.sweeps import evaluators
-from flexdesign.workflows.sweeps.answers import as_named, key_of
 from flexdesign.workflows.sweeps.optimising import Optimum, Round
+from flexdesign.workflows.sweeps.results import as_named, key_of
 from flexdesign.workflows.sweeps.sampling import Case
 
 
@@ -28,9 +28,11 @@ def document(found: Optimum) -> Document:
 
 
 def _sections(found: Optimum) -> list[Section]:
-    drawn, missing = design_pictures.draw({_words(found): evaluators.version_of(found.plan, Case(found.last.values))})
+    pictures, missing = design_pictures.draw(
+        {_words(found): evaluators.version_of(found.plan, Case(found.last.values))}
+    )
     sections = [
-        Section("The optimum", missing, [optimum(found)], drawn),
+        Section("The optimum", missing, [optimum(found)], pictures),
         Section("What it gives", [_who(found)], [_quantities(found), *_beside(found)]),
     ]
     if len(found.rounds) > 1:
@@ -46,7 +48,7 @@ def title(found: Optimum) -> str:
 
 def summary(found: Optimum) -> list[str]:
     """Say what the optimum is and whether it keeps its limits."""
-    aim, (same, searches) = found.plan.aims[0], found.agreed
+    aim, (same, searches) = found.plan.aims[0], found.converged_searches
     best = _shown(found.found, aim.quantity)
     text = f"The {aim} is {best}: {_words(found)}."
     if found.broken:
@@ -54,8 +56,8 @@ def summary(found: Optimum) -> list[str]:
         text = f"Nothing was found that keeps all limits; the nearest breaks {broken}. {text}"
     elif found.plan.limits:
         text += f" It keeps {' and '.join(map(str, found.plan.limits))}."
-    agreed = f"{same} of {searches} searches ended there; {_who(found)}"
-    return [text, *_inaccurate(found), *_ends(found), *_like(found), agreed]
+    agreement = f"{same} of {searches} searches ended there; {_who(found)}"
+    return [text, *_inaccurate(found), *_ends(found), *_like(found), agreement]
 
 
 def _inaccurate(found: Optimum) -> list[str]:
@@ -63,8 +65,8 @@ def _inaccurate(found: Optimum) -> list[str]:
     elements = found.last.elements
     if not elements:
         return []
-    said = accuracy_words.not_reached(found.plan.mesh.accuracy, list(elements.values()), "at the optimum")
-    return [said] if said else []
+    sentences = accuracy_words.not_reached(found.plan.mesh.accuracy, list(elements.values()), "at the optimum")
+    return [sentences] if sentences else []
 
 
 def _who(found: Optimum) -> str:
@@ -77,35 +79,35 @@ def optimum(found: Optimum) -> Table:
     """Return what varied, at the optimum, and between which limits."""
     rows = []
     for factor in found.plan.factors:
-        low, high = (factor.shown(end) for end in factor.ends) if factor.ends else ("", "")
+        low, high = (factor.formatted(end) for end in factor.ends) if factor.ends else ("", "")
         end = found.end_of(factor)
-        between = f"{low} to {high}" if factor.ends else ", ".join(factor.shown(value) for value in factor.values)
+        between = f"{low} to {high}" if factor.ends else ", ".join(factor.formatted(value) for value in factor.values)
         rows.append([factor.key, _given(found, factor.key), between, f"at its {end} limit" if end else ""])
     return Table(["what varied", "optimum", "searched", ""], rows)
 
 
 def _given(found: Optimum, key: str) -> str:
     factor = next(factor for factor in found.plan.factors if factor.key == key)
-    return factor.shown(found.last.values[key])
+    return factor.formatted(found.last.values[key])
 
 
 def _ends(found: Optimum) -> list[str]:
     """Say what stands at the limit of its range, where a wider one would do better."""
     at_end = [factor for factor in found.plan.factors if found.end_of(factor)]
-    told = [
+    notes = [
         f"{factor.key.rpartition('.')[2]} at its {found.end_of(factor)} limit, {_given(found, factor.key)}"
         for factor in at_end
     ]
-    if not told:
+    if not notes:
         return []
-    return [f"The search ended with {', and with '.join(told)}: a wider range may give a better design."]
+    return [f"The search ended with {', and with '.join(notes)}: a wider range may give a better design."]
 
 
 def _like(found: Optimum) -> list[str]:
     """Say what stress, safety and frequency the optimum has."""
     if not found.further:
         return []
-    return [f"At the optimum: {', '.join(f'{_name(q)} {q.shown()}' for q in found.further)}."]
+    return [f"At the optimum: {', '.join(f'{_name(q)} {q.formatted()}' for q in found.further)}."]
 
 
 def _name(quantity: Quantity) -> str:
@@ -114,7 +116,7 @@ def _name(quantity: Quantity) -> str:
 
 
 def _beside(found: Optimum) -> list[Table]:
-    rows = [[quantity.name, quantity.boundary, quantity.shown()] for quantity in found.further]
+    rows = [[quantity.name, quantity.boundary, quantity.formatted()] for quantity in found.further]
     return [Table(["stress, safety, frequency", "holds", "finite elements"], rows)] if rows else []
 
 
@@ -124,7 +126,9 @@ def _quantities(found: Optimum) -> Table:
     for key, quantity in last.formulas.items():
         fem = last.elements.get(key) if last.elements else None
         off = f"{100 * (quantity.value / fem.value - 1):+.2f} %" if fem and fem.value else "–"
-        rows.append([f"{quantity.name} {quantity.boundary}", quantity.shown(), fem.shown() if fem else "–", off])
+        rows.append(
+            [f"{quantity.name} {quantity.boundary}", quantity.formatted(), fem.formatted() if fem else "–", off]
+        )
     return Table(["quantity", "formulas", "finite elements", "formulas are off by"], rows)
 
 
@@ -143,7 +147,7 @@ def _promises(each: Round, named: list[str]) -> list[str]:
 
 def _shown(found: Mapping[str, Quantity], quantity: str) -> str:
     there = found.get(key_of(quantity))
-    return "–" if there is None else replace(there, value=as_named(quantity, there.value)).shown()
+    return "–" if there is None else replace(there, value=as_named(quantity, there.value)).formatted()
 
 
 def _words(found: Optimum) -> str:
@@ -176,7 +180,7 @@ def result(found: Optimum) -> dict[str, Any]:
         "at_limits": {f.key: found.end_of(f) for f in plan.factors if found.end_of(f)},
         "further": [quantity.to_json() for quantity in found.further],
         "rounds": len(found.rounds),
-        "searches": {"ended": found.agreed[1], "at_the_optimum": found.agreed[0]},
+        "searches": {"ended": found.converged_searches[1], "at_the_optimum": found.converged_searches[0]},
         "made_by": {
             "study": plan.file.name,
             "design": plan.design.name,

@@ -16,8 +16,8 @@ def targets(found: StageSizing) -> Table:
         [
             f"{row.target.quantity.name}, {row.target.quantity.boundary}",
             WHO[row.target.kind],
-            row.target.quantity.shown(),
-            row.found.shown(),
+            row.target.quantity.formatted(),
+            row.found.formatted(),
             f"{100 * row.off:+.2f} %",
             _verdict(row),
             row.target.source or "–",
@@ -85,5 +85,5 @@ def _solutions(found: StageSizing) -> Table:
 
 
 def _further(found: StageSizing) -> Table:
-    rows = [[quantity.name, quantity.boundary, quantity.shown()] for quantity in found.further]
+    rows = [[quantity.name, quantity.boundary, quantity.formatted()] for quantity in found.further]
     return Table(["quantity", "boundary", "FEM"], rows)

@@ -12,7 +12,7 @@ from flexdesign.core import units
 from flexdesign.report import charts
 from flexdesign.report.document import Figure
 from flexdesign.workflows.sweeps import Sweep
-from flexdesign.workflows.sweeps.answers import key_of
+from flexdesign.workflows.sweeps.results import key_of
 from flexdesign.workflows.sweeps.sampling import Factor
 from flexdesign.workflows.sweeps.sensitivity import Indices
 
@@ -34,21 +34,21 @@ def given(sweep: Sweep, factor: Factor) -> Array:
     return np.array([case.values[factor.key] for case in sweep.cases], dtype=float) / scale
 
 
-def figures(sweep: Sweep, quantities: Sequence[str], front: Sequence[int], kept: Sequence[int]) -> list[Figure]:
+def figures(sweep: Sweep, quantities: Sequence[str], front: Sequence[int], feasible: Sequence[int]) -> list[Figure]:
     """Return the drawings that suit what varies."""
     numbers = [factor for factor in sweep.plan.factors if factor.is_number]
     others = [factor for factor in sweep.plan.factors if not factor.is_number]
     is_grid = sweep.plan.method == "grid"
-    drawn = []
+    charts_ = []
     if is_grid and len(numbers) == 1:
-        drawn = [_curves(sweep, quantity, numbers[0], others) for quantity in quantities]
+        charts_ = [_curves(sweep, quantity, numbers[0], others) for quantity in quantities]
     elif is_grid and len(numbers) == 2 and not others:
-        drawn = [_map(sweep, quantity, numbers, kept) for quantity in quantities]
+        charts_ = [_map(sweep, quantity, numbers, feasible) for quantity in quantities]
     elif numbers:
-        drawn = [_scatter(sweep, quantity, numbers) for quantity in quantities]
+        charts_ = [_scatter(sweep, quantity, numbers) for quantity in quantities]
     if len(sweep.plan.aims) > 1 and len(front):
-        drawn.append(_front(sweep, front, kept))
-    return drawn
+        charts_.append(_front(sweep, front, feasible))
+    return charts_
 
 
 def _name(kind: str, quantity: str) -> str:
@@ -58,23 +58,23 @@ def _name(kind: str, quantity: str) -> str:
 def _curves(sweep: Sweep, quantity: str, factor: Factor, others: Sequence[Factor]) -> Figure:
     """Draw a quantity over one number, a curve for each choice of the rest."""
     figure, axes = charts.drawing(6.0, 3.6)
-    x, y = given(sweep, factor), sweep.answers.shown(quantity)
+    x, y = given(sweep, factor), sweep.results.in_unit(quantity)
     labels = [", ".join(str(case.values[other.key]) for other in others) for case in sweep.cases]
     for index, label in enumerate(list(dict.fromkeys(labels))[:CURVES]):
         chosen = [i for i, each in enumerate(labels) if each == label]
         axes.plot(x[chosen], y[chosen], marker="o", markersize=3, color=charts.COLOURS[index], label=label)
     _limits(axes, sweep, quantity)
     _scale(axes, factor)
-    _named(axes, labelled(factor.name, factor.unit), labelled(quantity, sweep.answers.unit(quantity)))
+    _named(axes, labelled(factor.name, factor.unit), labelled(quantity, sweep.results.unit(quantity)))
     if others or axes.get_legend_handles_labels()[1] not in ([], [""]):
         charts.below(figure, axes, 3)
     return Figure(_name("curve", quantity), charts.svg(figure), f"{quantity} over {factor.name}")
 
 
 def _limits(axes: Any, sweep: Sweep, quantity: str) -> None:
-    if not sweep.answers.has(quantity):
+    if not sweep.results.has(quantity):
         return
-    si, unit = sweep.answers.kinds[key_of(quantity)].si, sweep.answers.unit(quantity)
+    si, unit = sweep.results.kinds[key_of(quantity)].si, sweep.results.unit(quantity)
     for limit in sweep.plan.limits:
         if limit.quantity == quantity:
             bound = limit.bound(si) / units.factor(unit, si)
@@ -89,20 +89,20 @@ def _scale(axes: Any, x: Factor, y: Factor | None = None) -> None:
         axes.set_yscale("log")
 
 
-def _map(sweep: Sweep, quantity: str, factors: Sequence[Factor], kept: Sequence[int]) -> Figure:
+def _map(sweep: Sweep, quantity: str, factors: Sequence[Factor], feasible: Sequence[int]) -> Figure:
     """Draw a quantity over two numbers; what breaks a limit is paler."""
     figure, axes = charts.drawing(6.0, 4.2)
     shape = tuple(len(factor.values) for factor in factors)
     x, y = (given(sweep, factor).reshape(shape) for factor in factors)
-    z = np.ma.masked_invalid(sweep.answers.shown(quantity).reshape(shape))
+    z = np.ma.masked_invalid(sweep.results.in_unit(quantity).reshape(shape))
     if z.count() and min(shape) > 1:
-        drawn = axes.contourf(x, y, z, levels=14, cmap="viridis")
-        bar = figure.colorbar(drawn, ax=axes)
-        bar.set_label(labelled(quantity, sweep.answers.unit(quantity)), color=charts.NEUTRAL)
+        contours = axes.contourf(x, y, z, levels=14, cmap="viridis")
+        bar = figure.colorbar(contours, ax=axes)
+        bar.set_label(labelled(quantity, sweep.results.unit(quantity)), color=charts.NEUTRAL)
         bar.ax.tick_params(colors=charts.NEUTRAL)
     if sweep.plan.limits:
         broken = np.ones(len(sweep.cases), dtype=bool)
-        broken[list(kept)] = False
+        broken[list(feasible)] = False
         veil = np.ma.masked_where(~broken.reshape(shape), np.ones(shape))
         axes.pcolormesh(x, y, veil, cmap="Greys", vmin=0, vmax=2, alpha=0.45, shading="nearest")
     _scale(axes, *factors)
@@ -117,7 +117,7 @@ def _scatter(sweep: Sweep, quantity: str, numbers: Sequence[Factor]) -> Figure:
     from matplotlib.figure import Figure as Drawing
 
     drawing = Drawing(figsize=(2.4 * len(numbers) + 0.6, 2.6), layout="constrained")
-    y = sweep.answers.shown(quantity)
+    y = sweep.results.in_unit(quantity)
     for place, factor in enumerate(numbers, 1):
         axes = drawing.add_subplot(1, len(numbers), place)
         charts.plain(axes)
@@ -126,40 +126,40 @@ def _scatter(sweep: Sweep, quantity: str, numbers: Sequence[Factor]) -> Figure:
         _named(
             axes,
             labelled(factor.name, factor.unit),
-            labelled(quantity, sweep.answers.unit(quantity)) if place == 1 else "",
+            labelled(quantity, sweep.results.unit(quantity)) if place == 1 else "",
         )
     return Figure(_name("points", quantity), charts.svg(drawing), f"{quantity} of all cases over what varies")
 
 
-def _front(sweep: Sweep, front: Sequence[int], kept: Sequence[int]) -> Figure:
+def _front(sweep: Sweep, front: Sequence[int], feasible: Sequence[int]) -> Figure:
     """Draw the first two aims against each other, and the third as colour."""
     figure, axes = charts.drawing(6.0, 4.2)
     first, second, *more = (aim.quantity for aim in sweep.plan.aims)
-    x, y = sweep.answers.shown(first), sweep.answers.shown(second)
+    x, y = sweep.results.in_unit(first), sweep.results.in_unit(second)
     many = len(x) > MANY
     axes.plot(x, y, ".", color=charts.NEUTRAL, alpha=0.4, markersize=3, label="all cases", rasterized=many)
     if sweep.plan.limits:
-        x_kept, y_kept = x[list(kept)], y[list(kept)]
+        x_kept, y_kept = x[list(feasible)], y[list(feasible)]
         axes.plot(x_kept, y_kept, ".", color=charts.COLOURS[0], markersize=4, label="keep limits", rasterized=many)
     if more:
-        third = sweep.answers.shown(more[0])[list(front)]
+        third = sweep.results.in_unit(more[0])[list(front)]
         points = axes.scatter(x[list(front)], y[list(front)], c=third, s=28, zorder=3)
         bar = figure.colorbar(points, ax=axes)
-        bar.set_label(labelled(more[0], sweep.answers.unit(more[0])), color=charts.NEUTRAL)
+        bar.set_label(labelled(more[0], sweep.results.unit(more[0])), color=charts.NEUTRAL)
         bar.ax.tick_params(colors=charts.NEUTRAL)
     else:
         order = sorted(front, key=lambda i: x[i])
         axes.plot(x[order], y[order], "o-", color=charts.COLOURS[1], markersize=5, label="no other beats them")
-    _named(axes, *(labelled(each, sweep.answers.unit(each)) for each in (first, second)))
+    _named(axes, *(labelled(each, sweep.results.unit(each)) for each in (first, second)))
     charts.below(figure, axes, 3)
     return Figure("front.svg", charts.svg(figure), "Designs that no other beats in all aims at once")
 
 
-def importance(told: Mapping[str, Indices], names: Sequence[str]) -> Figure:
+def importance(indices: Mapping[str, Indices], names: Sequence[str]) -> Figure:
     """Draw total indices as bars, their first-order part in full colour: a group for each quantity."""
-    figure, axes = charts.drawing(6.4, 0.28 * len(names) * len(told) + 1.4)
+    figure, axes = charts.drawing(6.4, 0.28 * len(names) * len(indices) + 1.4)
     place, ticks = 0.0, []
-    for quantity, each in told.items():
+    for quantity, each in indices.items():
         for index, name in enumerate(names):
             colour = charts.COLOURS[index % len(charts.COLOURS)]
             axes.barh(place, each.total[index], height=0.8, color=colour, alpha=0.35)

@@ -20,7 +20,7 @@ from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.sweeps import sweep_figures
 from flexdesign.report.sweeps.sweep_figures import labelled
 from flexdesign.report.validation import design_pictures
-from flexdesign.workflows.sweeps import Sweep, choosing, evaluators, sensitivity
+from flexdesign.workflows.sweeps import Sweep, evaluators, pareto, sensitivity
 from flexdesign.workflows.sweeps.sensitivity import Indices
 
 #: How many designs, reasons of failure and quantities a report has, where nobody says which.
@@ -28,26 +28,26 @@ BEST, REASONS, SHOWN = 10, 8, 4
 #: So many of the best are drawn.
 DRAWN = 4
 #: What everybody asks of an amplifier, in this order.
-USUAL = (
+DEFAULT_QUANTITIES = (
     "K_in_output_free", "|lambda_output_free|", "|stroke_output_free|", "K_out_actuator_installed", "K_out_input_free",
 )  # fmt: skip
 
 
-def shown(sweep: Sweep) -> list[str]:
+def reported_quantities(sweep: Sweep) -> list[str]:
     """Return the quantities that the report shows: those asked for, else those of limits and aims, else the usual."""
     asked = [*sweep.plan.show, *(a.quantity for a in sweep.plan.aims), *(c.quantity for c in sweep.plan.limits)]
-    chosen = [quantity for quantity in dict.fromkeys(asked) if sweep.answers.has(quantity)]
-    return chosen or [quantity for quantity in USUAL if sweep.answers.has(quantity)][:SHOWN]
+    chosen = [quantity for quantity in dict.fromkeys(asked) if sweep.results.has(quantity)]
+    return chosen or [quantity for quantity in DEFAULT_QUANTITIES if sweep.results.has(quantity)][:SHOWN]
 
 
 @lru_cache(maxsize=1)
 def chosen(sweep: Sweep) -> tuple[Sequence[int], Sequence[int]]:
     """Return the places of the designs that keep all limits, and of the best of these, best first."""
-    kept, aims = choosing.kept(sweep.answers, sweep.plan.limits), sweep.plan.aims
+    feasible, aims = pareto.feasible(sweep.results, sweep.plan.limits), sweep.plan.aims
     if not aims:
-        return kept.tolist(), []
-    best = choosing.ranked(sweep.answers, kept, aims[0])[:BEST] if len(aims) == 1 else None
-    return kept.tolist(), (choosing.front(sweep.answers, kept, aims) if best is None else best).tolist()
+        return feasible.tolist(), []
+    best = pareto.ranked(sweep.results, feasible, aims[0])[:BEST] if len(aims) == 1 else None
+    return feasible.tolist(), (pareto.pareto_front(sweep.results, feasible, aims) if best is None else best).tolist()
 
 
 def document(sweep: Sweep) -> Document:
@@ -56,8 +56,8 @@ def document(sweep: Sweep) -> Document:
 
 
 def _sections(sweep: Sweep) -> list[Section]:
-    kept, front = chosen(sweep)
-    drawn = sweep_figures.figures(sweep, shown(sweep), front, kept)
+    feasible, front = chosen(sweep)
+    figures = sweep_figures.figures(sweep, reported_quantities(sweep), front, feasible)
     good = []
     if sweep.plan.method != "sensitivity":
         pictures, missing = _drawn(sweep)
@@ -66,7 +66,7 @@ def _sections(sweep: Sweep) -> list[Section]:
         )
     sections = [
         *good,
-        *([Section("What depends on what", [], [], drawn)] if drawn else []),
+        *([Section("What depends on what", [], [], figures)] if figures else []),
         *_matters(sweep),
         Section("What varied", [], [_factors(sweep)]),
     ]
@@ -82,32 +82,32 @@ def title(sweep: Sweep) -> str:
 
 def summary(sweep: Sweep) -> list[str]:
     """Say how many cases there are, how many keep their limits, and which is best."""
-    kept, front = chosen(sweep)
+    feasible, front = chosen(sweep)
     plan, failed = sweep.plan, len(sweep.failed)
     text = f"{len(sweep.cases)} versions of {plan.subject.title}, answered for by {EVALUATORS[plan.evaluator]}"
     text += f"; {failed} of them could not be" if failed else ""
     known = len(sweep.cases) - sweep.computed
     text += f". {sweep.computed} were computed in {sweep.seconds:.3g} s" if sweep.computed else ". All were known"
-    said = [text + (f", {known} were known." if known and sweep.computed else "."), *_inaccurate(sweep)]
+    sentences = [text + (f", {known} were known." if known and sweep.computed else "."), *_inaccurate(sweep)]
     for quantity, each in _indices(sweep).items():
         order = np.argsort(-each.total)[:2]
         most = " and ".join(f"{plan.factors[i].name} ({100 * each.total[i]:.0f} %)" for i in order)
-        said.append(f"{quantity} depends most on {most}.")
+        sentences.append(f"{quantity} depends most on {most}.")
     if plan.limits:
-        said.append(f"{len(kept)} keep {' and '.join(map(str, plan.limits))}.")
+        sentences.append(f"{len(feasible)} keep {' and '.join(map(str, plan.limits))}.")
     if front and len(plan.aims) == 1:
         largest = _number(sweep, front[0], plan.aims[0].quantity)
-        said.append(f"The {plan.aims[0]} among them is {largest}: {_words(sweep, front[0])}.")
+        sentences.append(f"The {plan.aims[0]} among them is {largest}: {_words(sweep, front[0])}.")
     elif front:
-        said.append(f"{len(front)} are beaten by no other in {' and '.join(map(str, plan.aims))} at once.")
-    return said
+        sentences.append(f"{len(front)} are beaten by no other in {' and '.join(map(str, plan.aims))} at once.")
+    return sentences
 
 
 def _inaccurate(sweep: Sweep) -> list[str]:
     """Say that the accuracy that was asked for is not reached in some cases."""
     missed = {_words(sweep, place): error for place, error in sweep.inaccurate.items()}
-    said = accuracy_words.not_reached_by(sweep.plan.mesh.accuracy, missed, len(sweep.cases) - len(sweep.failed))
-    return [said] if said else []
+    sentences = accuracy_words.not_reached_by(sweep.plan.mesh.accuracy, missed, len(sweep.cases) - len(sweep.failed))
+    return [sentences] if sentences else []
 
 
 #: What evaluators are called in a sentence.
@@ -124,8 +124,8 @@ def _drawn(sweep: Sweep) -> tuple[list[Figure], list[str]]:
     """Draw the first of the best designs; return the pictures, and why some are not there."""
     if not isinstance(sweep.plan.subject, Design):
         return [], []
-    kept, front = chosen(sweep)
-    best = (_spread(front) if sweep.plan.aims else kept[:BEST])[:DRAWN]
+    feasible, front = chosen(sweep)
+    best = (_spread(front) if sweep.plan.aims else feasible[:BEST])[:DRAWN]
     found = {_words(sweep, place): evaluators.version_of(sweep.plan, sweep.cases[place]) for place in best}
     return design_pictures.draw(found)
 
@@ -140,21 +140,21 @@ def _how(sweep: Sweep) -> str:
 
 def best(sweep: Sweep) -> Table:
     """Return the best designs, or the first where nobody said what is good."""
-    kept, front = chosen(sweep)
-    places = _spread(front) if sweep.plan.aims else kept[:BEST]
-    quantities = shown(sweep)
+    feasible, front = chosen(sweep)
+    places = _spread(front) if sweep.plan.aims else feasible[:BEST]
+    quantities = reported_quantities(sweep)
     heads = [
         *(labelled(factor.name, factor.unit) for factor in sweep.plan.factors),
-        *(labelled(quantity, sweep.answers.unit(quantity)) for quantity in quantities),
+        *(labelled(quantity, sweep.results.unit(quantity)) for quantity in quantities),
     ]
     rows = [
         [
-            *(factor.shown(sweep.cases[i].values[factor.key], unit=False) for factor in sweep.plan.factors),
+            *(factor.formatted(sweep.cases[i].values[factor.key], unit=False) for factor in sweep.plan.factors),
             *(_plain(sweep, i, quantity) for quantity in quantities),
         ]
         for i in places
     ]
-    return Table(heads, rows, f"{len(places)} of {len(front if len(sweep.plan.aims) > 1 else kept)} designs")
+    return Table(heads, rows, f"{len(places)} of {len(front if len(sweep.plan.aims) > 1 else feasible)} designs")
 
 
 def _spread(places: Sequence[int]) -> list[int]:
@@ -164,30 +164,30 @@ def _spread(places: Sequence[int]) -> list[int]:
 
 
 def _plain(sweep: Sweep, place: int, quantity: str) -> str:
-    value = sweep.answers.shown(quantity)[place]
+    value = sweep.results.in_unit(quantity)[place]
     return "–" if np.isnan(value) else units.significant(value, 4)
 
 
 def _number(sweep: Sweep, place: int, quantity: str) -> str:
-    return f"{_plain(sweep, place, quantity)} {sweep.answers.unit(quantity)}".rstrip()
+    return f"{_plain(sweep, place, quantity)} {sweep.results.unit(quantity)}".rstrip()
 
 
 def _words(sweep: Sweep, place: int) -> str:
     values = sweep.cases[place].values
-    return ", ".join(f"{factor.name} {factor.shown(values[factor.key])}" for factor in sweep.plan.factors)
+    return ", ".join(f"{factor.name} {factor.formatted(values[factor.key])}" for factor in sweep.plan.factors)
 
 
 def _matters(sweep: Sweep) -> list[Section]:
     """Return the section with Sobol's indices; none where the sample does not tell them."""
-    told = _indices(sweep)
-    if not told:
+    indices = _indices(sweep)
+    if not indices:
         return []
     text = (
         "Of a quantity's variance over all cases: what each factor explains alone, and in what it has a part, alone or "
         "with others. The difference is what it does together with them; the intervals hold in 95 of 100 samples."
     )
     names = [factor.name for factor in sweep.plan.factors]
-    return [Section("What matters for what", [text], [importance(sweep)], [sweep_figures.importance(told, names)])]
+    return [Section("What matters for what", [text], [importance(sweep)], [sweep_figures.importance(indices, names)])]
 
 
 @lru_cache(maxsize=1)
@@ -195,7 +195,7 @@ def _indices(sweep: Sweep) -> dict[str, Indices]:
     if sweep.plan.method != "sensitivity":
         return {}
     count, seed = len(sweep.plan.factors), sweep.plan.seed
-    found = {q: sensitivity.indices(sweep.answers.shown(q), count, seed) for q in shown(sweep)}
+    found = {q: sensitivity.indices(sweep.results.in_unit(q), count, seed) for q in reported_quantities(sweep)}
     return {quantity: indices for quantity, indices in found.items() if indices is not None}
 
 
@@ -226,8 +226,8 @@ def answer(sweep: Sweep) -> Table:
 def _factors(sweep: Sweep) -> Table:
     rows = []
     for factor in sweep.plan.factors:
-        values = [factor.shown(value, unit=False) for value in factor.values]
-        ends = f"{values[0]} to {factor.shown(factor.values[-1])}" if factor.ends else ", ".join(values[:8])
+        values = [factor.formatted(value, unit=False) for value in factor.values]
+        ends = f"{values[0]} to {factor.formatted(factor.values[-1])}" if factor.ends else ", ".join(values[:8])
         count = str(len(factor.values)) if sweep.plan.method == "grid" or not factor.ends else "any"
         rows.append([factor.key, ends, count, "equal ratios" if factor.is_log else ""])
     caption = f"{sweep.plan.method}, {len(sweep.cases)} cases" + (
@@ -239,8 +239,8 @@ def _factors(sweep: Sweep) -> Table:
 def _failures(sweep: Sweep) -> Table:
     first: dict[str, int] = {}
     for place in sweep.failed:
-        first.setdefault(sweep.answers.errors[place], place)
-    reasons = Counter(sweep.answers.errors[place] for place in sweep.failed)
+        first.setdefault(sweep.results.errors[place], place)
+    reasons = Counter(sweep.results.errors[place] for place in sweep.failed)
     rows = [[_words(sweep, first[reason]), str(count), reason] for reason, count in reasons.most_common(REASONS)]
     return Table(["for example", "cases", "reason"], rows, f"{len(reasons)} reasons" if len(reasons) > 1 else "")
 
@@ -256,9 +256,9 @@ def columns(sweep: Sweep) -> dict[str, list[Any]]:
             found[f"{factor.key} [{factor.unit or '1'}]"] = sweep_figures.given(sweep, factor).tolist()
         else:
             found[factor.key] = [case.values[factor.key] for case in sweep.cases]
-    for key in sweep.answers.kinds:
-        found[f"{key} [{sweep.answers.unit(key)}]"] = sweep.answers.shown(key).tolist()
-    return found | {"error": list(sweep.answers.errors)}
+    for key in sweep.results.kinds:
+        found[f"{key} [{sweep.results.unit(key)}]"] = sweep.results.in_unit(key).tolist()
+    return found | {"error": list(sweep.results.errors)}
 
 
 def csv(sweep: Sweep) -> str:
@@ -292,7 +292,7 @@ def parquet(sweep: Sweep) -> bytes | None:
 
 def result(sweep: Sweep) -> dict[str, Any]:
     """Return the numbers as result.json has them: the best designs; all of them are in cases.csv."""
-    kept, front = chosen(sweep)
+    feasible, front = chosen(sweep)
     plan, missed = sweep.plan, sweep.inaccurate
     return {
         "format": FORMAT,
@@ -302,10 +302,10 @@ def result(sweep: Sweep) -> dict[str, Any]:
         "computed": sweep.computed,
         "failed": len(sweep.failed),
         "accuracy": {"asked": plan.mesh.accuracy, "missed": len(missed), "worst": max(missed.values(), default=None)},
-        "keep_limits": len(kept),
+        "keep_limits": len(feasible),
         "limits": [str(limit) for limit in plan.limits],
         "aims": [str(aim) for aim in plan.aims],
-        "best": [_case(sweep, i) for i in (front if plan.aims else kept)[:BEST]],
+        "best": [_case(sweep, i) for i in (front if plan.aims else feasible)[:BEST]],
         "made_by": {
             "study": str(plan.file.name),
             "stage_model" if plan.bench and plan.bench.model else "design": plan.subject.name,
@@ -319,5 +319,5 @@ def result(sweep: Sweep) -> dict[str, Any]:
 
 def _case(sweep: Sweep, place: int) -> Mapping[str, Any]:
     values = sweep.cases[place].values
-    varied = {factor.key: factor.shown(values[factor.key]) for factor in sweep.plan.factors}
-    return {"values": varied, "quantities": [q.to_json() for q in sweep.answers.at(place)]}
+    varied = {factor.key: factor.formatted(values[factor.key]) for factor in sweep.plan.factors}
+    return {"values": varied, "quantities": [q.to_json() for q in sweep.results.at(place)]}

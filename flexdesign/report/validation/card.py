@@ -10,7 +10,7 @@ from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.report.document import Fact
 from flexdesign.report.validation.stage_words import Axes
-from flexdesign.report.wording import name_of, shown
+from flexdesign.report.wording import formatted, name_of
 from flexdesign.workflows.validation import Validation
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
@@ -29,16 +29,16 @@ def facts(validation: Validation) -> list[Fact]:
         return _of_joint(found)
     card = [_stroke(validation)] if design.actuator else []
     card += [
-        Fact(name_of(found[key]), shown(found[key]), found[key].boundary)
+        Fact(name_of(found[key]), formatted(found[key]), found[key].boundary)
         for key in ("K_in_output_free", "lambda_output_free", f"K_out_{boundary}", f"first_frequency_{boundary}")
         if key in found
     ]
     for quantity in margins(validation):
-        card.append(Fact(name_of(quantity), shown(quantity), quantity.boundary.partition(", ")[0]))
+        card.append(Fact(name_of(quantity), formatted(quantity), quantity.boundary.partition(", ")[0]))
     if design.actuator:
         preload = units.to_text(design.actuator.preload, "N") if design.actuator.preload else "none"
         lost = found.get("output_force_that_unloads_the_stack_no_voltage")
-        note = f"{replace(lost, half_width=None).shown(3)} at the output uses it up" if lost else "of the actuator"
+        note = f"{replace(lost, half_width=None).formatted(3)} at the output uses it up" if lost else "of the actuator"
         card.append(Fact("preload", preload, note))
     return card
 
@@ -47,7 +47,7 @@ def _of_joint(found: Mapping[str, Quantity]) -> list[Fact]:
     """Return the card of a joint: its six stiffnesses, and the first frequency."""
     keys = [f"k_{motion}_other_motions_held" for motion in ("x", "y", "z", "rx", "ry", "rz")]
     return [
-        Fact(name_of(found[key]), shown(found[key]), found[key].boundary)
+        Fact(name_of(found[key]), formatted(found[key]), found[key].boundary)
         for key in (*keys, "first_frequency_output_free")
         if key in found
     ]
@@ -67,8 +67,8 @@ def quantities(validation: Validation) -> dict[str, Any]:
     if not validation.has_input:
         keys = {key: key for key in found if key.startswith("k_") and key.endswith("_held")}
         keys["first_frequency"] = "first_frequency_output_free"
-    told = {name: found[key].to_json() for name, key in keys.items() if key in found}
-    return told | {quantity.name: quantity.to_json() for quantity in margins(validation)}
+    values = {name: found[key].to_json() for name, key in keys.items() if key in found}
+    return values | {quantity.name: quantity.to_json() for quantity in margins(validation)}
 
 
 def margins(validation: Validation) -> list[Quantity]:
@@ -80,9 +80,9 @@ def margins(validation: Validation) -> list[Quantity]:
 def stroke_in_words(validation: Validation) -> str:
     """Return the stroke as headlines state it: with large displacements, and the linear one beside it."""
     found = _by_key(validation)
-    linear = shown(found["stroke_output_free"])
+    linear = formatted(found["stroke_output_free"])
     large = found.get("stroke_output_free_large_displacements")
-    return f"{shown(large)} with large displacements (linear: {linear})" if large else f"{linear} (linear)"
+    return f"{formatted(large)} with large displacements (linear: {linear})" if large else f"{linear} (linear)"
 
 
 def warnings(validation: Validation) -> list[str]:
@@ -91,61 +91,63 @@ def warnings(validation: Validation) -> list[str]:
     The headline says that.
     """
     design, found = validation.study.design, _by_key(validation)
-    told = [
-        f"{name_of(quantity)} is {shown(quantity)}, less than 1 ({quantity.boundary})."
+    remarks = [
+        f"{name_of(quantity)} is {formatted(quantity)}, less than 1 ({quantity.boundary})."
         for quantity in margins(validation)
         if quantity.value < 1
     ]
     if design.material.yield_strength is None:
-        told.append(f"No yield strength of {design.material.name} is known, so that no safety is stated.")
+        remarks.append(f"No yield strength of {design.material.name} is known, so that no safety is stated.")
     elif validation.sharp and validation.domain.thin is not None:
-        told.append(
+        remarks.append(
             "A re-entrant edge beside a thin region is sharp: peak stress grows without bound as meshes refine."
         )
     elif validation.sharp:
-        told.append(
+        remarks.append(
             "Hinge roots are drawn sharp: the safety is that of the nominal hinge stress, without a notch factor."
         )
     changes = [
-        f"{name_of(q)} {shown(q)}"
+        f"{name_of(q)} {formatted(q)}"
         for q in found.values()
         if q.name.endswith("_change") and "full drive" in q.boundary and abs(q.value) > CHANGES
     ]
     if changes:
-        told.append(f"Stiffness and amplification are those at rest. On the way to full voltage: {', '.join(changes)}.")
+        remarks.append(
+            f"Stiffness and amplification are those at rest. On the way to full voltage: {', '.join(changes)}."
+        )
     if design.actuator and validation.large is None:
-        told.append("Large displacements were not followed: the stroke is the linear one.")
+        remarks.append("Large displacements were not followed: the stroke is the linear one.")
     asked = validation.study.mesh.accuracy
     if validation.estimated_error > ERROR and (asked is None or validation.estimated_error <= asked):
-        told.append(
+        remarks.append(
             f"The largest estimated error of a stiffness or amplification is {100 * validation.estimated_error:.2g} %."
         )
-    return told
+    return remarks
 
 
 def facts_of_stage(validation: StageValidation) -> list[Fact]:
     """Return the card of a stage: travel and output stiffness of each axis, and the first frequency."""
     axes, found = Axes(validation), _by_key(validation)
     card = []
-    for axis in axes.told:
+    for axis in axes.listed:
         label = axes.label(axis)
         if (travel := found.get(f"stroke_{axis}_table_free")) is not None:
             note = f"full voltage, table free{grown(validation, axis)}"
-            card.append(Fact(f"travel {label}, linear", shown(travel), note))
+            card.append(Fact(f"travel {label}, linear", formatted(travel), note))
         boundary = "actuators installed" if validation.study.design.actuator else "inputs free"
         stiffness = found[f"K_out_{axis}_{boundary.replace(' ', '_')}"]
-        card.append(Fact(f"stiffness K_out {label}", shown(stiffness), boundary))
+        card.append(Fact(f"stiffness K_out {label}", formatted(stiffness), boundary))
     for boundary in ("actuators installed", "inputs free"):
         first = found.get(f"frequency_1_{boundary.replace(' ', '_')}")
         if first is not None:
-            card.append(Fact("first natural frequency", shown(first), boundary))
+            card.append(Fact("first natural frequency", formatted(first), boundary))
             break
     return card
 
 
 def travel_in_words(validation: StageValidation, axis: str) -> str:
     """Return the linear travel of an axis at full voltage, and what large displacements do to it."""
-    return f"{shown(validation.fem(f'stroke_{axis}_table_free'))} (linear{grown(validation, axis)})"
+    return f"{formatted(validation.fem(f'stroke_{axis}_table_free'))} (linear{grown(validation, axis)})"
 
 
 def grown(validation: StageValidation, axis: str) -> str:
@@ -165,22 +167,22 @@ def grown(validation: StageValidation, axis: str) -> str:
 def quantities_of_stage(validation: StageValidation) -> dict[str, Any]:
     """Return the card's numbers as result.json has them, travels as the linear ones that they are."""
     found = _by_key(validation)
-    told: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     boundary = "actuators_installed" if validation.study.design.actuator else "inputs_free"
     for axis in validation.assembly.axes:
         keys = {f"travel_{axis}_linear": f"stroke_{axis}_table_free", f"K_out_{axis}": f"K_out_{axis}_{boundary}"}
-        told |= {name: found[key].to_json() for name, key in keys.items() if key in found}
+        values |= {name: found[key].to_json() for name, key in keys.items() if key in found}
     first = found.get(f"frequency_1_{boundary}")
-    return told | ({"first_frequency": first.to_json()} if first is not None else {})
+    return values | ({"first_frequency": first.to_json()} if first is not None else {})
 
 
 def _stroke(validation: Validation) -> Fact:
     found = _by_key(validation)
-    linear = shown(found["stroke_output_free"])
+    linear = formatted(found["stroke_output_free"])
     large = found.get("stroke_output_free_large_displacements")
     if large is None:
         return Fact("stroke, linear", linear, "output free")
-    return Fact("stroke, large displacements", shown(large), f"linear: {linear}")
+    return Fact("stroke, large displacements", formatted(large), f"linear: {linear}")
 
 
 def _boundary(validation: Validation) -> str:

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from flexdesign.report.document import Section, Table
-from flexdesign.report.wording import name_of, shown
+from flexdesign.report.wording import formatted, name_of
 from flexdesign.workflows.validation import CrossCheck, Way
 from flexdesign.workflows.validation.cross_check import KEYS
 
@@ -67,7 +67,7 @@ def _entry(way: Way, check: CrossCheck) -> dict[str, Any]:
 
 def _answers(check: CrossCheck) -> Table:
     rows = [
-        [*_cells(way, check), f"{way.unknowns}", *(shown(way.found[key]) for key in KEYS), f"{way.seconds:.0f} s"]
+        [*_cells(way, check), f"{way.unknowns}", *(formatted(way.found[key]) for key in KEYS), f"{way.seconds:.0f} s"]
         for way in (check.chosen, *check.answered)
     ]
     return Table(["meshes", "domain", "unknowns", *HEADS, "time"], rows, "What each way finds")

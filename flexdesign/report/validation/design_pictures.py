@@ -28,10 +28,10 @@ def draw(designs: Mapping[str, Design]) -> tuple[list[Figure], list[str]]:
         The pictures, and why some are not there.
     """
     outlines = {label: _outline(design) for label, design in designs.items()}
-    told = {label: outline for label, outline in outlines.items() if outline is not None}
-    figures = [_sections(told)] if told else []
+    drawn_outlines = {label: outline for label, outline in outlines.items() if outline is not None}
+    figures = [_sections(drawn_outlines)] if drawn_outlines else []
     try:
-        return [*figures, *_solids({label: designs[label] for label in designs if label not in told})], []
+        return [*figures, *_solids({label: designs[label] for label in designs if label not in drawn_outlines})], []
     except NoPictures as error:
         return figures, [f"No pictures: {error}."]
 
@@ -64,15 +64,15 @@ def skin(design: Design) -> tuple[Array, NDArray[np.int64]]:
     return 1e-3 * np.array([point.toTuple() for point in points]), np.array(triangles)
 
 
-def _sections(told: Mapping[str, Outline]) -> Figure:
+def _sections(drawn_outlines: Mapping[str, Outline]) -> Figure:
     """Draw sections in one scale."""
     from matplotlib.figure import Figure as Drawing
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 
-    drawing, shared = Drawing(figsize=(2.6 * len(told), 2.4), layout="constrained"), None
-    for place, (label, outline) in enumerate(told.items(), 1):
-        axes = drawing.add_subplot(1, len(told), place, sharex=shared, sharey=shared)
+    drawing, shared = Drawing(figsize=(2.6 * len(drawn_outlines), 2.4), layout="constrained"), None
+    for place, (label, outline) in enumerate(drawn_outlines.items(), 1):
+        axes = drawing.add_subplot(1, len(drawn_outlines), place, sharex=shared, sharey=shared)
         shared = shared or axes
         loops = [Path(1e3 * loop, closed=True) for loop in _wound(outline.loops)]
         axes.add_patch(PathPatch(Path.make_compound_path(*loops), facecolor=charts.COLOURS[0], edgecolor="none"))

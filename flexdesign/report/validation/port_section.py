@@ -14,7 +14,7 @@ from flexdesign.fem.quantities.port_stiffness import FREE, HELD
 from flexdesign.fem.solving.port_compliance import MOTIONS
 from flexdesign.report import strength_words
 from flexdesign.report.document import Section, Table
-from flexdesign.report.wording import name_of, shown
+from flexdesign.report.wording import formatted, name_of
 from flexdesign.workflows.validation import Validation
 
 TITLE = "Stiffness of the output port in six directions"
@@ -25,7 +25,7 @@ def table_1(validation: Validation) -> Table:
     if not validation.has_input:
         return _six(validation)
     names = ("K_in", "lambda", "K_out")
-    rows = [[name_of(q), q.boundary, shown(q)] for q in validation.further if q.name in names]
+    rows = [[name_of(q), q.boundary, formatted(q)] for q in validation.further if q.name in names]
     return Table(["quantity", "boundary", "FEM"], rows, "FEM ± estimated discretisation error")
 
 
@@ -52,7 +52,7 @@ def summary(validation: Validation) -> list[str]:
     pieces: dict[str, list[str]] = {}
     for motion in MOTIONS:
         kind = port_stiffness.kind(motion, ports) or f"along {motion}"
-        pieces.setdefault(kind, []).append(shown(_fem(validation, motion, HELD)))
+        pieces.setdefault(kind, []).append(formatted(_fem(validation, motion, HELD)))
     listed = "; ".join(f"{kind} {' and '.join(values)}" for kind, values in pieces.items())
     return [f"FEM gives the stiffness of the output port against the ground, other motions held: {listed}."]
 
@@ -105,7 +105,7 @@ def _six(validation: Validation) -> Table:
     rows = []
     for motion in MOTIONS:
         kind = port_stiffness.kind(motion, ports)
-        cells = [shown(_fem(validation, motion, boundary)) for boundary in (HELD, FREE)]
+        cells = [formatted(_fem(validation, motion, boundary)) for boundary in (HELD, FREE)]
         rows.append([f"k_{motion}{f' ({kind})' if kind else ''}", *cells])
     return Table(["stiffness", HELD, FREE], rows, "FEM ± estimated discretisation error")
 

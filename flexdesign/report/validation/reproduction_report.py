@@ -39,11 +39,11 @@ def verdicts(found: Reproduction) -> Table:
 
 
 def _summary(found: Reproduction) -> list[str]:
-    told = ", ".join(f"{count} {verdict}" for verdict, count in found.counted().items() if count)
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in found.counted().items() if count)
     design = found.stage.study.design
     return [
         f"{len(found.paper.printed)} printed numbers, and what the paper says in words, in {len(found.items)} rows: "
-        f"{told}.",
+        f"{counts}.",
         f"The paper prints no dimensions. The stage is {design.provenance}.",
         _rows_in_words(found, "cannot be both"),
         _rows_in_words(found, "differs"),
@@ -60,8 +60,8 @@ def _section(found: Reproduction, title: str, systems: tuple[str, ...]) -> Secti
     rows = [_row(item) for item in found.items if item.system in systems]
     table = Table(["", "what", "place", "paper", "ours", "verdict", "why"], rows)
     plan = found.experiments.plan
-    drawn = [e for e in plan.experiments if e.name.partition(" ")[0] in systems]
-    figures = [f for e in drawn for f in simulation_figures.draw(e, found.experiments.of(e), UNIT)]
+    experiments = [e for e in plan.experiments if e.name.partition(" ")[0] in systems]
+    figures = [f for e in experiments for f in simulation_figures.draw(e, found.experiments.of(e), UNIT)]
     return Section(title, [], [table], figures, gallery=True)
 
 

@@ -7,7 +7,7 @@ import math
 from flexdesign.core import units
 from flexdesign.report.document import Section, Table
 from flexdesign.report.validation.stage_words import Axes, computed, percent, written
-from flexdesign.report.wording import shown
+from flexdesign.report.wording import formatted
 from flexdesign.workflows.validation import Comparison
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
@@ -36,10 +36,10 @@ def section(validation: StageValidation) -> Section:
     return Section("What explains the differences", [each for each in text if each], tables)
 
 
-def told(validation: StageValidation, axes: Axes) -> list[Comparison]:
+def listed_comparisons(validation: StageValidation, axes: Axes) -> list[Comparison]:
     """Return the comparisons with computed numbers at the stated input, axes that are alike once."""
     far = {q.key for motion in validation.at_full_stroke for q in motion.quantities()}
-    return [c for c in validation.comparisons if computed(c) and c.fem.key not in far and axes.tells(c.fem)]
+    return [c for c in validation.comparisons if computed(c) and c.fem.key not in far and axes.is_listed(c.fem)]
 
 
 def nearest(validation: StageValidation) -> str | None:
@@ -115,7 +115,7 @@ def _springs_text() -> str:
 def _springs(validation: StageValidation, axes: Axes) -> list[Table]:
     design = validation.study.design
     counted, tables = design.stage().springs(design.material), []
-    for axis in axes.told:
+    for axis in axes.listed:
         left = [[name, f"{count}", _stiffness(q.value)] for name, count, q, _ in counted.get(axis, ())]
         right = [[spring.kind, f"{spring.count}", _stiffness(spring.stiffness)] for spring in validation.springs[axis]]
         left.append(["all", "", _stiffness(sum(row[2].value for row in counted.get(axis, ())))])
@@ -195,9 +195,9 @@ def _variants(validation: StageValidation, axes: Axes) -> Table:
     for label in validation.variants:
         columns += [label, "change"]
     rows = []
-    for comparison in told(validation, axes):
+    for comparison in listed_comparisons(validation, axes):
         fem = comparison.fem
-        row = [f"{axes.short(fem)}", shown(fem)]
+        row = [f"{axes.short(fem)}", formatted(fem)]
         for label in validation.variants:
             value = validation.as_in(label, fem.key)
             row += [_as(validation, label, fem.key), percent(value / fem.value - 1 if value and fem.value else None)]
@@ -210,7 +210,7 @@ def _left(validation: StageValidation, axes: Axes) -> list[Table]:
     best, tables = nearest(validation), []
     for label in _others(validation):
         rows = []
-        for comparison in (c for c in told(validation, axes) if label in c.analytic):
+        for comparison in (c for c in listed_comparisons(validation, axes) if label in c.analytic):
             fem, theirs = comparison.fem, comparison.analytic[label]
             row = [axes.short(fem), written(validation, label, theirs), _deviation(theirs.value, fem.value)]
             if best is not None:
@@ -230,7 +230,7 @@ def _deviation(value: float, reference: float) -> str:
 
 def _as(validation: StageValidation, variant: str, key: str) -> str:
     found = validation.variants[variant].get(key)
-    return "–" if found is None else shown(found)
+    return "–" if found is None else formatted(found)
 
 
 def _stiffness(value: float) -> str:

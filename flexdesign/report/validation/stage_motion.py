@@ -12,7 +12,7 @@ from flexdesign.fem.quantities.stage_modes import ModeShares
 from flexdesign.report.comparison_words import listed
 from flexdesign.report.document import Figure, Section, Table
 from flexdesign.report.validation.stage_words import Axes, measured, percent, share, written
-from flexdesign.report.wording import shown
+from flexdesign.report.wording import formatted
 from flexdesign.workflows.validation import Comparison
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
@@ -64,10 +64,10 @@ def _second_order(validation: StageValidation, axes: Axes) -> Table:
     arms = validation.study.design.stage().arms()
     rows = []
     for motion in [*validation.motions, *validation.at_full_stroke]:
-        drawn = cross_axis_coupling.coupling_by_arms(motion.travel, arms, motion.axis)
+        estimated = cross_axis_coupling.coupling_by_arms(motion.travel, arms, motion.axis)
         for driven, other in axes.pairs():
             if driven == motion.axis:
-                rows.append(_drawn_aside(axes, motion, other, drawn.get(other)))
+                rows.append(_drawn_aside(axes, motion, other, estimated.get(other)))
     columns = ["driven → drawn", "input", "travel", "even part", "odd part", "per travel", "δ²/2L", "per travel"]
     return Table(columns, rows, "Second order: large displacements, beside the arms' δ²/2L")
 
@@ -95,18 +95,18 @@ def _motion(value: float, travel: float) -> str:
 def _growth(validation: StageValidation, axes: Axes) -> list[str]:
     """Say by how much more the ratio is at full stroke: as the travel, if it is of second order."""
     near = {motion.axis: motion for motion in validation.motions}
-    told = []
+    texts = []
     for far in validation.at_full_stroke:
         for driven, other in axes.pairs():
             base = near[far.axis]
             if driven != far.axis or abs(base.even[other]) < cross_axis_coupling.ROUNDING * base.travel:
                 continue
             grown = far.even[other] / far.travel / (base.even[other] / base.travel)
-            told.append(
+            texts.append(
                 f"{axes.pair(driven, other)}: the ratio is {grown:.3f} times as large where the travel is "
                 f"{far.travel / base.travel:.3f} times as large"
             )
-    return [f"{'; '.join(told)}. A ratio that grows as the travel is of second order."] if told else []
+    return [f"{'; '.join(texts)}. A ratio that grows as the travel is of second order."] if texts else []
 
 
 def _coarse(validation: StageValidation) -> list[str]:
@@ -120,10 +120,10 @@ def _coarse(validation: StageValidation) -> list[str]:
                 off[kind] = max(off.get(kind, 0.0), gap)
     if not off:
         return []
-    told = listed([f"{100 * ratio:.2g} % in {kind}" for kind, ratio in off.items()])
+    most = listed([f"{100 * ratio:.2g} % in {kind}" for kind, ratio in off.items()])
     return [
         "Large displacements are solved on the two coarsest meshes. The table below, rotations and pictures are of the "
-        f"coarsest, which differs from the limit by up to {told}; travel and coupling elsewhere in this report are "
+        f"coarsest, which differs from the limit by up to {most}; travel and coupling elsewhere in this report are "
         "extrapolated, with their estimated errors."
     ]
 
@@ -131,14 +131,14 @@ def _coarse(validation: StageValidation) -> list[str]:
 def beside_measurements(validation: StageValidation) -> Section:
     """Return the section that sets FEM beside numbers with an uncertainty, and says what these can prove."""
     axes = Axes(validation)
-    found = [c for c in validation.comparisons if measured(c) and axes.tells(c.fem)]
+    found = [c for c in validation.comparisons if measured(c) and axes.is_listed(c.fem)]
     if not found:
         return Section("Beside measurements")
     rows = []
     for comparison in found:
         fem = comparison.fem
         for label, theirs in measured(comparison).items():
-            cells = [axes.what(fem), axes.where(fem), shown(fem), written(validation, label, theirs)]
+            cells = [axes.what(fem), axes.where(fem), formatted(fem), written(validation, label, theirs)]
             known = abs(theirs.value) > (theirs.half_width or 0.0)
             off = percent(comparison.error(label)) if known else "–"
             rows.append([*cells, off, verdict(comparison, theirs)])
@@ -165,7 +165,7 @@ def verdict(comparison: Comparison, theirs: Quantity) -> str:
 
 def _amplified(validation: StageValidation, axes: Axes, found: Sequence[Comparison]) -> list[str]:
     """Say what amplification the measured travels mean, beside that of the models."""
-    told = []
+    texts = []
     for comparison in found:
         axis = comparison.fem.boundary.partition(", ")[0]
         motion = next((m for m in validation.at_full_stroke if m.axis == axis), None)
@@ -173,21 +173,21 @@ def _amplified(validation: StageValidation, axes: Axes, found: Sequence[Comparis
             continue
         models = next(c for c in validation.comparisons if c.fem.key == f"lambda_{axis}_table_free").analytic
         known = "".join(f", “{model}” {units.significant(abs(q.value), 3)}" for model, q in models.items())
-        told += [
+        texts += [
             f"{axes.label(axis)} {units.significant(theirs.value / motion.extension, 3)} as measured, FEM "
             f"{units.significant(comparison.fem.value / motion.extension, 3)}{known}"
             for theirs in measured(comparison).values()
         ]
-    if not told:
+    if not texts:
         return []
     return [
-        f"Travel over input: {'; '.join(told)}. Where model and measurement disagree, a difference of FEM's is open."
+        f"Travel over input: {'; '.join(texts)}. Where model and measurement disagree, a difference of FEM's is open."
     ]
 
 
 def _needed(validation: StageValidation, axes: Axes, found: Sequence[Comparison]) -> list[str]:
     """Say how much of each cause of first order would make what was measured, each alone."""
-    told = []
+    texts = []
     for comparison in found:
         _, coupled, other = comparison.fem.name.partition("coupling_")
         if not coupled:
@@ -200,9 +200,11 @@ def _needed(validation: StageValidation, axes: Axes, found: Sequence[Comparison]
             if _acts(c.coupling, driven, other)
         }
         listed = ", ".join(f"{units.significant(many, 2)} times the {name}" for name, many in times.items())
-        told.append(f"{axes.pair(driven, other)} as measured takes {listed}" if times else "")
-    told = [each for each in told if each]
-    return [f"Were it first order, of what the table of causes assumes, each alone: {'; '.join(told)}."] if told else []
+        texts.append(f"{axes.pair(driven, other)} as measured takes {listed}" if times else "")
+    texts = [each for each in texts if each]
+    return (
+        [f"Were it first order, of what the table of causes assumes, each alone: {'; '.join(texts)}."] if texts else []
+    )
 
 
 def _acts(coupling: object, driven: str, other: str) -> bool:
@@ -256,36 +258,38 @@ def modes(validation: StageValidation, figures: Sequence[Figure]) -> Section:
     heads = [f"share of static stroke {axis.upper()}" for axis in axes.names]
     table = Table(["frequency", "actuators", *heads, "what the table does"], rows, "Lowest modes on the finest mesh")
     limits = [
-        [q.name.replace("_", " "), axes.where(q), shown(q)]
+        [q.name.replace("_", " "), axes.where(q), formatted(q)]
         for q in validation.further
-        if q.name.startswith("drive_") and axes.tells(q)
+        if q.name.startswith("drive_") and axes.is_listed(q)
     ]
-    told = [Table(["quantity", "boundary", "FEM"], limits, "The mode with the largest share of an axis' static stroke")]
-    return Section("Natural frequencies", text, [*(told if limits else []), table], figures, gallery=True)
+    tables = [
+        Table(["quantity", "boundary", "FEM"], limits, "The mode with the largest share of an axis' static stroke")
+    ]
+    return Section("Natural frequencies", text, [*(tables if limits else []), table], figures, gallery=True)
 
 
 def _carried(validation: StageValidation, axes: Axes) -> list[str]:
     """Name modes that move the table along an axis and have a small share of its static stroke."""
-    told = []
-    for axis in axes.told:
+    texts = []
+    for axis in axes.listed:
         for mode in validation.modes[1]:
-            moved, answers = mode.table[axis], mode.answers[axis]
-            if moved >= NAMED and answers < NAMED:
-                told.append(
+            energy, driven = mode.table[axis], mode.participation[axis]
+            if energy >= NAMED and driven < NAMED:
+                texts.append(
                     f"the mode at {units.significant(mode.mode.frequency, 4)} Hz moves the table along {axis} "
-                    f"({100 * moved:.0f} % of its energy) but has {100 * answers:.1f} % of the static stroke of "
+                    f"({100 * energy:.0f} % of its energy) but has {100 * driven:.1f} % of the static stroke of "
                     f"{axes.label(axis)} only: a load on the table excites it, the drive hardly does"
                 )
-    return [f"Note {'; '.join(told)}."] if told else []
+    return [f"Note {'; '.join(texts)}."] if texts else []
 
 
 def _mode(validation: StageValidation, mode: ModeShares, state: str) -> list[str]:
-    answers = [f"{100 * value:.1f} %" if abs(value) >= LEAST else "–" for value in mode.answers.values()]
-    return [f"{units.significant(mode.mode.frequency, 4)} Hz", state, *answers, in_words(mode)]
+    driven = [f"{100 * value:.1f} %" if abs(value) >= LEAST else "–" for value in mode.participation.values()]
+    return [f"{units.significant(mode.mode.frequency, 4)} Hz", state, *driven, in_words(mode)]
 
 
 def in_words(mode: ModeShares) -> str:
     """Say how the table moves in a mode."""
-    moves = sorted(((value, name) for name, value in mode.table.items() if value >= LEAST), reverse=True)
-    listed = ", ".join(f"{MOVES[name]} {100 * value:.0f} %" for value, name in moves)
+    directions = sorted(((value, name) for name, value in mode.table.items() if value >= LEAST), reverse=True)
+    listed = ", ".join(f"{MOVES[name]} {100 * value:.0f} %" for value, name in directions)
     return listed or "rests"

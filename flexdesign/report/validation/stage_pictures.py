@@ -17,7 +17,7 @@ from flexdesign.core import units
 from flexdesign.design.assembly import Body, Box, Element
 from flexdesign.fem.quantities.stage_modes import ModeShares, mode_shares
 from flexdesign.fem.superelements.assembled_stage import AssembledStage
-from flexdesign.fem.superelements.superelement import Inside
+from flexdesign.fem.superelements.superelement import Interior
 from flexdesign.report.document import Figure
 from flexdesign.report.validation import stage_scene
 from flexdesign.report.validation.stage_motion import in_words
@@ -51,16 +51,16 @@ def draw(validation: StageValidation) -> tuple[list[Figure], list[Figure]]:
         If nothing can be drawn on this machine.
     """
     stage = validation.stages[0]
-    driven = {axis: _driven(validation, stage, axis) for axis in Axes(validation).told}
+    driven = {axis: _driven(validation, stage, axis) for axis in Axes(validation).listed}
     actuator = validation.study.design.actuator
     modes = mode_shares(stage, actuator.installed_stiffness if actuator else 0.0, DRAWN_MODES)
     fields = np.stack([*driven.values(), *(mode.mode.amplitudes for mode in modes)], axis=1)
-    skins, moved = _skins(stage, fields)
+    skins, displaced = _skins(stage, fields)
     jobs = [(Scene("stage.png"), _drawn_caption(validation))]
     for index, axis in enumerate(driven):
-        jobs.append(_deformed(validation, axis, skins, [each[..., index] for each in moved]))
+        jobs.append(_deformed(validation, axis, skins, [each[..., index] for each in displaced]))
     swings = [
-        (_swing(f"mode_{rank}.png", skins, [each[..., len(driven) + rank - 1] for each in moved]), mode)
+        (_swing(f"mode_{rank}.png", skins, [each[..., len(driven) + rank - 1] for each in displaced]), mode)
         for rank, mode in enumerate(modes, 1)
     ]
     images = stage_scene.draw(skins, [scene for scene, _ in [*jobs, *swings]])
@@ -76,8 +76,8 @@ def _driven(validation: StageValidation, stage: AssembledStage, axis: str) -> Fl
     """Return the unknowns as an axis' actuators part their inputs in the mean as far as stated."""
     drives = stage.assembly.axes[axis].drives
     load = stage.drive(axis)
-    moved = np.linalg.solve(stage.stiffness, load)
-    return np.asarray(validation.inputs[axis] * len(drives) / float(load @ moved) * moved)
+    displaced = np.linalg.solve(stage.stiffness, load)
+    return np.asarray(validation.inputs[axis] * len(drives) / float(load @ displaced) * displaced)
 
 
 def _skins(stage: AssembledStage, fields: FloatArray) -> tuple[list[Skin], list[FloatArray]]:
@@ -99,12 +99,12 @@ def _skins(stage: AssembledStage, fields: FloatArray) -> tuple[list[Skin], list[
         name, colour = (_called(elements), next(palette)) if pushed else ("hinges", HINGE)
         for element in elements:
             add(name, colour, _element(stage, element, fields))
-    skins, moved = [], []
+    skins, displaced = [], []
     for name, (colour, glass, pieces) in groups.items():
         points, triangles, motions = _joined(pieces)
         skins.append(Skin(name, colour, points, triangles, glass))
-        moved.append(motions)
-    return skins, moved
+        displaced.append(motions)
+    return skins, displaced
 
 
 def _called(elements: Sequence[Element]) -> str:
@@ -132,7 +132,7 @@ def _box(stage: AssembledStage, body: Body, box: Box, fields: FloatArray) -> tup
 
 def _element(stage: AssembledStage, element: Element, fields: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return points, triangles and motions of a part's skin, with its mirror images, at its place."""
-    inside = stage.parts[element.name].inside
+    inside = stage.parts[element.name].interior
     assert inside is not None, "the coarsest mesh keeps what goes on inside"
     places, onto = stage.connection(element.name)
     amplitudes = onto @ fields[places]
@@ -151,14 +151,14 @@ def _element(stage: AssembledStage, element: Element, fields: FloatArray) -> tup
     return _joined(pieces)
 
 
-def _outside(inside: Inside) -> tuple[IntArray, IntArray]:
+def _outside(inside: Interior) -> tuple[IntArray, IntArray]:
     """Return the nodes on the domain's skin and its triangles between them, symmetry planes left out."""
     points, facets = inside.body.mesh.points, inside.body.mesh.facets
-    kept = np.ones(len(facets), dtype=bool)
+    is_outside = np.ones(len(facets), dtype=bool)
     reach = float(np.ptp(points, axis=0).max())
     for plane in inside.planes:
-        kept &= np.abs(points[facets][:, :, plane.index]).max(axis=1) > 1e-9 * reach
-    nodes, numbers = np.unique(facets[kept], return_inverse=True)
+        is_outside &= np.abs(points[facets][:, :, plane.index]).max(axis=1) > 1e-9 * reach
+    nodes, numbers = np.unique(facets[is_outside], return_inverse=True)
     return nodes, numbers.reshape(-1, 3)
 
 

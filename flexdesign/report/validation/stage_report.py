@@ -16,9 +16,9 @@ from flexdesign.fem.stage_condensation import Kind
 from flexdesign.report import accuracy_words
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.pictures import drawn_or_said
-from flexdesign.report.validation import card, ladder_section, stage_differences, stage_motion, stage_pictures
+from flexdesign.report.validation import card, hierarchy_section, stage_differences, stage_motion, stage_pictures
 from flexdesign.report.validation.stage_words import Axes, axis_of, computed, percent, written
-from flexdesign.report.wording import flat, shown
+from flexdesign.report.wording import flat, formatted
 from flexdesign.workflows.validation import Comparison, provenance
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
@@ -28,14 +28,14 @@ Progress = Callable[[str], None]
 def table_1(validation: StageValidation) -> Table:
     """Return FEM beside each analytic model and each published column, with deviations from FEM."""
     axes = Axes(validation)
-    found = stage_differences.told(validation, axes)
+    found = stage_differences.listed_comparisons(validation, axes)
     models = list(dict.fromkeys(model for comparison in found for model in computed(comparison)))
     rows = []
     for comparison in found:
         fem = comparison.fem
         where = axes.where(fem).removeprefix(f"{axes.label(axis_of(fem))}, ") if axis_of(fem) in axes.head else ""
         cells = [_beside(validation, comparison, model) for model in models]
-        rows.append([f"{axes.short(fem)}, {where}", shown(fem), *cells])
+        rows.append([f"{axes.short(fem)}, {where}", formatted(fem), *cells])
     return Table(["", "FEM", *models], rows, "FEM ± estimated discretisation error; in brackets deviations from FEM")
 
 
@@ -52,7 +52,7 @@ def brief_table_1(validation: StageValidation) -> Table:
     """Return Table 1 for a terminal: without boundaries, its unit with the name of each quantity."""
     whole, rows = table_1(validation), []
     for (name, fem, *cells), comparison in zip(
-        whole.rows, stage_differences.told(validation, Axes(validation)), strict=True
+        whole.rows, stage_differences.listed_comparisons(validation, Axes(validation)), strict=True
     ):
         unit = comparison.fem.unit
         called = f"{name.partition(',')[0]} [{unit}]" if unit else name.partition(",")[0]
@@ -87,8 +87,8 @@ def _sections(validation: StageValidation, progress: Progress) -> list[Section]:
 
 
 def _ladder(validation: StageValidation) -> Section:
-    axes, rungs = Axes(validation), validation.ladder.rungs if validation.ladder else []
-    return ladder_section.section(
+    axes, rungs = Axes(validation), validation.hierarchy.rungs if validation.hierarchy else []
+    return hierarchy_section.section(
         validation, {key: axes.short(validation.fem(key)) for step_of_ladder in rungs for key in step_of_ladder.errors}
     )
 
@@ -103,17 +103,18 @@ def _title(validation: StageValidation) -> str:
 
 def _summary(validation: StageValidation) -> list[str]:
     design, axes = validation.study.design, Axes(validation)
-    told, paragraphs = [], [f"This design is {design.provenance}."] if design.provenance else []
-    for axis in axes.told:
+    texts, paragraphs = [], [f"This design is {design.provenance}."] if design.provenance else []
+    for axis in axes.listed:
         k_out, k_in, ratio = (
             validation.fem(f"{name}_{axis}_{boundary}")
             for name, boundary in (("K_out", "inputs_free"), ("K_in", "table_free"), ("lambda", "table_free"))
         )
         travel = f", travel {card.travel_in_words(validation, axis)}" if design.actuator else ""
-        told.append(
-            f"{axes.label(axis)}: K_out {shown(k_out)}, K_in {shown(k_in)}, amplification {shown(ratio)}{travel}"
+        texts.append(
+            f"{axes.label(axis)}: K_out {formatted(k_out)}, K_in {formatted(k_in)}, "
+            f"amplification {formatted(ratio)}{travel}"
         )
-    paragraphs.append(f"FEM of the whole stage gives {'; '.join(told)}.")
+    paragraphs.append(f"FEM of the whole stage gives {'; '.join(texts)}.")
     found = [*(comparison.fem for comparison in validation.comparisons), *validation.further]
     if missed := accuracy_words.not_reached(validation.study.mesh.accuracy, found):
         paragraphs.append(missed)
@@ -131,10 +132,10 @@ def _summary(validation: StageValidation) -> list[str]:
 def _coupling_in_short(validation: StageValidation, axes: Axes) -> str:
     first = max((abs(v) for others in validation.causes[0].coupling.values() for v in others.values()), default=0.0)
     seen = [
-        f"{axes.what(q)} {validation.fem(q.key).shown()} at an {axes.where(q)}"
+        f"{axes.what(q)} {validation.fem(q.key).formatted()} at an {axes.where(q)}"
         for motion in validation.motions
         for q in motion.quantities()
-        if q.name.startswith("coupling") and q.value and axes.tells(q)
+        if q.name.startswith("coupling") and q.value and axes.is_listed(q)
     ]
     listed = ", ".join(seen) if seen else "none that symmetry leaves"
     return f"Coupling of first order is {first:.0e} of the travel as drawn; of second order there is {listed}."
@@ -273,7 +274,7 @@ def result(validation: StageValidation) -> dict[str, Any]:
             }
             for axis, chain in validation.chains.items()
         },
-        "theory_ladder": ladder_section.result(validation.ladder),
+        "theory_ladder": hierarchy_section.result(validation.hierarchy),
         "coupling": {
             "first_order": [_cause(cause) for cause in validation.causes],
             "second_order": [_moved(motion) for motion in [*validation.motions, *validation.at_full_stroke]],
@@ -320,7 +321,7 @@ def _moved(motion: CrossMotion) -> dict[str, Any]:
 def _mode(mode: ModeShares) -> dict[str, Any]:
     return {
         "frequency": {"value": mode.mode.frequency, "unit": "Hz"},
-        "answers": dict(mode.answers) | {"unit": "1"},
+        "answers": dict(mode.participation) | {"unit": "1"},
         "table": dict(mode.table) | {"unit": "1"},
     }
 

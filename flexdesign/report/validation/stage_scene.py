@@ -124,11 +124,11 @@ def _drawn(skins: Sequence[Skin], edges: Sequence[IntArray], scene: Scene, pv: A
             places = skin.points + scene.displacements[index]
             bent = _surface(places, skin, pv)
             bent["moved"] = scene.colours[index]
-            shown = plotter.add_mesh(bent, scalars="moved", cmap=colours, clim=limits, show_scalar_bar=False, **LIGHT)
+            actor = plotter.add_mesh(bent, scalars="moved", cmap=colours, clim=limits, show_scalar_bar=False, **LIGHT)
             plotter.add_mesh(_lines(places, lines, pv), color=INK, line_width=1.0, opacity=0.8)
             plotter.add_mesh(_lines(skin.points, lines, pv), color=OUTLINE, line_width=0.8, opacity=0.3)
     if scene.label:
-        _bar(plotter, scene.label, shown.mapper)
+        _bar(plotter, scene.label, actor.mapper)
     if not scene.displacements:
         named = [[skin.name, OUTLINE if skin.glass else skin.colour] for skin in skins]
         plotter.add_legend(

@@ -12,7 +12,7 @@ from flexdesign.workflows.validation import Comparison
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
 #: Axes whose quantities differ by less than this, relative, are alike.
-ALIKE = 1e-6
+SAME_AXIS = 1e-6
 #: How quantities are called in short.
 SHORT = {"lambda": "λ", "output_mass": "modal mass", "output_frequency": "frequency"}
 
@@ -34,7 +34,7 @@ class Axes:
                 self.head[second] = first
 
     @property
-    def told(self) -> list[str]:
+    def listed(self) -> list[str]:
         """The axes that stand for themselves and those like them."""
         return [name for name in self.names if self.head[name] == name]
 
@@ -48,7 +48,7 @@ class Axes:
             return f"{driven.upper()}→{other.upper()}"
         return f"{self.label(driven)}→{self.label(other)}"
 
-    def tells(self, quantity: Quantity) -> bool:
+    def is_listed(self, quantity: Quantity) -> bool:
         """Tell whether a quantity stands for itself, and is not that of an axis like another."""
         axis, other = axis_of(quantity), quantity.name.partition("coupling_")[2]
         if axis not in self.head:
@@ -57,7 +57,7 @@ class Axes:
 
     def pairs(self) -> Iterator[tuple[str, str]]:
         """Yield driven and other axis of every coupling that is told."""
-        for driven in self.told:
+        for driven in self.listed:
             for other in self.names:
                 if other != driven and self.head[other] in (other, driven):
                     yield driven, other
@@ -95,7 +95,7 @@ def _alike(validation: StageValidation, first: str, second: str) -> bool:
         if axis_of(quantity) in swap:
             image = validation.coarsest.get("_".join(swap.get(word, word) for word in key.split("_")))
             # Inputs may be stated for one axis and not for the other: then they are not alike.
-            if image is None or not math.isclose(quantity.value, image.value, rel_tol=ALIKE):
+            if image is None or not math.isclose(quantity.value, image.value, rel_tol=SAME_AXIS):
                 return False
     return True
 
@@ -104,11 +104,11 @@ def written(validation: StageValidation, model: str, quantity: Quantity) -> str:
     """Write a model's number; a published one with as many digits as were printed."""
     text = validation.study.published.get(model, {}).get(quantity.key)
     if text is None:
-        return quantity.shown()
+        return quantity.formatted()
     if "±" in text:
         return text
     digits = text.split()[0].lstrip("+-").replace(".", "").lstrip("0")
-    return quantity.shown(max(len(digits), 1))
+    return quantity.formatted(max(len(digits), 1))
 
 
 def percent(ratio: float | None) -> str:

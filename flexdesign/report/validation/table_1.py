@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flexdesign.report.document import Table
 from flexdesign.report.validation import port_section
-from flexdesign.report.wording import MODELS, NAMES, name_of, shown
+from flexdesign.report.wording import MODELS, NAMES, formatted, name_of
 from flexdesign.workflows.validation import Validation
 
 
@@ -23,10 +23,10 @@ def table(validation: Validation) -> Table:
     if not validation.comparisons:
         return port_section.table_1(validation)
     for comparison in validation.comparisons:
-        row = [name_of(comparison.fem), comparison.fem.boundary, shown(comparison.fem)]
+        row = [name_of(comparison.fem), comparison.fem.boundary, formatted(comparison.fem)]
         for model in models:
             analytic, error = comparison.analytic.get(model), comparison.error(model)
-            row += [analytic.shown() if analytic else "–", f"{100 * error:+.1f} %" if error is not None else "–"]
+            row += [analytic.formatted() if analytic else "–", f"{100 * error:+.1f} %" if error is not None else "–"]
         rows.append(row)
     known = "".join(f"; {model}: {MODELS[model]}" for model in models if model in MODELS)
     return Table(columns, rows, f"FEM ± estimated discretisation error; errors relative to FEM{known}")
@@ -56,6 +56,6 @@ def _compact(table: Table) -> Table:
         error, _, unit = tail.partition(" ")
         cells = [cell.split()[0] for cell in (rest if len(rest) <= 4 else [*rest[:2], *rest[-2:]])]
         rows.append([f"{short.get(name, name.split()[-1])} {boundary}", f"{value} ± {error}", unit, *cells])
-    kept = table.columns[3:] if len(table.columns) <= 7 else [*table.columns[3:5], *table.columns[-2:]]
-    heads = ["err %" if head == "error" else head for head in kept]
+    columns = table.columns[3:] if len(table.columns) <= 7 else [*table.columns[3:5], *table.columns[-2:]]
+    heads = ["err %" if head == "error" else head for head in columns]
     return Table(["", "FEM", "", *heads], rows, table.caption)

@@ -42,7 +42,7 @@ def _parasitic(validation: Validation) -> Table:
 def _by_place(found: Sequence[Quantity], names: Mapping[str, str], caption: str) -> Table:
     """Return quantities, named in words, in rows, and where the actuator pushes in columns."""
     places = dict.fromkeys(_place(quantity) for quantity in found)
-    cells = {(q.name, _place(q)): "0" if q.value == 0 else q.shown() for q in found}
+    cells = {(q.name, _place(q)): "0" if q.value == 0 else q.formatted() for q in found}
     rows = [[words, *(cells[name, place] for place in places)] for name, words in names.items()]
     return Table(["", *places], rows, caption)
 
@@ -79,8 +79,8 @@ def _symmetry(validation: Validation) -> str:
             "it is off the axis within a symmetry plane. The second-order coupling, which grows with the square of "
             "travel, is not in a linear solve."
         )
-    kept = ", ".join(f"{plane.axis} = 0" for plane in validation.domain.planes)
-    left = f"; {kept} remains" if kept else ", so that the part as a whole has none"
+    remaining = ", ".join(f"{plane.axis} = 0" for plane in validation.domain.planes)
+    left = f"; {remaining} remains" if remaining else ", so that the part as a whole has none"
     kind, planes = "plane" if len(lost) == 1 else "planes", " and ".join(f"{axis} = 0" for axis in lost)
     return (
         f"The crystal's axes lie askew to the part's symmetry {kind} {planes}{left}. The part moves sideways or tilts "

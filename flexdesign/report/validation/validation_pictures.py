@@ -33,17 +33,17 @@ def draw(validation: Validation) -> tuple[list[Figure], list[Figure]]:
     NoPictures
         If nothing can be drawn on this machine.
     """
-    jobs, drawn, main = _static(validation), drawn_modes(validation), carrying_output(validation)
-    swinging = reel(validation, drawn)
+    jobs, modes, main = _static(validation), drawn_modes(validation), carrying_output(validation)
+    swinging = reel(validation, modes)
     images = pictures.draw([picture for picture, _ in jobs], swinging)
-    whole = part_view.view(validation, drawn)
+    whole = part_view.view(validation, modes)
     still = [
         Figure(picture.file, images[picture.file], caption, whole if picture.file == "deformation.png" else None)
         for picture, caption in jobs
     ]
     vibrating = [
         Figure(shot.file, images[shot.file], _mode_caption(validation, rank, mode, main=mode is main))
-        for rank, (shot, (mode, _)) in enumerate(zip(swinging.shots, drawn, strict=True), start=1)
+        for rank, (shot, (mode, _)) in enumerate(zip(swinging.shots, modes, strict=True), start=1)
     ]
     return still, vibrating
 
@@ -164,18 +164,18 @@ def carrying_output(validation: Validation) -> ModeRecord:
 
 def drawn_modes(validation: Validation) -> list[tuple[ModeRecord, FloatArray]]:
     """Return the lowest modes and their shapes, and among them or behind them the one that carries the output."""
-    kept = zip(shown_modes(validation), validation.modal.solution.mode_shapes, strict=True)
+    modes = zip(shown_modes(validation), validation.modal.solution.mode_shapes, strict=True)
     main = carrying_output(validation)
-    return [(mode, shape) for rank, (mode, shape) in enumerate(kept) if rank < DRAWN_MODES or mode is main]
+    return [(mode, shape) for rank, (mode, shape) in enumerate(modes) if rank < DRAWN_MODES or mode is main]
 
 
-def reel(validation: Validation, drawn: Sequence[tuple[ModeRecord, FloatArray]]) -> Reel:
+def reel(validation: Validation, modes: Sequence[tuple[ModeRecord, FloatArray]]) -> Reel:
     """Return what is drawn of some modes of the whole part, the one that carries the output moving."""
     solution, main = validation.modal.solution, carrying_output(validation)
-    shapes = {f"mode_{rank}.png": shape for rank, (_, shape) in enumerate(drawn, start=1)}
+    shapes = {f"mode_{rank}.png": shape for rank, (_, shape) in enumerate(modes, start=1)}
     points, tets, whole = mirrored(solution.positions, solution.nodes, validation.domain.planes, shapes)
     shots = []
-    for file, (mode, _) in zip(shapes, drawn, strict=True):
+    for file, (mode, _) in zip(shapes, modes, strict=True):
         shape = whole[file] * part_view.image_signs(validation, mode)[:, None]
         largest = np.linalg.norm(shape, axis=1).max()
         shots.append(Shot(file, part_view.DRAWN * part_view.extent(points) / largest * shape, moving=mode is main))
@@ -186,7 +186,6 @@ def _mode_caption(validation: Validation, rank: int, mode: ModeRecord, *, main: 
     shares = [100 * mass / validation.modal.solution.facts["mass"] for mass in mode.effective_mass]
     role = ", the mode that carries the output, moving" if main else ""
     masses = ", ".join(f"{share:.0f} % in {axis}" for axis, share in zip("xyz", shares, strict=True) if share > 0.5)
-    shaken = f"effective mass {masses}" if masses else "no effective mass"
-    return (
-        f"Mode {rank}{role}: {units.significant(mode.frequency, 4)} Hz, {vibrations.symmetry(mode.symmetry)}; {shaken}"
-    )
+    mass_text = f"effective mass {masses}" if masses else "no effective mass"
+    frequency = units.significant(mode.frequency, 4)
+    return f"Mode {rank}{role}: {frequency} Hz, {vibrations.symmetry(mode.symmetry)}; {mass_text}"

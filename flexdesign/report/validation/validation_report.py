@@ -21,15 +21,15 @@ from flexdesign.report.validation import (
     card,
     cross_check_words,
     explanation,
+    hierarchy_section,
     independent_words,
-    ladder_section,
     port_section,
     table_1,
     table_motion,
     validation_pictures,
     vibrations,
 )
-from flexdesign.report.wording import flat, name_of, shown
+from flexdesign.report.wording import flat, formatted, name_of
 from flexdesign.workflows.validation import Validation, provenance
 
 Progress = Callable[[str], None]
@@ -62,7 +62,7 @@ def result(validation: Validation) -> dict[str, Any]:
             for key, split in validation.shares.items()
         },
         "strain_energy_shares": strength_words.shares(validation),
-        "theory_ladder": ladder_section.result(validation.ladder),
+        "theory_ladder": hierarchy_section.result(validation.hierarchy),
         "mass": {"value": validation.modal.solution.facts["mass"], "unit": "kg"},
         "modes": [vibrations.result(mode) for mode in validation.modal.solution.modes],
         "meshes": [
@@ -121,7 +121,7 @@ def _sections(validation: Validation, progress: Progress) -> list[Section]:
         _large(validation),
         vibrations.section(validation, vibrating),
         explanation.section(validation),
-        ladder_section.section(validation),
+        hierarchy_section.section(validation),
         table_motion.section(validation),
         _mesh(validation),
         cross_check_words.section(validation.cross_check),
@@ -146,7 +146,7 @@ def _summary(validation: Validation) -> list[str]:
     if not validation.has_input:
         return port_section.summary(validation)
     k_in, ratio = validation.fem("K_in_output_free"), validation.fem("lambda_output_free")
-    text = f"FEM gives an input stiffness of {shown(k_in)} and an amplification of {shown(ratio)}, output free"
+    text = f"FEM gives an input stiffness of {formatted(k_in)} and an amplification of {formatted(ratio)}, output free"
     if design.actuator:
         text += f"; with the actuator ({design.actuator.name}) in place the output travels "
         text += card.stroke_in_words(validation)
@@ -165,8 +165,8 @@ def _summary(validation: Validation) -> list[str]:
 
 def _missed(validation: Validation) -> list[str]:
     """Say that the accuracy that was asked for is not reached."""
-    said = accuracy_words.not_reached(validation.study.mesh.accuracy, validation.found)
-    return [said] if said else []
+    sentences = accuracy_words.not_reached(validation.study.mesh.accuracy, validation.found)
+    return [sentences] if sentences else []
 
 
 def _actuator(validation: Validation) -> Section:
@@ -175,7 +175,7 @@ def _actuator(validation: Validation) -> Section:
         return Section("With the actuator")
     keys = ("stroke", "blocked_force", "actuator_force", "preload_shift", "output_force_that_unloads_the_stack")
     found = [q for q in validation.further if q.name in keys and "large" not in q.boundary]
-    rows = [[f"{name_of(q)}, linear" if q.name == "stroke" else name_of(q), q.boundary, shown(q)] for q in found]
+    rows = [[f"{name_of(q)}, linear" if q.name == "stroke" else name_of(q), q.boundary, formatted(q)] for q in found]
     stroke, blocked = validation.fem("stroke_output_free"), validation.fem("blocked_force_output_held")
     stiffness, holding = validation.fem("K_out_actuator_installed").value, -blocked.value
     curves = [("full voltage", [0.0, holding], [stroke.value * 1e6, 0.0])]
@@ -213,7 +213,7 @@ def _large(validation: Validation) -> Section:
         for i in range(len(drive))
     ]
     names = ("K_in_change", "lambda_change", "K_out_change")
-    kept = [q for q in validation.further if q.name in names or "large" in q.boundary]
+    selected = [q for q in validation.further if q.name in names or "large" in q.boundary]
     curves = [
         ("K_in", drive.tolist(), (100 * (path.input_stiffness / path.input_stiffness[0] - 1)).tolist()),
         ("λ", drive.tolist(), (100 * (path.amplification / path.amplification[0] - 1)).tolist()),
@@ -229,7 +229,7 @@ def _large(validation: Validation) -> Section:
     columns = ["drive", "force", "extension", "output", "K_in", "λ", "K_out, actuator installed"]
     drawing = charts.lines(curves, "drive [% of full voltage]", "change against rest [%]")
     figure = Figure("over_the_stroke.svg", drawing, "Tangents over the stroke against those at rest")
-    limits = Table(["quantity", "boundary", "FEM"], [[name_of(q), q.boundary, shown(q)] for q in kept])
+    limits = Table(["quantity", "boundary", "FEM"], [[name_of(q), q.boundary, formatted(q)] for q in selected])
     return Section("Over the stroke", [text], [limits, Table(columns, rows)], [figure])
 
 
@@ -256,7 +256,7 @@ def _stress(validation: Validation) -> Section:
 def _judged(quantity: Quantity) -> str:
     """Write a stress or a margin; a number that belongs to the mesh alone as such."""
     verdict = ", singular: grows with refinement, use a fillet" if "singular" in quantity.source else ""
-    return f"{shown(quantity)}{verdict}"
+    return f"{formatted(quantity)}{verdict}"
 
 
 def _loose(validation: Validation) -> str:
@@ -346,7 +346,7 @@ def _formulas(validation: Validation) -> Section:
     force, boundary = quantities.stated_force(validation.study, validation.finest.solution)
     part = design.part()
     found = part.intermediates(design.material, force) if states(part, "intermediates") else {}
-    rows = [[name, q.shown(), q.boundary, q.source] for name, q in found.items()]
+    rows = [[name, q.formatted(), q.boundary, q.source] for name, q in found.items()]
     if not rows:
         return Section("The formulas, step by step", ["The part states no intermediate quantities."], folded=True)
     text = f"At an actuator force of {units.to_text(force, 'N')} ({boundary}), with the output free."

@@ -10,7 +10,7 @@ from flexdesign.core import units
 from flexdesign.fem import quantities
 from flexdesign.fem.analysis import ModeRecord
 from flexdesign.report.document import Figure, Section, Table
-from flexdesign.report.wording import name_of, shown
+from flexdesign.report.wording import formatted, name_of
 from flexdesign.workflows.validation import Validation
 
 #: So many modes are listed, without the actuator and with it.
@@ -37,7 +37,7 @@ def section(validation: Validation, figures: Sequence[Figure]) -> Section:
             "Colours run from rest (dark) to the largest motion (bright); how large a mode is drawn says nothing."
         )
     extrapolated = [*(comparison.fem for comparison in validation.comparisons), *validation.further]
-    limits = [[name_of(q), q.boundary, shown(q)] for q in extrapolated if q.name in LIMITS]
+    limits = [[name_of(q), q.boundary, formatted(q)] for q in extrapolated if q.name in LIMITS]
     heads = ["frequency", "actuator", "symmetry", "share of 1/K_out", "share of static stroke"]
     tables = [
         Table(["quantity", "boundary", "FEM"], limits),
@@ -54,12 +54,19 @@ def _rows(validation: Validation) -> list[list[str]]:
         for mode in [m for m in solution.modes if m.installed == installed][:LISTED]:
             share = quantities.output_share(mode, solution.compliance, spring)
             driven = quantities.drive_share(mode, solution.compliance, spring) if installed else 0.0
-            moved = f"{100 * share:.0f} %" if share > 0 else "–"
+            participating = f"{100 * share:.0f} %" if share > 0 else "–"
             answer = f"{round(100 * driven)} %" if installed and share > 0 else "–"
             masses = [100 * mass / solution.facts["mass"] for mass in mode.effective_mass]
-            shaken = [f"{mass:.1f} %" if mass >= 0.05 else "–" for mass in masses]
+            mass_text = [f"{mass:.1f} %" if mass >= 0.05 else "–" for mass in masses]
             rows.append(
-                [f"{units.significant(mode.frequency, 4)} Hz", state, symmetry(mode.symmetry), moved, answer, *shaken]
+                [
+                    f"{units.significant(mode.frequency, 4)} Hz",
+                    state,
+                    symmetry(mode.symmetry),
+                    participating,
+                    answer,
+                    *mass_text,
+                ]
             )
     return rows
 

@@ -18,7 +18,7 @@ from flexdesign.dynamics.control.plants_from_gains import plants_for_delays
 from flexdesign.dynamics.control.ziegler_nichols import rule, ultimate
 from flexdesign.dynamics.experiments.simulation import Case, Simulation
 from flexdesign.measurements.recordings import Run
-from flexdesign.workflows.reproduction.items import Item, Verdict, contradiction, judged, unprinted
+from flexdesign.workflows.reproduction.items import Item, Verdict, compare, contradiction, unprinted
 from flexdesign.workflows.reproduction.statics import motion_known
 
 FIG_7, FIG_9, FIG_13 = "section 4.2, Fig 7", "section 4.2, Figs 9 to 11", "section 4.3.2, Fig 13"
@@ -58,23 +58,23 @@ def measure(one: Case, axis: str, name: str) -> Quantity:
 
 
 def _hysteresis(paper: Publication, found: Simulation) -> Iterator[Item]:
-    volts, low, high = (paper(FIG_7, name) for name in ("voltage", "linear_from", "linear_to"))
+    voltage, low, high = (paper(FIG_7, name) for name in ("voltage", "linear_from", "linear_to"))
     for axis, suffix, label in AXES:
         one = case(found, f"P8 {axis.upper()}")
         set_to = "k_v of (26) was set so that the loop spans it"
         for name, key in (("loop_span", "span"), ("secant_gain", "slope")):
             number = paper(FIG_7, f"{key}_{suffix}")
-            yield judged("P8", f"{name.replace('_', ' ')} of {label}", number, measure(one, axis, name), built=set_to)
+            yield compare("P8", f"{name.replace('_', ' ')} of {label}", number, measure(one, axis, name), built=set_to)
         within = straightness(one, axis, low.value("V"), high.value("V"))
-        whole = straightness(one, axis, 0.0, volts.value("V"))
-        told = " and ".join(f"{1e6 * each:.2g} um" for each in within)
+        whole = straightness(one, axis, 0.0, voltage.value("V"))
+        text = " and ".join(f"{1e6 * each:.2g} um" for each in within)
         yield Item(
             "P8", f"“nice output linearity” of {label} from {low.text} to {high.text}", FIG_7,
-            "in words", f"{told} up and down, of {1e6 * max(whole):.2g} um",
+            "in words", f"{text} up and down, of {1e6 * max(whole):.2g} um",
             "agrees" if max(within) < max(whole) / 3 else "differs",
-            f"largest distance of a branch from its chord, there and over 0 V to {volts.text}; rising is the "
+            f"largest distance of a branch from its chord, there and over 0 V to {voltage.text}; rising is the "
             f"{'straighter, as' if within[0] < within[1] else 'less straight, and not as'} the paper says",
-            tuple((n.place, n.name) for n in (low, high, volts, paper(FIG_7, "frequency"))),
+            tuple((n.place, n.name) for n in (low, high, voltage, paper(FIG_7, "frequency"))),
         )  # fmt: skip
     order = paper("eq (28)", "order")
     yield Item("P9", "order n of (28)", order.place, order.text, "1", "by construction", "written into the stage model",
@@ -83,14 +83,14 @@ def _hysteresis(paper: Publication, found: Simulation) -> Iterator[Item]:
 
 def straightness(one: Case, axis: str, low: float, high: float) -> tuple[float, float]:
     """Return how far the rising and falling branch of the last cycle lie from their chords [m]."""
-    volts, motion = one.response.command[one.row(axis)], one.response.motion[one.row(axis)]
-    last = len(volts) - 1 - int(np.argmax(volts[::-1] >= volts.max() - 1e-9))  # the last peak
-    begin = int(np.argmin(volts[:last][::-1]))  # backwards from it to the trough before
-    up, down = slice(last - begin, last + 1), slice(last, len(volts))
+    voltage, motion = one.response.command[one.row(axis)], one.response.motion[one.row(axis)]
+    last = len(voltage) - 1 - int(np.argmax(voltage[::-1] >= voltage.max() - 1e-9))  # the last peak
+    begin = int(np.argmin(voltage[:last][::-1]))  # backwards from it to the trough before
+    up, down = slice(last - begin, last + 1), slice(last, len(voltage))
     found = []
     for branch in (up, down):
-        inside = (volts[branch] >= low) & (volts[branch] <= high)
-        v, x = volts[branch][inside], motion[branch][inside]
+        inside = (voltage[branch] >= low) & (voltage[branch] <= high)
+        v, x = voltage[branch][inside], motion[branch][inside]
         chord = x[0] + (x[-1] - x[0]) * (v - v[0]) / (v[-1] - v[0])
         found.append(float(np.abs(x - chord).max()))
     return found[0], found[1]
@@ -107,12 +107,12 @@ def _identified(paper: Publication, found: Simulation) -> Iterator[Item]:
     start = replace(truth, effects={**truth.effects, "bouc_wen": wrong})
     model = replace(found.model, axes={**found.model.axes, "x": start})
     names = ("gain", "bouc_wen.a", "bouc_wen.b", "bouc_wen.c")
-    fitted = identify.identify(model, [run], axis="x", free=names, starts=2)
-    after = fitted.model.axes["x"].effects["bouc_wen"]
-    shown = f"a {1e6 * after['a']:.3f} um/V, b {after['b']:.4f} 1/V, c {after['c']:.5f} 1/V"
+    result = identify.identify(model, [run], axis="x", free=names, starts=2)
+    after = result.model.axes["x"].effects["bouc_wen"]
+    text = f"a {1e6 * after['a']:.3f} um/V, b {after['b']:.4f} 1/V, c {after['c']:.5f} 1/V"
     true = f"a {1e6 * numbers['a']:.3f}, b {numbers['b']:.4f}, c {numbers['c']:.5f}"
     yield unprinted(
-        "P10", "a, b, c by least squares, from the recording of Fig 7 as simulated", "section 4.2, Fig 8", shown,
+        "P10", "a, b, c by least squares, from the recording of Fig 7 as simulated", "section 4.2, Fig 8", text,
         f"the recording was made with {true}; the fit began {100 * (UNKNOWN - 1):.0f} % off in a and b",
     )  # fmt: skip
     alone, forward = (
@@ -120,7 +120,7 @@ def _identified(paper: Publication, found: Simulation) -> Iterator[Item]:
     )
     yield unprinted(
         "P10", "loop width, open loop and under the inverse", "section 4.2, Fig 8",
-        f"{alone.shown(3)} and {forward.shown(3)}", "“compensated greatly”",
+        f"{alone.formatted(3)} and {forward.formatted(3)}", "“compensated greatly”",
     )  # fmt: skip
 
 
@@ -133,7 +133,7 @@ def _coupled(paper: Publication, found: Simulation) -> Iterator[Item]:
         turned = math.degrees(math.atan(number.value("1") - ours.value))
         why = f"(25) is all that couples here; a sensor {turned:.1f}° off its axis reads as much as is printed"
         what = f"coupling {driven.upper()}–{to.upper()}, (25) at 40 um"
-        yield judged("P11", what, number, ours, known=known, why=why, also=[paper(FIG_9, "frequency")])
+        yield compare("P11", what, number, ours, known=known, why=why, also=[paper(FIG_9, "frequency")])
         ratio = aside.value("m") / along.value("m")
         yield contradiction(
             "P11", f"coupling {driven.upper()}–{to.upper()}: printed, and of the printed motions",
@@ -156,14 +156,14 @@ def _tuning(paper: Publication) -> Iterator[Item]:
         plant = Plant.from_time_constants(gain.value("1"), t1.value("s"), t2.value("s"))
         own = rule(ultimate(plant.discretise(period.value("s"))))
         pid = PID(kp.value("1"), ti.value("s"), td.value("s"))
-        implied = plants_for_delays(pid, period.value("s"), gain.value("1"), delays=[0.0])
-        told = implied[0].says() if implied else "none"
+        plants = plants_for_delays(pid, period.value("s"), gain.value("1"), delays=[0.0])
+        text = plants[0].says() if plants else "none"
         uses = tuple((n.place, n.name) for n in (kp, ti, td, gain, t1, t2, period))
         yield Item(
             "P15", f"Kp of {label} by Ziegler and Nichols on (31)", "eq (34)", kp.text, units.significant(own.kp, 4),
             "cannot be both",
             f"(31) has real poles, damping ratio {plant.damping_ratio:.3f}; (34) belongs to a plant that rings: "
-            f"{told}. Added mass and loop delay cannot be told apart by it",
+            f"{text}. Added mass and loop delay cannot be told apart by it",
             uses,
         )  # fmt: skip
         ratio = 4 * pid.td / pid.ti
@@ -179,18 +179,18 @@ def _steps(paper: Publication, found: Simulation) -> Iterator[Item]:
     alone, under, robust = (case(found, "P16", name, LIGHT) for name in ("open loop", "printed", "robust"))
     step = alone.experiment.trajectory.sampled(1e-3)[-1]
     yield Item(
-        "P16", "overshoot, open loop", FIG_13, overshoot.text, measure(alone, "x", "overshoot").shown(3), "not printed",
-        f"of a step of {1e6 * step:.4g} um; the paper prints no size of its own",
+        "P16", "overshoot, open loop", FIG_13, overshoot.text, measure(alone, "x", "overshoot").formatted(3),
+        "not printed", f"of a step of {1e6 * step:.4g} um; the paper prints no size of its own",
         ((overshoot.place, overshoot.name),),
     )  # fmt: skip
     axis = found.variants[LIGHT].axes["x"]
-    needed = -math.log(0.02) / (2 * math.pi * axis.natural_frequency * settling.value("s"))
+    damping = -math.log(0.02) / (2 * math.pi * axis.natural_frequency * settling.value("s"))
     why = (
-        f"0.4 s to 2 % at {axis.natural_frequency:.4g} Hz is a damping ratio of {needed:.2g}, and (34) asks for "
+        f"0.4 s to 2 % at {axis.natural_frequency:.4g} Hz is a damping ratio of {damping:.2g}, and (34) asks for "
         f"{axis.damping_ratio:.3g}"
     )
     open_time = measure(alone, "x", "settling_time")
-    yield judged("P16", "settling, open loop", settling, open_time, why=why)
+    yield compare("P16", "settling, open loop", settling, open_time, why=why)
     saved = {
         name: 1 - measure(one, "x", "settling_time").value / open_time.value
         for name, one in (("printed", under), ("robust", robust))
@@ -222,21 +222,21 @@ def _square(paper: Publication, found: Simulation) -> Iterator[Item]:
             "their recording is not printed, and so nothing that our model could be compared with",
             ((error.place, error.name), (FIG_14, "input"), (FIG_14, "frequency")),
         )  # fmt: skip
-    told = " and ".join(f"{label} {100 * share:.0f} %" for label, share in rings.items())
+    text = " and ".join(f"{label} {100 * share:.0f} %" for label, share in rings.items())
     verdict: Verdict = "agrees" if rings["X/Y"] > rings["Z"] else "differs"
     yield Item(
-        "P17", "“larger step oscillation” in X/Y than in Z", FIG_14, "in words", f"{told} of the step", verdict,
+        "P17", "“larger step oscillation” in X/Y than in Z", FIG_14, "in words", f"{text} of the step", verdict,
         "by the damping that (34) implies",
     )  # fmt: skip
 
 
-def _implied(system: str, label: str, error: Printed, share: Printed, moved: Printed) -> Item:
+def _implied(system: str, label: str, error: Printed, share: Printed, travel: Printed) -> Item:
     """Return the range that an error and its share of it imply, beside the motion that is printed."""
-    implied = error.value("m") / share.value("1")
-    numbers = [(error, "m"), (share, "1"), (moved, "m")]
-    why = f"{error.text} are {share.text} of {1e6 * implied:.3g} um"
+    span = error.value("m") / share.value("1")
+    numbers = [(error, "m"), (share, "1"), (travel, "m")]
+    why = f"{error.text} are {share.text} of {1e6 * span:.3g} um"
     return contradiction(
-        system, f"range of {label}: implied by its error, and printed", numbers, 1e6 * implied, 1e6 * moved.value("m"),
+        system, f"range of {label}: implied by its error, and printed", numbers, 1e6 * span, 1e6 * travel.value("m"),
         "um", why,
     )  # fmt: skip
 
@@ -247,7 +247,8 @@ def _sine(paper: Publication, found: Simulation) -> Iterator[Item]:
         error, share = (paper(FIG_16, f"{name}_{suffix}") for name in ("error", "relative"))
         yield Item(
             "P18", f"largest error of {label}, model against bench", error.place, error.text, "–", "not printed",
-            f"their recording is not printed; {measure(one, axis, 'max_error').shown(3)} is ours, reference to motion",
+            f"their recording is not printed; {measure(one, axis, 'max_error').formatted(3)} is ours, "
+            "reference to motion",
             ((error.place, error.name), (FIG_16, "input"), (FIG_16, "frequency")),
         )  # fmt: skip
         yield _implied("P18", label, error, share, paper(FIG_9, f"travel_{axis}"))
@@ -258,7 +259,7 @@ def _lines(paper: Publication, found: Simulation) -> Iterator[Item]:
     under = measure(case(found, "P19", "feedforward + printed"), "all axes", "max_contour_error")
     below = under.value < error.value("m")
     yield Item(
-        "P19", "largest distance from the line in the plane", FIG_18, f"less than {error.text}", under.shown(3),
+        "P19", "largest distance from the line in the plane", FIG_18, f"less than {error.text}", under.formatted(3),
         "agrees" if below else "differs",
         "feedforward and the gains of (34); the remaining difference is the sensor's steps of 0.75 um",
         ((FIG_18, "error"), (FIG_18, "velocity"), *((paper("section 4.1", n).place, n) for n in (
@@ -274,12 +275,12 @@ def _lines(paper: Publication, found: Simulation) -> Iterator[Item]:
         for variant in ("as modelled", "coupled as measured")
     }
     why = (
-        f"with the coupling of Figs 9 to 11 it is {worst['coupled as measured']['feedforward'].shown(3)} without "
-        f"feedback and {worst['coupled as measured']['feedforward + printed'].shown(3)} with it: feedback on the axes "
-        "would have taken away what Fig 19 blames on coupling, unless what couples is the sensor"
+        f"with the coupling of Figs 9 to 11 it is {worst['coupled as measured']['feedforward'].formatted(3)} without "
+        f"feedback and {worst['coupled as measured']['feedforward + printed'].formatted(3)} with it: feedback on the "
+        "axes would have taken away what Fig 19 blames on coupling, unless what couples is the sensor"
     )
     known = motion_known(paper, error.value("m"))
-    yield judged(
+    yield compare(
         "P20", "largest distance from the line in space", error, worst["as modelled"]["feedforward + printed"],
         known=known, why=why,
     )  # fmt: skip

@@ -54,7 +54,7 @@ class Item:
     uses: tuple[tuple[str, str], ...] = ()
 
 
-def judged(
+def compare(
     system: str,
     what: str,
     theirs: Printed,
@@ -84,11 +84,11 @@ def judged(
         Further printed numbers that enter.
     """
     uses = tuple((each.place, each.name) for each in (theirs, *also))
-    shown = theirs.text
+    text = theirs.text
     if known and ours:
-        shown += f" ± {units.to_text(known, as_printed(ours, theirs).unit, 2, si=ours.si)}"
+        text += f" ± {units.to_text(known, as_printed(ours, theirs).unit, 2, si=ours.si)}"
     if ours is None:
-        return Item(system, what, theirs.place, shown, "–", "not printed", why, uses)
+        return Item(system, what, theirs.place, text, "–", "not printed", why, uses)
     allowed = theirs.half_digit(ours.si) + known + (ours.half_width or 0.0)
     gap = ours.value - theirs.value(ours.si)
     relative = f"{100 * gap / theirs.value(ours.si):+.2f} %"
@@ -102,7 +102,7 @@ def judged(
         verdict, why = "cannot be both", f"off by {relative}: {why}"
     else:
         verdict, why = "differs", f"off by {relative}"
-    return Item(system, what, theirs.place, shown, as_printed(ours, theirs).shown(), verdict, why, uses)
+    return Item(system, what, theirs.place, text, as_printed(ours, theirs).formatted(), verdict, why, uses)
 
 
 def as_printed(ours: Quantity, theirs: Printed) -> Quantity:

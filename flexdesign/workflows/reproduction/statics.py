@@ -10,7 +10,7 @@ from flexdesign.analytic.lagrange import static_gain
 from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.core.printed_numbers import Publication
-from flexdesign.workflows.reproduction.items import Item, as_printed, contradiction, judged, unprinted
+from flexdesign.workflows.reproduction.items import Item, as_printed, compare, contradiction, unprinted
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
 MODEL, FEA = "Table 1, model", "Table 1, FEA"
@@ -46,15 +46,15 @@ def _amplifier(paper: Publication, found: StageValidation) -> Iterator[Item]:
     design = found.study.design
     bridge = design.stage().xy_amplifier.formulas(design.material, None, None)["PRB"]  # type: ignore[attr-defined]
     by_name = {q.key: q for q in bridge}
-    yield judged(
+    yield compare(
         "P1", "2 K_b = K_out in Z, K_b = 2 K_r / l_x² by (5)", paper(MODEL, "K_out_z"),
         replace(by_name["K_out_input_free"], value=2 * by_name["K_out_input_free"].value), built=SIZED,
     )  # fmt: skip
     yield unprinted("P2", "bending of the input rods", "eqs (10) to (15)", "flexdesign validate lin2019_amplifier_xy")
-    yield judged(
+    yield compare(
         "P3", "λ of X/Y by (17)", paper("eq (31)", "gain_xy"), formula(found, "lambda_x_table_free"), built=SIZED
     )
-    yield unprinted("P4", "M_b of (18), (19)", "eq (19)", by_name["output_mass_input_free"].shown())
+    yield unprinted("P4", "M_b of (18), (19)", "eq (19)", by_name["output_mass_input_free"].formatted())
     yield unprinted(
         "P7", "eight printed numbers against eight unknowns", "Table 1; eq (31)",
         "K_out, K_in, coupling and gain of two axes; K_r, l_x, two l_y, two rod compliances, L_1, L_2",
@@ -76,8 +76,8 @@ def _gains(paper: Publication) -> Iterator[Item]:
     fig7, fig9 = "section 4.2, Fig 7", "section 4.2, Figs 9 to 11"
     ratios = []
     for axis in "xz":
-        moved, span = paper(fig9, f"travel_{axis}"), paper(fig7, f"span_{_suffix(axis)}")
-        ratios.append((moved, span, moved.value("m") / span.value("m")))
+        travel, span = paper(fig9, f"travel_{axis}"), paper(fig7, f"span_{_suffix(axis)}")
+        ratios.append((travel, span, travel.value("m") / span.value("m")))
     (x_moved, x_span, x_ratio), (z_moved, z_span, z_ratio) = ratios
     strokes = " and ".join(f"{1e6 * paper(fig9, 'input').value('m') / ratio:.2f} um" for ratio in (x_ratio, z_ratio))
     row = contradiction(
@@ -88,11 +88,11 @@ def _gains(paper: Publication) -> Iterator[Item]:
     why = f"Figs 7 and 9 to 11 show one amplification, with 120 V as {strokes} of the actuator's 40 um"
     uses = (*row.uses, (fig7, "voltage"), (fig9, "input"))
     yield replace(row, why=why if row.verdict == "agrees" else row.why, uses=uses)
-    for axis, moved in (("x", x_moved), ("z", z_moved)):
+    for axis, travel in (("x", x_moved), ("z", z_moved)):
         gain = paper("eq (31)", f"gain_{_suffix(axis)}")
-        measured = moved.value("m") / paper(fig9, "input").value("m")
+        measured = travel.value("m") / paper(fig9, "input").value("m")
         yield contradiction(
-            "P13", f"gain of {_label(axis)}: (31), and Figs 9 to 11", [(gain, "1"), (moved, "m")],
+            "P13", f"gain of {_label(axis)}: (31), and Figs 9 to 11", [(gain, "1"), (travel, "m")],
             gain.value("1"), measured, "", "the printed model and the bench have two amplifications",
         )  # fmt: skip
 
@@ -110,7 +110,7 @@ def _masses(paper: Publication, found: StageValidation) -> Iterator[Item]:
         yield Item(
             "P5", f"mass and frequency of {_label(axis)}: (31), and (20) to (22)", "eq (31); Table 1, model",
             f"{1e3 * masses[axis]:.3g} g, {1 / (2 * math.pi * math.sqrt(product)):.4g} Hz",
-            f"(21) {counted.shown(3)}; FEM {fem.shown()}, {frequency.shown()}", "not printed",
+            f"(21) {counted.formatted(3)}; FEM {fem.formatted()}, {frequency.formatted()}", "not printed",
             "m = K t1 t2; the paper prints the size of no body, and M_s and M_p of ours are choices",
             tuple((n.place, n.name) for n in (t1, t2, k)),
         )  # fmt: skip
@@ -124,13 +124,13 @@ def _table_1(paper: Publication, found: StageValidation) -> Iterator[Item]:
     for name, axis, boundary in ROWS:
         key, column = f"{name}_{axis}_{boundary}", f"{name}_{_suffix(axis)}"
         what = f"{name} of {_label(axis)}"
-        yield judged("P7", f"{what}, model row", paper(MODEL, column), formula(found, key), built=SIZED)
+        yield compare("P7", f"{what}, model row", paper(MODEL, column), formula(found, key), built=SIZED)
         why = _ceiling(paper, found) if (name, axis) == ("K_in", "x") else ""
         built = SIZED if name == "K_out" else ""
-        yield judged("P7", f"{what}, FEA row", paper(FEA, column), found.fem(key), built=built, why=why)
+        yield compare("P7", f"{what}, FEA row", paper(FEA, column), found.fem(key), built=built, why=why)
         model, fea, error = (paper(f"Table 1, {row}", column) for row in ("model", "FEA", "error"))
         off = abs(model.value("N/m") / fea.value("N/m") - 1)
-        yield judged("P7", f"{what}, error", error, Quantity("error", off, "1", "%"), also=(model, fea))
+        yield compare("P7", f"{what}, error", error, Quantity("error", off, "1", "%"), also=(model, fea))
 
 
 def _ceiling(paper: Publication, found: StageValidation) -> str:
@@ -164,10 +164,10 @@ def _couplings(paper: Publication, found: StageValidation) -> Iterator[Item]:
         by_arms = Quantity("coupling", stroke.value("m") * ratio / (2 * length), "1", "%")
         what = f"coupling X–{to.upper()}"
         printed = paper(MODEL, f"coupling_{to}_x")
-        yield judged("P6", f"{what} by (25), model row", printed, by_arms, built=SIZED, also=[stroke])
+        yield compare("P6", f"{what} by (25), model row", printed, by_arms, built=SIZED, also=[stroke])
         fem = found.fem(f"coupling_{to}_x_input_of_20_um")
         fea = paper(FEA, f"coupling_{to}_x")
-        yield judged("P6", f"{what}, FEA row", fea, fem)
+        yield compare("P6", f"{what}, FEA row", fea, fem)
         off = printed.value("1") / fea.value("1") - 1
         yield unprinted(
             "P6", f"{what}, error of Table 1", "Table 1, error", f"{100 * off:.0f} %", "a dash is printed there",
@@ -176,17 +176,17 @@ def _couplings(paper: Publication, found: StageValidation) -> Iterator[Item]:
     stack, k_in = paper("section 4.1", "actuator_stiffness"), found.fem("K_in_x_table_free")
     yield Item(
         "P7", "K_in below the stiffness of the actuator", "section 3; section 4.1", f"less than {stack.text}",
-        as_printed(k_in, stack).shown(), "agrees" if k_in.value < stack.value("N/m") else "differs", "",
+        as_printed(k_in, stack).formatted(), "agrees" if k_in.value < stack.value("N/m") else "differs", "",
         ((stack.place, stack.name),),
     )  # fmt: skip
     z = paper("Figs 4 and 5", "input_z")
     yield unprinted("P7", "input in Z of Fig 5", z.place, units.to_text(found.inputs["z"], "um", si="m"), "", [z])
     fig9 = "section 4.2, Figs 9 to 11"
     for axis in "xz":
-        moved = paper(fig9, f"travel_{axis}")
-        known = motion_known(paper, moved.value("m"))
+        travel = paper(fig9, f"travel_{axis}")
+        known = motion_known(paper, travel.value("m"))
         fem = found.fem(f"stroke_{axis}_table_free")
-        yield judged("P11", f"travel of {_label(axis)} at 40 um, FEM", moved, fem, built=SIZED, known=known)
+        yield compare("P11", f"travel of {_label(axis)} at 40 um, FEM", travel, fem, built=SIZED, known=known)
     for to, axis in ("yx", "zx", "xz"):
         aside, printed = (paper(fig9, f"{name}_{to}_{axis}") for name in ("moved", "coupling"))
         along = paper(fig9, f"travel_{axis}")
@@ -198,7 +198,7 @@ def _couplings(paper: Publication, found: StageValidation) -> Iterator[Item]:
             "mounted so, reads as much as is printed"
         )
         what = f"coupling {axis.upper()}–{to.upper()} at 40 um, FEM"
-        yield judged("P11", what, printed, fem, known=known, why=why, also=(aside, along))
+        yield compare("P11", what, printed, fem, known=known, why=why, also=(aside, along))
 
 
 def motion_known(paper: Publication, motion: float) -> float:

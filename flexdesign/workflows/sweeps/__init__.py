@@ -5,8 +5,8 @@ answers for one case, `store` keeps every answer under the hash of its question,
 the work, and `choosing` picks what keeps its limits.
 """
 
+from flexdesign.workflows.sweeps.execution import Sweep, run
 from flexdesign.workflows.sweeps.plan import SweepPlan
 from flexdesign.workflows.sweeps.reading import is_sweep, read
-from flexdesign.workflows.sweeps.running import Sweep, run
 
 __all__ = ["Sweep", "SweepPlan", "is_sweep", "read", "run"]

@@ -25,9 +25,9 @@ from flexdesign.design.design import Design
 from flexdesign.design.study import MeshSettings
 from flexdesign.dynamics.stage_model import StageModel, changed
 from flexdesign.fem.multifidelity import Correction, FastSolid, Planar
-from flexdesign.workflows.sweeps import elements, simulating
-from flexdesign.workflows.sweeps.answers import Answer, Answers
+from flexdesign.workflows.sweeps import fem_evaluators, simulating
 from flexdesign.workflows.sweeps.plan import SweepPlan, settings_of
+from flexdesign.workflows.sweeps.results import CaseResult, Results
 from flexdesign.workflows.sweeps.sampling import Case
 from flexdesign.workflows.sweeps.simulating import Bench
 
@@ -73,12 +73,12 @@ class EvaluationRequest:
     bench: Bench | None = None
 
 
-def answers(requests: Sequence[EvaluationRequest]) -> Answers:
+def evaluate_all(requests: Sequence[EvaluationRequest]) -> Results:
     """Return the answers to a batch of questions; one that fails has its reason for an answer."""
-    return Answers.of([answer(request) for request in requests])
+    return Results.of([evaluate(request) for request in requests])
 
 
-def answer(request: EvaluationRequest) -> Answer:
+def evaluate(request: EvaluationRequest) -> CaseResult:
     """Return the answer to one question, or why there is none."""
     began = time.perf_counter()
     try:
@@ -135,7 +135,7 @@ def _evaluate(request: EvaluationRequest) -> Sequence[Quantity]:
         planar = _planar(request.file, request.middle, settings)
         return request.correction.apply(design, planar.evaluate(design))
     solid = _solid(request.file, request.middle, settings, request.modes)
-    return elements.by_elements(design, MeshSettings(**request.mesh), solid)
+    return fem_evaluators.by_elements(design, MeshSettings(**request.mesh), solid)
 
 
 @cache
@@ -152,9 +152,9 @@ def _solid(file: Path, middle: tuple[str, ...], settings: tuple[tuple[str, Any],
     """Return an evaluator that all cases of a process share; one anchor for all, so that processes answer alike."""
     mesh = MeshSettings(**dict(settings))
     try:
-        return elements.fast_solid(mesh, modes, [_read(file, middle)])
+        return fem_evaluators.fast_solid(mesh, modes, [_read(file, middle)])
     except InputError:  # the middle cannot be built, or is no extrusion
-        return elements.fast_solid(mesh, modes, [])
+        return fem_evaluators.fast_solid(mesh, modes, [])
 
 
 def corrected(requests: Sequence[EvaluationRequest]) -> Correction:
@@ -189,7 +189,7 @@ def by_formulas(design: Design, model: str) -> list[Quantity]:
 def _with_effects(design: Design) -> list[Quantity]:
     """Return what the compliance model says, with all that the drawing tells and the effects of the design."""
     try:
-        model = StaticModel(design, {**static_model.drawn(design), **design.effects}).compliance({})
+        model = StaticModel(design, {**static_model.nominal_effects(design), **design.effects}).compliance({})
         found = list(model.quantities().values())
         if isinstance(model, StageCompliance) and design.actuator:
             free = design.actuator.free_stroke
@@ -272,4 +272,4 @@ def _handed_over(
     dimensions: tuple[tuple[str, float], ...],
     settings: tuple[tuple[str, Any], ...],
 ) -> StageModel:
-    return elements.stage_model(version(file, overrides, dict(dimensions)), MeshSettings(**dict(settings)))
+    return fem_evaluators.stage_model(version(file, overrides, dict(dimensions)), MeshSettings(**dict(settings)))

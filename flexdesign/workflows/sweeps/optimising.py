@@ -21,10 +21,10 @@ from threadpoolctl import threadpool_limits
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Quantity, by_key
 from flexdesign.workflows.sweeps import evaluators
-from flexdesign.workflows.sweeps.answers import as_named, key_of
-from flexdesign.workflows.sweeps.choosing import Aim, Limit
-from flexdesign.workflows.sweeps.elements import beside, by_elements, fast_solid
+from flexdesign.workflows.sweeps.fem_evaluators import by_elements, fast_solid, further_quantities
+from flexdesign.workflows.sweeps.pareto import Aim, Limit
 from flexdesign.workflows.sweeps.plan import SweepPlan
+from flexdesign.workflows.sweeps.results import as_named, key_of
 from flexdesign.workflows.sweeps.sampling import Case, Factor, cases
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ class Optimum:
         What was asked.
     rounds
         One optimum after the other.
-    agreed
+    converged_searches
         How many searches of the last round ended at its optimum, of how many.
     broken
         Limits that the optimum breaks: nothing was found that keeps them all.
@@ -82,7 +82,7 @@ class Optimum:
 
     plan: SweepPlan
     rounds: Sequence[Round]
-    agreed: tuple[int, int]
+    converged_searches: tuple[int, int]
     broken: tuple[Limit, ...]
     further: Sequence[Quantity] = ()
 
@@ -134,7 +134,7 @@ def optimise(plan: SweepPlan, *, check: bool = True, progress: Progress = lambda
     with threadpool_limits(1):
         for number in range(1, ROUNDS + 1):
             progress(f"round {number}: optimising the formulas")
-            best, agreed = _search(plan, correction)
+            best, converged_searches = _search(plan, correction)
             formulas = _by_formulas(plan, best.values)
             predicted = _corrected(formulas, correction)
             elements = None
@@ -152,8 +152,8 @@ def optimise(plan: SweepPlan, *, check: bool = True, progress: Progress = lambda
         progress("stress, safety and frequency of the optimum")
         with threadpool_limits(1):
             optimum = evaluators.version_of(plan, Case(best.values))
-            further = beside(optimum, plan.mesh, list(elements.values()))
-    return Optimum(plan, rounds, agreed, broken, further)
+            further = further_quantities(optimum, plan.mesh, list(elements.values()))
+    return Optimum(plan, rounds, converged_searches, broken, further)
 
 
 def _refuse_unknown(plan: SweepPlan) -> None:
@@ -169,7 +169,7 @@ def _is_settled(plan: SweepPlan, predicted: Found, elements: Found) -> bool:
     """Tell whether finite elements find what the corrected formulas promised, of aim and limits."""
     named = {key_of(plan.aims[0].quantity), *(key_of(limit.quantity) for limit in plan.limits)}
     pairs = [(predicted[key].value, elements[key].value) for key in named if key in predicted and key in elements]
-    return all(abs(promised - true) <= SETTLED * abs(true) for promised, true in pairs)
+    return all(abs(predicted_gain - true) <= SETTLED * abs(true) for predicted_gain, true in pairs)
 
 
 # --- one round --------------------------------------------------------------------------------------------------
@@ -191,14 +191,14 @@ class _Point:
 
 def _search(plan: SweepPlan, correction: Mapping[str, float]) -> tuple[_Point, tuple[int, int]]:
     """Return the best point of all choices, and how many searches ended there."""
-    ended: list[_Point] = []
+    minima: list[_Point] = []
     for choice in _choices(plan.factors):
-        ended += _searched(plan, choice, correction)
-    if not ended:
+        minima += _searched(plan, choice, correction)
+    if not minima:
         raise InputError(plan.file, "vary", None, "holds no design that can be built; move the ranges")
-    best = min(ended, key=lambda point: point.rank)
-    near = [p for p in ended if abs(p.cost - best.cost) <= SETTLED * abs(best.cost)]
-    return best, (sum(p.violation <= best.violation + SLACK for p in near), len(ended))
+    best = min(minima, key=lambda point: point.rank)
+    near = [p for p in minima if abs(p.cost - best.cost) <= SETTLED * abs(best.cost)]
+    return best, (sum(p.violation <= best.violation + SLACK for p in near), len(minima))
 
 
 def _choices(factors: Sequence[Factor]) -> Iterator[dict[str, float | str]]:
@@ -233,7 +233,7 @@ def _searched(plan: SweepPlan, choice: Mapping[str, float | str], correction: Ma
     sample = [np.array(x) for x in _unit_sample(len(ranged), plan.seed)]
     tried = [(made, x) for x in sample if (made := point(x)) is not None]
     tried.sort(key=lambda pair: pair[0].rank)
-    ended = []
+    minima = []
     for made, x in tried[:FOLLOWED]:
         scale = abs(made.cost) or 1.0
         memory: _Memory = {}
@@ -248,7 +248,7 @@ def _searched(plan: SweepPlan, choice: Mapping[str, float | str], correction: Ma
             return memory[key]
 
         constraints: list[dict[str, Any]] = [{"type": "ineq", "fun": lambda at, both=both: both(at)[1]}]
-        solved = minimize(
+        solution = minimize(
             lambda at, both=both: both(at)[0],
             x,
             method="SLSQP",
@@ -256,9 +256,9 @@ def _searched(plan: SweepPlan, choice: Mapping[str, float | str], correction: Ma
             constraints=constraints if plan.limits else [],
             options={"maxiter": STEPS, "ftol": 1e-9, "eps": DIFFERENCE},
         )
-        last = point(np.asarray(solved.x))
-        ended.append(min((p for p in (last, made) if p is not None), key=lambda p: p.rank))
-    return ended
+        last = point(np.asarray(solution.x))
+        minima.append(min((p for p in (last, made) if p is not None), key=lambda p: p.rank))
+    return minima
 
 
 def _unit_sample(dimensions: int, seed: int) -> Iterator[list[float]]:

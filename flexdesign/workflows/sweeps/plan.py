@@ -11,7 +11,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.design.design import Design
 from flexdesign.design.study import MeshSettings
 from flexdesign.dynamics.stage_model import StageModel
-from flexdesign.workflows.sweeps.choosing import Aim, Limit
+from flexdesign.workflows.sweeps.pareto import Aim, Limit
 from flexdesign.workflows.sweeps.sampling import Case, Factor, Method, cases
 from flexdesign.workflows.sweeps.simulating import Bench
 

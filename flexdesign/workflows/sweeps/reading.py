@@ -21,7 +21,7 @@ from flexdesign.design.study import DESIGN_KEYS, MeshSettings
 from flexdesign.dynamics import experiments, stage_model
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.workflows.sweeps import sensitivity, simulating
-from flexdesign.workflows.sweeps.choosing import Aim, Limit
+from flexdesign.workflows.sweeps.pareto import Aim, Limit
 from flexdesign.workflows.sweeps.plan import Evaluator, SweepPlan, settings_of
 from flexdesign.workflows.sweeps.sampling import Case, Factor, Method
 from flexdesign.workflows.sweeps.simulating import STAGE_KEYS, STUDY_KEYS, Bench

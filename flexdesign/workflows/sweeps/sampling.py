@@ -56,7 +56,7 @@ class Factor:
         """Whether its values are numbers."""
         return bool(self.si)
 
-    def shown(self, value: float | str, unit: bool = True) -> str:
+    def formatted(self, value: float | str, unit: bool = True) -> str:
         """Return one of its values as it is read, with its unit or without."""
         if isinstance(value, str):
             return value

@@ -63,8 +63,8 @@ class Bench:
             stage = stage_model.read(self.model, of_stage(overrides))
             named += [Path(name) for axis in stage.axes.values() for name in axis.effects if name.endswith(".py")]
             if self.study is not None:
-                drawn = [experiment.trajectory for experiment in self.plan(stage, overrides).experiments]
-                named += [Path(each.file) for each in drawn if isinstance(each, Recorded)]
+                trajectories = [experiment.trajectory for experiment in self.plan(stage, overrides).experiments]
+                named += [Path(each.file) for each in trajectories if isinstance(each, Recorded)]
         return found + [path.read_text(encoding="utf-8-sig") for path in named]
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from flexdesign.core.model import Quantity
 from flexdesign.core.result_cache import Cache, content_key
-from flexdesign.workflows.sweeps.answers import Answers
+from flexdesign.workflows.sweeps.results import Results
 
 #: Format of the files, and the folder in which they are.
 FORMAT, STAGE = 1, "cases"
@@ -32,7 +32,7 @@ class Store:
 
     def __init__(self, folder: Path) -> None:
         self._cache = Cache(folder)
-        self._batches: list[Answers] = []
+        self._batches: list[Results] = []
         self._where: dict[str, tuple[int, int]] = {}
         self._read: set[str] = set()
 
@@ -48,12 +48,12 @@ class Store:
             kinds = {key: Quantity(value=math.nan, **kind) for key, kind in table["kinds"].items()}
             values = {key: arrays["values"][i] for i, key in enumerate(kinds)}
             sigmas = {key: arrays["sigmas"][i] for i, key in enumerate(kinds)}
-            self._add(table["keys"], Answers(kinds, values, sigmas, table["errors"], arrays["seconds"]))
+            self._add(table["keys"], Results(kinds, values, sigmas, table["errors"], arrays["seconds"]))
 
     def __contains__(self, key: str) -> bool:
         return key in self._where
 
-    def find(self, keys: Sequence[str]) -> Answers:
+    def find(self, keys: Sequence[str]) -> Results:
         """Return the answers to some questions, in their order.
 
         Raises
@@ -64,9 +64,9 @@ class Store:
         where = np.array([self._where[key] for key in keys], dtype=np.intp).reshape(len(keys), 2)
         batches = np.unique(where[:, 0])
         parts = ((b, np.flatnonzero(where[:, 0] == b)) for b in batches)
-        return Answers.gathered(((self._batches[b], where[at, 1], at) for b, at in parts), len(keys))
+        return Results.gathered(((self._batches[b], where[at, 1], at) for b, at in parts), len(keys))
 
-    def keep(self, keys: Sequence[str], answers: Answers) -> None:
+    def keep(self, keys: Sequence[str], results: Results) -> None:
         """Write the answers of a batch.
 
         Raises
@@ -74,21 +74,21 @@ class Store:
         InputError
             If the folder cannot be written; nothing half-written stays.
         """
-        kinds = {key: asdict(kind) for key, kind in answers.kinds.items()}
+        kinds = {key: asdict(kind) for key, kind in results.kinds.items()}
         for kind in kinds.values():
             del kind["value"], kind["half_width"]
         shape = (len(kinds), len(keys))
         arrays = {
-            "values": np.array(list(answers.values.values())).reshape(shape),
-            "sigmas": np.array(list(answers.sigmas.values())).reshape(shape),
-            "seconds": answers.seconds,
+            "values": np.array(list(results.values.values())).reshape(shape),
+            "sigmas": np.array(list(results.sigmas.values())).reshape(shape),
+            "seconds": results.seconds,
         }
         name = content_key(list(keys))
-        table = {"format": FORMAT, "keys": list(keys), "kinds": kinds, "errors": list(answers.errors)}
+        table = {"format": FORMAT, "keys": list(keys), "kinds": kinds, "errors": list(results.errors)}
         self._cache.store(STAGE, name, arrays, table)
         self._read.add(name)
-        self._add(keys, answers)
+        self._add(keys, results)
 
-    def _add(self, keys: Sequence[str], answers: Answers) -> None:
+    def _add(self, keys: Sequence[str], results: Results) -> None:
         self._where |= {key: (len(self._batches), row) for row, key in enumerate(keys)}
-        self._batches.append(answers)
+        self._batches.append(results)

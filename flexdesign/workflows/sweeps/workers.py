@@ -13,8 +13,8 @@ from threadpoolctl import threadpool_limits
 
 from flexdesign.core import subprocess_call
 from flexdesign.core.errors import InputError
-from flexdesign.workflows.sweeps.answers import Answers
-from flexdesign.workflows.sweeps.evaluators import EvaluationRequest, answers
+from flexdesign.workflows.sweeps.evaluators import EvaluationRequest, evaluate_all
+from flexdesign.workflows.sweeps.results import Results
 
 
 class Workers(Protocol):
@@ -31,13 +31,13 @@ class Workers(Protocol):
     window: int
     died: type[Exception]
 
-    def submit(self, batch: Sequence[EvaluationRequest]) -> Future[Answers]:
+    def submit(self, batch: Sequence[EvaluationRequest]) -> Future[Results]:
         """Hand over a batch."""
 
-    def alone(self, request: EvaluationRequest) -> Answers:
+    def alone(self, request: EvaluationRequest) -> Results:
         """Return the answer to a question that may be deadly."""
 
-    def lost(self, waiting: dict[Future[Answers], Sequence[EvaluationRequest]]) -> list[Sequence[EvaluationRequest]]:
+    def lost(self, waiting: dict[Future[Results], Sequence[EvaluationRequest]]) -> list[Sequence[EvaluationRequest]]:
         """Return, and take out, the batches that were lost with another; what comes next finds new processes."""
 
     def close(self) -> None:
@@ -52,19 +52,19 @@ class Processes:
     def __init__(self, jobs: int) -> None:
         self._jobs, self.window, self._pool = jobs, 2 * jobs, _pool(jobs)
 
-    def submit(self, batch: Sequence[EvaluationRequest]) -> Future[Answers]:
+    def submit(self, batch: Sequence[EvaluationRequest]) -> Future[Results]:
         """Hand over a batch."""
-        return self._pool.submit(answers, batch)
+        return self._pool.submit(evaluate_all, batch)
 
-    def alone(self, request: EvaluationRequest) -> Answers:
+    def alone(self, request: EvaluationRequest) -> Results:
         """Return the answer to a question that may be deadly."""
         pool = _pool(1)
         try:
-            return pool.submit(answers, [request]).result()
+            return pool.submit(evaluate_all, [request]).result()
         finally:
             _end(pool)
 
-    def lost(self, waiting: dict[Future[Answers], Sequence[EvaluationRequest]]) -> list[Sequence[EvaluationRequest]]:
+    def lost(self, waiting: dict[Future[Results], Sequence[EvaluationRequest]]) -> list[Sequence[EvaluationRequest]]:
         """Return, and take out, the batches that were lost with another."""
         batches = list(waiting.values())  # whoever dies takes the whole pool along
         waiting.clear()
@@ -113,16 +113,16 @@ class Cluster:
         self._executor = self._client.get_executor(pure=False)
         self.died: type[Exception] = KilledWorker
 
-    def submit(self, batch: Sequence[EvaluationRequest]) -> Future[Answers]:
+    def submit(self, batch: Sequence[EvaluationRequest]) -> Future[Results]:
         """Hand over a batch."""
-        future: Future[Answers] = self._executor.submit(_with_one_thread, batch)
+        future: Future[Results] = self._executor.submit(_with_one_thread, batch)
         return future
 
-    def alone(self, request: EvaluationRequest) -> Answers:
+    def alone(self, request: EvaluationRequest) -> Results:
         """Return the answer to a question that may be deadly."""
         return self.submit([request]).result()
 
-    def lost(self, waiting: dict[Future[Answers], Sequence[EvaluationRequest]]) -> list[Sequence[EvaluationRequest]]:
+    def lost(self, waiting: dict[Future[Results], Sequence[EvaluationRequest]]) -> list[Sequence[EvaluationRequest]]:
         """Return, and take out, the batches that were lost with another."""
         return []  # a batch dies by itself
 
@@ -132,6 +132,6 @@ class Cluster:
         self._client.close()
 
 
-def _with_one_thread(batch: Sequence[EvaluationRequest]) -> Answers:
+def _with_one_thread(batch: Sequence[EvaluationRequest]) -> Results:
     with threadpool_limits(1):
-        return answers(batch)
+        return evaluate_all(batch)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flexdesign.analytic.frame import Mechanism
-from flexdesign.analytic.static_model import Row, StaticModel, StaticTable, drawn, of_design, uncertainty
+from flexdesign.analytic.static_model import Row, StaticModel, StaticTable, nominal_effects, of_design, uncertainty
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Quantity
 from flexdesign.design.design import Design
@@ -24,7 +24,7 @@ from flexdesign.design.design import Design
 JUDGED = ("K_in_output_free", "lambda_output_free", "K_out_input_free")
 OF_AXIS = ("K_in_{}_table_free", "lambda_{}_table_free", "K_out_{}_inputs_free")
 #: Axes are as each other if their quantities differ by less than this, relative.
-ALIKE = 1e-6
+SAME_AXIS = 1e-6
 #: A model that is so much stiffer than FEM, or softer, is a rigid frame and rounding: hinges that only rotate do not
 #: move a part whose leaves end in bodies that cannot turn.
 SMALLEST = 1e-6
@@ -69,17 +69,17 @@ class Ladder:
     tolerances: Mapping[str, float]
 
 
-def model_ladder(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
+def model_hierarchy(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
     """Return the ladder of a design beside what FEM found; None where it is no frame, or no formula is beside it."""
     try:
         model = of_design(design, bare=True)
     except InputError:
         return None
-    judged = _judged(design, fem)
-    known = {key: fem[key].value for key in judged if key in fem and fem[key].value}
+    keys = _judged_keys(design, fem)
+    known = {key: fem[key].value for key in keys if key in fem and fem[key].value}
     if not known:
         return None
-    effects = drawn(design)
+    effects = nominal_effects(design)
     left = list(effects)
     there: dict[str, Mapping[str, float]] = {}
     rungs = [_rung("", model, known, there)]
@@ -91,22 +91,24 @@ def model_ladder(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
         rungs.append(best)
     rungs = [rung for rung in rungs if math.isfinite(rung.size)] or rungs[-1:]
     if design.is_stage:
-        axes = {fem[key].boundary.partition(", ")[0] for key in judged}
+        axes = {fem[key].boundary.partition(", ")[0] for key in keys}
         fem = {key: quantity for key, quantity in fem.items() if quantity.boundary.partition(", ")[0] in axes}
     return Ladder(rungs, _tolerances(of_design(design), fem))
 
 
-def _judged(design: Design, fem: Mapping[str, Quantity]) -> list[str]:
+def _judged_keys(design: Design, fem: Mapping[str, Quantity]) -> list[str]:
     """Return the keys of what is compared."""
     if not design.is_stage:
         return list(JUDGED)
-    told: list[list[str]] = []
+    distinct: list[list[str]] = []
     for axis in design.stage().assembly().axes:
         keys = [key.format(axis) for key in OF_AXIS if key.format(axis) in fem]
         values = [fem[key].value for key in keys]
-        if not any(np.allclose([fem[key].value for key in other], values, rtol=ALIKE, atol=0) for other in told):
-            told.append(keys)
-    return [key for keys in told for key in keys]
+        if not any(
+            np.allclose([fem[key].value for key in other], values, rtol=SAME_AXIS, atol=0) for other in distinct
+        ):
+            distinct.append(keys)
+    return [key for keys in distinct for key in keys]
 
 
 def _rung(
@@ -120,7 +122,7 @@ def _rung(
 
 
 def _tolerances(model: StaticModel, fem: Mapping[str, Quantity]) -> dict[str, float]:
-    kept = {key: q for key, q in fem.items() if key in model.compliance({}).quantities() and q.value}
-    table = StaticTable("", tuple(Row(q.name, q.boundary, q.value, abs(q.value), q.unit) for q in kept.values()))
+    quantities = {key: q for key, q in fem.items() if key in model.compliance({}).quantities() and q.value}
+    table = StaticTable("", tuple(Row(q.name, q.boundary, q.value, abs(q.value), q.unit) for q in quantities.values()))
     inputs = uncertainty(model, table).inputs
-    return {key: float(2 * u / abs(q.value)) for (key, q), u in zip(kept.items(), inputs, strict=True)}
+    return {key: float(2 * u / abs(q.value)) for (key, q), u in zip(quantities.items(), inputs, strict=True)}

@@ -62,7 +62,7 @@ class Validation:
         The same as the first analytic model sees it.
     large
         What large displacements do on the way to full drive; None if they were not followed.
-    ladder
+    hierarchy
         The way from the pseudo-rigid model to FEM; None for a part that the compliance model cannot take.
     cross_check
         The part solved in other ways, too; None if nobody asked.
@@ -83,7 +83,7 @@ class Validation:
     shares: Mapping[str, Mapping[str, float]]
     formula_shares: Mapping[str, Mapping[str, float]]
     large: LargeStroke | None
-    ladder: Ladder | None
+    hierarchy: Ladder | None
     cross_check: CrossCheck | None
     independent: IndependentCheck | None
     stage_model: StageModel | None

@@ -92,15 +92,15 @@ def with_hysteresis(axis: AxisModel, actuator: Actuator, stroke: float) -> AxisM
     values = {"a": stack.a * reached, "b": stack.b, "c": stack.c, "n": 1.0, "rest": 0.0}
     axis = replace(axis, effects={**axis.effects, "bouc_wen": values})
     source = f"of the free stack, times travel per free stroke, {reached:.4g}"
-    told = {"bouc_wen": f"{source}; {stack.source}" if stack.source else source}
+    source_of = {"bouc_wen": f"{source}; {stack.source}" if stack.source else source}
     if actuator.voltage_range is not None:
         given = axis.sources.get("gain", "travel over range of voltage")
-        told["gain"] = f"{given}, and what hysteresis holds back of it: the steady loop spans the travel"
+        source_of["gain"] = f"{given}, and what hysteresis holds back of it: the steady loop spans the travel"
     return replace(
         axis,
         gain=math.copysign(abs(axis.gain) + stages.held_back(axis), axis.gain),
         assumed=(*axis.assumed, "bouc_wen") if stack.assumed else axis.assumed,
-        sources={**axis.sources, **told},
+        sources={**axis.sources, **source_of},
     )
 
 
@@ -131,7 +131,7 @@ def _sources(
         )
     if voltage is None:
         sources["gain"] = (
-            f"unknown: the free stroke moves the output by {stroke.shown()}, but the design does not say at which "
+            f"unknown: the free stroke moves the output by {stroke.formatted()}, but the design does not say at which "
             "voltage; give actuator.voltage_range there, or the gain here"
         )
     return sources

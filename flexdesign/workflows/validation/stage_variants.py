@@ -10,7 +10,7 @@ from flexdesign.core.model import Quantity
 from flexdesign.fem.convergence import MeshNoise, extrapolate
 
 #: Stage and variant are of the same or of like meshes, so that what is irregular in these cancels in the ratio.
-ALIKE = MeshNoise(0.0)
+SAME_MESHES = MeshNoise(0.0)
 
 
 def changed(
@@ -39,10 +39,10 @@ def changed(
             continue
         base, values = [level[key].value for level in here], [level[key].value for level in there]
         if any(value == 0 for value in base):
-            own = extrapolate(values, sizes, scatter=ALIKE)
+            own = extrapolate(values, sizes, scatter=SAME_MESHES)
             found[key] = replace(quantity, value=own.value, half_width=own.error)
             continue
-        ratio = extrapolate([v / b for v, b in zip(values, base, strict=True)], sizes, scatter=ALIKE)
+        ratio = extrapolate([v / b for v, b in zip(values, base, strict=True)], sizes, scatter=SAME_MESHES)
         limit = limits[key]
         sigma = math.hypot(limit.value * ratio.error, (limit.half_width or 0.0) * ratio.value)
         found[key] = replace(quantity, value=limit.value * ratio.value, half_width=sigma)

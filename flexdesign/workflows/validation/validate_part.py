@@ -78,7 +78,7 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
         shares=_shares(design, body, levels) if part.linkage().members else {},
         formula_shares=shares_of_formulas,
         large=large,
-        ladder=model_hierarchy.model_ladder(design, {c.fem.key: c.fem for c in comparisons}),
+        hierarchy=model_hierarchy.model_hierarchy(design, {c.fem.key: c.fem for c in comparisons}),
         cross_check=others,
         independent=alone,
         stage_model=stage_model_from_part.stage_model(
@@ -142,13 +142,13 @@ def _formulas(design: Design, part: parts.Part, load: float | None) -> dict[str,
         return _refused(part, "formulas", remedy)
 
     try:
-        told = isinstance(given, Mapping) and all(_are_quantities(found) for found in given.values())
+        is_valid = isinstance(given, Mapping) and all(_are_quantities(found) for found in given.values())
     except InputError:
         raise
     except Exception as error:  # models that are computed when they are asked for, by code of the part
         remedy = f"fails with {parts.reason(error, parts.file_of(type(part)))}; correct the part"
         raise refused(remedy) from error
-    if not isinstance(given, Mapping) or not told:
+    if not isinstance(given, Mapping) or not is_valid:
         raise refused("must return quantities by the model's name: {'PRB': [Quantity(...)]}")
     formulas = {str(model): by_key(found) for model, found in given.items()}
     known = {Quantity(name, 1.0, "", "", boundary).key for name, boundary in static_model.measurable(design)}

@@ -66,7 +66,7 @@ class StageValidation:
         Quantities on the coarsest mesh, by key.
     variants
         By name and key what variants make of the stage's quantities.
-    ladder
+    hierarchy
         From the pseudo-rigid stage to FEM, effect by effect; None where the parts are no frame.
     stage_model
         What dynamics needs; None without an actuator.
@@ -87,7 +87,7 @@ class StageValidation:
     modes: tuple[Sequence[ModeShares], Sequence[ModeShares]]
     coarsest: Mapping[str, Quantity]
     variants: Mapping[str, Mapping[str, Quantity]]
-    ladder: Ladder | None
+    hierarchy: Ladder | None
     stage_model: StageModel | None
     seconds: float
 
@@ -146,7 +146,7 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     _refuse_unknown(study, assembly)
     _examine(design)
     published = read_published(study, assembly)
-    levels = stage_condensation.refined(study, assembly, cache, progress, inside=DRIVEN)
+    levels = stage_condensation.refine(study, assembly, cache, progress, inside=DRIVEN)
     finest = levels[-1].stage
     found, sizes = [level.found for level in levels], [level.size for level in levels]
     limits = stage_condensation.gathered(levels)
@@ -157,18 +157,18 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
         for number, level in enumerate(levels[:DRIVEN], 1)
     ]
     motions, full = driven[0]
-    moved = [{**here, **_moved([*near, *far])} for here, (near, far) in zip(found, driven, strict=False)]
-    told = _moved([*motions, *full])
+    motions_found = [{**here, **_moved([*near, *far])} for here, (near, far) in zip(found, driven, strict=False)]
+    motion_quantities = _moved([*motions, *full])
     source = f"FEM, large displacements on the {DRIVEN} coarsest of {len(levels)} meshes, extrapolated"
     limits += [
         replace(q, source=source)
-        for q in mesh_refinement.limits(moved, sizes[:DRIVEN], stage_condensation.scatter(levels))
-        if q.key in told
+        for q in mesh_refinement.limits(motions_found, sizes[:DRIVEN], stage_condensation.scatter(levels))
+        if q.key in motion_quantities
     ]
     comparisons, further = compare(study, limits, [*motions, *full], published)
-    solved = {label: _variant(study, label, cache, progress) for label in study.variants}
+    variants = {label: _variant(study, label, cache, progress) for label in study.variants}
     progress("compliance model, effect by effect")
-    rungs = model_hierarchy.model_ladder(design, by_key(limits))
+    rungs = model_hierarchy.model_hierarchy(design, by_key(limits))
     spring = design.actuator.installed_stiffness if design.actuator else 0.0
     return StageValidation(
         study=study,
@@ -183,8 +183,10 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
         chains=stage_shares.input_chains(design.stage(), design.material, finest, found[-1]),
         modes=(mode_shares(finest, 0.0, TOLD), mode_shares(finest, spring, TOLD) if spring else []),
         coarsest={**found[0], **_moved(motions)},
-        variants={label: changed(moved, there, sizes[:DRIVEN], by_key(limits)) for label, there in solved.items()},
-        ladder=rungs,
+        variants={
+            label: changed(motions_found, there, sizes[:DRIVEN], by_key(limits)) for label, there in variants.items()
+        },
+        hierarchy=rungs,
         stage_model=stage_model_of(design, finest, by_key(limits), _quadratic(motions, by_key(limits))),
         seconds=perf_counter() - began,
     )
@@ -262,10 +264,10 @@ def _variant(study: Study, label: str, cache: Cache, progress: Progress) -> list
     design = study.variants[label]
     other, found = replace(study, design=design), []
     assembly, say = design.stage().assembly(), stage_condensation.labelled(progress, f"variant {label}")
-    kinds = stage_condensation.drawn(other, assembly, say)
+    kinds = stage_condensation.build_solids(other, assembly, say)
     for power in range(study.mesh.levels - 1, study.mesh.levels - 1 - DRIVEN, -1):
         coarseness = study.mesh.refinement**power
-        level = stage_condensation.condensed(other, assembly, kinds, coarseness, cache, inside=True, progress=say)
+        level = stage_condensation.condense(other, assembly, kinds, coarseness, cache, inside=True, progress=say)
         motions, _ = stage_drives.Driven(other, level, cache, say).motions(full=False)
         found.append({**level.found, **_moved(motions)})
     return found

@@ -46,15 +46,15 @@ def suspicions(run: Run, gain: float, axis: str | None = None) -> tuple[str, ...
     >>> suspicions(run, 2e-6)
     ('x spans 3.98 mm where gain times command spans 0.00398 mm, a thousandth: is its unit right, or that of u?',)
     """
-    said = []
+    remark = []
     for name in [axis] if axis else [name for name in AXES if name in run.responses]:
         off = _off(run, gain, name)
         if off is not None:
             share = {-2: "a million times that", -1: "a thousand times that", 1: "a thousandth", 2: "a millionth"}
             much = share.get(off.thousands, f"1e{-3 * off.thousands} of that")
             question = f"is its unit right, or that of {off.command}?"
-            said.append(f"{name} spans {off.seen} where gain times command spans {off.due}, {much}: {question}")
-    return tuple(said)
+            remark.append(f"{name} spans {off.seen} where gain times command spans {off.due}, {much}: {question}")
+    return tuple(remark)
 
 
 def refuse_wrong_units(run: Run, gain: float, axis: str) -> None:
@@ -102,6 +102,6 @@ def _off(run: Run, gain: float, name: str) -> _Off | None:
     si = run.si[name]
     unit = units.DISPLAY.get(si, si)
     seen, due = (units.to_text(value, unit, 3, si) for value in (span, expected))
-    moves = bool(np.ptp(command[there]) > 0)
-    alike = float(np.corrcoef(response[there], command[there])[0, 1]) if moves else 0.0
+    is_driven = bool(np.ptp(command[there]) > 0)
+    alike = float(np.corrcoef(response[there], command[there])[0, 1]) if is_driven else 0.0
     return _Off(column, thousands, seen, due, math.copysign(alike, gain * alike) >= FOLLOWS)

@@ -101,7 +101,7 @@ class _Level:
 
 
 def noise_floor(
-    runs: Sequence[Run], axis: str, *, settle: float, sensor_noise: float = 0.0, remove_lines: bool = True
+    runs: Sequence[Run], axis: str, *, settling_time: float, sensor_noise: float = 0.0, remove_lines: bool = True
 ) -> NoiseFloor:
     """Return the noise of one response, from the best source there is.
 
@@ -111,7 +111,7 @@ def noise_floor(
         With all their columns: a stretch is quiet only where every command stands still.
     axis
         The response.
-    settle
+    settling_time
         How long the stage rings after its command has come to rest [s].
     sensor_noise
         Standard deviation that the sensor is stated to have [response]; used where the runs show none. If it is zero,
@@ -133,8 +133,8 @@ def noise_floor(
     smallest = _smallest(runs, axis)
     stated = sensor_noise or max((run.sensors[axis].noise or 0.0 for run in runs if axis in run.sensors), default=0.0)
     sources = [
-        quiet_stretches(runs, axis, settle),
-        differences_of_periods(runs, axis, settle),
+        quiet_stretches(runs, axis, settling_time),
+        differences_of_periods(runs, axis, settling_time),
         differences_of_repeats(runs, axis),
     ]
     levels = [_level(source, runs, smallest, remove_lines) for source in sources if source.stretches]
@@ -234,27 +234,27 @@ def resampled(process: Process, period: float, to: float) -> Process:
 
 def _merged(lines: Sequence[Sinusoid]) -> tuple[Sinusoid, ...]:
     """Return lines without those that another sampling period shows again."""
-    kept: list[Sinusoid] = []
+    merged: list[Sinusoid] = []
     for line in sorted(lines, key=lambda line: line.frequency):
-        if not kept or line.frequency - kept[-1].frequency > 0.01 * line.frequency:
-            kept.append(line)
-    return tuple(kept)
+        if not merged or line.frequency - merged[-1].frequency > 0.01 * line.frequency:
+            merged.append(line)
+    return tuple(merged)
 
 
 def _disagreements(chosen: _Level, levels: Sequence[_Level], stated: float) -> list[str]:
-    said = []
-    usual = float(np.median([process.rms for process in chosen.processes.values()]))
+    remark = []
+    median = float(np.median([process.rms for process in chosen.processes.values()]))
     for other in levels:
         if other is chosen:
             continue
-        factor = float(np.median([process.rms for process in other.processes.values()])) / usual
+        factor = float(np.median([process.rms for process in other.processes.values()])) / median
         error = math.sqrt(0.5 / chosen.dof + 0.5 / other.dof)
         if abs(math.log(factor)) > max(math.log(DISAGREES), CHANCE * error):
             why = "; noise grows with motion, or the motion does not repeat itself" if factor > 1 else ""
-            said.append(f"{other.source.words} would give {factor:.2g} times this noise{why}")
-    if stated and not 1 / 3 < usual / stated < 3:
-        said.append(f"the noise is {usual / stated:.2g} times what the sensor is stated to have")
-    return said
+            remark.append(f"{other.source.words} would give {factor:.2g} times this noise{why}")
+    if stated and not 1 / 3 < median / stated < 3:
+        remark.append(f"the noise is {median / stated:.2g} times what the sensor is stated to have")
+    return remark
 
 
 def _smallest(runs: Sequence[Run], axis: str) -> float:

@@ -114,7 +114,7 @@ def _outward(sides: FloatArray) -> FloatArray:
 def _cut(sides: FloatArray, along: int) -> FloatArray:
     """Keep what lies at positive coordinates, and close it along the line where the coordinate is zero."""
     reach = np.where(np.abs(sides[:, :, along]) < NEAR, 0.0, sides[:, :, along])  # (k, 2 ends)
-    kept = sides[(reach >= 0).all(axis=1) & (reach > 0).any(axis=1)]
+    selected = sides[(reach >= 0).all(axis=1) & (reach > 0).any(axis=1)]
     across = sides[reach.prod(axis=1) < 0]
     inner = np.where(across[:, :1, along] > 0, 0, 1)[:, :, None]
     inside = np.take_along_axis(across, np.broadcast_to(inner, (len(across), 1, 2)), axis=1)[:, 0]
@@ -122,13 +122,13 @@ def _cut(sides: FloatArray, along: int) -> FloatArray:
     crossings = across[:, 0] + share[:, None] * (across[:, 1] - across[:, 0])
     crossings[:, along] = 0.0
     cut = np.stack([inside, crossings], axis=1)
-    touching = kept[np.abs(kept[:, :, along]) < NEAR]
+    touching = selected[np.abs(selected[:, :, along]) < NEAR]
     places = np.sort(np.concatenate([crossings, touching])[:, 1 - along])
     if not len(places) or len(places) % 2 or (np.diff(places) < NEAR).any():
         raise InputError("part", "symmetry", "xyz"[along], "the plane cuts the outline in no even number of places")
     line = np.zeros((len(places) // 2, 2, 2))
     line[:, :, 1 - along] = places.reshape(-1, 2)
-    return np.concatenate([kept, cut, line])
+    return np.concatenate([selected, cut, line])
 
 
 def _require_mirrored(sides: FloatArray, low: float, high: float, plane: SymmetryPlane, axis: Axis) -> None:

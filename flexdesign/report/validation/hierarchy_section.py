@@ -8,9 +8,9 @@ from typing import Any
 
 from flexdesign.effects import statics
 from flexdesign.report import charts
-from flexdesign.report.diagnosis.table_words import called
+from flexdesign.report.diagnosis.table_words import effect_name
 from flexdesign.report.document import Figure, Section, Table
-from flexdesign.report.wording import name_of, shown
+from flexdesign.report.wording import formatted, name_of
 from flexdesign.workflows.validation import Validation
 from flexdesign.workflows.validation.model_hierarchy import Ladder
 from flexdesign.workflows.validation.validate_stage import StageValidation
@@ -38,10 +38,10 @@ def section(validation: Validation | StageValidation, symbols: Mapping[str, str]
     symbols
         How the quantities that are compared are written, by key.
     """
-    ladder = validation.ladder
-    if ladder is None:
+    hierarchy = validation.hierarchy
+    if hierarchy is None:
         return Section("From the pseudo-rigid model to FEM")
-    figure = Figure("theory_ladder.svg", _drawn(ladder, symbols), "Distance from FEM, effect by effect")
+    figure = Figure("theory_ladder.svg", _drawn(hierarchy, symbols), "Distance from FEM, effect by effect")
     given = validation.study.design.tolerances
     text = (
         f"{TOLERANCES} Dimensions within {1e6 * given.dimensions:g} um, the modulus within {100 * given.modulus:g} %."
@@ -49,27 +49,27 @@ def section(validation: Validation | StageValidation, symbols: Mapping[str, str]
     return Section(
         "From the pseudo-rigid model to FEM",
         [TEXT, text],
-        [_error_steps(ladder, symbols), _tolerances(validation, ladder)],
+        [_error_steps(hierarchy, symbols), _tolerances(validation, hierarchy)],
         [figure],
     )
 
 
-def result(ladder: Ladder | None) -> dict[str, Any] | None:
+def result(hierarchy: Ladder | None) -> dict[str, Any] | None:
     """Return the ladder as result.json has it."""
-    if ladder is None:
+    if hierarchy is None:
         return None
     rungs = [
         {"added": step_of_ladder.effect or "pseudo-rigid", "errors": dict(step_of_ladder.errors)}
-        for step_of_ladder in ladder.rungs
+        for step_of_ladder in hierarchy.rungs
     ]
-    return {"rungs": rungs, "tolerances_2_sigma": dict(ladder.tolerances)}
+    return {"rungs": rungs, "tolerances_2_sigma": dict(hierarchy.tolerances)}
 
 
-def _error_steps(ladder: Ladder, symbols: Mapping[str, str]) -> Table:
-    keys = list(ladder.rungs[0].errors)
+def _error_steps(hierarchy: Ladder, symbols: Mapping[str, str]) -> Table:
+    keys = list(hierarchy.rungs[0].errors)
     rows = []
-    for step_of_ladder in ladder.rungs:
-        label = f"+ {called(step_of_ladder.effect)}" if step_of_ladder.effect else "pseudo-rigid"
+    for step_of_ladder in hierarchy.rungs:
+        label = f"+ {effect_name(step_of_ladder.effect)}" if step_of_ladder.effect else "pseudo-rigid"
         where = statics.find(step_of_ladder.effect).where if step_of_ladder.effect else ""
         errors = [f"{100 * step_of_ladder.errors[key]:+.2f} %" for key in keys]
         rows.append([label, *errors, f"{100 * math.expm1(step_of_ladder.size):.2f} %", where])
@@ -77,22 +77,22 @@ def _error_steps(ladder: Ladder, symbols: Mapping[str, str]) -> Table:
     return Table(head, rows, "Model over FEM, less one; K_in and λ with a free output, K_out with free inputs")
 
 
-def _tolerances(validation: Validation | StageValidation, ladder: Ladder) -> Table:
+def _tolerances(validation: Validation | StageValidation, hierarchy: Ladder) -> Table:
     rows = []
-    for key, share in ladder.tolerances.items():
+    for key, share in hierarchy.tolerances.items():
         fem = validation.fem(key)
-        rows.append([name_of(fem), fem.boundary, shown(fem), f"± {100 * share:.2g} %"])
+        rows.append([name_of(fem), fem.boundary, formatted(fem), f"± {100 * share:.2g} %"])
     return Table(["quantity", "boundary", "FEM ± mesh", "tolerances"], rows, "Tolerances: two standard deviations")
 
 
-def _drawn(ladder: Ladder, symbols: Mapping[str, str]) -> bytes:
+def _drawn(hierarchy: Ladder, symbols: Mapping[str, str]) -> bytes:
     labels = [
-        f"+ {called(step_of_ladder.effect)}" if step_of_ladder.effect else "pseudo-rigid"
-        for step_of_ladder in ladder.rungs
+        f"+ {effect_name(step_of_ladder.effect)}" if step_of_ladder.effect else "pseudo-rigid"
+        for step_of_ladder in hierarchy.rungs
     ]
     figure, axes = charts.drawing(7.2, 0.34 * len(labels) + 1.4)
-    for index, key in enumerate(ladder.rungs[0].errors):
-        errors = [max(abs(100 * step_of_ladder.errors[key]), 0.01) for step_of_ladder in ladder.rungs]
+    for index, key in enumerate(hierarchy.rungs[0].errors):
+        errors = [max(abs(100 * step_of_ladder.errors[key]), 0.01) for step_of_ladder in hierarchy.rungs]
         axes.plot(errors, range(len(labels)), "o-", color=charts.COLOURS[index], label=symbols[key], linewidth=1.5)
     axes.set_xscale("log")
     axes.set_yticks(range(len(labels)), labels)

@@ -20,10 +20,10 @@ from flexdesign.design import part as parts
 from flexdesign.design.design import Design
 from flexdesign.design.design import read as read_design
 from flexdesign.fem import mesh_refinement
-from flexdesign.workflows.sweeps import choosing, simulating
-from flexdesign.workflows.sweeps.answers import Answers, key_of
+from flexdesign.workflows.sweeps import pareto, simulating
 from flexdesign.workflows.sweeps.evaluators import DIRECT, EvaluationRequest, corrected
 from flexdesign.workflows.sweeps.plan import SweepPlan, settings_of
+from flexdesign.workflows.sweeps.results import Results, key_of
 from flexdesign.workflows.sweeps.sampling import Case
 from flexdesign.workflows.sweeps.sampling import cases as sampled
 from flexdesign.workflows.sweeps.store import Store
@@ -38,7 +38,7 @@ _FORMULAS = (
     "effects/statics/*.py", "workflows/sweeps/evaluators.py",
 )  # fmt: skip
 _ELEMENTS = (
-    "design/assembly/*.py", "fem/**/*.py", "workflows/sweeps/elements.py", "workflows/sweeps/evaluators.py",
+    "design/assembly/*.py", "fem/**/*.py", "workflows/sweeps/fem_evaluators.py", "workflows/sweeps/evaluators.py",
     "workflows/validation/stage_model_from_*.py",
 )  # fmt: skip
 _SIMULATION = ("dynamics/**/*.py", "effects/*.py", "workflows/sweeps/simulating.py")
@@ -67,7 +67,7 @@ class Sweep:
     ----------
     plan
         What was asked.
-    cases, answers
+    cases, results
         All cases in order, and what was said of each.
     computed
         How many of them this run had to compute.
@@ -77,14 +77,14 @@ class Sweep:
 
     plan: SweepPlan
     cases: Sequence[Case]
-    answers: Answers
+    results: Results
     computed: int
     seconds: float
 
     @property
     def failed(self) -> list[int]:
         """The places of the cases without an answer."""
-        return [i for i, error in enumerate(self.answers.errors) if error]
+        return [i for i, error in enumerate(self.results.errors) if error]
 
     @property
     def inaccurate(self) -> dict[int, float]:
@@ -92,7 +92,7 @@ class Sweep:
         asked = self.plan.mesh.accuracy
         if asked is None or self.plan.evaluator != "fem":
             return {}
-        errors = self.answers.relative_errors(mesh_refinement.JUDGED)
+        errors = self.results.relative_errors(mesh_refinement.ACCURACY_QUANTITIES)
         return {int(i): float(errors[i]) for i in np.flatnonzero(errors > asked)}
 
 
@@ -137,7 +137,7 @@ def run(
         finally:
             workers.close()
     found = store.find([request.key for request in requests])
-    choosing.refuse_unknown(found, plan.limits, plan.aims, plan.file)
+    pareto.refuse_unknown(found, plan.limits, plan.aims, plan.file)
     return Sweep(plan, cases, found, len(todo), time.perf_counter() - began)
 
 
@@ -190,13 +190,13 @@ def _root(plan: SweepPlan, overrides: Sequence[str]) -> list[object]:
     except InputError as error:
         return [list(overrides), str(error)]
     drive = design.actuator.model_dump() if design.actuator else {}
-    drawn = parts.drawn_by_design(design.part_class)
+    owner = parts.drawn_by_design(design.part_class)
     return [
         dict(design.dimensions),
         repr(design.material),
         drive,
         design.effects,
-        *([drawn] if drawn else []),
+        *([owner] if owner else []),
         *simulated,
     ]
 
@@ -222,9 +222,9 @@ def _compute(
 ) -> None:
     """Have batches computed, and keep each as it comes; cases of a process that died are tried again one by one."""
     total, done, failed, began = known + sum(map(len, batches)), known, 0, time.perf_counter()
-    queue, waiting = deque(batches), dict[Future[Answers], Sequence[EvaluationRequest]]()
+    queue, waiting = deque(batches), dict[Future[Results], Sequence[EvaluationRequest]]()
 
-    def take(batch: Sequence[EvaluationRequest], found: Answers) -> None:
+    def take(batch: Sequence[EvaluationRequest], found: Results) -> None:
         nonlocal done, failed
         store.keep([request.key for request in batch], found)
         done, failed = done + len(found), failed + sum(map(bool, found.errors))
@@ -247,12 +247,12 @@ def _compute(
                     take([request], _alone(workers, request))
 
 
-def _alone(workers: Workers, request: EvaluationRequest) -> Answers:
+def _alone(workers: Workers, request: EvaluationRequest) -> Results:
     """Return the answer to one question that has a process to itself, or that the process died of it."""
     try:
         return workers.alone(request)
     except workers.died:
-        return Answers.of([((), DIED, 0.0)])
+        return Results.of([((), DIED, 0.0)])
 
 
 def _span(seconds: float) -> str:

@@ -36,7 +36,7 @@ def bridged(
                 row = int(np.searchsorted(sheet.moments(), time[first] - 1e-9))
                 lasts = f"is missing from {time[first]:.6g} s to {time[last - 1]:.6g} s, {last - first} samples"
                 remedy = f"{lasts}, in which it may have done anything; split the recording there"
-                raise sheet.refusal(min(row, len(sheet.lines) - 1), name, None, remedy)
+                raise sheet.cell_error(min(row, len(sheet.lines) - 1), name, None, remedy)
         known = np.flatnonzero(~missing)
         if between == "hold":
             filled = values[known[np.searchsorted(known, np.arange(len(values)), side="right") - 1]]

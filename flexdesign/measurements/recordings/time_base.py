@@ -51,7 +51,7 @@ def in_order(sheet: Sheet) -> tuple[Sheet, list[str]]:
     if (np.diff(time) > 0).all():
         return sheet, remarks
     order = np.argsort(time, kind="stable")
-    if not (np.diff(time[order]) > 0).all() or fitted(time[order]) is None:
+    if not (np.diff(time[order]) > 0).all() or fit_grid(time[order]) is None:
         sheet.time()  # refuses, and names the row
     remarks.append(f"{sheet.where(time < np.maximum.accumulate(time))}: out of order; sorted by time")
     return sheet.rows(order), remarks
@@ -76,22 +76,22 @@ class Grid:
     rounded: float = 0.0
 
 
-def fitted(time: Array) -> Grid | None:
+def fit_grid(time: Array) -> Grid | None:
     """Return the uniform time on which moments stand, some of which may be missing; None if there is none.
 
     Moments may be off by `UNIFORM`, or by half the last digit with which they are written.
 
-    >>> fitted(np.array([0.0, 0.1, 0.2, 0.5])).index
+    >>> fit_grid(np.array([0.0, 0.1, 0.2, 0.5])).index
     array([0, 1, 2, 5])
     """
-    usual = float(np.median(np.diff(time)))
-    if not _is_one_record(time, usual):
+    median_step = float(np.median(np.diff(time)))
+    if not _is_one_record(time, median_step):
         return None
     digit = _last_digit(time)
     counted = np.arange(len(time))
-    lost = np.concatenate([[0], np.cumsum(np.maximum(np.rint(np.diff(time) / usual), 1.0))]).astype(np.intp)
+    lost = np.concatenate([[0], np.cumsum(np.maximum(np.rint(np.diff(time) / median_step), 1.0))]).astype(np.intp)
     few = np.mean(np.diff(lost) > 1) <= RARE
-    exact, written = UNIFORM * usual, 0.51 * digit  # half a digit, and a little for the arithmetic
+    exact, written = UNIFORM * median_step, 0.51 * digit  # half a digit, and a little for the arithmetic
     # Times in whole periods fit as exactly as rounded ones with many rows lost: that is the last explanation.
     explanations = [(counted, exact), *([(lost, exact)] if few else []), (counted, written), (lost, written)]
     for index, most in [*explanations, (lost, exact)]:
@@ -105,9 +105,9 @@ def fitted(time: Array) -> Grid | None:
     return None
 
 
-def _is_one_record(time: Array, usual: float) -> bool:
+def _is_one_record(time: Array, median_step: float) -> bool:
     """Tell whether the moments of a record are as many as its length asks for, but for some that are missing."""
-    return bool(time[-1] - time[0] <= LONGEST * len(time) * usual)
+    return bool(time[-1] - time[0] <= LONGEST * len(time) * median_step)
 
 
 def grid_of(sheet: Sheet) -> tuple[Grid, list[str]]:
@@ -120,20 +120,20 @@ def grid_of(sheet: Sheet) -> tuple[Grid, list[str]]:
     """
     time = sheet.time()
     steps = np.diff(time)
-    usual, row = float(np.median(steps)), int(np.argmax(steps)) + 1
-    if steps[row - 1] > len(time) * usual or not _is_one_record(time, usual):
-        apart = f"comes {steps[row - 1]:.6g} s after the row before, where {usual:.6g} s is usual"
-        raise sheet.refusal(row, "t", f"{time[row]:.9g} s", f"{apart}; split the file there into two recordings")
-    if steps.min() < SAME * usual:
+    median_step, row = float(np.median(steps)), int(np.argmax(steps)) + 1
+    if steps[row - 1] > len(time) * median_step or not _is_one_record(time, median_step):
+        apart = f"comes {steps[row - 1]:.6g} s after the row before, where {median_step:.6g} s is usual"
+        raise sheet.cell_error(row, "t", f"{time[row]:.9g} s", f"{apart}; split the file there into two recordings")
+    if steps.min() < SAME * median_step:
         row = int(np.argmin(steps)) + 1
-        apart = f"comes {steps[row - 1]:.3g} s after the row before, where {usual:.6g} s is usual"
-        raise sheet.refusal(row, "t", f"{time[row]:.9g} s", f"{apart}; remove one of the two")
-    grid = fitted(time)
+        apart = f"comes {steps[row - 1]:.3g} s after the row before, where {median_step:.6g} s is usual"
+        raise sheet.cell_error(row, "t", f"{time[row]:.9g} s", f"{apart}; remove one of the two")
+    grid = fit_grid(time)
     if grid is None:
-        made = time[0] + usual * np.arange(int((time[-1] - time[0]) / usual + 1e-9) + 1)
+        made = time[0] + median_step * np.arange(int((time[-1] - time[0]) / median_step + 1e-9) + 1)
         farthest = sheet.where(np.array([row]))
-        said = f"rows are {steps.min():.4g} s to {steps.max():.4g} s apart, farthest before {farthest}"
-        return Grid(made, None), [f"{said}; resampled to {usual:.6g} s"]
+        remark = f"rows are {steps.min():.4g} s to {steps.max():.4g} s apart, farthest before {farthest}"
+        return Grid(made, None), [f"{remark}; resampled to {median_step:.6g} s"]
     remarks = []
     if grid.rounded:
         period = grid.time[1] - grid.time[0]
@@ -170,7 +170,7 @@ def on_grid(sheet: Sheet, grid: Grid, between: Between) -> dict[str, Array]:
             placed[name] = _resampled(sheet.moments()[there], values[there], grid.time, hold, name in COMMANDS)
             if there.mean() > MOSTLY > np.isfinite(placed[name]).mean():
                 remedy = f"is too irregular: most rows are farther than {GAP:g} median periods apart; record it again"
-                raise sheet.refusal(0, "t", None, remedy)
+                raise sheet.cell_error(0, "t", None, remedy)
     return placed
 
 
@@ -217,11 +217,11 @@ def _last_digit(time: Array) -> float:
     return 0.0
 
 
-def trimmed(time: Array, placed: dict[str, Array]) -> tuple[Array, dict[str, Array], list[str]]:
+def trim(time: Array, placed: dict[str, Array]) -> tuple[Array, dict[str, Array], list[str]]:
     """Return time and columns from the first to the last sample at which all commands are known, and remarks."""
     known = np.flatnonzero(np.all([np.isfinite(placed[name]) for name in COMMANDS if name in placed], axis=0))
     if len(known) and known[0] == 0 and known[-1] == len(time) - 1:
         return time, placed, []
-    kept = slice(int(known[0]), int(known[-1]) + 1) if len(known) else slice(0, 0)
-    said = f"the command is missing at an end: {len(time) - len(time[kept])} samples are left out"
-    return time[kept], {name: values[kept] for name, values in placed.items()}, [said]
+    rows = slice(int(known[0]), int(known[-1]) + 1) if len(known) else slice(0, 0)
+    remark = f"the command is missing at an end: {len(time) - len(time[rows])} samples are left out"
+    return time[rows], {name: values[rows] for name, values in placed.items()}, [remark]

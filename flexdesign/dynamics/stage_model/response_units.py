@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 #: The units of a response as a whole, and of errors, by its SI unit.
-USUAL = {"m": ("um", "um"), "V": ("V", "mV"), "rad": ("urad", "urad")}
+DEFAULT_UNITS = {"m": ("um", "um"), "V": ("V", "mV"), "rad": ("urad", "urad")}
 #: The same per volt, for frequency responses.
-USUAL |= {f"{si}/V": (f"{large}/V", f"{small}/V") for si, (large, small) in USUAL.items()}
+DEFAULT_UNITS |= {f"{si}/V": (f"{large}/V", f"{small}/V") for si, (large, small) in DEFAULT_UNITS.items()}
 
 
-class Shown(str):
+class ResponseUnits(str):
     """The SI unit of a response, which knows in which units sizes of it are written.
 
     To all who compute it is the SI unit and nothing else.
@@ -20,14 +20,16 @@ class Shown(str):
     unit
         That which the stage model says; empty for the usual ones.
 
-    >>> Shown("rad"), Shown("rad").small, Shown("rad", "mrad").small, Shown("rad", "mrad").per_volt.large
-    ('rad', 'urad', 'mrad', 'mrad/V')
+    >>> ResponseUnits("rad"), ResponseUnits("rad").small
+    ('rad', 'urad')
+    >>> ResponseUnits("rad", "mrad").small, ResponseUnits("rad", "mrad").per_volt.large
+    ('mrad', 'mrad/V')
     """
 
     __slots__ = ("unit",)
     unit: str
 
-    def __new__(cls, si: str, unit: str = "") -> Shown:
+    def __new__(cls, si: str, unit: str = "") -> ResponseUnits:
         """Make one."""
         made = super().__new__(cls, si)
         made.unit = unit
@@ -36,14 +38,14 @@ class Shown(str):
     @property
     def large(self) -> str:
         """The unit of the response as a whole."""
-        return self.unit or USUAL[self][0]
+        return self.unit or DEFAULT_UNITS[self][0]
 
     @property
     def small(self) -> str:
         """The unit of errors."""
-        return self.unit or USUAL[self][1]
+        return self.unit or DEFAULT_UNITS[self][1]
 
     @property
-    def per_volt(self) -> Shown:
+    def per_volt(self) -> ResponseUnits:
         """The same for a response per volt."""
-        return Shown(f"{self}/V", f"{self.unit}/V" if self.unit else "")
+        return ResponseUnits(f"{self}/V", f"{self.unit}/V" if self.unit else "")

@@ -15,7 +15,7 @@ from flexdesign.core.model import Quantity
 
 Array = NDArray[np.float64]
 #: What one case was answered: its quantities, why there are none, and how long it took [s].
-Answer = tuple[Sequence[Quantity], str, float]
+CaseResult = tuple[Sequence[Quantity], str, float]
 Number = TypeVar("Number", float, Array)
 
 
@@ -30,7 +30,7 @@ def as_named(name: str, value: Number) -> Number:
 
 
 @dataclass(frozen=True, eq=False)
-class Answers:
+class Results:
     """Quantities of n cases.
 
     Parameters
@@ -52,7 +52,7 @@ class Answers:
     seconds: Array
 
     @classmethod
-    def of(cls, cases: Sequence[Answer]) -> Answers:
+    def of(cls, cases: Sequence[CaseResult]) -> Results:
         """Return the answers to single cases as columns."""
         kinds: dict[str, Quantity] = {}
         rows: dict[str, list[tuple[int, float, float]]] = {}
@@ -69,11 +69,11 @@ class Answers:
         for key, entries in rows.items():
             places, numbers, spreads = (np.array(part) for part in zip(*entries, strict=True))
             values[key][places], sigmas[key][places] = numbers, spreads
-        errors, seconds = [error for _, error, _ in cases], np.array([taken for _, _, taken in cases])
+        errors, seconds = [error for _, error, _ in cases], np.array([duration for _, _, duration in cases])
         return cls(kinds, values, sigmas, errors, seconds)
 
     @classmethod
-    def gathered(cls, parts: Iterable[tuple[Answers, NDArray[np.intp], NDArray[np.intp]]], count: int) -> Answers:
+    def gathered(cls, parts: Iterable[tuple[Results, NDArray[np.intp], NDArray[np.intp]]], count: int) -> Results:
         """Return rows of several answers in one: each part with its rows, and where they go among `count` cases."""
         kinds: dict[str, Quantity] = {}
         values, sigmas = dict[str, Array](), dict[str, Array]()
@@ -102,7 +102,7 @@ class Answers:
         """Return the unit in which people read a quantity."""
         return self.kinds[key_of(quantity)].unit or "1" if self.has(quantity) else "1"
 
-    def shown(self, quantity: str) -> Array:
+    def in_unit(self, quantity: str) -> Array:
         """Return a quantity of all cases in its unit."""
         si = self.kinds[key_of(quantity)].si if self.has(quantity) else "1"
         return self.column(quantity) / units.factor(self.unit(quantity), si)

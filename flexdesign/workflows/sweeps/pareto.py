@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from flexdesign.core import units
 from flexdesign.core.errors import InputError, suggest
-from flexdesign.workflows.sweeps.answers import Answers, key_of
+from flexdesign.workflows.sweeps.results import Results, key_of
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -67,11 +67,11 @@ class Limit:
         except ValueError as error:
             raise InputError(self.file, f"limits.{self.quantity}", self.text, str(error)) from None
 
-    def is_kept(self, answers: Answers) -> NDArray[np.bool_]:
+    def is_satisfied(self, results: Results) -> NDArray[np.bool_]:
         """Tell of each design whether it keeps it; one without the quantity does not."""
-        if not answers.has(self.quantity):
-            return np.zeros(len(answers), dtype=bool)
-        bound, found = self.bound(answers.kinds[key_of(self.quantity)].si), answers.column(self.quantity)
+        if not results.has(self.quantity):
+            return np.zeros(len(results), dtype=bool)
+        bound, found = self.bound(results.kinds[key_of(self.quantity)].si), results.column(self.quantity)
         return np.asarray(found < bound if self.is_upper else found > bound)
 
     def __str__(self) -> str:
@@ -85,30 +85,30 @@ class Aim:
     quantity: str
     is_largest: bool
 
-    def costs(self, answers: Answers) -> Array:
+    def costs(self, results: Results) -> Array:
         """Return what is to be small: the quantity, or its negative."""
-        found = answers.column(self.quantity)
+        found = results.column(self.quantity)
         return -found if self.is_largest else found
 
     def __str__(self) -> str:
         return f"{'largest' if self.is_largest else 'smallest'} {self.quantity}"
 
 
-def kept(answers: Answers, limits: Sequence[Limit]) -> Places:
+def feasible(results: Results, limits: Sequence[Limit]) -> Places:
     """Return the places of the designs that keep all limits."""
-    fine = np.array([not error for error in answers.errors], dtype=bool)
+    fine = np.array([not error for error in results.errors], dtype=bool)
     for limit in limits:
-        fine &= limit.is_kept(answers)
+        fine &= limit.is_satisfied(results)
     return np.flatnonzero(fine)
 
 
-def front(answers: Answers, places: Places, aims: Sequence[Aim]) -> Places:
+def pareto_front(results: Results, places: Places, aims: Sequence[Aim]) -> Places:
     """Return the places of designs that no other is better than in one aim and as good as in the rest (Pareto).
 
     The best in the first aim comes first. Designs without one of the quantities are left out; with a single aim there
     is one.
     """
-    costs = np.column_stack([aim.costs(answers)[places] for aim in aims]).reshape(len(places), len(aims))
+    costs = np.column_stack([aim.costs(results)[places] for aim in aims]).reshape(len(places), len(aims))
     there = np.isfinite(costs).all(axis=1)
     costs, places = costs[there], places[there]
     left = np.lexsort(costs.T[::-1])
@@ -120,14 +120,14 @@ def front(answers: Answers, places: Places, aims: Sequence[Aim]) -> Places:
     return places[found]
 
 
-def ranked(answers: Answers, places: Places, aim: Aim) -> Places:
+def ranked(results: Results, places: Places, aim: Aim) -> Places:
     """Return the places of designs, the best in one aim first; those without the quantity are left out."""
-    costs = aim.costs(answers)[places]
+    costs = aim.costs(results)[places]
     order = np.argsort(costs, kind="stable")
     return places[order[np.isfinite(costs[order])]]
 
 
-def refuse_unknown(answers: Answers, limits: Sequence[Limit], aims: Sequence[Aim], file: Path) -> None:
+def refuse_unknown(results: Results, limits: Sequence[Limit], aims: Sequence[Aim], file: Path) -> None:
     """Refuse limits and aims of quantities that no case has.
 
     Raises
@@ -136,7 +136,7 @@ def refuse_unknown(answers: Answers, limits: Sequence[Limit], aims: Sequence[Aim
         If there is one.
     """
     named = [(f"limits.{limit.quantity}", limit.quantity) for limit in limits] + [("aim", a.quantity) for a in aims]
-    for place, quantity in named if answers.kinds else []:
-        if not answers.has(quantity):
-            remedy = f"no case has this quantity{suggest(key_of(quantity), list(answers.kinds))}"
+    for place, quantity in named if results.kinds else []:
+        if not results.has(quantity):
+            remedy = f"no case has this quantity{suggest(key_of(quantity), list(results.kinds))}"
             raise InputError(file, place, quantity, remedy)

@@ -31,7 +31,7 @@ ACCURACY = 0.01
 #: are then known to about 1 %, in seconds.
 COARSE_AT_ROOT = 0.5
 #: Quantities reported of an optimum in addition to its aim and limits.
-BESIDE = ("hinge_stress", "safety_against_yield", "safety_against_fatigue", "first_frequency", "drive_frequency")
+REPORTED = ("hinge_stress", "safety_against_yield", "safety_against_fatigue", "first_frequency", "drive_frequency")
 #: How boundaries call a part or stage with its actuators.
 INSTALLED = "installed"
 #: A process keeps so much of meshes and condensed parts of stages [bytes], the latest.
@@ -110,7 +110,7 @@ def stage_model(design: Design, mesh: MeshSettings) -> StageModel:
     return stage
 
 
-def beside(design: Design, mesh: MeshSettings, found: Sequence[Quantity]) -> list[Quantity]:
+def further_quantities(design: Design, mesh: MeshSettings, found: Sequence[Quantity]) -> list[Quantity]:
     """Return stress, safety and frequency of a part or a stage, as far as they are known of it.
 
     Parameters
@@ -130,9 +130,9 @@ def beside(design: Design, mesh: MeshSettings, found: Sequence[Quantity]) -> lis
     if not design.is_stage and not any(q.name == "hinge_stress" for q in found):
         coarse = {"accuracy": None, "levels": 2, "at_root": mesh.at_root or COARSE_AT_ROOT}
         found = _meshed(design, mesh.model_copy(update=coarse))[0]
-    told = [q for q in found if q.name.startswith(BESIDE)]
-    driven = {q.name for q in told if INSTALLED in q.boundary}  # without the actuator where there is none
-    return [q for q in told if q.name not in driven or INSTALLED in q.boundary]
+    chosen = [q for q in found if q.name.startswith(REPORTED)]
+    driven = {q.name for q in chosen if INSTALLED in q.boundary}  # without the actuator where there is none
+    return [q for q in chosen if q.name not in driven or INSTALLED in q.boundary]
 
 
 def _study(design: Design, mesh: MeshSettings) -> Study:
@@ -151,5 +151,5 @@ def _meshed(design: Design, mesh: MeshSettings) -> tuple[list[Quantity], list[Le
 def _condensed(design: Design, mesh: MeshSettings) -> tuple[list[Quantity], stage_condensation.StageLevel]:
     """Return what finite elements say of a stage, on as many meshes as the accuracy takes, and the finest of these."""
     study = _study(design, mesh.model_copy(update={"accuracy": mesh.accuracy or ACCURACY}))
-    levels = stage_condensation.refined(study, design.stage().assembly(), _InMemory(Path()))
+    levels = stage_condensation.refine(study, design.stage().assembly(), _InMemory(Path()))
     return stage_condensation.gathered(levels), levels[-1]
