@@ -79,6 +79,8 @@ def _say_what_ran() -> None:
 def main() -> None:
     """Run the command line; every InputError ends here as one message and exit code 2."""
     sys.argv[1:] = _without_code(sys.argv[1:])
+    foreign_code.forget()
+    result_cache.forget_damaged()
     try:
         code = app(standalone_mode=False)  # the return value of a command, or its exit code
         _say_what_ran()  # what is refused ends in one line

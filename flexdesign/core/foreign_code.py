@@ -55,6 +55,11 @@ def admit(path: Path, kind: str) -> None:
     _ran[path.resolve()] = kind
 
 
+def forget() -> None:
+    """Begin anew with what ran: at the start of each command."""
+    _ran.clear()
+
+
 def ran() -> tuple[str, ...]:
-    """Return which files of others ran in this process, each with what it is."""
+    """Return which files of others ran in this command, each with what it is."""
     return tuple(f"{path} ({kind})" for path, kind in _ran.items())

@@ -62,8 +62,13 @@ def _as_json(piece: object) -> Any:
     return repr(piece)
 
 
+def forget_damaged() -> None:
+    """Begin anew with what was damaged: at the start of each command."""
+    _damaged.clear()
+
+
 def damaged() -> tuple[str, ...]:
-    """Return the entries that this process found damaged; what they held was computed again."""
+    """Return the entries that this command found damaged; what they held was computed again."""
     return tuple(_damaged)
 
 

@@ -40,7 +40,7 @@ AFTERWARDS = (
     "convergence",
     "corotated",
     "morphing",
-    "outlined",
+    "polygon_domain",
     "plane_stress",
     "second_order",
 )

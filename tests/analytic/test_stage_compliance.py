@@ -143,7 +143,8 @@ def test_so_do_its_variants(name):
     assert [found[key].value for key in keys] == pytest.approx(known, rel=0.0125)
 
 
-@pytest.mark.parametrize("name", [name for name in statics.names() if name not in statics.OF_PARTS])
+# The hinges of this stage are leaves, which have no sloping sides.
+@pytest.mark.parametrize("name", sorted({*statics.names()} - {*statics.OF_PARTS, "sloping_sides"}))
 def test_an_effect_at_null_changes_nothing_and_at_its_start_something(name):
     effects = {key: values for key, values in nominal_effects(BARE.assembly).items() if key != name}
     without = BARE.having(effects).quantities()

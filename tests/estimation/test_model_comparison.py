@@ -96,7 +96,7 @@ def test_what_explains_a_small_share_is_refused() -> None:
             others = np.column_stack([np.ones(N), *(column(run, name) for name in ("own", "p", "q", *EFFECTS))])
             more = column(run, "unknown") - others @ np.linalg.lstsq(others, column(run, "unknown"))[0]
             kept.append(dataclasses.replace(run, data=run.data + unknown * more / np.std(more)))
-        about = dataclasses.replace(task({"d": 0.3}), validate=Dataset(kept, White(SIGMA), offset), floor=SIGMA)
+        about = dataclasses.replace(task({"d": 0.3}), validate=Dataset(kept, White(SIGMA), offset), noise_rms=SIGMA)
         step = forward(about, calibrated_stand(about), effects())
         share = 0.3**2 / (0.3**2 + unknown**2)
         assert (share < SHARE) is is_small
@@ -337,7 +337,7 @@ def test_trials_are_ranked_at_one_discrepancy() -> None:
 
 
 def test_a_pair_must_beat_the_best_single_on_both_kinds_of_runs() -> None:
-    about, single = dataclasses.replace(task({}), floor=1.0), trial_of(("a",), 1000.0, 3.0)
+    about, single = dataclasses.replace(task({}), noise_rms=1.0), trial_of(("a",), 1000.0, 3.0)
     # Mean squares above the floor: 8 with the single one; 5 % less is 7.6.
     for total, error, wins in ((970.0, 2.9, True), (970.0, 2.95, False), (990.0, 2.0, False), (970.0, 3.1, False)):
         pair = trial_of(("a", "b"), total, error)

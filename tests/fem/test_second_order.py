@@ -279,4 +279,4 @@ def test_an_isotropic_crystal_is_the_isotropic_body() -> None:
 
 def test_a_part_that_does_not_know_its_inside_is_refused(hinge: Superelement) -> None:
     with pytest.raises(ValueError, match="condense it anew"):
-        of(dataclasses.replace(hinge, inside=None))
+        of(dataclasses.replace(hinge, interior=None))

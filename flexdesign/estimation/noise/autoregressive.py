@@ -151,7 +151,9 @@ class Colour:
     def autocorrelation(self) -> Array:
         """The correlations around a circle of 2n samples or more, lag 0 first, so that lags below n do not overlap."""
         length = next_fast_len(2 * self.samples, real=True)
-        covariance = irfft(1 / np.abs(rfft(self.coefficients, length)) ** 2, length)
+        inverse = np.abs(rfft(self.coefficients, length)) ** 2
+        # Of a residual without noise a root lies on the unit circle, where this is zero: count rounding there.
+        covariance = irfft(1 / np.maximum(inverse, np.finfo(float).eps * inverse.max()), length)
         return np.asarray(covariance / covariance[0])
 
     @property
