@@ -26,7 +26,7 @@ def test_the_effect_that_was_hidden_brings_the_error_to_the_noise(session: Confr
     before, found = session.fit(), session.fit([HIDDEN])
     assert session.designed().ratio > before.ratio > 50
     assert found.ratio < 1.15 and not found.reason
-    assert [step.label for step in found.ladder] == ["as designed", "recalibrated", f"+ {HIDDEN}"]
+    assert [step.label for step in found.error_ladder] == ["as designed", "recalibrated", f"+ {HIDDEN}"]
     truth = tomllib.loads((DEMO / "answer.toml").read_text(encoding="utf-8"))
     (value,) = [v for v in session.engine.values([HIDDEN]) if v.parameter.name == f"{HIDDEN}.cubic"]
     stated = float(truth["effects"][HIDDEN]["cubic"])
@@ -49,7 +49,7 @@ def test_a_number_set_by_hand_moves_the_residual_and_back(session: Confrontation
     same = session.simulate([HIDDEN], {"gain": gain.value})
     assert same.ratio == pytest.approx(found.ratio, rel=0.02)  # coarse steps: errors far below the noise
     off = session.simulate([HIDDEN], {"gain": 1.01 * gain.value})
-    assert off.ratio > 5 * found.ratio and off.ladder[-1].label == "set by hand"
+    assert off.ratio > 5 * found.ratio and off.error_ladder[-1].label == "set by hand"
     # One percent of the motion is missing, but for its offset: the residual has its shape.
     run = next(r for r in off.comparison.runs if r.role == "validate")
     assert np.corrcoef(run.residual, run.measured)[0, 1] < -0.95

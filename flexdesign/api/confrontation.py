@@ -213,7 +213,7 @@ class Confrontation:
     def ladder(self, found: Confronted) -> list[tuple[str, str, float]]:
         """Return the steps of the error ladder: what it is called, the error as text, and over the noise floor."""
         rows = confrontation_report.ladder_of(found).rows
-        ratios = [step.error / found.noise_floor for step in found.ladder] + [1.0]
+        ratios = [step.error / found.noise_floor for step in found.error_ladder] + [1.0]
         return [(str(row[0]), str(row[1]), ratio) for row, ratio in zip(rows, ratios, strict=False)]
 
 

@@ -312,7 +312,7 @@ class Confrontation:
             steps.append(ErrorStep("set by hand", data.test_error(fit)))
         return Confronted(
             effects=chosen,
-            ladder=tuple(steps),
+            error_ladder=tuple(steps),
             noise_floor=data.noise_rms,
             settings=settings_of(fit, by_hand or {}),
             reason=kept.reason,

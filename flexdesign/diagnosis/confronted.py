@@ -65,7 +65,7 @@ class Confronted:
     ----------
     effects
         Names of the effects that were added.
-    ladder
+    error_ladder
         Errors on the runs that judge, from the model as designed to this one [response].
     noise_floor
         Rms noise of these runs [response].
@@ -80,7 +80,7 @@ class Confronted:
     """
 
     effects: tuple[str, ...]
-    ladder: tuple[ErrorStep, ...]
+    error_ladder: tuple[ErrorStep, ...]
     noise_floor: float
     settings: tuple[Setting, ...]
     reason: str
@@ -96,7 +96,7 @@ class Confronted:
     @property
     def error(self) -> float:
         """Rms residual of the runs that judge [response]."""
-        return self.ladder[-1].error
+        return self.error_ladder[-1].error
 
     @property
     def ratio(self) -> float:

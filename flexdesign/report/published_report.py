@@ -10,7 +10,7 @@ from flexdesign.effects import statics
 from flexdesign.report import charts
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.workflows.published import Compared, Mechanism, PublishedMechanisms
-from flexdesign.workflows.published.course import VERDICTS
+from flexdesign.workflows.published.compare_published import VERDICTS
 
 HEAD = ("quantity", "place", "published", "ours", "difference", "uncertainty", "verdict", "what closes the gap")
 

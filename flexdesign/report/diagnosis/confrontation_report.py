@@ -19,7 +19,7 @@ from flexdesign.report.document import Document, Section, Table
 
 def ladder_of(found: Confronted) -> Table:
     """Return the error ladder."""
-    return reports.error_ladder(found.ladder, found.noise, found.noise_floor, said.response(found))
+    return reports.error_ladder(found.error_ladder, found.noise, found.noise_floor, said.response(found))
 
 
 def summary(found: Confronted) -> list[str]:
@@ -59,7 +59,7 @@ def document(found: Confronted, values: Sequence[Value]) -> Document:
 
 def _sections(found: Confronted, values: Sequence[Value]) -> list[Section]:
     physics = [f"{figures.capital(said.effect_name(name))}: {effects.find(name).physics}" for name in found.effects]
-    ladder = figures.ladder_figure(found, found.ladder, found.noise_floor)
+    ladder = figures.ladder_figure(found, found.error_ladder, found.noise_floor)
     return [
         Section("The error ladder", physics, [ladder_of(found)], [ladder]),
         Section("Its numbers", [], [reports.values_table(values)]),
@@ -76,7 +76,7 @@ def result(found: Confronted, values: Sequence[Value]) -> dict[str, Any]:
         "effects": list(found.effects),
         "needed": not found.reason,
         "reason": found.reason or None,
-        "ladder": diagnosis_result.ladder_json(found.ladder, si),
+        "ladder": diagnosis_result.ladder_json(found.error_ladder, si),
         "noise_floor": diagnosis_result.noise_json(found.noise, found.noise_floor, si),
         "numbers": [diagnosis_result.value_json(value) for value in values],
         "made_by": diagnosis_result.provenance(found),

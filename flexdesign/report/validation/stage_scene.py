@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.report import views
 from flexdesign.report.pictures import BAR, NOTE, apart
 
 FloatArray = NDArray[np.float64]
@@ -156,15 +157,7 @@ def sharp_edges(skin: Skin) -> IntArray:
     """Return the edges in which a skin has a corner, shape (k, 2); those where mirror images meet flush are none."""
     _, first, joined = np.unique(np.round(skin.points, 9), axis=0, return_index=True, return_inverse=True)
     corners = joined.reshape(-1)[skin.triangles]
-    sides = skin.points[first][corners]
-    normals = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    edges = np.sort(corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    order = np.lexsort(edges.T)
-    edges, owners = edges[order], order // 3
-    pairs = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
-    cosines = np.einsum("ij,ij->i", normals[owners[pairs]], normals[owners[pairs + 1]])
-    return np.asarray(first[edges[pairs[cosines < np.cos(np.radians(CORNER))]]])
+    return np.asarray(first[views.sharp_edges(skin.points[first], corners, CORNER)])
 
 
 def _bar(plotter: Any, label: str, mapper: Any) -> None:
