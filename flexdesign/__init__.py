@@ -39,27 +39,15 @@ if TYPE_CHECKING:
     from flexdesign.api.studies import reproduce as reproduce
     from flexdesign.api.studies import sweep as sweep
     from flexdesign.core.errors import InputError as InputError
-    from flexdesign.core.model import Adjust as Adjust
     from flexdesign.core.model import Block as Block
     from flexdesign.core.model import Disturbance as Disturbance
     from flexdesign.core.model import Effect as Effect
-    from flexdesign.core.model import Formulas as Formulas
-    from flexdesign.core.model import Linkage as Linkage
-    from flexdesign.core.model import Member as Member
-    from flexdesign.core.model import Notch as Notch
     from flexdesign.core.model import Parameter as Parameter
     from flexdesign.core.model import Quantity as Quantity
-    from flexdesign.core.model import Reshape as Reshape
-    from flexdesign.core.model import Resonance as Resonance
-    from flexdesign.core.model import Root as Root
-    from flexdesign.core.model import Socket as Socket
-    from flexdesign.core.model import Term as Term
     from flexdesign.core.versions import __version__ as __version__
     from flexdesign.design.design import Design as Design
-    from flexdesign.design.part import Outline as Outline
     from flexdesign.design.part import Part as Part
     from flexdesign.design.part import Port as Port
-    from flexdesign.design.part import SymmetryPlane as SymmetryPlane
     from flexdesign.dynamics.stage_model import StageModel as StageModel
     from flexdesign.measurements.recordings import FrequencyResponse as FrequencyResponse
     from flexdesign.measurements.recordings import Run as Run
@@ -76,13 +64,10 @@ _HOME = {
     "flexdesign.api.step_files": ("read_ports",),
     "flexdesign.api.studies": ("optimize", "reproduce", "sweep"),
     "flexdesign.core.errors": ("InputError",),
-    "flexdesign.core.model": (
-        "Adjust", "Block", "Disturbance", "Effect", "Formulas", "Linkage", "Member", "Notch", "Parameter", "Quantity",
-        "Reshape", "Resonance", "Root", "Socket", "Term",
-    ),
+    "flexdesign.core.model": ("Block", "Disturbance", "Effect", "Parameter", "Quantity"),
     "flexdesign.core.versions": ("__version__",),
     "flexdesign.design.design": ("Design",),
-    "flexdesign.design.part": ("Outline", "Part", "Port", "SymmetryPlane"),
+    "flexdesign.design.part": ("Part", "Port"),
     "flexdesign.dynamics.stage_model": ("StageModel",),
     "flexdesign.measurements.recordings": ("FrequencyResponse", "Run"),
 }  # fmt: skip

@@ -18,7 +18,7 @@ FINER = {"um": "nm", "mV": "uV", "urad": "nrad"}
 def units_of(response: str) -> tuple[str, str]:
     """Return in which unit a response is shown, and in which its errors are.
 
-    >>> units_of("V"), units_of(Shown("rad", "mrad"))
+    >>> units_of("V"), units_of(ResponseUnits("rad", "mrad"))
     (('V', 'mV'), ('mrad', 'mrad'))
     """
     written = response if isinstance(response, ResponseUnits) else ResponseUnits(response)
@@ -131,7 +131,7 @@ def between(low: float, high: float, si: str) -> str:
 def error(response: str, value: float, digits: int = 3) -> str:
     """Write an error in the unit that suits it.
 
-    >>> error("m", 1.754e-6), error("m", 46.4e-9, 2), error(Shown("m", "mm"), 46.4e-6, 2)
+    >>> error("m", 1.754e-6), error("m", 46.4e-9, 2), error(ResponseUnits("m", "mm"), 46.4e-6, 2)
     ('1.75 µm', '46 nm', '0.046 mm')
     """
     small = units_of(response)[1]

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import cadquery as cq
 
-from flexdesign import Parameter, Port
+from flexdesign.core.model import Parameter
+from flexdesign.design.part import Port
 
 
 @dataclass(frozen=True)
