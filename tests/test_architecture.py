@@ -26,12 +26,13 @@ HEAVY = {
     "scipy",
     "numpy",
     "pytetwild",
+    "netgen",
     "meshio",
     "pypardiso",
     "pint",
 }
 #: What the command line may not import either before it knows its command.
-SLOW = {"cadquery", "OCP", "pyvista", "vtkmodules", "skfem", "pytetwild", "meshio", "pypardiso"}
+SLOW = {"cadquery", "OCP", "pyvista", "vtkmodules", "skfem", "pytetwild", "netgen", "meshio", "pypardiso"}
 
 
 def imported_by(statement: str) -> set[str]:

@@ -33,7 +33,7 @@ from flexdesign.fem.solving.solver import NotEnoughMemory
 Progress = Callable[[str], None]
 
 #: Distributions whose versions travel with every result.
-LIBRARIES = ("cadquery", "pytetwild", "scikit-fem", "numpy", "scipy", "pypardiso", "pyvista", "meshio")
+LIBRARIES = ("cadquery", "pytetwild", "netgen-mesher", "scikit-fem", "numpy", "scipy", "pypardiso", "pyvista", "meshio")
 #: Modules of `flexdesign.fem` that make neither meshes nor solutions.
 AFTERWARDS = (
     "assembled_stage",
@@ -257,7 +257,7 @@ def method_of(study: Study, part: parts.Piece, body: Domain) -> Method:
         raise InputError(study.design.file, "mesh.method", asked.method, remedy)
     if body.thin is not None:
         at_root, growth = asked.at_root or local_thickness.AT_ROOT, asked.growth or local_thickness.GROWTH
-        return LocalThickness(body, at_root, growth, asked.largest, asked.envelope)
+        return LocalThickness(body, at_root, growth, asked.largest, asked.envelope, asked.method != "wild")
     extruded = asked.method != "wild" and body.section is not None
     at_root, growth = methods.EXTRUDED_GRADING if extruded else methods.WILD_GRADING
     grading = Grading(body, part.linkage().members, asked.at_root or at_root, asked.growth or growth, asked.largest)

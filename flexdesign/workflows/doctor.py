@@ -23,8 +23,8 @@ State = Literal["ok", "missing", "problem"]
 EXTRAS: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     "design": (
         "solids, meshes, finite elements and pictures: validate, ports, size, reproduce",
-        (("cadquery", "cadquery"), ("pytetwild", "pytetwild"), ("scikit-fem", "skfem"), ("meshio", "meshio"),
-         ("pyvista", "pyvista"), ("pillow", "PIL")),
+        (("cadquery", "cadquery"), ("pytetwild", "pytetwild"), ("netgen-mesher", "netgen"),
+         ("scikit-fem", "skfem"), ("meshio", "meshio"), ("pyvista", "pyvista"), ("pillow", "PIL")),
     ),
     "import": (
         "recordings as HDF5, .mat of version 7.3, .tdms, universal files, Parquet",

@@ -10,7 +10,7 @@ import io
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -98,6 +98,10 @@ class Domain:
         What is extruded, where the part declares itself prismatic.
     thin
         Where the solid is thin, found on it where the part names no hinges.
+    brep
+        The solid's boundary representation [mm], of a part that names no hinges.
+    joined
+        For each face the one that its facets count for: the first of those that are one port together.
     """
 
     faces: tuple[Face, ...]
@@ -108,6 +112,8 @@ class Domain:
     fingerprint: str
     section: Section | None = None
     thin: ThinRegions | None = None
+    brep: bytes = field(default=b"", repr=False)
+    joined: tuple[int, ...] = ()
 
     @property
     def chord(self) -> float:
@@ -187,7 +193,11 @@ def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = 
         found = [_even_face(face, COARSER * CHORD * thin.thinnest, size) for face in solid.Faces()]
     else:
         found = [_face(face, chord, thinnest) for face in solid.Faces()]
-    faces = _joined(found, [port.faces for port in part.ports()])
+    groups = [port.faces for port in part.ports()]
+    faces, first = _joined(found, groups), list(range(len(found)))
+    for group in groups:
+        for index in group:
+            first[index] = group[0]
     for port in part.ports():
         for plane in planes:
             if port.name not in (*plane.swaps, *plane.swaps.values()) and abs(port.point[plane.index]) > 1e-9:
@@ -201,9 +211,11 @@ def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = 
         ports=ports,
         plane_faces=tuple(faces_in(plane, faces) for plane in planes),
         volume=solid.Volume() * MM**3,
-        fingerprint=_fingerprint(solid),
+        fingerprint=hashlib.sha256(brep := _brep(solid)).hexdigest(),
         section=section.of_solid(solid, axis) if (axis := extrusion_axis(part)) else None,
         thin=thin,
+        brep=b"" if thin is None else brep,
+        joined=tuple(first),
     )
 
 
@@ -377,7 +389,8 @@ def faces_in(plane: SymmetryPlane, faces: Sequence[Face]) -> tuple[int, ...]:
     return tuple(inside)
 
 
-def _fingerprint(solid: Any) -> str:
+def _brep(solid: Any) -> bytes:
+    """Return the solid's boundary representation [mm]."""
     stream = io.BytesIO()
     solid.exportBrep(stream)
-    return hashlib.sha256(stream.getvalue()).hexdigest()
+    return stream.getvalue()

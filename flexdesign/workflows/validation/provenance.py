@@ -40,15 +40,17 @@ def provenance(study: Study, methods: Collection[str], solvers: Collection[str] 
         "actuator": as_text(design.actuator) if design.actuator else None,
         "mesh": as_text(study.mesh),
         **(_of_stage(study) if design.is_stage else {"modes": as_text(study.modes), "output": as_text(study.output)}),
-        "versions": versions.installed(_took_part(methods, solvers)),
+        "versions": versions.installed(_took_part(study, methods, solvers)),
     }
 
 
-def _took_part(methods: Collection[str], solvers: Collection[str]) -> list[str]:
+def _took_part(study: Study, methods: Collection[str], solvers: Collection[str]) -> list[str]:
     """Return the libraries that took part: solids, elements and arrays always, a mesher or a solver where it did."""
     left_out = {"meshio"}  # export alone
     if "wild" not in methods:
         left_out.add("pytetwild")
+    if study.design.is_stage or study.design.part().linkage().of_kind("hinge"):
+        left_out.add("netgen-mesher")  # of solids whose hinges nobody names
     if solvers and not any("PARDISO" in name for name in solvers):
         left_out.add("pypardiso")
     return [name for name in mesh_refinement.LIBRARIES if name not in left_out]

@@ -1,0 +1,155 @@
+"""Tetrahedra of a CAD solid by Netgen, whose vertices lie on the solid's own faces.
+
+The wild mesher takes a triangulated surface and rebuilds it within an envelope; of a solid with many round faces
+around thin necks that takes it minutes, and may lose a piece. Netgen reads the boundary representation, meshes edges,
+faces and volume in turn, and needs no such envelope. It may refuse a solid that the wild mesher takes.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexdesign.core import subprocess_call
+from flexdesign.fem.meshing.domain import MM, Domain
+from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, boundary, signed_volumes
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+#: Edges per radius on faces that bend where no place asks for finer ones; on cylinders the chord error, in diagonals of
+#: the solid: volume and mass are then off by about a thousandth.
+PER_RADIUS, CHORD = 1.5, 3e-4
+#: Growth of the edge length per distance, at most, tried in turn: with more, Netgen failed on crossed round notches.
+GROWTHS = (0.3, 0.2)
+#: Vertices of a plane face lie in its plane within this length [m].
+ON_PLANE = 1e-8
+
+
+class PlacedSizes(Protocol):
+    """A target edge length that is known at places and grows from them."""
+
+    @property
+    def places(self) -> FloatArray:
+        """Shape (n, 3) [m]."""
+
+    @property
+    def sizes(self) -> FloatArray:
+        """The edge length there, shape (n,) [m]."""
+
+    @property
+    def growth(self) -> float:
+        """Increase of the edge length per distance."""
+
+    @property
+    def largest(self) -> float:
+        """The largest edge length [m]."""
+
+
+def tetrahedralize(domain: Domain, sizing: PlacedSizes) -> TaggedMesh:
+    """Fill the domain with tetrahedra whose boundary vertices lie on the CAD faces.
+
+    Parameters
+    ----------
+    domain
+        What to fill; it holds the solid's boundary representation.
+    sizing
+        The target edge length.
+
+    Raises
+    ------
+    MeshError
+        If Netgen makes no mesh, or one whose faces are not those of the domain.
+    """
+    points, tets, facets, faces, count = _made(domain, sizing)
+    if not len(tets) or count != len(domain.faces):
+        raise MeshError(f"Netgen's mesh has {len(tets)} tetrahedra and {count} faces for {len(domain.faces)}")
+    points *= MM
+    negative = signed_volumes(points, tets) < 0
+    tets[negative] = tets[negative][:, [0, 1, 3, 2]]
+    used, tets = np.unique(tets, return_inverse=True)
+    tets = tets.reshape(-1, 4)
+    facets = np.searchsorted(used, facets)
+    points, outer = points[used], boundary(tets)
+    order = {
+        tuple(corners): face for corners, face in zip(np.sort(facets, axis=1).tolist(), faces.tolist(), strict=True)
+    }
+    try:
+        found = np.array([order[tuple(corners)] for corners in np.sort(outer, axis=1).tolist()])
+    except KeyError:
+        raise MeshError("the boundary of Netgen's mesh is not that of its surface") from None
+    _require_planes(points, outer, found, domain)
+    return TaggedMesh(points, tets, outer, np.array(domain.joined)[found])
+
+
+def _made(domain: Domain, sizing: PlacedSizes) -> tuple[FloatArray, IntArray, IntArray, IntArray, int]:
+    """Return what `_fill` does, with the first growth that Netgen can mesh with."""
+    cause: Exception | None = None
+    places, sizes = _with_cylinders(domain, sizing)
+    for growth in GROWTHS:
+        asked = (places / MM, sizes / MM, min(sizing.growth, growth), sizing.largest / MM)
+        try:
+            return subprocess_call.call(_fill, domain.brep, *asked)
+        except (subprocess_call.ProcessDied, RuntimeError) as error:
+            cause = error
+    raise MeshError("Netgen made no mesh of the solid") from cause
+
+
+def _with_cylinders(domain: Domain, sizing: PlacedSizes) -> tuple[FloatArray, FloatArray]:
+    """Return the places and edge lengths [m] of a field, and those that keep the chord error of cylinders small."""
+    corners = np.vstack([face.points for face in domain.faces])
+    chord = CHORD * float(np.linalg.norm(np.ptp(corners, axis=0)))
+    round_ = [face for face in domain.faces if face.axis is not None]
+    places = [sizing.places, *(face.points for face in round_)]
+    sizes = [sizing.sizes, *(np.full(len(face.points), np.sqrt(8 * face.radius * chord)) for face in round_)]
+    return np.vstack(places), np.concatenate(sizes)
+
+
+def _fill(
+    brep: bytes, places: FloatArray, sizes: FloatArray, growth: float, largest: float
+) -> tuple[FloatArray, IntArray, IntArray, IntArray, int]:
+    """Call Netgen, with lengths in mm: points, tetrahedra, facets, the face of each facet, and how many faces.
+
+    It runs in a process of its own, and what Netgen prints there is dropped: thousands of lines where a mesh fails.
+    """
+    silent = os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(silent, stream)
+    from netgen.meshing import MeshingParameters
+    from netgen.occ import OCCGeometry
+
+    Path("solid.brep").write_bytes(brep)
+    geometry = OCCGeometry("solid.brep")
+    wanted = MeshingParameters(
+        maxh=largest,
+        grading=growth,
+        curvaturesafety=PER_RADIUS,
+        segmentsperedge=1.0,
+        closeedgefac=None,
+        minedgelen=min(1e-3, float(sizes.min()) / 50),
+    )
+    for (x, y, z), size in zip(places.tolist(), sizes.tolist(), strict=True):
+        wanted.RestrictH(x, y, z, size)
+    try:
+        mesh = geometry.GenerateMesh(wanted)
+    except Exception as error:  # of a class that only Netgen knows
+        raise RuntimeError(str(error)) from None
+    points = np.array([point.p for point in mesh.Points()])
+    tets = np.array([[v.nr for v in each.vertices] for each in mesh.Elements3D()], dtype=np.int64) - 1
+    surface = mesh.Elements2D()
+    facets = np.array([[v.nr for v in each.vertices] for each in surface], dtype=np.int64) - 1
+    faces = np.array([each.index for each in surface], dtype=np.int64) - 1
+    return points, tets.reshape(-1, 4), facets, faces, len(geometry.shape.faces)
+
+
+def _require_planes(points: FloatArray, facets: IntArray, faces: IntArray, domain: Domain) -> None:
+    """Raise MeshError if facets of a plane face do not lie in it: faces are numbered in another order."""
+    for index, face in enumerate(domain.faces):
+        if face.normal is None:
+            continue
+        corners = points[facets[faces == index]].reshape(-1, 3)
+        if len(corners) == 0 or np.abs(corners @ face.normal - face.offset).max() > ON_PLANE:
+            raise MeshError(f"face {index + 1} of Netgen's mesh is not that of the solid")
