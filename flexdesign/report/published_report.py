@@ -139,6 +139,7 @@ def _picture(found: PublishedMechanisms) -> Figure:
     axes.set_yticks(list(places), labels)
     axes.invert_yaxis()
     axes.set_xscale("symlog", linthresh=10)
+    axes.margins(x=0.1)
     axes.set_xlabel("difference from our finite elements [%]")
     axes.grid(color=charts.NEUTRAL, alpha=0.25)
     charts.below(figure, axes, 2)

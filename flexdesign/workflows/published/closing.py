@@ -78,7 +78,7 @@ def closing(model: StaticModel, number: PublishedNumber, ratio: float, allowed: 
 
     there = [name for name in number.neglects or tuple(model.effects) if name in model.effects]
     named = [name for name in there if not abs(factor([name]) - 1) < SMALLEST]  # infinite without it: it counts
-    within = allowed + 2 * MODEL[row.kind]
+    within = min(allowed + 2 * MODEL[row.kind], abs(ratio - 1))  # no effect closes a gap that it widens
     for trials in _by_size(named):
         remaining = {trial: ratio / factor(trial) - 1 for trial in trials}
         good = {trial: left for trial, left in remaining.items() if math.isfinite(left) and abs(left) <= within}
