@@ -172,24 +172,32 @@ def _labels(document: Any) -> _Labels:
     return found
 
 
-def _collect(tool: Any, label: Any, place: Any, found: _Labels, document: Any) -> None:
-    """Go down from a label to its parts, and note what is said of their faces where they stand."""
+def _collect(tool: Any, label: Any, place: Any, found: _Labels, document: Any, above: str = "") -> None:
+    """Go down from a label to its parts, and note what is said of their faces where they stand.
+
+    A face has its own colour, or that of its body, or the one `above`, of what the body is a part of.
+    """
     from OCP.TDF import TDF_Label, TDF_LabelSequence
     from OCP.TopLoc import TopLoc_Location
     from OCP.XCAFDoc import XCAFDoc_DocumentTool
 
     place = place or TopLoc_Location()
+    colours = XCAFDoc_DocumentTool.ColorTool_s(document.Main())
+    whole = _colour(colours, label) or above
     if tool.IsReference_s(label):
         own, referred = tool.GetLocation_s(label), TDF_Label()
         tool.GetReferredShape_s(label, referred)
         place, label = place.Multiplied(own), referred
+        whole = whole or _colour(colours, label)
     parts = TDF_LabelSequence()
     tool.GetComponents_s(label, parts)
     for part in parts:
-        _collect(tool, part, place, found, document)
+        _collect(tool, part, place, found, document, whole)
     if parts.Length():
         return
-    colours = XCAFDoc_DocumentTool.ColorTool_s(document.Main())
+    if whole:
+        body = tool.GetShape_s(label)
+        found.colours += [(face, whole) for face in _faces(body if place.IsIdentity() else body.Moved(place))]
     below = TDF_LabelSequence()
     tool.GetSubShapes_s(label, below)
     for child in below:

@@ -106,6 +106,18 @@ def test_names_stand_where_the_part_of_an_assembly_stands(tmp_path: Path) -> Non
     assert body.solid.Faces()[index].Center().x == pytest.approx(12)
 
 
+def test_a_body_coloured_as_a_whole_colours_its_faces(tmp_path: Path) -> None:
+    """A face with a colour of its own keeps it."""
+    solid = cq.Workplane().box(4, 4, 4).val()
+    assembly = cq.Assembly(solid, name="body", color=cq.Color(0, 0, 1))
+    assembly.addSubshape(max(solid.Faces(), key=lambda f: f.Center().x), color=cq.Color(1, 0, 0))
+    assembly.export(str(tmp_path / "a.step"))
+    body = step_file.read(tmp_path / "a.step")
+    assert sorted(body.colours.values()) == ["#0000ff"] * 5 + ["#ff0000"]
+    (red,) = (index for index, colour in body.colours.items() if colour == "#ff0000")
+    assert body.solid.Faces()[red].Center().x == pytest.approx(2)
+
+
 # --- how ports are found ----------------------------------------------------------------------------------------
 
 
