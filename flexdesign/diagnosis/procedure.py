@@ -21,6 +21,7 @@ from flexdesign.diagnosis.effect_selection.basis_functions import basis_function
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import (
     BELIEVED,
+    EXACT,
     case_of,
     choose_interpolation,
     simulating,
@@ -127,7 +128,9 @@ def diagnose(
             _, case_of_parts = case_of(model, short, each, progress)
             _, preliminary = search(short, case_of_parts, dynamics, partial(catalogue, short), seed)
         task, history = search(data, task, dynamics, partial(catalogue, data), seed, preliminary)
-        if history.final.effects:
+        # Errors of simulation matter where they are not small beside those of the fitted numbers.
+        samples = history.final.solution.problem.dataset.samples
+        if history.final.effects and EXACT**2 * samples > history.final.discrepancy:
             progress("fitting once more, simulated more exactly")
             history = history.with_final(refine(task, history.final))
         progress("looking at the residual")
@@ -252,17 +255,20 @@ def search(
     task, calibration = begun.task, begun.calibrated
     every = catalogue(calibration)
     steps, fits = _confirm(task, calibration, preliminary.steps if preliminary else ())
+    if fits and fits[-1].exceeds_noise:  # the whole runs may have another minimum than a part of them
+        fits[-1] = escape(task, fits[-1])
     more = select(
         task,
         fits[-1] if fits else calibration,
         every,
         MOST if data.runs else MOST_OF_LINES,
         expansion_points=() if fits else begun.origins,
+        calibrated=calibration,
         vary_step=partial(vary_step, task, candidates=every),
         vary=partial(vary_by_run, task),
     )
     if not data.runs:  # simulations of small sines cost little
-        more = select_otherwise(task, more, every, MOST_OF_LINES)
+        more = select_otherwise(task, more, every, MOST_OF_LINES, calibration)
     steps, fits = [*steps, *more[0]], [*fits, *more[1]]
     return task, SelectionHistory(
         begun.nominal, calibration, tuple(fits), tuple(steps), begun.undetermined, begun.is_refused

@@ -116,6 +116,11 @@ def explained_share(before: float, after: float, floor: float) -> float:
     return (before**2 - after**2) / max(before**2 - floor**2, 1e-300)
 
 
+def large_share() -> float:
+    """Return `LARGE` as a share of what was unexplained before."""
+    return LARGE / (1.0 + LARGE)
+
+
 def excludes(value: float, null: float, sigma: float) -> bool:
     """Tell whether a 95 % interval excludes the null."""
     return abs(value - null) > HALF_WIDTH * sigma

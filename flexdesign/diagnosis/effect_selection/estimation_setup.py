@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
 #: Most steps in a sample for fits, most of them for their Jacobian, and steps for screening; no step of any of them is
 #: longer than this [s], which the fastest relaxations of the catalogue bear.
-STEPS, STEPS_SLOPES, STEPS_SCREENING, LONGEST_STEP = 16, 6, 4, 4e-4
+STEPS, STEPS_SLOPES, STEPS_SCREENING, LONGEST_STEP = 16, 6, 4, 5e-4
 #: The same for the values that are told in the end: many samples determine them far better than their noise.
 EXACT_AT_LAST, STEPS_AT_LAST = 0.002, 64
 #: A run is no later than so many standard deviations, in the model as it was designed and where one record is all there
@@ -122,6 +122,9 @@ def case_of(
         highest=max(0.5 / max(data.periods), *(float(each.frequencies[-1]) for each in data.responses), 0.0),
         bipolar=any(bool(np.min(run.command()) < -0.05 * max_command) for run in data.runs),
     )
+    # What the model does not need for itself need not be spent on effects beside it.
+    needed = max((dynamics.steps_for(run) for run in data.runs), default=1)
+    screening = max(min(screening, needed), least)
     # Small sines do not show how a loop bends.
     free = LINEAR + (HYSTERESIS[:-1] if "bouc_wen" in data.axis.effects and data.runs else ())
     noise, shapes = data.whitening, InitialConditions(data.axis, stroke)

@@ -190,6 +190,10 @@ class Problem:
         prior_residual = self.prior_residual(x)
         return float(sum(part @ part for part in residuals) + prior_residual @ prior_residual)
 
+    def cost_of(self, model: Model, x: Array) -> float:
+        """Return the sum of squares of another model with the same numbers; infinite where it fails."""
+        return self.cost(x, self._residuals(model))
+
     def _jacobian_model_at(self, x: Array, residuals: Sequence[Array]) -> tuple[Made, Sequence[Array]]:
         """Return what makes models for the Jacobian, and their residuals: a model's own where another one fails."""
         own = self.at(x)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.model import Model
-from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, ROUGH, Columns, Effort, Solution, solve
+from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, ROUGH, SMALL, Columns, Effort, Solution, solve
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
 from flexdesign.estimation.least_squares.residual_function import Dataset, Record
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -77,14 +77,8 @@ class FittedModel:
 
     @cached_property
     def discrepancy(self) -> float:
-        """Factor by which evidence is discounted: reduced chi^2 times the number of samples that count as one.
-
-        One where the residual is white noise. What no model explains is taken as coloured noise.
-        """
-        pairs = zip(self.solution.problem.dataset.records, self.solution.residuals, strict=True)
-        parts = [part[: len(record.measured)] for record, part in pairs]
-        weighted = sum(float(part @ part) * colour(part).inflation for part in parts)
-        return max(weighted / self.solution.problem.dataset.samples, 1.0)
+        """Factor by which evidence is discounted, see `discrepancy`."""
+        return discrepancy(self.solution)
 
     @property
     def is_white(self) -> bool:
@@ -139,6 +133,22 @@ class FittedModel:
             if parameter.null != value and any(math.isclose(self.solution.x[j], e, rel_tol=1e-6) for e in ends):
                 found.append(parameter.name)
         return found
+
+
+def discrepancy(solution: Solution) -> float:
+    """Return reduced chi^2 times the number of samples that count as one; one where the residual is white noise.
+
+    What no model explains is taken as coloured noise.
+    """
+    pairs = zip(solution.problem.dataset.records, solution.residuals, strict=True)
+    parts = [part[: len(record.measured)] for record, part in pairs]
+    weighted = sum(float(part @ part) * colour(part).inflation for part in parts)
+    return max(weighted / solution.problem.dataset.samples, 1.0)
+
+
+def full_effort(solution: Solution) -> Effort:
+    """Return the effort of a fit to its end: further steps would promise less than their discrepancy lets one see."""
+    return replace(FULL, share=max(FULL.share, SMALL * discrepancy(solution) / max(solution.cost, 1.0)))
 
 
 # --- fits -----------------------------------------------------------------------------------------------------------
@@ -266,27 +276,35 @@ def with_values(model: Model, source: Model, but: set[str] | frozenset[str] = fr
 
 # --- local minima ---------------------------------------------------------------------------------------------------
 
-#: Factors by which thresholds are moved, and chi^2 of a rough fit there over that of the present fit from which on it
-#: is not continued.
-FACTORS, WORTH = (1.1, 0.9), 1.05
+#: Factors by which thresholds are moved at first: less is within the reach of derivatives.
+FACTORS = (1.1, 0.9)
 
 
-def escape(task: EstimationTask, fit: FittedModel) -> FittedModel:
+def escape(task: EstimationTask, fit: FittedModel, names: Sequence[str] | None = None) -> FittedModel:
     """Return the best of fits restarted near one that may be in a local minimum (multistart).
 
     Hysteresis is not differentiable where a threshold is met or a voltage turns, so that chi^2 has local minima. Fits
-    restart from other initial states, then with larger and smaller thresholds, while chi^2 falls by more than one.
+    restart from other initial states, then with larger and smaller thresholds, each step twice as far as the last while
+    chi^2 falls by more than one (pattern search: Hooke and Jeeves 1961).
+
+    Parameters
+    ----------
+    task, fit
+        The runs, and the fit.
+    names
+        Effects whose thresholds are moved; by default all.
     """
     model = search_initial_states(task, fit.solution.problem.dataset, fit.model)
     if model is not fit.model:
         fit = _better(fit, fit_model(task, model, fit.effects, old=fit.solution.columns()))
-    for name in (name for effect in fit.effects for name in effect.hidden):
+    moved = [effect for effect in fit.effects if names is None or effect.name in names]
+    for name in (name for effect in moved for name in effect.hidden):
         task.progress(f"fitting with other values of {name}")
-        before = None
-        while before is not fit:
-            before = fit
-            for factor in FACTORS:
-                fit = _better(fit, _restart(task, fit, name, factor))
+        near = _nearby(task, fit, name)
+        if near is not None:
+            model = task.fine(near.problem.at(near.x))
+            made = fit_model(task, model, fit.effects, old=near.columns(), effort=full_effort(near))
+            fit = _better(fit, made)
     return fit
 
 
@@ -294,13 +312,18 @@ def _better(fit: FittedModel, other: FittedModel | None) -> FittedModel:
     return other if other is not None and other.cost < fit.cost - fit.discrepancy else fit
 
 
-def _restart(task: EstimationTask, fit: FittedModel, name: str, factor: float) -> FittedModel | None:
-    """Return the fit that starts with a number times a factor, first roughly; None where that is not worth it."""
-    value = fit.solution.problem.where.values(fit.solution.x)[name]
-    rough = solve_case(task, task.coarse(fit.model.replace({name: factor * value})), fit.effects, effort=ROUGH)
-    if rough is None or rough.cost > WORTH * fit.cost:
-        return None
-    return fit_model(task, task.fine(rough.problem.at(rough.x)), fit.effects, old=rough.columns())
+def _nearby(task: EstimationTask, fit: FittedModel, name: str) -> Solution | None:
+    """Return the best of rough fits that start with another value of a number; None where none is better."""
+    model, best = task.coarse(fit.model), None
+    cost = fit.solution.problem.cost_of(model, fit.solution.x)
+    for factor in FACTORS:
+        while True:
+            value = next(p.start for p in model.parameters() if p.name == name)
+            rough = solve_case(task, model.replace({name: factor * (value or 0.0)}), fit.effects, effort=ROUGH)
+            if rough is None or rough.cost >= cost - fit.discrepancy:
+                break
+            best, cost, model, factor = rough, rough.cost, rough.problem.at(rough.x), factor**2
+    return best
 
 
 # --- differences of predictions -------------------------------------------------------------------------------------

@@ -148,7 +148,7 @@ def best_of(task: EstimationTask, trials: Sequence[Trial]) -> Trial | None:
     """Return the best accepted trial, or None.
 
     What explains no more than an effect that hardly moves the prediction is no finding. A pair must beat the best
-    single effect as an effect beside it would have to.
+    single effect by as much as an effect beside it would have to explain to be named.
     """
     accepted = list[Trial]()
     for trial in rank(trials):
@@ -162,7 +162,7 @@ def best_of(task: EstimationTask, trials: Sequence[Trial]) -> Trial | None:
     assert pair is not None  # the first is one
     is_validated = bool(task.validate.records)
     explained = criterion.explained_share(single.error, pair.error, task.noise_rms) if is_validated else 1.0
-    is_more = bic_lead(pair.fit, single.fit) >= pair.critical_gain and explained >= criterion.SHARE
+    is_more = bic_lead(pair.fit, single.fit) >= pair.critical_gain and explained >= criterion.large_share()
     return pair if is_more else single
 
 

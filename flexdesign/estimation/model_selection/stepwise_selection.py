@@ -14,14 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from flexdesign.estimation.criterion import LEVEL, SHARE, critical_value
-from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, QUICK, ROUGH, Solution
+from flexdesign.estimation.criterion import LEVEL, SHARE, critical_value, large_share
+from flexdesign.estimation.least_squares.levenberg_marquardt import QUICK, ROUGH, Solution
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
     escape,
     fit_model,
+    full_effort,
     refit,
     solve_case,
     with_effects,
@@ -141,6 +142,7 @@ def forward(
     fit: FittedModel,
     candidates: Sequence[Candidate],
     expansion_points: Sequence[FittedModel] = (),
+    calibrated: FittedModel | None = None,
 ) -> Step:
     """Return the addition that pays best, or none.
 
@@ -152,14 +154,20 @@ def forward(
         The catalogue.
     expansion_points
         Fits from which additions are tried as well, such as the design where calibration led astray.
+    calibrated
+        The fit without effects; by default the present one.
     """
     score, entries = screen(task, fit, candidates, expansion_points)
-    singles, pairs = _compete(task, fit, entries)
+    # Beside a residual an effect is not named that takes less of what calibration left, and by itself no more than that
+    # can be had from a small one.
+    least = min(SHARE * (calibrated or fit).excess, fit.excess)
+    singles, pairs = _compete(task, fit, entries, WORTH * least)
     trials = _trials(task, fit, singles, score)
     best = best_of(task, trials)
     if (fit if best is None else best.fit).exceeds_noise:
         # Fits in local minima would be refused, and call for effects that are not there.
-        trials = [_escaped(task, fit, trial) for trial in trials]
+        first = rank(trials)[:FINALISTS]
+        trials = [_escaped(task, fit, trial) if trial in first else trial for trial in trials]
         trials += _trials(task, fit, pairs, score)
     return Step(best_of(task, trials), tuple(rank(trials)))
 
@@ -178,15 +186,24 @@ def _starts(origin: FittedModel, screening: Screening, enough: float) -> list[_S
     return found + [_Start(origin, pair) for pair in pairs]
 
 
-def _compete(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]) -> tuple[list[Entry], list[Entry]]:
-    """Return the fits that are worth being carried to their end: with one further effect, and with two."""
-    candidates = fit_roughly(task, fit, entries)
+def _compete(
+    task: EstimationTask, fit: FittedModel, entries: Sequence[Entry], least: float
+) -> tuple[list[Entry], list[Entry]]:
+    """Return the fits that are worth being carried to their end: with one further effect, and with two.
+
+    Roughly fitted they must lower chi^2 by more than `least`; and a pair must explain much of what a single one leaves.
+    """
+    roughly = fit_roughly(task, fit, entries)
+    candidates = [entry for entry in roughly if fit.cost - entry.solution.cost > least]
+    refused = [entry.names for entry in roughly if entry not in candidates]
     singles = [entry for entry in candidates if len(entry.start.names) == 1]
-    pairs = [entry for entry in candidates if len(entry.start.names) == 2]
+    cost = singles[0].solution.cost if singles else fit.cost
+    cost -= WORTH * large_share() * max(cost - fit.solution.problem.dataset.samples, 0.0)
+    pairs = [entry for entry in candidates if len(entry.start.names) == 2 and entry.solution.cost < cost]
     finalists = singles[:FINALISTS]
     # Effects that the best one is known to be taken for compete to the end.
     like = singles[0].start.directions[0].candidate.like if singles else ()
-    named = [entry.start.names for entry in finalists]
+    named = [*refused, *(entry.start.names for entry in finalists)]
     others = [e for e in entries if len(e.start.names) == 1 and e.start.names not in named and e.start.names[0] in like]
     return [*finalists, *others], pairs[:PAIRS]
 
@@ -233,13 +250,13 @@ def _trial(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -
     task.progress(f"fitting with {' and '.join((*fit.names, *entry.start.names))}")
     solution = entry.solution
     model = grid_initial_states(solution.problem.dataset, task.fine(solution.problem.at(solution.x)), task.each)
-    made = fit_model(task, model, entry.start.effects, old=solution.columns(), effort=FULL)
+    made = fit_model(task, model, entry.start.effects, old=solution.columns(), effort=full_effort(solution))
     return None if made is None else compare(task, fit, made, entry.start.names, score)
 
 
 def _escaped(task: EstimationTask, fit: FittedModel, trial: Trial) -> Trial:
     """Return a trial with more evidence than chance gives, its fit restarted elsewhere."""
-    better = escape(task, trial.fit) if trial.gain > trial.critical_gain else trial.fit
+    better = escape(task, trial.fit, trial.names) if trial.gain > trial.critical_gain else trial.fit
     return trial if better is trial.fit else compare(task, fit, better, trial.names, trial.score)
 
 
@@ -271,6 +288,7 @@ def select(
     most: int,
     *,
     expansion_points: Sequence[FittedModel] = (),
+    calibrated: FittedModel | None = None,
     vary_step: Callable[[FittedModel, Step], Step] = lambda _, step: step,
     vary: Callable[[FittedModel], FittedModel] = lambda fit: fit,
 ) -> tuple[list[Step], list[FittedModel]]:
@@ -286,12 +304,14 @@ def select(
         Largest number of effects.
     expansion_points
         See `forward`; used at the first step.
+    calibrated
+        See `forward`; by default the fit from which it starts.
     vary_step, vary
         Return a step beside a fit, and a fit, with strengths that differ from run to run where the runs call for that.
     """
-    steps, fits = list[Step](), list[FittedModel]()
+    steps, fits, begun = list[Step](), list[FittedModel](), calibrated or fit
     while len(fit.effects) < most:
-        steps.append(vary_step(fit, forward(task, fit, candidates, () if fits else expansion_points)))
+        steps.append(vary_step(fit, forward(task, fit, candidates, () if fits else expansion_points, begun)))
         if (chosen := steps[-1].chosen) is None:
             break
         doubtful = fit.names if len(chosen.names) == 1 else chosen.fit.names
@@ -305,7 +325,11 @@ def select(
 
 
 def select_otherwise(
-    task: EstimationTask, path: tuple[list[Step], list[FittedModel]], candidates: Sequence[Candidate], most: int
+    task: EstimationTask,
+    path: tuple[list[Step], list[FittedModel]],
+    candidates: Sequence[Candidate],
+    most: int,
+    calibrated: FittedModel | None = None,
 ) -> tuple[list[Step], list[FittedModel]]:
     """Return the best of the selections that start with another effect accepted at the first step (beam search).
 
@@ -320,7 +344,7 @@ def select_otherwise(
             break
         if trial.reason or len(trial.names) > 1 or steps[0].chosen is None or trial.names == steps[0].chosen.names:
             continue
-        more, made = select(task, trial.fit, candidates, most)
+        more, made = select(task, trial.fit, candidates, most, calibrated=calibrated)
         if made and bic_lead(made[-1], best) > 0:
             path, best = ([replace(steps[0], chosen=trial), *more], [trial.fit, *made]), made[-1]
     return path

@@ -102,7 +102,8 @@ class _Path:
                 increase, displacement = self.cost_increase(side * distance, met[nearest][1] * distance)
                 # Limited to one, so that the way is halved where the model fails; zero ends the search.
                 found = min(math.sqrt(max(increase, 0.0) / self.expected) - 1, 1.0)
-                met[distance] = (found if abs(found) > ACCURACY else 0.0, displacement / distance)
+                is_end = abs(found) <= ACCURACY or self.better is not None  # from a better point the fit is repeated
+                met[distance] = (0.0 if is_end else found, displacement / distance)
             return met[distance][0]
 
         # A long way is gone in steps, so that the others can follow where the valley bends.
