@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from flexdesign.estimation.criterion import HALF_WIDTH, LEVEL, is_undetermined
+from flexdesign.estimation.criterion import HALF_WIDTH, LEVEL, WORSE, is_undetermined
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, refit, with_effects
 from flexdesign.estimation.uncertainty.intervals import intervals
@@ -47,8 +47,12 @@ def hold_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedMod
         return fit, ()
     effects = tuple(replace(e, free=tuple(n for n in e.free if n not in defaults)) for e in fit.effects)
     made = fit_model(task, fit.model.replace(defaults), effects)
-    # A default that contradicts the runs is none to hold.
+    # A default that contradicts the runs is none to hold; nor is one by which others are predicted worse.
     if made is None or made.cost - fit.cost > -2.0 * math.log(LEVEL) * fit.discrepancy:
+        return fit, ()
+    if (scored := task.scored or task.validate.names) and made.rms(scored, task.scales) > WORSE * fit.rms(
+        scored, task.scales
+    ):
         return fit, ()
     return made, tuple(defaults)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.model import Model
-from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, ROUGH, SMALL, Columns, Effort, Solution, solve
+from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, ROUGH, Columns, Effort, Solution, solve
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
 from flexdesign.estimation.least_squares.residual_function import Dataset, Record
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
@@ -144,11 +144,6 @@ def discrepancy(solution: Solution) -> float:
     parts = [part[: len(record.measured)] for record, part in pairs]
     weighted = sum(float(part @ part) * colour(part).inflation for part in parts)
     return max(weighted / solution.problem.dataset.samples, 1.0)
-
-
-def full_effort(solution: Solution) -> Effort:
-    """Return the effort of a fit to its end: further steps would promise less than their discrepancy lets one see."""
-    return replace(FULL, share=max(FULL.share, SMALL * discrepancy(solution) / max(solution.cost, 1.0)))
 
 
 # --- fits -----------------------------------------------------------------------------------------------------------
@@ -303,7 +298,7 @@ def escape(task: EstimationTask, fit: FittedModel, names: Sequence[str] | None =
         near = _nearby(task, fit, name)
         if near is not None:
             model = task.fine(near.problem.at(near.x))
-            made = fit_model(task, model, fit.effects, old=near.columns(), effort=full_effort(near))
+            made = fit_model(task, model, fit.effects, old=near.columns())
             fit = _better(fit, made)
     return fit
 

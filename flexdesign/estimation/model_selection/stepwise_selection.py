@@ -22,7 +22,6 @@ from flexdesign.estimation.model_selection.fitted_model import (
     FittedModel,
     escape,
     fit_model,
-    full_effort,
     refit,
     solve_case,
     with_effects,
@@ -250,7 +249,7 @@ def _trial(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -
     task.progress(f"fitting with {' and '.join((*fit.names, *entry.start.names))}")
     solution = entry.solution
     model = grid_initial_states(solution.problem.dataset, task.fine(solution.problem.at(solution.x)), task.each)
-    made = fit_model(task, model, entry.start.effects, old=solution.columns(), effort=full_effort(solution))
+    made = fit_model(task, model, entry.start.effects, old=solution.columns())
     return None if made is None else compare(task, fit, made, entry.start.names, score)
 
 
