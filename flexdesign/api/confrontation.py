@@ -20,6 +20,7 @@ from flexdesign.diagnosis import add_effect as additions
 from flexdesign.diagnosis import confrontation
 from flexdesign.diagnosis.add_effect import InTheLoop
 from flexdesign.diagnosis.confronted import Confronted, Evidence
+from flexdesign.diagnosis.effect_names import own_effects
 from flexdesign.dynamics.stage_model import StageModel, edit
 from flexdesign.report import comparison_words
 from flexdesign.report.diagnosis import addition_report, confrontation_report, diagnosis_words
@@ -259,7 +260,7 @@ def confront(
         If anything cannot be used.
     """
     stage, runs = read_model(model, changes), read_recordings(recordings)
-    more = additions.own_effects(effects)
+    more = own_effects(effects)
     stated = additions.size(stage, runs, axis, "--noise", noise)
     engine = confrontation.Confrontation(stage, runs, axis=axis, more=more, noise=stated, progress=progress)
     return Confrontation(model, engine)

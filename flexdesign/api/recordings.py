@@ -20,6 +20,7 @@ from flexdesign.diagnosis.add_effect import AddedEffect
 from flexdesign.diagnosis.check import Check, facts, is_table
 from flexdesign.diagnosis.comparison import Comparison
 from flexdesign.diagnosis.comparison.static_table import TableComparison
+from flexdesign.diagnosis.effect_names import known_effect, own_effects
 from flexdesign.diagnosis.identify import Identification
 from flexdesign.diagnosis.progress import Progress as Steps
 from flexdesign.diagnosis.static_tables.diagnose import TableDiagnosis
@@ -256,7 +257,7 @@ def diagnose(
         return static_tables.diagnose(model, recordings, changes, bare=bare, own=effects, progress=progress)
     static_tables.refuse_bare(bare)
     stage, runs = read_model(_stage(model), changes), read_recordings(recordings)
-    more = additions.own_effects(effects)
+    more = own_effects(effects)
     least = additions.size(stage, runs, axis, "--tolerance", tolerance)
     stated = additions.size(stage, runs, axis, "--noise", noise)
     found = diagnosis.diagnose(
@@ -319,7 +320,7 @@ def add_effect(
     if static_tables.is_design(model):
         static_tables.refuse({"--axis": axis, "--noise": noise})
         return static_tables.add_effect(model, effect, recordings, changes, progress=progress)
-    name = additions.known_effect(effect, "EFFECT")
+    name = known_effect(effect, "EFFECT")
     stage, runs = read_model(_stage(model), changes), read_recordings(recordings)
     stated = additions.size(stage, runs, axis, "--noise", noise)
     found = additions.add(stage, name, runs, axis=axis, noise=stated, progress=progress)

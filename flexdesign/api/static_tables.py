@@ -17,6 +17,7 @@ from flexdesign.design import design as designs
 from flexdesign.design.design import Design
 from flexdesign.diagnosis.comparison import static_table
 from flexdesign.diagnosis.comparison.static_table import TableComparison
+from flexdesign.diagnosis.effect_names import known_effect, own_effects
 from flexdesign.diagnosis.static_tables import diagnose as diagnosing
 from flexdesign.diagnosis.static_tables.diagnose import TableDiagnosis
 from flexdesign.effects import statics
@@ -71,7 +72,7 @@ def diagnose(
 ) -> Result[TableDiagnosis]:
     """Diagnose a design from static tables, effects of the user's own tried as well; raise InputError as `compare`."""
     design, table = _read(model, tables, changes, bare=bare)
-    found = diagnosing.diagnose(design, table, progress, _own_effects(own))
+    found = diagnosing.diagnose(design, table, progress, own_effects(own, statics))
     return _diagnosed(found, found.found.model if found.verdict == "effects-found" else design, changes)
 
 
@@ -85,7 +86,7 @@ def add_effect(
 ) -> Result[TableDiagnosis]:
     """Fit one effect to static tables, and put it into a design; raise InputError as `compare`."""
     design, table = _read(model, tables, changes)
-    name = _known_effect(effect, "EFFECT")
+    name = known_effect(effect, "EFFECT", statics)
     if name in design.effects:
         raise InputError("command line", "EFFECT", effect, "is in the model already")
     found = diagnosing.add(design, name, table, progress)
@@ -113,37 +114,6 @@ def _read(
     if not files:
         raise InputError("command line", "RUNS", ", ".join(map(str, paths)), "holds no CSV file")
     return static_model.of_design(design, bare=bare), static_model.read(files, design)
-
-
-def _known_effect(name: str, field: str) -> str:
-    """Return the name under which a static effect is found from everywhere, a path as an absolute one.
-
-    Parameters
-    ----------
-    name
-        Of the catalogue, or a path.
-    field
-        Where it was given, for the message.
-
-    Raises
-    ------
-    InputError
-        If there is none, or it has nothing that a fit could move.
-    """
-    try:
-        whole = statics.beside(name, Path())
-        effect = statics.find(whole)
-    except ValueError as error:
-        raise InputError("command line", field, name, str(error)) from None
-    if not any(p.null is not None for p in effect.parameters):
-        raise InputError("command line", field, name, "none of its parameters states a null, at which it is not there")
-    return whole
-
-
-def _own_effects(names: Sequence[str]) -> list[str]:
-    """Return static effects beside those of the catalogue, as `diagnose` takes them; raise as `_known_effect` does."""
-    whole = [_known_effect(name, "--effect") for name in names]
-    return [name for name in dict.fromkeys(whole) if name not in statics.names()]
 
 
 def design_text(model: StaticModel, changes: Sequence[str], folder: Path) -> str:

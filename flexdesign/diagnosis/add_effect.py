@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -16,6 +15,7 @@ from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import OTHER, Disturbance
 from flexdesign.diagnosis import procedure, verdict
+from flexdesign.diagnosis.effect_names import known_effect
 from flexdesign.diagnosis.effect_selection import candidates, estimation_setup
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_further_run, of_runs, with_runs
 from flexdesign.diagnosis.preparation import periodic_disturbances
@@ -215,45 +215,6 @@ def _check(data: DiagnosisData, name: str, model: StageModel) -> None:
         if lacking := missing(data.name, effects.find(name), run.columns):
             needs = " and ".join("the response of another axis" if c == OTHER else f"a column {c}" for c in lacking)
             raise InputError(run.name, name, None, f"the effect needs {needs}, which the run lacks; leave the run out")
-
-
-def known_effect(name: str, field: str) -> str:
-    """Return the name under which an effect is found from everywhere, a path as an absolute one.
-
-    Parameters
-    ----------
-    name
-        Of the catalogue, or a path.
-    field
-        Where it was given, for the message.
-
-    Raises
-    ------
-    InputError
-        If there is none, or it has nothing that a fit could move in time.
-    """
-    try:
-        whole = effects.beside(name, Path())
-        effect = effects.find(whole)
-    except ValueError as error:
-        raise InputError("command line", field, name, str(error)) from None
-    if whole not in fields.ELSEWHERE and not (effect.faces and effect.acts_in_time):
-        raise InputError("command line", field, name, "acts on parts at rest alone, which no run in time shows")
-    if not any(p.null is not None for p in effect.parameters):
-        raise InputError("command line", field, name, "none of its parameters states a null, at which it is not there")
-    return whole
-
-
-def own_effects(names: Sequence[str]) -> list[str]:
-    """Return effects beside those of the catalogue, as `diagnose` takes them.
-
-    Raises
-    ------
-    InputError
-        If one cannot be used.
-    """
-    whole = [known_effect(name, "--effect") for name in names]
-    return [name for name in dict.fromkeys(whole) if name not in effects.names()]
 
 
 def size(

@@ -55,7 +55,7 @@ RECORDINGS = (
         model='natural_frequency = "967 Hz"\ndamping_ratio = 0.03\ngain = "0.13 um/V"',
     ),
 )
-HEADS = ("recording", "verdict", "named", "as designed", "recalibrated", "with effects", "remains")
+HEADS = ("recording", "verdict", "named", "as designed", "recalibrated", "with effects", "remains", "time")
 
 
 def row(title: str, found: Diagnosis) -> tuple[str, ...]:
@@ -65,7 +65,8 @@ def row(title: str, found: Diagnosis) -> tuple[str, ...]:
     named = ", ".join(said.effect_name(each.name) for each in found.effects) or "–"
     rest = words.error(si, found.remainder_rms) if found.remainder_rms else "noise"
     with_effects = words.error(si, found.validation_error) if found.effects else "–"
-    return title, found.verdict, named, errors["as designed"], errors["recalibrated"], with_effects, rest
+    errors_before = errors["as designed"], errors["recalibrated"]
+    return title, found.verdict, named, *errors_before, with_effects, rest, f"{found.seconds:.0f} s"
 
 
 def diagnosed(recording: Recording, folder: Path) -> Diagnosis:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexdesign.estimation.model_selection import determination
 from flexdesign.estimation.model_selection.determination import hold_undetermined
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
@@ -72,6 +73,15 @@ def test_a_default_that_contradicts_the_runs_is_not_held() -> None:
         about, found = fit(effect(0.05, default, 0.0, 3.0), other=STRENGTH * 0.05 * 2.8)
         held, named = hold_undetermined(about, found)
         assert named == names and (held is found) is not bool(names)
+
+
+def test_a_default_that_predicts_worse_leaves_the_fitted_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a number without an interval: here any default counts as worse."""
+    about, found = fit(effect(0.05, 0.5, 0.0, 2.0), other=STRENGTH * 0.05 * 0.7)
+    monkeypatch.setattr(determination, "WORSE", 0.0)
+    held, names = hold_undetermined(about, found)
+    assert names == ("d.more",) and "d.more" not in held.solution.problem.where.names
+    assert number(held, "d.more") == pytest.approx(number(found, "d.more")) and number(held, "d.more") != 0.5
 
 
 def test_a_strength_is_never_held() -> None:

@@ -47,13 +47,12 @@ def hold_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedMod
         return fit, ()
     effects = tuple(replace(e, free=tuple(n for n in e.free if n not in defaults)) for e in fit.effects)
     made = fit_model(task, fit.model.replace(defaults), effects)
-    # A default that contradicts the runs is none to hold; nor is one by which others are predicted worse.
+    # A default that contradicts the runs is none to hold.
     if made is None or made.cost - fit.cost > -2.0 * math.log(LEVEL) * fit.discrepancy:
         return fit, ()
-    if (scored := task.scored or task.validate.names) and made.rms(scored, task.scales) > WORSE * fit.rms(
-        scored, task.scales
-    ):
-        return fit, ()
+    scored = task.scored or task.validate.names
+    if scored and made.rms(scored, task.scales) > WORSE * fit.rms(scored, task.scales):
+        made = fit_model(task, fit.model, effects) or made  # others are predicted worse: its fitted value is held
     return made, tuple(defaults)
 
 

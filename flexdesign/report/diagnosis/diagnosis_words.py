@@ -80,9 +80,12 @@ def possible(found: Diagnosis) -> str:
 
 
 def undetermined(found: Diagnosis) -> str:
-    """Return which numbers these runs cannot show, and so keep the values of the design or of the catalogue."""
+    """Return which numbers these runs cannot show, and so keep the values of the design or of the catalogue.
+
+    Where these predict the validation runs worse, fitted values stay, without an interval.
+    """
     names = words.listed([name.replace("_", " ").replace(".", ": ") for name in found.undetermined])
-    return f"These runs do not determine {names}; held at the value of the design or of the catalogue."
+    return f"These runs do not determine {names}; held at values of the design, of the catalogue or of a fit."
 
 
 def effect(found: Diagnosis, named: IdentifiedEffect) -> str:
