@@ -71,9 +71,16 @@ _HOME = {
     "flexdesign.dynamics.stage_model": ("StageModel",),
     "flexdesign.measurements.recordings": ("FrequencyResponse", "Run"),
 }  # fmt: skip
-_MODULE = {name: module for module, names in _HOME.items() for name in names}
+#: Nouns of part and effect files. They resolve here too, but are not offered: their modules are their place.
+_OF_FILES = {
+    "flexdesign.core.model": (
+        "Adjust", "Formulas", "Linkage", "Member", "Notch", "Reshape", "Resonance", "Root", "Socket", "Term",
+    ),
+    "flexdesign.design.part": ("Outline", "SymmetryPlane"),
+}  # fmt: skip
+_MODULE = {name: module for homes in (_HOME, _OF_FILES) for module, names in homes.items() for name in names}
 
-__all__ = ["effects", *sorted(_MODULE)]
+__all__ = ["effects", *sorted(name for names in _HOME.values() for name in names)]
 
 
 def __getattr__(name: str) -> Any:
