@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
+import cadquery as cq
 import numpy as np
 import scipy.sparse as sp
 
@@ -47,6 +48,14 @@ def solve(solid: Solid) -> Solved:
         found.systems.append(system)
         found.displacements.append(displacements)
     return found
+
+
+def notched(size: tuple[float, float, float], neck: float, *, at: float = 0.0) -> cq.Workplane:
+    """Return a block of edges `size` [mm] with two round notches of radius 3 mm about a `neck` [mm] in y, `at` in x."""
+    block = cq.Workplane().box(*size)
+    for side in (1, -1):
+        block = block.cut(cq.Workplane(origin=(at, side * (3 + neck / 2), 0)).circle(3).extrude(10, both=True))
+    return block
 
 
 def full(upper: sp.csr_matrix) -> sp.csr_matrix:

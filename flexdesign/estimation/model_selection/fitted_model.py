@@ -77,8 +77,14 @@ class FittedModel:
 
     @cached_property
     def discrepancy(self) -> float:
-        """Factor by which evidence is discounted, see `discrepancy`."""
-        return discrepancy(self.solution)
+        """Factor by which evidence is discounted: reduced chi^2 times the number of samples that count as one.
+
+        One where the residual is white noise. What no model explains is taken as coloured noise.
+        """
+        pairs = zip(self.solution.problem.dataset.records, self.solution.residuals, strict=True)
+        parts = [part[: len(record.measured)] for record, part in pairs]
+        weighted = sum(float(part @ part) * colour(part).inflation for part in parts)
+        return max(weighted / self.solution.problem.dataset.samples, 1.0)
 
     @property
     def is_white(self) -> bool:
@@ -133,17 +139,6 @@ class FittedModel:
             if parameter.null != value and any(math.isclose(self.solution.x[j], e, rel_tol=1e-6) for e in ends):
                 found.append(parameter.name)
         return found
-
-
-def discrepancy(solution: Solution) -> float:
-    """Return reduced chi^2 times the number of samples that count as one; one where the residual is white noise.
-
-    What no model explains is taken as coloured noise.
-    """
-    pairs = zip(solution.problem.dataset.records, solution.residuals, strict=True)
-    parts = [part[: len(record.measured)] for record, part in pairs]
-    weighted = sum(float(part @ part) * colour(part).inflation for part in parts)
-    return max(weighted / solution.problem.dataset.samples, 1.0)
 
 
 # --- fits -----------------------------------------------------------------------------------------------------------
