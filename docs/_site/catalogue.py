@@ -36,11 +36,14 @@ def pages() -> Iterator[tuple[str, str | bytes]]:
 
 
 def _moving(name: str) -> list[tuple[str, str | bytes]]:
-    """Return the page of an effect on a moving stage, simulated; without the picture in a quick build."""
+    """Return the page of an effect on a moving stage, simulated; without the picture in a quick build.
+
+    One picture is drawn, of the experiment that comes first; `flexdesign effects NAME` draws one of each kind.
+    """
     if os.environ.get("FLEXDESIGN_DOCS_QUICK"):
         return list(_page(effect_pages.document(name, None)))
     signature, on = command._signature(name, command.STAGE, None, [])
-    return list(_page(effect_pages.document(name, signature, on)))
+    return list(_page(effect_pages.document(name, signature, on, drawn=1)))
 
 
 def _page(document: Document) -> Iterator[tuple[str, str | bytes]]:

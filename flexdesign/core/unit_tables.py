@@ -12,12 +12,11 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.core import units
+from flexdesign.core import parquet, units
 from flexdesign.core.errors import InputError
 
 Array = NDArray[np.float64]
@@ -35,8 +34,6 @@ LARGEST = 1e100
 LONGEST = 200
 #: Not more stretches of rows than these are named in one sentence.
 NAMED = 4
-#: The ending of files that are read and written as Parquet.
-PARQUET = ".parquet"
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +132,8 @@ def read(path: Path, allowed: Mapping[str, Sequence[str]], *, gaps: bool = False
         If the file cannot be read, a header cell lacks its unit or has a wrong one, two columns share a name, rows are
         ragged, or a cell is no number, or empty or not finite where that is not allowed. It names line and column.
     """
-    if path.suffix.lower() == PARQUET:
-        cells, numbers = _from_parquet(path)
+    if path.suffix.lower() == parquet.SUFFIX:
+        cells, numbers = parquet.read(path)
         columns = _columns(path, "column", _with_units(cells, plain), allowed)
         lines = np.arange(1, len(numbers) + 1)
     else:
@@ -149,7 +146,7 @@ def read(path: Path, allowed: Mapping[str, Sequence[str]], *, gaps: bool = False
         column.setflags(write=False)
         values[name] = column
     of_si, of_unit = ({name: pair[k] for name, pair in columns.items()} for k in (1, 0))
-    sheet = Sheet(path, values, of_si, of_unit, lines, "row" if path.suffix.lower() == PARQUET else "line")
+    sheet = Sheet(path, values, of_si, of_unit, lines, "row" if path.suffix.lower() == parquet.SUFFIX else "line")
     for name, column in values.items():
         unusable = np.flatnonzero(~np.isfinite(column))
         if unusable.size and (name == "t" or not gaps):
@@ -206,8 +203,8 @@ def write(
     try:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as scratch:
             new = Path(scratch) / path.name
-            if path.suffix.lower() == PARQUET:
-                _to_parquet(new, list(columns), table, comment)
+            if path.suffix.lower() == parquet.SUFFIX:
+                parquet.write(new, list(columns), table, comment)
             else:
                 # Twelve digits: time on a fine grid far from its zero keeps its steps.
                 np.savetxt(new, table, "%.12g", ",", header=remarks + ",".join(columns), comments="", encoding="utf-8")
@@ -285,6 +282,7 @@ def _from_csv(
     columns = _columns(path, f"line {lines[0]}, header cell", _with_units(header.split(","), plain), allowed)
     if not rows:
         raise InputError(path, "", None, "has a header and no rows; add rows of numbers")
+    _check_lengths(path, len(columns), lines[1:], rows)
     try:
         numbers = _numbers(rows)
     except ValueError as error:
@@ -319,42 +317,6 @@ def _text(path: Path) -> list[str]:
         raise InputError(path, "", None, f"is not UTF-8 text (line {line}); save it as CSV in UTF-8") from error
 
 
-def _from_parquet(path: Path) -> tuple[list[str], Array]:
-    """Return header cells, and rows by columns as they are written; what is null is NaN."""
-    pyarrow = _pyarrow(path)
-    try:
-        table = pyarrow.parquet.read_table(pyarrow.BufferReader(path.read_bytes()))
-        names = list(table.column_names)
-    except Exception as error:  # a damaged file ends in errors of every kind
-        why = getattr(error, "strerror", None)  # what the system says; pyarrow's own have none
-        damaged = " as Parquet: it is damaged, cut short or something else; save it again"
-        raise InputError(path, "", None, f"cannot be read{f': {why}' if why else damaged}") from error
-    if not table.num_rows or not table.num_columns:
-        raise InputError(path, "", None, "has no rows; add rows of numbers")
-    numbers = []
-    for name, column in zip(names, table.columns, strict=True):
-        try:
-            numbers.append(column.cast(pyarrow.float64(), safe=False).to_numpy())
-        except Exception as error:
-            raise InputError(path, f"column {name}", None, "has a cell that is no number; correct it") from error
-    return names, np.column_stack(numbers)
-
-
-def _to_parquet(path: Path, cells: Sequence[str], table: Array, comment: str) -> None:
-    pyarrow = _pyarrow(path)
-    made = pyarrow.table({cell: table[:, number] for number, cell in enumerate(cells)})
-    pyarrow.parquet.write_table(made.replace_schema_metadata({"comment": comment}), path)
-
-
-def _pyarrow(path: Path) -> ModuleType:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise InputError(path, "", None, "needs pyarrow: pip install 'flexdesign[import]', or use CSV") from error
-    return pyarrow
-
-
 def _with_units(header: Sequence[str], plain: Collection[str]) -> list[str]:
     """Return header cells, pure numbers with the unit that says so."""
     return [f"{cell} [1]" if cell.strip().strip('"').strip() in plain else cell for cell in header]
@@ -378,13 +340,18 @@ def _columns(
     return columns
 
 
+def _check_lengths(path: Path, columns: int, lines: NDArray[np.intp], rows: Sequence[str]) -> None:
+    """Raise the error that names the first row with too many or too few cells."""
+    for line, row in zip(lines, rows, strict=True):
+        if (cells := row.partition("#")[0].count(",") + 1) != columns:
+            remedy = f"has {cells} cells where the header has {columns}; give one cell for each column"
+            raise InputError(path, f"line {line}", row.strip(), remedy)
+
+
 def _complain(path: Path, names: Sequence[str], lines: NDArray[np.intp], rows: Sequence[str], gaps: bool) -> None:
     """Raise the error that names the first bad cell, if one is found; a missing number is none where gaps may be."""
     for line, row in zip(lines, rows, strict=True):
         cells = row.partition("#")[0].split(",")
-        if len(cells) != len(names):
-            remedy = f"has {len(cells)} cells where the header has {len(names)}; give one cell for each column"
-            raise InputError(path, f"line {line}", row.strip(), remedy)
         for name, cell, wrong in _wrong(names, cells, gaps):
             raise InputError(path, f"line {line}, column {name}", cell, f"{wrong}; correct the cell or remove the rows")
 

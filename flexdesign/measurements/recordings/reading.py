@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from flexdesign.core import toml_files, unit_tables
+from flexdesign.core import parquet, toml_files, unit_tables
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.unit_tables import Sheet
 from flexdesign.measurements.recordings import description, frequency_response, gap_filling, sensor_faults, time_base
@@ -33,7 +33,7 @@ ALLOWED = {
 #: With fewer rows nothing can be said about dynamics.
 FEWEST = 10
 #: How files of runs end.
-ENDINGS = (".csv", unit_tables.PARQUET)
+ENDINGS = (".csv", parquet.SUFFIX)
 
 
 def read_run(path: str | Path) -> Run:

@@ -21,7 +21,7 @@ from flexdesign.report.document import Document, Figure, Section, Table
 if TYPE_CHECKING:
     from flexdesign.diagnosis.experiment_design.signature import EffectResponse, Signature
 
-#: So many experiments are drawn, one of each kind.
+#: Number of experiments that are drawn, one of each kind.
 DRAWN = 3
 
 
@@ -126,7 +126,9 @@ def _number(value: float | None, parameter: Parameter) -> dict[str, Any]:
     return {"value": float(f"{number:.12g}"), "unit": parameter.unit}
 
 
-def document(name: str, signature: Signature | None, model: Mapping[str, str] | None = None) -> Document:
+def document(
+    name: str, signature: Signature | None, model: Mapping[str, str] | None = None, drawn: int = DRAWN
+) -> Document:
     """Write the page of one effect.
 
     Parameters
@@ -137,11 +139,13 @@ def document(name: str, signature: Signature | None, model: Mapping[str, str] | 
         What it changes; None if nothing shows it in time.
     model
         ``title`` of the stage model on which it is shown, and ``changes`` in words.
+    drawn
+        Number of experiments that get a picture.
     """
     effect = find(name)
     sections = []
     if signature is not None:
-        sections = [_signature(effect, signature, model or {}), _where_it_shows(signature)]
+        sections = [_signature(effect, signature, model or {}, drawn), _where_it_shows(signature)]
     sections += stated(effect)
     return Document(effect.name, [effect.physics, f"Where it acts: {effect.where}."], sections)
 
@@ -151,7 +155,7 @@ def stated(effect: Effect) -> list[Section]:
     return [_parameters(effect), _advice(effect)]
 
 
-def _signature(effect: Effect, signature: Signature, model: Mapping[str, str]) -> Section:
+def _signature(effect: Effect, signature: Signature, model: Mapping[str, str], drawn: int) -> Section:
     from flexdesign.report.catalogue import effect_charts
 
     axis = signature.effect.without
@@ -167,16 +171,16 @@ def _signature(effect: Effect, signature: Signature, model: Mapping[str, str]) -
     best = max(signature.seen, key=lambda seen: seen.change)
     share = 100 * best.change / signature.stroke
     strongest = f"It changes the reading of {_plain(best)} most: by {units.significant(share, 2)} % of the stroke, rms."
-    return Section("Signature", [where, strongest], figures=_figures(signature, axis.axis.response))
+    return Section("Signature", [where, strongest], figures=_figures(signature, axis.axis.response, drawn))
 
 
-def _figures(signature: Signature, response: str) -> list[Figure]:
+def _figures(signature: Signature, response: str, drawn: int) -> list[Figure]:
     from flexdesign.report.catalogue import effect_charts
 
     found: list[Figure] = []
     kinds: list[str] = []
     for seen in signature.visible:
-        if seen.command.kind in kinds or len(found) == DRAWN:
+        if seen.command.kind in kinds or len(found) == drawn:
             continue
         kinds.append(seen.command.kind)
         figures, words = effect_charts.draw(seen, response)
