@@ -16,7 +16,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.core.printed_numbers import Printed
 from flexdesign.effects import statics
 from flexdesign.workflows.published import folder as folders
-from flexdesign.workflows.published.closing import closing, model_of
+from flexdesign.workflows.published.closing import closing, model_of, neglected
 from flexdesign.workflows.published.folder import PublishedNumber
 from flexdesign.workflows.validation.model_hierarchy import model_hierarchy
 
@@ -108,6 +108,21 @@ def test_a_gap_that_no_effect_makes_is_left_open() -> None:
     assert closing(model, published(1.0, "lambda", ("plane_strain",)), 1.11, allowed=1e-3) is None
 
 
+def test_what_a_formula_neglects_is_told_where_it_closes_no_gap() -> None:
+    """Each effect alone and all of them, by the frame itself without them."""
+    model = model_of(fd.read_design("bridge_amplifier"))
+    assert model is not None
+    names = ("hinge_axial", "plane_strain")
+    table = StaticTable("", (Row("lambda", "output free", 1.0, None, ""),))
+    kept = {name: own for name, own in model.effects.items() if name not in names}
+    together = float(replace(model, effects=kept).predict(table)[0] / model.predict(table)[0]) - 1
+    found = neglected(model, published(1.0, "lambda", names))
+    assert set(found) == {*names, ""}
+    assert found[""] == pytest.approx(together, rel=1e-12)
+    assert (1 + found["hinge_axial"]) * (1 + found["plane_strain"]) - 1 == pytest.approx(together, rel=0.05)
+    assert neglected(model, published(1.0, "lambda")) == {}
+
+
 def test_effects_that_may_be_neglected_are_those_of_a_drawing() -> None:
     for path in folders.find():
         for number in folders.read(path).numbers:
@@ -154,6 +169,12 @@ def test_a_line_that_cannot_be_used(line: str, message: str, tmp_path: Path) -> 
         folders.read(tmp_path)
 
 
+def test_a_note_may_stand_beside_a_number(tmp_path: Path) -> None:
+    (tmp_path / "part.toml").write_text((SHIPPED / "leaf_pivot" / "leaf_pivot.toml").read_text())
+    (tmp_path / "numbers.csv").write_text(f'{HEAD},note\nK_out,1,N/mm,,input free,book,formula,,"a misprint, surely"\n')
+    assert [number.note for number in folders.read(tmp_path).numbers] == ["a misprint, surely"]
+
+
 def test_a_folder_without_its_two_files(tmp_path: Path) -> None:
     (tmp_path / "numbers.csv").write_text(HEAD)
     with pytest.raises(InputError, match=r"\*.toml = 0 files: has to hold one TOML file"):
@@ -171,3 +192,7 @@ def test_the_page_of_one_folder(tmp_path: Path) -> None:
     assert {"report.html", "report.md", "result.json", "gaps.svg"} <= {*written}
     kept = json.loads(written["result.json"].read_text())
     assert len(kept["rows"]) == 2
+    picture = written["gaps.svg"].read_text()
+    assert "with the named effects from -0.0" in picture  # the differences [%], and not the places of the rows
+    page = written["report.md"].read_text()
+    assert "2 explained." in page and "| -1.01 % |" in page

@@ -134,7 +134,8 @@ def _axes_in_words(axes: Any) -> str:
     shown = " over ".join(each for each in (ylabel, xlabel) if each)
     told = [f"{title}: {shown}" if title and shown else title or shown]
     lines = [line for line in axes.get_lines() if not line.get_label().startswith("_") and len(line.get_ydata())]
-    told += [f"{line.get_label()} {_span(line.get_ydata())}" for line in lines]
+    across = _has_names(axes.yaxis)  # the places of rows are no values
+    told += [f"{line.get_label()} {_span(line.get_xdata() if across else line.get_ydata())}" for line in lines]
     bars = [patch for patch in axes.patches if hasattr(patch, "get_height")]
     if not lines and bars:
         told.append(f"{len(bars)} bars")
@@ -150,6 +151,15 @@ def _fixed(axis: Any) -> Sequence[Any]:
     from matplotlib.ticker import FixedFormatter
 
     return axis.get_ticklabels() if isinstance(axis.get_major_formatter(), FixedFormatter) else ()
+
+
+def _has_names(axis: Any) -> bool:
+    """Tell whether `set_ticks` gave an axis labels, instead of numbers."""
+    from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter
+
+    return isinstance(axis.get_major_locator(), FixedLocator) and isinstance(
+        axis.get_major_formatter(), (FixedFormatter, FuncFormatter)
+    )
 
 
 def _span(values: Any) -> str:

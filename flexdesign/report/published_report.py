@@ -10,14 +10,20 @@ from flexdesign.effects import statics
 from flexdesign.report import charts
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.workflows.published import Compared, Mechanism, PublishedMechanisms
-from flexdesign.workflows.published.compare_published import VERDICTS
+from flexdesign.workflows.published.compare_published import VERDICTS, Verdict
 
 HEAD = ("quantity", "place", "published", "ours", "difference", "uncertainty", "verdict", "what closes the gap")
+#: Verdicts of several numbers.
+PLURAL: dict[Verdict, str] = {"agrees": "agree", "explained": "explained", "differs": "differ"}
+#: Numbers on the axis of the picture [%]; it is linear between the first two.
+TICKS = (0, 1, 3, 10, 30, 100, 300, 1000)
 
 
 def document(found: PublishedMechanisms) -> Document:
     """Return the report."""
-    texts = ", ".join(f"{count} {verdict}" for verdict, count in found.counted().items() if count)
+    texts = ", ".join(
+        f"{count} {verdict if count == 1 else PLURAL[verdict]}" for verdict, count in found.counted().items() if count
+    )
     summary = [
         f"{len(found.rows)} published numbers of {len(found.mechanisms)} mechanisms, beside finite elements: {texts}.",
         _unexplained(found),
@@ -32,7 +38,7 @@ def overview(found: PublishedMechanisms) -> Table:
     rows = []
     for each in found.mechanisms:
         counts = [str(sum(row.verdict == verdict for row in each.rows)) for verdict in VERDICTS]
-        before, after = (max(abs(value) for value in values) for values in zip(*map(_gaps, each.rows), strict=True))
+        before, after = (max(values, key=abs) for values in zip(*map(_gaps, each.rows), strict=True))
         rows.append([each.folder.study.design.title, str(len(each.rows)), *counts, _percent(before), _percent(after)])
     head = ["mechanism", "numbers", *VERDICTS, "largest difference", "with the named effects"]
     return Table(head, rows)
@@ -55,6 +61,8 @@ def rows(found: PublishedMechanisms) -> list[dict[str, Any]]:
             "verdict": row.verdict,
             "effects": list(row.closing.effects) if row.closing else [],
             "remaining": row.closing.remaining if row.closing else None,
+            "neglected": dict(row.neglected),
+            "note": row.number.note,
         }
         for each in found.mechanisms
         for row in each.rows
@@ -79,7 +87,8 @@ def _how() -> str:
 
 def _unexplained(found: PublishedMechanisms) -> str:
     named = [
-        f"{each.folder.study.design.title}, {row.number.printed.place}: {row.number.quantity} {_percent(row.gap)}"
+        f"{each.folder.study.design.title}, {row.number.printed.place}: {row.number.quantity}, {row.number.boundary} "
+        f"{_percent(row.gap)}{f' ({row.number.note})' if row.number.note else ''}"
         for each in found.mechanisms
         for row in each.rows
         if row.verdict == "differs"
@@ -105,10 +114,20 @@ def _row(row: Compared) -> list[str]:
 
 
 def _closing(row: Compared) -> str:
-    if row.closing is None:
-        return "–"
-    names = ", ".join(statics.find(name).name.replace("_", " ") for name in row.closing.effects)
-    return f"without {names}: {_percent(row.closing.remaining)}"
+    if row.closing is not None:
+        names = ", ".join(map(_called, row.closing.effects))
+        known = units.significant(100 * row.closing.uncertainty, 2)
+        return f"without {names}: {_percent(row.closing.remaining)}, known to ± {known} %"
+    alone = [f"{_called(name)} {_percent(change)}" for name, change in row.neglected.items() if name]
+    texts = [row.number.note[:1].upper() + row.number.note[1:]] if row.number.note else []
+    if alone:
+        change = _percent(row.neglected[""])
+        texts.append(f"What it neglects changes the compliance model by {change}: without {', '.join(alone)}")
+    return ". ".join(texts) or "–"
+
+
+def _called(name: str) -> str:
+    return statics.find(name).name.replace("_", " ")
 
 
 def _percent(share: float) -> str:
@@ -121,11 +140,11 @@ def _gaps(row: Compared) -> tuple[float, float]:
 
 def _picture(found: PublishedMechanisms) -> Figure:
     labels = [
-        f"{each.folder.name}: {row.number.quantity}, {row.number.printed.place}"
+        f"{each.folder.name}: {row.number.quantity}, {row.number.boundary}\n{row.number.printed.place}"
         for each in found.mechanisms
         for row in each.rows
     ]
-    figure, axes = charts.drawing(7.2, 0.26 * len(labels) + 1.4)
+    figure, axes = charts.drawing(7.2, 0.42 * len(labels) + 1.4)
     places = range(len(labels))
     before, after = zip(*map(_gaps, found.rows), strict=True)
     for place, one, other in zip(places, before, after, strict=True):
@@ -138,7 +157,12 @@ def _picture(found: PublishedMechanisms) -> Figure:
     axes.axvline(0.0, color=charts.NEUTRAL, linewidth=1)
     axes.set_yticks(list(places), labels)
     axes.invert_yaxis()
-    axes.set_xscale("symlog", linthresh=10)
+    axes.set_xscale("symlog", linthresh=TICKS[1])
+    low, high = (100 * extreme((*before, *after)) for extreme in (min, max))
+    ticks = sorted({sign * tick for tick in TICKS for sign in (-1, 1)})
+    axes.set_xticks([tick for tick in ticks if min(low, -TICKS[1]) <= tick <= max(high, TICKS[1])])
+    axes.xaxis.set_major_formatter("{x:+g}")
+    axes.minorticks_off()
     axes.margins(x=0.1)
     axes.set_xlabel("difference from our finite elements [%]")
     axes.grid(color=charts.NEUTRAL, alpha=0.25)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from flexdesign.analytic import static_model
@@ -35,10 +35,13 @@ class Closing:
         Which the published number is without.
     remaining
         Published number over ours without them, less one.
+    uncertainty
+        Of `remaining`: that of both numbers, and two standard deviations of the compliance model.
     """
 
     effects: tuple[str, ...]
     remaining: float
+    uncertainty: float
 
 
 def model_of(design: Design) -> StaticModel | None:
@@ -47,6 +50,30 @@ def model_of(design: Design) -> StaticModel | None:
         return static_model.of_design(design)
     except InputError:
         return None
+
+
+def neglected(model: StaticModel, number: PublishedNumber) -> dict[str, float]:
+    """Return by how much each effect that a formula states to neglect changes our number, relative, and all of them.
+
+    Parameters
+    ----------
+    model
+        Of the design, with all that the drawing tells.
+    number
+        The published number.
+
+    Returns
+    -------
+    dict
+        The model without an effect over the model with it, less one; under ``""`` without all of them. Empty if the
+        formula states nothing, or the model has no such quantity.
+    """
+    factor = _factors(model, number)
+    there = [name for name in number.neglects if name in model.effects]
+    if factor is None or not there:
+        return {}
+    alone = {name: factor([name]) - 1 for name in there}
+    return {**{name: change for name, change in alone.items() if abs(change) >= SMALLEST}, "": factor(there) - 1}
 
 
 def closing(model: StaticModel, number: PublishedNumber, ratio: float, allowed: float) -> Closing | None:
@@ -63,8 +90,30 @@ def closing(model: StaticModel, number: PublishedNumber, ratio: float, allowed: 
     allowed
         How far they may be apart, relative.
     """
-    row = Row(number.quantity, number.boundary, 1.0, None, "")
-    if row.kind not in MODEL or ratio <= 0:
+    factor = _factors(model, number)
+    if factor is None or ratio <= 0:
+        return None
+    there = [name for name in number.neglects or tuple(model.effects) if name in model.effects]
+    named = [name for name in there if not abs(factor([name]) - 1) < SMALLEST]  # infinite without it: it counts
+    known = allowed + 2 * MODEL[_row(number).kind]
+    within = min(known, abs(ratio - 1))  # no effect closes a gap that it widens
+    for trials in _by_size(named):
+        remaining = {trial: ratio / factor(trial) - 1 for trial in trials}
+        good = {trial: left for trial, left in remaining.items() if math.isfinite(left) and abs(left) <= within}
+        if good:
+            best = min(good, key=lambda trial: abs(good[trial]))
+            return Closing(best, good[best], known)
+    return None
+
+
+def _row(number: PublishedNumber) -> Row:
+    return Row(number.quantity, number.boundary, 1.0, None, "")
+
+
+def _factors(model: StaticModel, number: PublishedNumber) -> Callable[[Sequence[str]], float] | None:
+    """Return the model without some effects over the whole one, as a function; None if it lacks the quantity."""
+    row = _row(number)
+    if row.kind not in MODEL:
         return None
     table = StaticTable("", (row,))
     whole = float(model.predict(table)[0])
@@ -76,16 +125,7 @@ def closing(model: StaticModel, number: PublishedNumber, ratio: float, allowed: 
         except InputError:
             return math.nan
 
-    there = [name for name in number.neglects or tuple(model.effects) if name in model.effects]
-    named = [name for name in there if not abs(factor([name]) - 1) < SMALLEST]  # infinite without it: it counts
-    within = min(allowed + 2 * MODEL[row.kind], abs(ratio - 1))  # no effect closes a gap that it widens
-    for trials in _by_size(named):
-        remaining = {trial: ratio / factor(trial) - 1 for trial in trials}
-        good = {trial: left for trial, left in remaining.items() if math.isfinite(left) and abs(left) <= within}
-        if good:
-            best = min(good, key=lambda trial: abs(good[trial]))
-            return Closing(best, good[best])
-    return None
+    return factor
 
 
 def _by_size(names: Sequence[str]) -> Iterator[list[tuple[str, ...]]]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Literal
@@ -13,7 +13,7 @@ from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Quantity, by_key
 from flexdesign.core.result_cache import Cache
 from flexdesign.workflows import validation
-from flexdesign.workflows.published.closing import Closing, closing, model_of
+from flexdesign.workflows.published.closing import Closing, closing, model_of, neglected
 from flexdesign.workflows.published.folder import PublishedFolder, PublishedNumber, read
 from flexdesign.workflows.validation import Validation, validate_stage
 from flexdesign.workflows.validation.validate_stage import StageValidation
@@ -40,11 +40,14 @@ class Compared:
         Of finite elements, with its estimated error.
     closing
         The effects that close the gap, where there is one.
+    neglected
+        Where none do: what the effects that a formula neglects change in the compliance model, see `neglected`.
     """
 
     number: PublishedNumber
     ours: Quantity
-    closing: Closing | None
+    closing: Closing | None = None
+    neglected: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def theirs(self) -> float:
@@ -147,7 +150,7 @@ def _solved(folder: PublishedFolder, cache: Cache, progress: Progress) -> Mechan
             remedy = f"{number.boundary}: no such quantity of this design{suggest(number.key, list(ours))}"
             raise InputError(folder.table, f"line {number.line}, column quantity", number.quantity, remedy)
         try:
-            beside = Compared(number, ours[number.key], None)
+            beside = Compared(number, ours[number.key])
             differs = abs(beside.gap) > beside.allowed
         except ValueError as error:
             raise InputError(
@@ -155,6 +158,7 @@ def _solved(folder: PublishedFolder, cache: Cache, progress: Progress) -> Mechan
             ) from None
         stated = number.kind == "formula" or number.neglects  # a simulation or a part leaves no elasticity out
         if differs and stated and model is not None and math.isfinite(beside.gap):
-            beside = Compared(number, beside.ours, closing(model, number, 1 + beside.gap, beside.allowed))
+            found_by = closing(model, number, 1 + beside.gap, beside.allowed)
+            beside = replace(beside, closing=found_by, neglected={} if found_by else neglected(model, number))
         rows.append(beside)
     return Mechanism(folder, found, tuple(rows))

@@ -1,9 +1,10 @@
 """A published mechanism is a folder: one TOML file, its design or study, and one CSV file, the published numbers.
 
-The CSV file has the columns ``quantity,value,unit,sigma,boundary,place,kind,neglects``. Quantity and boundary are those
-of a validation. Without a sigma a number is known to half a unit of its last digit. The place says where it is printed,
-the kind what made it (`KINDS`), and `neglects` names the static effects that a formula leaves out, with spaces between.
-Lines that begin with ``#`` are comments.
+The CSV file has the columns ``quantity,value,unit,sigma,boundary,place,kind,neglects``, and optionally ``note``.
+Quantity and boundary are those of a validation. Without a sigma a number is known to half a unit of its last digit. The
+place says where it is printed, the kind what made it (`KINDS`), and `neglects` names the static effects that a formula
+leaves out, with spaces between. The note says what is known of a difference that no effect explains. Lines that begin
+with ``#`` are comments.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from flexdesign.design.study import Study
 from flexdesign.effects import statics
 
 HEAD = ("quantity", "value", "unit", "sigma", "boundary", "place", "kind", "neglects")
+#: A column that may follow them.
+NOTE = "note"
 #: What a published number is.
 KINDS = ("formula", "simulation", "measurement")
 #: Where such folders are, below the folder of studies.
@@ -47,6 +50,8 @@ class PublishedNumber:
         Static effects that it leaves out, as far as that is known.
     line
         Of its file.
+    note
+        What is known of its difference from ours, besides effects.
     """
 
     quantity: str
@@ -56,6 +61,7 @@ class PublishedNumber:
     kind: str
     neglects: tuple[str, ...]
     line: int
+    note: str = ""
 
     @property
     def key(self) -> str:
@@ -132,11 +138,12 @@ def read(folder: Path) -> PublishedFolder:
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     source = " ".join(line.lstrip("# ").strip() for _, line in lines if line.startswith("#"))
     cells = [(number, next(csv.reader([line]))) for number, line in lines if not line.startswith("#")]
-    if not cells or tuple(cells[0][1]) != HEAD:
-        raise InputError(table, "header", None, f"the first line is {','.join(HEAD)}")
+    if not cells or tuple(cells[0][1]) not in (HEAD, (*HEAD, NOTE)):
+        raise InputError(table, "header", None, f"the first line is {','.join(HEAD)}, and may end with ,{NOTE}")
     if len(cells) == 1:
         raise InputError(table, "", None, "holds no number; write one in each line")
-    return PublishedFolder(folder.name, study, table, tuple(_number(table, *each) for each in cells[1:]), source)
+    numbers = tuple(_number(table, *each, cells[0][1]) for each in cells[1:])
+    return PublishedFolder(folder.name, study, table, numbers, source)
 
 
 def _only(folder: Path, ending: str) -> Path:
@@ -147,10 +154,10 @@ def _only(folder: Path, ending: str) -> Path:
     return files[0]
 
 
-def _number(table: Path, line: int, cells: Sequence[str]) -> PublishedNumber:
-    if len(cells) != len(HEAD):
-        raise InputError(table, f"line {line}", f"{len(cells)} cells", f"the header has {len(HEAD)}")
-    row = dict(zip(HEAD, (cell.strip() for cell in cells), strict=True))
+def _number(table: Path, line: int, cells: Sequence[str], head: Sequence[str]) -> PublishedNumber:
+    if len(cells) != len(head):
+        raise InputError(table, f"line {line}", f"{len(cells)} cells", f"the header has {len(head)}")
+    row = dict(zip(head, (cell.strip() for cell in cells), strict=True))
     for name in ("quantity", "boundary", "place"):
         if not row[name]:
             raise InputError(table, f"line {line}, column {name}", None, "is empty")
@@ -167,7 +174,8 @@ def _number(table: Path, line: int, cells: Sequence[str]) -> PublishedNumber:
     text = f"{row['value']} {unit}".rstrip()
     printed = Printed(row["place"], row["quantity"], text)
     sigma = f"{row['sigma']} {unit}".rstrip() if row["sigma"] else ""
-    return PublishedNumber(row["quantity"], row["boundary"], printed, sigma, row["kind"], neglects, line)
+    note = row.get(NOTE, "")
+    return PublishedNumber(row["quantity"], row["boundary"], printed, sigma, row["kind"], neglects, line, note)
 
 
 def _require_number(table: Path, line: int, row: Mapping[str, str]) -> None:
