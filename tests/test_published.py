@@ -186,13 +186,13 @@ def test_the_page_of_one_folder(tmp_path: Path) -> None:
     """The leaf's gap is closed by what a beam has not: roots that give way, and a width that cannot contract."""
     found = fd.published("leaf_pivot", cache=tmp_path / "cache")
     assert found.counted()["differs"] == 0
-    beam = found.rows[1]
+    beam = found.found.rows[1]
     assert beam.closing is not None and {*beam.closing.effects} == {"root_flexibility", "plane_strain"}
     written = {path.name: path for path in found.report(tmp_path / "page")}
     assert {"report.html", "report.md", "result.json", "gaps.svg"} <= {*written}
     kept = json.loads(written["result.json"].read_text())
     assert len(kept["rows"]) == 2
-    picture = written["gaps.svg"].read_text()
+    picture = Path(written["gaps.svg"]).read_text()
     assert "with the named effects from -0.0" in picture  # the differences [%], and not the places of the rows
-    page = written["report.md"].read_text()
+    page = Path(written["report.md"]).read_text()
     assert "2 explained." in page and "| -1.01 % |" in page

@@ -10,11 +10,11 @@ from flexdesign.effects import statics
 from flexdesign.report import charts
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.workflows.published import Compared, Mechanism, PublishedMechanisms
-from flexdesign.workflows.published.compare_published import VERDICTS, Verdict
+from flexdesign.workflows.published.compare_published import VERDICTS
 
 HEAD = ("quantity", "place", "published", "ours", "difference", "uncertainty", "verdict", "what closes the gap")
 #: Verdicts of several numbers.
-PLURAL: dict[Verdict, str] = {"agrees": "agree", "explained": "explained", "differs": "differ"}
+PLURAL = {"agrees": "agree", "explained": "explained", "differs": "differ"}
 #: Numbers on the axis of the picture [%]; it is linear between the first two.
 TICKS = (0, 1, 3, 10, 30, 100, 300, 1000)
 
