@@ -452,6 +452,16 @@ def test_other_moves_name_nothing(moved: dict[str, float], is_said: bool) -> Non
     assert bool(found.conflicts) is is_said
 
 
+@pytest.mark.parametrize("ratio", [2.32, 0.4])
+def test_a_gain_that_no_calibration_explains_is_a_structural_error(ratio: float) -> None:
+    about = data()
+    one = fit(about, moved={"gain": ratio * about.axis.gain})
+    found = judged(about, one, one)
+    assert (found.verdict, found.effects) == ("nothing-missing", ())
+    (words,) = found.conflicts
+    assert f"{ratio:.2g} times that of the model" in words and "structure of the model" in words and "%" not in words
+
+
 def test_nothing_is_implied_where_something_unknown_stays() -> None:
     about = data()
     one = fit(about, 9.0, 9.0, moved={"natural_frequency": 0.9 * about.axis.natural_frequency})

@@ -31,6 +31,9 @@ from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_
 
 #: A run shows how late it began where that is known better afterwards, by this factor.
 SHOWN = 0.5
+#: Sensors and amplifiers are out of calibration by percents. A gain beyond this factor, up or down, is a wrong unit, a
+#: wrong channel or physics that the model lacks.
+CALIBRATION_LIMIT = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +72,9 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
         if abs(far) <= CONFLICT:
             continue
         words = f"{name} {100 * (ratio - 1):+.1f} %, {abs(far):.1f} standard deviations of the prior"
+        if name == "gain" and not 1 / CALIBRATION_LIMIT <= ratio <= CALIBRATION_LIMIT:
+            found.append(Conflict(_structural(ratio), (), None, lambda model: model, name))
+            continue
         spread = HALF_WIDTH * math.sqrt(max(float(covariance[j, j]) * fit.discrepancy, 0.0))
         x = float(fit.solution.x[j])
         # What it was before is known no better than that, whatever the runs say of what it is now.
@@ -87,6 +93,14 @@ def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
             found.append(Conflict(words, (), None, lambda model: model, name))
     more = (_delay_shift(data, fit), _quantised(data))
     return (*found, *(conflict for conflict in more if conflict is not None))
+
+
+def _structural(ratio: float) -> str:
+    """Return in words that no calibration error is as large as the ratio of a fitted gain to that of the design."""
+    return (
+        f"the fitted gain is {ratio:.2g} times that of the model. No calibration is that far off: a unit or a channel "
+        "is wrong, or the structure of the model does not hold for these runs"
+    )
 
 
 def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, conflict: Conflict) -> bool:
