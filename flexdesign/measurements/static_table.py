@@ -9,7 +9,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -184,7 +184,14 @@ def to_csv(found: Sequence[Quantity], design: Design | None = None) -> str:
     return stream.getvalue()
 
 
-def _read(path: Path, design: Design) -> list[Row]:
+def lines_of(path: Path) -> tuple[str, list[str], list[tuple[int, list[str]]]]:
+    """Return the text of a file, its header, and its further lines with their numbers; comments are left out.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is no CSV or is empty.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
@@ -200,14 +207,33 @@ def _read(path: Path, design: Design) -> list[Row]:
         raise InputError(path, "", None, remedy) from error
     if not lines:
         raise InputError(path, "", None, f"is empty; begin with the header {','.join(HEAD)}")
-    static_conditions.refuse_others(path, text, design)
     (_, head), *body = lines
-    names = [cell.strip() for cell in head]
-    dimensions = _columns(path, names, design)
+    return text, [cell.strip() for cell in head], body
+
+
+def rows_of(
+    path: Path, names: Sequence[str], body: Sequence[tuple[int, Sequence[str]]]
+) -> list[tuple[int, dict[str, str]]]:
+    """Return the cells of each line by their column; header and lines are those of `lines_of`.
+
+    Raises
+    ------
+    InputError
+        If there is no line, or one has more or fewer cells than the header.
+    """
     if not body:
         raise InputError(path, "", None, "holds no measurement; write one in each row")
-    axes = _axes(design)
-    return [_row(path, number, dict(_cells(path, number, names, cells)), dimensions, axes) for number, cells in body]
+    for line, cells in body:
+        if len(cells) != len(names):
+            raise InputError(path, f"line {line}", f"{len(cells)} cells", f"the header has {len(names)}")
+    return [(line, dict(zip(names, (cell.strip() for cell in cells), strict=True))) for line, cells in body]
+
+
+def _read(path: Path, design: Design) -> list[Row]:
+    text, names, body = lines_of(path)
+    static_conditions.refuse_others(path, text, design)
+    dimensions, axes = _columns(path, names, design), _axes(design)
+    return [_row(path, line, cells, dimensions, axes) for line, cells in rows_of(path, names, body)]
 
 
 def _comment(cells: Sequence[str]) -> bool:
@@ -217,10 +243,7 @@ def _comment(cells: Sequence[str]) -> bool:
 def _columns(path: Path, names: Sequence[str], design: Design) -> dict[str, tuple[str, Bounds, str]]:
     """Return the columns that hold dimensions: name, bounds and unit of each, by the header cell."""
     head = (*HEAD, AXIS) if design.is_stage else HEAD
-    for required in (name for name in head if name != "sigma"):
-        if required not in names:
-            remedy = f"there is no column {required}; the header is {','.join(head)} and dimensions such as t [mm]"
-            raise InputError(path, "header", None, remedy)
+    require(path, names, head)
     for name in names:
         if names.count(name) > 1:
             raise InputError(path, "header", name, "two columns have this name")
@@ -238,24 +261,36 @@ def _columns(path: Path, names: Sequence[str], design: Design) -> dict[str, tupl
     return found
 
 
-def _cells(path: Path, line: int, names: Sequence[str], cells: Sequence[str]) -> Iterable[tuple[str, str]]:
-    if len(cells) != len(names):
-        raise InputError(path, f"line {line}", f"{len(cells)} cells", f"the header has {len(names)}")
-    return zip(names, (cell.strip() for cell in cells), strict=True)
+def require(path: Path, names: Sequence[str], head: Sequence[str]) -> None:
+    """Refuse a header that lacks one of some columns; ``sigma`` may be left out."""
+    for required in (name for name in head if name != "sigma"):
+        if required not in names:
+            remedy = f"there is no column {required}; the header is {','.join(head)} and dimensions such as t [mm]"
+            raise InputError(path, "header", None, remedy)
 
 
-def _row(
-    path: Path,
-    line: int,
-    cells: Mapping[str, str],
-    dimensions: Mapping[str, tuple[str, Bounds, str]],
-    axes: Sequence[str],
-) -> Row:
-    quantity, others = cells["quantity"], () if axes else DISPLACEMENTS
+def measurement(
+    path: Path, line: int, cells: Mapping[str, str], others: Collection[str] = DISPLACEMENTS
+) -> tuple[str, float, float | None]:
+    """Return quantity, value and standard deviation of a row, SI; of the last None where nobody says.
+
+    Parameters
+    ----------
+    path, line, cells
+        The file, the line and its cells.
+    others
+        Which displacements may be measured.
+
+    Raises
+    ------
+    InputError
+        If one of them cannot be used.
+    """
+    quantity = cells["quantity"]
     if quantity not in QUANTITIES and quantity not in others:
         remedy = f"is no quantity of static tables{suggest(quantity, [*QUANTITIES, *others])}"
         raise InputError(path, f"line {line}, column quantity", quantity, remedy)
-    si, port = QUANTITIES[quantity][:2] if quantity in QUANTITIES else (DISPLACEMENTS[quantity][0], "output")
+    si = QUANTITIES[quantity][0] if quantity in QUANTITIES else DISPLACEMENTS[quantity][0]
     unit = cells["unit"] or "1"
     value = _number(path, line, "value", cells["value"], unit, si)
     sigma = _number(path, line, "sigma", cells["sigma"], unit, si, value) if cells.get("sigma") else None
@@ -266,6 +301,19 @@ def _row(
         raise InputError(path, f"line {line}, column value", cells["value"], remedy)
     if sigma is not None and not 0 < sigma < math.inf:
         raise InputError(path, f"line {line}, column sigma", cells["sigma"], "is one standard deviation, above zero")
+    return quantity, value, sigma
+
+
+def _row(
+    path: Path,
+    line: int,
+    cells: Mapping[str, str],
+    dimensions: Mapping[str, tuple[str, Bounds, str]],
+    axes: Sequence[str],
+) -> Row:
+    quantity, value, sigma = measurement(path, line, cells, () if axes else DISPLACEMENTS)
+    port = QUANTITIES[quantity][1] if quantity in QUANTITIES else "output"
+    unit = cells["unit"] or "1"
     read = {}
     for column, (name, bounds, its_unit) in dimensions.items():
         if cells[column]:

@@ -6,15 +6,13 @@ K_out of the input free and held, 1/K_out,free - 1/K_out,held = lambda^2 / K_in,
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from flexdesign.core import units
-from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.check.suspicion import Suspicion
+from flexdesign.measurements import static_table
 from flexdesign.measurements.static_table import AXIS, HEAD, QUANTITIES
 
 #: Where nobody states a standard deviation a measurement is trusted to this share.
@@ -143,43 +141,12 @@ def _of_part(name: str, rows: Sequence[Measured]) -> list[Suspicion]:
 
 
 def _read(path: Path) -> list[Measured]:
-    try:
-        lines = list(enumerate(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()), start=1))
-    except OSError as error:
-        raise InputError(path, "", None, f"cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, "", None, "is no table in CSV and UTF-8; save it again") from error
-    kept = [(n, [cell.strip() for cell in cells]) for n, cells in lines if any(c.strip() for c in cells)]
-    kept = [(n, cells) for n, cells in kept if not cells[0].startswith("#")]
-    (_, head), *body = kept or [(0, [])]
-    if lacking := [name for name in HEAD if name not in (*head, "sigma")]:
-        raise InputError(path, "header", None, f"there is no column {lacking[0]}; the header is {','.join(HEAD)}")
-    if not body:
-        raise InputError(path, "", None, "holds no measurement; write one in each row")
-    rows = []
-    for line, cells in body:
-        if len(cells) != len(head):
-            raise InputError(path, f"line {line}", f"{len(cells)} cells", f"the header has {len(head)}")
-        rows.append(_row(path, line, dict(zip(head, cells, strict=True))))
-    return rows
-
-
-def _row(path: Path, line: int, cells: dict[str, str]) -> Measured:
-    quantity = cells["quantity"]
-    if quantity not in QUANTITIES:
-        raise InputError(path, f"line {line}, column quantity", quantity, f"known: {', '.join(QUANTITIES)}")
-    unit = cells["unit"] or "1"
-    try:
-        scale = units.factor(unit, QUANTITIES[quantity][0])
-        value, told = float(cells["value"]), cells.get("sigma", "")
-        share = told.endswith("%")
-        sigma = float(told.rstrip("% ")) * (abs(value) / 100 if share else 1) if told else None
-    except ValueError as error:
-        raise InputError(
-            path, f"line {line}", cells["value"], f"has no number or unit that can be used: {error}"
-        ) from None
-    if not (math.isfinite(value * scale) and value):
-        raise InputError(path, f"line {line}, column value", cells["value"], "is zero or not finite; leave the row out")
-    rest = tuple((name, cell) for name, cell in cells.items() if name not in HEAD and name != AXIS and cell)
-    boundary = ", ".join(text for text in (cells.get(AXIS, ""), cells["boundary"]) if text)
-    return Measured(quantity, boundary, value * scale, None if sigma is None else sigma * scale, rest, line)
+    _, names, body = static_table.lines_of(path)
+    static_table.require(path, names, HEAD)
+    found = []
+    for line, cells in static_table.rows_of(path, names, body):
+        quantity, value, sigma = static_table.measurement(path, line, cells)
+        rest = tuple((name, cell) for name, cell in cells.items() if name not in HEAD and name != AXIS and cell)
+        boundary = ", ".join(text for text in (cells.get(AXIS, ""), cells["boundary"]) if text)
+        found.append(Measured(quantity, boundary, value, sigma, rest, line))
+    return found
