@@ -17,6 +17,7 @@ import pytest
 
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import identify as identification
+from flexdesign.diagnosis.comparison import RunComparison
 from flexdesign.diagnosis.identify import HYSTERESIS, LINEAR, identify, prior
 from flexdesign.dynamics import stage_dynamics as stages
 from flexdesign.dynamics import stage_model
@@ -436,7 +437,7 @@ def test_a_loop_is_drawn_for_slow_runs_that_turn() -> None:
     t = PERIOD * np.arange(2000)
     names = {}
     for name, command in {"slow": 60 - 60 * np.cos(2 * np.pi * t), "ramp": 50 * t, "fast": np.sin(600 * t)}.items():
-        match = identification.RunMatch(name, "identify", t, command, t, t, 1.0, 1.0, ())
+        match = RunComparison(name, "identify", t, command, t, t, 1.0, 1.0, ())
         names[name] = identification_report.is_slow(match, 118.3)
     assert names == {"slow": True, "ramp": False, "fast": False}
 

@@ -18,6 +18,7 @@ from flexdesign.diagnosis import procedure, verdict
 from flexdesign.diagnosis.effect_names import known_effect
 from flexdesign.diagnosis.effect_selection import candidates, estimation_setup
 from flexdesign.diagnosis.effect_selection.per_run_parameters import of_further_run, of_runs, with_runs
+from flexdesign.diagnosis.identify import known_axis
 from flexdesign.diagnosis.preparation import periodic_disturbances
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.result import Diagnosis, ErrorStep, IdentifiedEffect, SelectionHistory, Value
@@ -39,8 +40,6 @@ from flexdesign.measurements.recordings import FrequencyResponse, Run
 SHOWN, CONTROLLERS = ("step", "sine"), ("robust", "feedforward + robust")
 #: From so many values an effect is fitted that promises nothing.
 TRIALS = 4
-#: Not more names of runs than these are written into a source.
-NAMED = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,33 +266,15 @@ def with_knowledge(
     runs
         Those of role ``identify`` are named as the source.
     """
-    its = model.axes[axis]
     seen = list(dict.fromkeys(run.name.partition(":")[0] for run in runs if run.role == "identify"))
-    others = f" and {len(seen) - NAMED} more" if len(seen) > NAMED else ""
-    source = f"identified from {', '.join(seen[:NAMED])}{others}"
-    known = {v.parameter.name: v for v in fitted_values if v.parameter.name in its.numbers}
-    sigmas = {name: _relative(v) for name, v in known.items()}
-    uncertainty = {name: sigma for name, sigma in its.uncertainty.items() if name not in known}
-    uncertainty |= {name: _rounded(sigma) for name, sigma in sigmas.items() if 0 < sigma < 100}
-    sources = dict(its.sources) | dict.fromkeys(known, source)
-    if its.stiffness is not None and "natural_frequency" in known:
-        sources["mass"] = "from the identified natural frequency and the stiffness"
-        uncertainty.pop("mass", None)
-        if "stiffness" in its.uncertainty:
-            uncertainty["mass"] = _rounded(math.hypot(its.uncertainty["stiffness"], 2 * sigmas["natural_frequency"]))
-    assumed = its.still_assumed(list(known))
-    updated = replace(its, uncertainty=uncertainty, sources=sources, assumed=assumed, fitted=())
-    return replace(model, axes={**model.axes, axis: updated})
+    numbers = model.axes[axis].numbers
+    relative = {v.parameter.name: _relative(v) for v in fitted_values if v.parameter.name in numbers}
+    return replace(model, axes={**model.axes, axis: known_axis(model.axes[axis], relative, seen)})
 
 
 def _relative(value: Value) -> float:
     low, high = value.interval
     return (high - low) / (2 * HALF_WIDTH * abs(value.value)) if value.value and math.isfinite(high - low) else math.inf
-
-
-def _rounded(relative: float) -> float:
-    """Return two digits, as they come back from a file that has them in percent."""
-    return float(f"{100 * relative:.2g}") * units.factor("%", "1")
 
 
 # --- what it does to the loop ------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from flexdesign import effects, estimation
 from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.axis_noise import noise_of_axis
+from flexdesign.diagnosis.comparison.compare import RunComparison, compared
 from flexdesign.dynamics.axis.axis_choice import checked_numbers, choose_axis
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_parameters import DELAY
@@ -27,7 +28,7 @@ from flexdesign.dynamics.axis.axis_run import doubts, of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.estimation import Estimate, Fit, Starts
 from flexdesign.measurements.noise_level import NoiseFloor
-from flexdesign.measurements.recordings import Role, Run
+from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
 #: What is fitted if nothing is asked for: the linear axis, and hysteresis where the model has it.
@@ -36,39 +37,6 @@ HYSTERESIS = ("bouc_wen.a", "bouc_wen.b", "bouc_wen.c", "bouc_wen.rest")
 #: An old value contradicts the runs if their residual is larger by this factor than that of the best fit: more than the
 #: rms of a thousand samples scatters, 1 / sqrt(2 * 1250).
 CONTRADICTED = 1.02
-
-
-@dataclass(frozen=True, eq=False)
-class RunMatch:
-    """How well the fitted axis predicts one run.
-
-    Parameters
-    ----------
-    name, role
-        Of the run.
-    time, command, measured, predicted
-        n values each [s], [V], [response]; the offset of the sensor is added to the prediction. `measured` is NaN
-        where it was not compared.
-    rms, span
-        Root mean square of measured less predicted, and the range of what was measured [response].
-    remarks
-        What to keep in mind about this run.
-    """
-
-    name: str
-    role: Role
-    time: Array
-    command: Array
-    measured: Array
-    predicted: Array
-    rms: float
-    span: float
-    remarks: tuple[str, ...]
-
-    @property
-    def error(self) -> float:
-        """The root mean square over the span, a ratio; NaN if nothing moved."""
-        return self.rms / self.span if self.span else math.nan
 
 
 @dataclass(frozen=True)
@@ -123,7 +91,7 @@ class Identification:
     known: Mapping[str, tuple[float, float]]
     fit: Fit | None
     starts: Starts
-    runs: tuple[RunMatch, ...]
+    runs: tuple[RunComparison, ...]
     before_errors: Mapping[str, float]
     evaluations: int
     seconds: float
@@ -133,7 +101,7 @@ class Identification:
     @property
     def misfit(self) -> float:
         """The residual of the fitted runs over their noise, a ratio of rms values."""
-        return misfit(self.runs, self.noise)[0]
+        return misfit(self.runs)[0]
 
     @property
     def is_incomplete(self) -> bool:
@@ -188,11 +156,11 @@ def identify(
     observed = [start.comparable(run) for run in seen]
     search = _Search(start, [run for run in observed if run.role == "identify"], asked, starts, progress)
     progress("predicting all runs")
-    dynamics = search.dynamics
+    dynamics, noise = search.dynamics, noise_of_axis(runs, name, model.axes[name])
+    made = [compared(dynamics, run, noise.rms[run.name]) for run in seen]
     matches = tuple(
-        _match(dynamics, run, _remarks(full, run, dynamics)) for full, run in zip(runs, observed, strict=True)
+        replace(match, remarks=(*match.remarks, *_in_a_loop(run, name))) for match, run in zip(made, seen, strict=True)
     )
-    noise = noise_of_axis(runs, name, model.axes[name])
     estimates = [search.verdicts[name] for name in asked]
     if exceeds_noise(matches, noise):
         estimates = [_without_interval(estimate) for estimate in estimates]
@@ -209,7 +177,7 @@ def identify(
         fit=search.last,
         starts=search.starts,
         runs=matches,
-        before_errors={run.name: _match(start, run, ()).rms for run in observed},
+        before_errors={run.name: compared(start, run, noise.rms[run.name]).rms for run in observed},
         evaluations=search.evaluations,
         seconds=perf_counter() - began,
         noise=noise,
@@ -217,18 +185,18 @@ def identify(
     )
 
 
-def misfit(matches: Sequence[RunMatch], noise: NoiseFloor) -> tuple[float, int]:
+def misfit(matches: Sequence[RunComparison]) -> tuple[float, int]:
     """Return the residual of the fitted runs over their noise, a ratio of rms values, and the number of samples."""
     squares, count = 0.0, 0
     for match in (match for match in matches if match.role == "identify"):
         samples = int(np.isfinite(match.measured).sum())
-        squares, count = squares + samples * (match.rms / noise.rms[match.name]) ** 2, count + samples
+        squares, count = squares + samples * match.ratio**2, count + samples
     return math.sqrt(squares / count), count
 
 
-def exceeds_noise(matches: Sequence[RunMatch], noise: NoiseFloor) -> bool:
+def exceeds_noise(matches: Sequence[RunComparison], noise: NoiseFloor) -> bool:
     """Tell whether the residual of the fitted runs is larger than their noise explains; of a guess nothing is told."""
-    ratio, count = misfit(matches, noise)
+    ratio, count = misfit(matches)
     return noise.known and ratio**2 - 1 > noise.allowed_excess(count)
 
 
@@ -296,7 +264,11 @@ class _Search:
             self.held[name] = Held(value, which == "old")
             self.progress(f"{name} is held at its {which} value; fitting the others again")
             found = self._accurate_fit(others) if others else None
-            rms = [m.rms for m in found.matches] if found else [_match(self.dynamics, run, ()).rms for run in self.runs]
+            rms = (
+                [m.rms for m in found.matches]
+                if found
+                else [compared(self.dynamics, run, 1.0).rms for run in self.runs]
+            )
             if all(r <= CONTRADICTED * m.rms for r, m in zip(rms, best.matches, strict=True)):
                 break
         return found
@@ -329,53 +301,52 @@ def _present(dynamics: AxisDynamics, name: str) -> float:
     return next(p.start or 0.0 for p in dynamics.parameters() if p.name == name)
 
 
-def _remarks(full: Run, run: Run, dynamics: AxisDynamics) -> tuple[str, ...]:
-    """Return what to keep in mind about a run; `full` is the run with all its columns."""
-    remarks = []
-    response = full.columns[dynamics.name]
-    skipped = int((np.isnan(run.measured()) & ~np.isnan(response)).sum())
-    if skipped:
-        seconds = f"{skipped * run.period:.3g} s"
-        remarks.append(f"the command was moving as the record began: the first {seconds} are not compared")
-    remarks += run.remarks
-    if full.closed_loop or any(name in full.columns for name in ("r", f"r{dynamics.name}")):
-        remarks.append(
-            "recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit"
-        )
-    others = [name for name in full.commands if name not in ("u", f"u{dynamics.name}") and np.ptp(full.columns[name])]
-    if others:
-        remarks.append(f"{' and '.join(others)} moved too; what that does to this axis is left in the residual")
-    cut = dynamics.cut(run)
-    if cut > 0:
-        remarks.append(f"the command goes up to {cut:.3g} V beyond the limits of the model, which cut it off")
-    return tuple(remarks)
-
-
-def _match(dynamics: AxisDynamics, run: Run, remarks: tuple[str, ...]) -> RunMatch:
-    measured, predicted = run.measured(), dynamics.predict(run)
-    predicted = predicted + np.nanmean(measured - predicted)  # every run has an unknown offset of its own
-    rms = float(np.sqrt(np.nanmean((measured - predicted) ** 2)))
-    span = float(np.nanmax(measured) - np.nanmin(measured))
-    return RunMatch(run.name, run.role, run.time, dynamics.command(run), measured, predicted, rms, span, remarks)
+def _in_a_loop(run: Run, axis: str) -> tuple[str, ...]:
+    """Return a remark on a run that was recorded with a reference."""
+    if not (run.closed_loop or any(name in run.columns for name in ("r", f"r{axis}"))):
+        return ()
+    return ("recorded with a reference: in a closed loop the command carries sensor noise, which biases a fit",)
 
 
 def _updated(axis: AxisModel, search: _Search, sigmas: Mapping[str, float], runs: Sequence[str]) -> AxisModel:
     """Return the fitted axis with how well its numbers are known, and from where."""
-    listed = ", ".join(runs[:4]) + (f" and {len(runs) - 4} more" if len(runs) > 4 else "")
     values = {name: v for name, v in search.last.values.items() if name != DELAY} if search.last else {}
+    relative = {name: sigmas[name] / abs(v) if v and name in sigmas else math.inf for name, v in values.items()}
+    known = known_axis(axis, relative, runs)
     guessed = [name for name, held in search.held.items() if not held.is_old and name != DELAY]
-    relative = {name: sigmas[name] / abs(value) for name, value in values.items() if value and name in sigmas}
-    uncertainty = {k: v for k, v in axis.uncertainty.items() if k not in values and k not in guessed}
+    uncertainty = {name: sigma for name, sigma in known.uncertainty.items() if name not in guessed}
+    sources = {**known.sources, **dict.fromkeys(guessed, f"suits {listed_runs(runs)}, as other values do")}
+    assumed = tuple(dict.fromkeys([*known.assumed, *guessed]))
+    return replace(search.dynamics.axis, uncertainty=uncertainty, assumed=assumed, fitted=(), sources=sources)
+
+
+def known_axis(axis: AxisModel, relative: Mapping[str, float], runs: Sequence[str]) -> AxisModel:
+    """Return an axis that says of fitted numbers how well they are known, and from where.
+
+    Parameters
+    ----------
+    axis
+        With the fitted values.
+    relative
+        Relative standard deviations of the fitted numbers by name; infinite where none is stated.
+    runs
+        Names of the runs that were fitted.
+    """
+    uncertainty = {name: sigma for name, sigma in axis.uncertainty.items() if name not in relative}
     uncertainty |= {name: _rounded(sigma) for name, sigma in relative.items() if 0 < sigma < 100}
-    sources = dict(axis.sources) | dict.fromkeys(values, f"identified from {listed}")
-    sources |= dict.fromkeys(guessed, f"suits {listed}, as other values do")
-    if axis.stiffness is not None and "natural_frequency" in relative:
+    sources = dict(axis.sources) | dict.fromkeys(relative, f"identified from {listed_runs(runs)}")
+    if axis.stiffness is not None and math.isfinite(sigma := relative.get("natural_frequency", math.inf)):
         sources["mass"] = "from the identified natural frequency and the stiffness"
         uncertainty.pop("mass", None)
         if "stiffness" in axis.uncertainty:
-            uncertainty["mass"] = _rounded(math.hypot(axis.uncertainty["stiffness"], 2 * relative["natural_frequency"]))
-    assumed = dict.fromkeys([*axis.still_assumed(values), *guessed])
-    return replace(search.dynamics.axis, uncertainty=uncertainty, assumed=tuple(assumed), fitted=(), sources=sources)
+            uncertainty["mass"] = _rounded(math.hypot(axis.uncertainty["stiffness"], 2 * sigma))
+    assumed = axis.still_assumed(list(relative))
+    return replace(axis, uncertainty=uncertainty, sources=sources, assumed=assumed, fitted=())
+
+
+def listed_runs(names: Sequence[str]) -> str:
+    """Return the names of runs as a source has them: no more than four."""
+    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 
 def _rounded(relative: float) -> float:

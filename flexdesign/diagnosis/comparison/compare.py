@@ -201,18 +201,18 @@ def compare(
         return Comparison(model, name, (), noise_floor, (), (), perf_counter() - began, responses)
     noise = noise_of_axis(runs_, name, its)
     stroke = max(float(np.nanmax(run.measured()) - np.nanmin(run.measured())) for run in seen)
-    compared, observed = [], []
+    beside, observed = [], []
     for run in seen:
         progress(f"predicting {run.name}")
         observed.append(dynamics.comparable(run))
-        compared.append(_compared(dynamics, observed[-1], noise.rms[run.name], stroke))
+        beside.append(compared(dynamics, run, noise.rms[run.name], stroke))
     progress("looking where it fails")
-    residuals = {run.name: run.residual for run in compared}
-    predictions = {run.name: run.predicted for run in compared}
+    residuals = {run.name: run.residual for run in beside}
+    predictions = {run.name: run.predicted for run in beside}
     return Comparison(
         model=model,
         axis=name,
-        runs=tuple(compared),
+        runs=tuple(beside),
         noise=noise,
         where=where(residuals, observed, predictions, noise),
         observed=tuple(observed),
@@ -221,8 +221,24 @@ def compare(
     )
 
 
-def _compared(dynamics: AxisDynamics, run: Run, noise_floor: float, stroke: float) -> RunComparison:
-    measured, predicted = run.measured(), dynamics.predict(run)
+def compared(dynamics: AxisDynamics, run: Run, noise_floor: float, stroke: float | None = None) -> RunComparison:
+    """Return a run beside what a model predicts of it, the offset of the sensor taken out, where both compare.
+
+    Parameters
+    ----------
+    dynamics, run
+        The model, and the run as its axis sees it.
+    noise_floor
+        Standard deviation of the noise [response].
+    stroke
+        What the response covers in all runs together [response]; by default in this run.
+
+    Raises
+    ------
+    InputError
+        If the run holds no reading, or the prediction is not finite.
+    """
+    measured, predicted = dynamics.comparable(run).measured(), dynamics.predict(run)
     there = np.isfinite(measured)
     if not there.any():
         raise InputError(run.name, dynamics.name, None, "the run holds no reading that can be compared; leave it out")
@@ -230,9 +246,9 @@ def _compared(dynamics: AxisDynamics, run: Run, noise_floor: float, stroke: floa
         remedy = "the model's response grows without bound in this run; check its damping and its effects"
         raise InputError(run.name, dynamics.name, None, remedy)
     predicted = predicted + float(np.mean((measured - predicted)[there]))
-    return RunComparison(
-        run.name, run.role, run.time, run.command(), measured, predicted, noise_floor, stroke, _remarks(dynamics, run)
-    )
+    stroke = float(np.ptp(measured[there])) if stroke is None else stroke
+    remarks = _remarks(dynamics, run)
+    return RunComparison(run.name, run.role, run.time, run.command(), measured, predicted, noise_floor, stroke, remarks)
 
 
 def _remarks(dynamics: AxisDynamics, run: Run) -> tuple[str, ...]:

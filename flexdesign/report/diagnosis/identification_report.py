@@ -10,7 +10,8 @@ import numpy as np
 
 from flexdesign.core import units, versions
 from flexdesign.core.toml_files import FORMAT
-from flexdesign.diagnosis.identify import Identification, RunMatch
+from flexdesign.diagnosis.comparison import RunComparison
+from flexdesign.diagnosis.identify import Identification
 from flexdesign.estimation import Estimate
 from flexdesign.report.comparison_words import units_of
 from flexdesign.report.document import Document, Figure, Section, Table
@@ -44,10 +45,10 @@ def matches(found: Identification) -> Table:
         [
             run.name,
             run.role,
-            units.to_text(run.span, units_of(found.response)[0], si=found.response),
+            units.to_text(run.stroke, units_of(found.response)[0], si=found.response),
             units.to_text(found.before_errors[run.name], unit, 3, si=found.response),
             units.to_text(run.rms, unit, 3, si=found.response),
-            f"{100 * run.error:.3g} %" if math.isfinite(run.error) else "–",
+            f"{100 * run.of_stroke:.3g} %" if math.isfinite(run.of_stroke) else "–",
         ]
         for run in found.runs
     ]
@@ -75,8 +76,8 @@ def result(found: Identification) -> dict[str, Any]:
                 "role": run.role,
                 "rms_error": {"value": run.rms, "unit": found.response},
                 "rms_error_before": {"value": found.before_errors[run.name], "unit": found.response},
-                "span": {"value": run.span, "unit": found.response},
-                "error_of_span": run.error,
+                "span": {"value": run.stroke, "unit": found.response},
+                "error_of_span": run.of_stroke,
                 "remarks": list(run.remarks),
             }
             for run in found.runs
@@ -186,7 +187,7 @@ def _remarks(found: Identification) -> list[str]:
 # --- figures ----------------------------------------------------------------------------------------------------------
 
 
-def _figures(found: Identification, run: RunMatch) -> list[Figure]:
+def _figures(found: Identification, run: RunComparison) -> list[Figure]:
     large, small = units_of(found.response)
     scale, fine = units.factor(large, found.response), units.factor(small, found.response)
     compared = np.isfinite(run.measured)
@@ -212,7 +213,7 @@ def _figures(found: Identification, run: RunMatch) -> list[Figure]:
     return made
 
 
-def is_slow(run: RunMatch, frequency: float) -> bool:
+def is_slow(run: RunComparison, frequency: float) -> bool:
     """Tell whether a run's command is slow against a mode [Hz], and turns: then its loop shows hysteresis."""
     period = max(1, round(1 / (frequency * (run.time[1] - run.time[0]))))
     span = float(np.ptp(run.command))
@@ -257,10 +258,10 @@ def _json(found: Identification, estimate: Estimate) -> dict[str, Any]:
     }
 
 
-def _range(found: Identification, runs: list[RunMatch]) -> str:
+def _range(found: Identification, runs: list[RunComparison]) -> str:
     errors, unit = sorted(run.rms for run in runs), units_of(found.response)[1]
     low, high = (units.to_text(error, unit, 3, si=found.response) for error in (errors[0], errors[-1]))
-    shares = sorted(100 * run.error for run in runs if math.isfinite(run.error))
+    shares = sorted(100 * run.of_stroke for run in runs if math.isfinite(run.of_stroke))
     if not shares:
         return f"{low} rms"
     if len(runs) == 1:
