@@ -21,6 +21,7 @@ from flexdesign.diagnosis.effect_selection.per_run_parameters import of_further_
 from flexdesign.diagnosis.identify import known_axis
 from flexdesign.diagnosis.preparation import periodic_disturbances
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
+from flexdesign.diagnosis.residual_comparison import ModelResiduals
 from flexdesign.diagnosis.result import Diagnosis, ErrorStep, IdentifiedEffect, SelectionHistory, Value
 from flexdesign.dynamics import spectrum
 from flexdesign.dynamics.axis.axis_choice import choose_axis
@@ -33,7 +34,6 @@ from flexdesign.estimation.criterion import HALF_WIDTH
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, predict_tests
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.measurements.noise_level import LineNoise, NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: What shows an effect in a closed loop: a step and a sine, under these controllers.
@@ -43,52 +43,40 @@ TRIALS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class AddedEffect:
+class AddedEffect(ModelResiduals):
     """A stage model with one more effect.
 
     Parameters
     ----------
-    name, axis
-        The effect, and the axis it was added to.
-    before, without, model
-        The stage model as it was, with its own numbers fitted, and with the effect.
+    name
+        The effect.
+    without
+        The stage model with its own numbers fitted.
     values, calibration
         The effect's numbers, and the model's own beside it.
     error_ladder
         As designed, recalibrated, with the effect: errors on the validation runs [response].
-    noise, noise_floor
-        The noise, and its rms over the runs that judge [response].
+    noise_floor
+        Rms noise over the runs that judge [response].
     share
         Of what recalibration leaves unexplained there (in squares, above the noise): how much the effect explains.
     reason
         Why the effect is not needed; empty if it is.
-    runs, residuals_by_run
-        The runs with their roles, and their residuals before and after.
     seconds
         How long it took.
-    responses, lines
-        The frequency responses with their roles, and the noise of each by its name.
     by_run
         The effect's strength in each run, where it differs from run to run.
     """
 
     name: str
-    axis: str
-    before: StageModel
     without: StageModel
-    model: StageModel
     values: tuple[Value, ...]
     calibration: tuple[Value, ...]
     error_ladder: tuple[ErrorStep, ...]
-    noise: NoiseFloor
     noise_floor: float
     share: float
     reason: str
-    runs: tuple[Run, ...]
-    residuals_by_run: Mapping[str, Mapping[str, object]]
     seconds: float
-    responses: tuple[FrequencyResponse, ...] = ()
-    lines: Mapping[str, LineNoise] = field(default_factory=dict)
     by_run: Mapping[str, Value] = field(default_factory=dict)
 
 

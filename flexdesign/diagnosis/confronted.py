@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 from flexdesign.core.model import Parameter
 from flexdesign.diagnosis import residual_comparison
 from flexdesign.diagnosis.comparison import Comparison
 from flexdesign.diagnosis.result import ErrorStep
-from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
-from flexdesign.measurements.noise_level import LineNoise, NoiseFloor
-from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: A number may be set within so many standard deviations of what is known of it; else from a half to twice its value.
 SIGMAS, FACTOR = 3.0, 2.0
@@ -58,7 +55,7 @@ class Setting:
 
 
 @dataclass(frozen=True, eq=False)
-class Confronted:
+class Confronted(residual_comparison.ModelResiduals):
     """A model with some effects beside the runs.
 
     Parameters
@@ -73,10 +70,6 @@ class Confronted:
         The numbers that were fitted.
     reason
         Why the effect that was added last is not needed; empty if it is.
-    before, model
-        The stage model as it was, and this one.
-    axis, runs, responses, noise, lines, residuals_by_run
-        As in a diagnosis.
     """
 
     effects: tuple[str, ...]
@@ -84,14 +77,6 @@ class Confronted:
     noise_floor: float
     settings: tuple[Setting, ...]
     reason: str
-    before: StageModel
-    model: StageModel
-    axis: str
-    runs: tuple[Run, ...]
-    responses: tuple[FrequencyResponse, ...]
-    noise: NoiseFloor
-    lines: Mapping[str, LineNoise]
-    residuals_by_run: Mapping[str, Mapping[str, object]] = field(repr=False)
 
     @property
     def error(self) -> float:

@@ -8,7 +8,7 @@ first line of a diagnosis' ladder is; what they explain is stated beside.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -19,26 +19,11 @@ from flexdesign.diagnosis.comparison import Comparison
 from flexdesign.diagnosis.effect_selection.estimation_setup import BELIEVED, case_of, simulating
 from flexdesign.diagnosis.preparation.dataset import prepare
 from flexdesign.diagnosis.preparation.initial_conditions import offset_residual
-from flexdesign.diagnosis.residual_comparison import compared
+from flexdesign.diagnosis.residual_comparison import ModelResiduals, compared
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.model_selection.calibration import evaluate_design
 from flexdesign.estimation.model_selection.fitted_model import predict_tests
-from flexdesign.measurements.noise_level import LineNoise, NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
-
-
-@dataclass(frozen=True, eq=False)
-class _Nominal:
-    """What `flexdesign.diagnosis.residual_comparison.compared` asks of a diagnosis."""
-
-    axis: str
-    before: StageModel
-    model: StageModel
-    runs: Sequence[Run]
-    responses: Sequence[FrequencyResponse]
-    lines: dict[str, LineNoise]
-    noise: NoiseFloor
-    residuals_by_run: dict[str, dict[str, object]]
 
 
 def compare(
@@ -85,14 +70,14 @@ def compare(
         fit = evaluate_design(replace(task, free=(), prior_bound=BELIEVED), dynamics)
     if fit is None:
         raise InputError("model", f"axis.{plain.axis}", None, "cannot be simulated at the values it has")
-    residuals = {name: np.asarray(rest) for name, rest in predict_tests(task, fit).residuals_by_run.items()}
+    residuals = predict_tests(task, fit).residuals_by_run
     roles = {run.name: run.role for run in plain.runs}
     alone = {run.name: float(np.sqrt(np.nanmean(offset_residual(dynamics, run) ** 2))) for run in data.runs}
     seen = tuple(replace(run, role=roles[run.name]) for run in data.runs)
-    nominal = _Nominal(
-        plain.axis, model, model, seen, (), {}, data.noise, {"found": dict(residuals), "calibrated": dict(residuals)}
-    )
     progress("looking where it fails")
+    nominal = ModelResiduals(
+        axis=plain.axis, before=model, model=model, runs=seen, noise=data.noise, residuals_by_run={"found": residuals}
+    )
     found = compared(nominal, "found")
     runs = tuple(
         replace(run, offset_rms=alone[run.name], remarks=before.remarks)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Literal, Protocol, cast
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,40 +18,33 @@ Array = NDArray[np.float64]
 Which = Literal["calibrated", "found"]
 
 
-class ModelResiduals(Protocol):
-    """What a diagnosis and an addition have in common: runs, and their residuals before and after."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModelResiduals:
+    """A model beside the runs: what a diagnosis, an addition and a confrontation have in common.
 
-    @property
-    def axis(self) -> str:
-        """The axis that was looked at."""
+    Parameters
+    ----------
+    axis
+        The axis that was looked at.
+    before, model
+        The stage model as it was, and with what was found.
+    runs, responses
+        The runs with their roles, as the axis sees them; and the frequency responses.
+    noise, lines
+        The noise floor of the runs, and the noise of each frequency response by its name.
+    residuals_by_run
+        The residual of each run by name, what its start explains taken out: ``calibrated`` without further effects, and
+        ``found`` [response].
+    """
 
-    @property
-    def before(self) -> StageModel:
-        """The stage model as it was."""
-
-    @property
-    def model(self) -> StageModel:
-        """The stage model with what was found."""
-
-    @property
-    def runs(self) -> Sequence[Run]:
-        """The runs with their roles, as the axis sees them."""
-
-    @property
-    def responses(self) -> Sequence[FrequencyResponse]:
-        """The frequency responses with their roles."""
-
-    @property
-    def lines(self) -> Mapping[str, LineNoise]:
-        """The noise of each of these, by name."""
-
-    @property
-    def noise(self) -> NoiseFloor:
-        """The noise floor."""
-
-    @property
-    def residuals_by_run(self) -> Mapping[str, Mapping[str, object]]:
-        """Measured less predicted by stand and run, with what the start of each record explains taken out."""
+    axis: str
+    before: StageModel
+    model: StageModel
+    runs: tuple[Run, ...]
+    noise: NoiseFloor
+    residuals_by_run: Mapping[str, Mapping[str, object]] = field(repr=False)
+    responses: tuple[FrequencyResponse, ...] = ()
+    lines: Mapping[str, LineNoise] = field(default_factory=dict)
 
 
 def compared(found: ModelResiduals, which: Which) -> Comparison:

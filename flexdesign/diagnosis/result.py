@@ -7,12 +7,10 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from flexdesign.core.model import Parameter
-from flexdesign.dynamics.stage_model import StageModel
+from flexdesign.diagnosis.residual_comparison import ModelResiduals
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 from flexdesign.estimation.model_selection.model_comparison import Step
 from flexdesign.estimation.model_selection.sparse_residual_model import SparseModel
-from flexdesign.measurements.noise_level import LineNoise, NoiseFloor
-from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 Verdict = Literal["nothing-missing", "effects-found", "unknown"]
 
@@ -125,17 +123,13 @@ class SelectionHistory:
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(ModelResiduals):
     """What the measurements say about a stage model.
 
     Parameters
     ----------
     verdict
         Whether something is missing, and whether it is known.
-    axis
-        The axis that was looked at.
-    before, model
-        The stage model as it was, and with what was found.
     effects
         What was named, in the order in which it was added; empty unless effects were found.
     confusable
@@ -150,18 +144,12 @@ class Diagnosis:
         The model's own numbers after the fit.
     conflicts
         Numbers that had to move by more than three standard deviations of the prior, in words.
-    noise
-        The noise floor, by run and in words.
     noise_floor, validation_error
         Root mean squares over the validation runs [response].
     sparse_model
         What smooth functions would explain of the rest.
     remainder
         What stays above the noise, in words; empty if nothing does.
-    residuals_by_run
-        The residual of each run by name, as calibrated without effects and with what was found [response].
-    runs
-        The runs with their roles.
     confidence
         What weakens the verdict, in words; empty if nothing does.
     evaluations, seconds
@@ -172,14 +160,9 @@ class Diagnosis:
         What the gain makes of the largest command, and what matters [response].
     undetermined
         The model's own numbers that these runs cannot show: they keep their design values.
-    responses, lines
-        The frequency responses with their roles, and the noise of each by its name.
     """
 
     verdict: Verdict
-    axis: str
-    before: StageModel
-    model: StageModel
     effects: tuple[IdentifiedEffect, ...]
     confusable: tuple[tuple[str, ...], ...]
     near: tuple[str, ...]
@@ -187,13 +170,10 @@ class Diagnosis:
     error_ladder: tuple[ErrorStep, ...]
     calibration: tuple[Value, ...]
     conflicts: tuple[str, ...]
-    noise: NoiseFloor
     noise_floor: float
     validation_error: float
     sparse_model: SparseModel
     remainder: str
-    residuals_by_run: Mapping[str, Mapping[str, object]]
-    runs: tuple[Run, ...]
     confidence: str
     evaluations: int
     seconds: float
@@ -201,5 +181,3 @@ class Diagnosis:
     stroke: float = 0.0
     tolerance: float = 0.0
     undetermined: tuple[str, ...] = ()
-    responses: tuple[FrequencyResponse, ...] = ()
-    lines: Mapping[str, LineNoise] = field(default_factory=dict)
