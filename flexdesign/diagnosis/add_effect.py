@@ -32,14 +32,13 @@ from flexdesign.dynamics.stage_dynamics import missing
 from flexdesign.dynamics.stage_model import StageModel, fields
 from flexdesign.estimation.criterion import HALF_WIDTH
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, predict_tests
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, predict_tests
 from flexdesign.estimation.model_selection.score_test import Candidate
+from flexdesign.estimation.model_selection.stepwise_selection import fit_candidate
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 #: What shows an effect in a closed loop: a step and a sine, under these controllers.
 SHOWN, CONTROLLERS = ("step", "sine"), ("robust", "feedforward + robust")
-#: From so many values an effect is fitted that promises nothing.
-TRIALS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,12 +172,7 @@ def _added(task: EstimationTask, gone: SelectionHistory, candidate: Candidate) -
         best = step.chosen or step.trials[0]
         return best.fit, best.reason
     # It promises nothing; its value then says how large it may be at most.
-    model = task.fine(candidate.add(gone.calibration.model))
-    tried = [fit_model(task, model.replace(values), (candidate,)) for values in candidate.trials[:TRIALS]]
-    made = [fit for fit in tried if fit is not None]
-    if made:
-        return min(made, key=lambda fit: fit.cost), "no more than chance gives"
-    raise InputError("command line", "EFFECT", candidate.name, "cannot be simulated on this axis at any of its values")
+    return fit_candidate(task, gone.calibration, candidate), "no more than chance gives"
 
 
 def _check(data: DiagnosisData, name: str, model: StageModel) -> None:

@@ -20,8 +20,7 @@ from threadpoolctl import threadpool_limits
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import procedure, verdict
 from flexdesign.diagnosis.confronted import Confronted, Evidence, settings_of
-from flexdesign.diagnosis.effect_selection import candidates, estimation_setup
-from flexdesign.diagnosis.preparation import periodic_disturbances
+from flexdesign.diagnosis.effect_selection import estimation_setup
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.procedure import CalibratedTask
 from flexdesign.diagnosis.result import ErrorStep, Value
@@ -29,17 +28,21 @@ from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.least_squares.parallel_map import ParallelMap
 from flexdesign.estimation.model_selection.calibration import evaluate_design
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel, evaluate_fit, fit_model
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, predict_tests
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.model_selection.stepwise_selection import Entry, finish, fit_roughly, screen
+from flexdesign.estimation.model_selection.stepwise_selection import (
+    Entry,
+    finish,
+    fit_candidate,
+    fit_roughly,
+    screen,
+)
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 Of = TypeVar("Of")
 Made = TypeVar("Made")
-#: From so many values an effect is fitted that promises nothing.
-TRIALS = 4
 
 
 def _silent(_: str) -> None:
@@ -111,7 +114,7 @@ class Confrontation:
             nominal = evaluate_design(replace(self._case, prior_bound=estimation_setup.BELIEVED), self._dynamics)
         if nominal is None:
             raise InputError("model", f"axis.{self.data.name}", None, "cannot be simulated at the values it has")
-        self._nominal = self._tested(self._case, nominal)
+        self._nominal = predict_tests(self._case, nominal)
         self._calibrated: CalibratedTask | None = None
         self._kept: dict[tuple[str, ...], _Kept] = {}
         self._screened: dict[tuple[str, ...], tuple[float, list[Entry]]] = {}
@@ -121,8 +124,8 @@ class Confrontation:
         """The task with the model's own numbers fitted: when they are first needed."""
         if self._calibrated is None:
             begun = procedure.calibrate_task(self.data, self._case, self._dynamics)
-            self._calibrated, self._nominal = begun, self._tested(begun.task, begun.nominal)
-            self._kept[()] = _Kept(self._tested(begun.task, begun.calibrated))
+            self._calibrated, self._nominal = begun, predict_tests(begun.task, begun.nominal)
+            self._kept[()] = _Kept(predict_tests(begun.task, begun.calibrated))
         return self._calibrated
 
     @property
@@ -133,31 +136,10 @@ class Confrontation:
     def _say(self, text: str) -> None:
         self._progress(text)
 
-    def _tested(self, task: EstimationTask, fit: FittedModel) -> FittedModel:
-        """Return a fit with residuals and initial conditions of the test runs."""
-        if task.test is None:
-            return fit
-        made = evaluate_fit(replace(task, validate=task.test), fit.solution, fit.effects)
-        if made is None:
-            return fit
-        names = {record.observation.name for record in task.test.records}
-        begun = {p.name: p.start for p in made.model.parameters() if p.run in names and p.start is not None}
-        residuals = {**made.residuals_by_run, **fit.residuals_by_run}
-        return replace(fit, model=fit.model.replace(begun), residuals_by_run=residuals)
-
     @cached_property
     def catalogue(self) -> tuple[Candidate, ...]:
         """The effects that the axis does not have."""
-        data, fit = self.data, self._begun.calibrated
-        lines = periodic_disturbances.frequencies(data, fit) if data.runs else periodic_disturbances.peaks(data, fit)
-        return candidates.candidates(
-            self._dynamics,
-            self._more,
-            lines,
-            loaded=data.is_loaded,
-            at_stack=data.is_at_stack,
-            band=None if data.runs else data.band,
-        )
+        return procedure.catalogue(self.data, self._dynamics, self._begun.calibrated, more=self._more)
 
     # --- as designed, and with effects ---------------------------------------------------------------------------
 
@@ -239,14 +221,10 @@ class Confrontation:
         entry = next((entry for entry in entries if entry.names == (name,)), None)
         trial = None if entry is None else finish(self.task, fit, entry, score)
         if trial is not None:
-            return _Kept(self._tested(self.task, trial.fit), trial.reason)
+            return _Kept(predict_tests(self.task, trial.fit), trial.reason)
         # It promises nothing; its value then says how large it may be at most.
-        model = self.task.fine(candidate.add(fit.model))
-        starts = [model.replace(values) for values in candidate.trials[:TRIALS]]
-        made = [found for start in starts if (found := fit_model(self.task, start, (*fit.effects, candidate)))]
-        if not made:
-            raise InputError("command line", "effect", name, "cannot be simulated on this axis at any of its values")
-        return _Kept(self._tested(self.task, min(made, key=lambda found: found.cost)), "no more than chance gives")
+        made = fit_candidate(self.task, fit, candidate)
+        return _Kept(predict_tests(self.task, made), "no more than chance gives")
 
     def _candidate(self, name: str, others: Sequence[str]) -> Candidate:
         found = next((each for each in self.catalogue if each.name == name), None)

@@ -110,24 +110,14 @@ def diagnose(
         data = choose_interpolation(model, data, each, progress)
         dynamics, task = case_of(model, data, each, progress)
 
-        def catalogue(of: DiagnosisData, fit: FittedModel) -> tuple[Candidate, ...]:
-            lines = periodic_disturbances.frequencies(of, fit) if of.runs else periodic_disturbances.peaks(of, fit)
-            return candidates(
-                dynamics,
-                more,
-                lines,
-                loaded=data.is_loaded,
-                at_stack=data.is_at_stack,
-                swings="natural_frequency" in fit.solution.problem.where.names,
-                band=None if data.runs else data.band,
-            )
-
         preliminary = None
         if (short := truncated(data)) is not None:
             progress("searching in the first part of each run")
             _, case_of_parts = case_of(model, short, each, progress)
-            _, preliminary = search(short, case_of_parts, dynamics, partial(catalogue, short), seed)
-        task, history = search(data, task, dynamics, partial(catalogue, data), seed, preliminary)
+            _, preliminary = search(
+                short, case_of_parts, dynamics, partial(catalogue, short, dynamics, more=more), seed
+            )
+        task, history = search(data, task, dynamics, partial(catalogue, data, dynamics, more=more), seed, preliminary)
         # Errors of simulation matter where they are not small beside those of the fitted numbers.
         samples = history.final.solution.problem.dataset.samples
         if history.final.effects and EXACT**2 * samples > history.final.discrepancy:
@@ -156,6 +146,29 @@ def diagnose(
         )
     evaluations = sum(fit.solution.problem.evaluations for fit in (history.calibration, *history.fits))
     return replace(found, evaluations=evaluations, seconds=perf_counter() - began)
+
+
+def catalogue(
+    data: DiagnosisData, dynamics: AxisDynamics, fit: FittedModel, *, more: Sequence[str] = ()
+) -> tuple[Candidate, ...]:
+    """Return the effects that are tried.
+
+    Parameters
+    ----------
+    data, dynamics, fit
+        What is diagnosed, the model of the axis, and the calibrated fit, whose residual may show frequencies.
+    more
+        Paths of effects beside those of the catalogue.
+    """
+    return candidates(
+        dynamics,
+        more,
+        periodic_disturbances.frequencies(data, fit) if data.runs else periodic_disturbances.peaks(data, fit),
+        loaded=data.is_loaded,
+        at_stack=data.is_at_stack,
+        swings="natural_frequency" in fit.solution.problem.where.names,
+        band=None if data.runs else data.band,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,25 +248,27 @@ def calibrate_task(
     if is_refused or fit.scale > GROSS_MISFIT:
         as_designed = evaluate_design(with_beginnings(task, dynamics, data.rounded(nominal)), nominal.model)
         nominal = as_designed or nominal
-    return CalibratedTask(task, nominal, fit, nominal if is_refused else fit, held, is_refused)
+    calibrated = nominal if is_refused else fit
+    task = replace(task, calibrated_excess=calibrated.excess)
+    return CalibratedTask(task, nominal, fit, calibrated, held, is_refused)
 
 
 def search(
     data: DiagnosisData,
     task: EstimationTask,
     dynamics: AxisDynamics,
-    catalogue: Callable[[FittedModel], Sequence[Candidate]],
+    effects: Callable[[FittedModel], Sequence[Candidate]],
     seed: int,
     preliminary: SelectionHistory | None = None,
 ) -> tuple[EstimationTask, SelectionHistory]:
     """Calibrate and select effects; return the case as calibrated, and the course of the selection.
 
-    Which effects are tried, and at what values, may follow from the residual of the calibration: `catalogue` tells.
+    Which effects are tried, and at what values, may follow from the residual of the calibration: `effects` tells.
     Effects that a search `preliminary` found in a part of the runs are fitted first.
     """
     begun = calibrate_task(data, task, dynamics, seed, preliminary)
     task, calibration = begun.task, begun.calibrated
-    every = catalogue(calibration)
+    every = effects(calibration)
     steps, fits = _confirm(task, calibration, preliminary.steps if preliminary else ())
     if fits and fits[-1].exceeds_noise:  # the whole runs may have another minimum than a part of them
         fits[-1] = escape(task, fits[-1])
@@ -263,12 +278,11 @@ def search(
         every,
         MOST if data.runs else MOST_OF_LINES,
         expansion_points=() if fits else begun.origins,
-        calibrated=calibration,
         vary_step=partial(vary_step, task, candidates=every),
         vary=partial(vary_by_run, task),
     )
     if not data.runs:  # simulations of small sines cost little
-        more = select_otherwise(task, more, every, MOST_OF_LINES, calibration)
+        more = select_otherwise(task, more, every, MOST_OF_LINES)
     steps, fits = [*steps, *more[0]], [*fits, *more[1]]
     return task, SelectionHistory(
         begun.nominal, calibration, tuple(fits), tuple(steps), begun.undetermined, begun.is_refused

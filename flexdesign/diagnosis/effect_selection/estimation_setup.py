@@ -148,7 +148,6 @@ def case_of(
         each=each,
         progress=progress,
         noise_rms=data.known_noise_rms,
-        nominal={name: data.axis.numbers[name] for name in LINEAR},
         prior_bound=BELIEVED if data.is_one_record or not data.noise.known else math.inf,
         null_errors=data.null_errors,
         weights=line_weights(data),

@@ -42,8 +42,8 @@ class EstimationTask:
         Maps simulations, over threads perhaps; and whole fits that map theirs by it, see `least_squares.parallel_map`.
     progress
         Told what is being done.
-    nominal
-        Values of the free numbers in the design, SI.
+    calibrated_excess
+        By how much chi^2 of the fitted runs exceeds the number of samples in the model without effects; see `forward`.
     noise_rms
         Rms noise of the runs by which models are chosen [response]; zero where it is unknown.
     test
@@ -76,7 +76,7 @@ class EstimationTask:
     jacobian_model: Callable[[Model], Model] = lambda model: model
     each: Map = map
     progress: Callable[[str], None] = lambda _: None
-    nominal: Mapping[str, float] = field(default_factory=dict)
+    calibrated_excess: float = 0.0
     noise_rms: float = 0.0
     test: Dataset | None = None
     prepared: Callable[[EstimationTask, Model], EstimationTask] = lambda task, _: task

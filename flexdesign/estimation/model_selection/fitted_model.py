@@ -225,11 +225,15 @@ def search_initial_states(task: EstimationTask, dataset: Dataset, model: Model) 
 
 
 def predict_tests(task: EstimationTask, fit: FittedModel) -> FittedModel:
-    """Return a fit with the residuals of the test runs, whose initial conditions are fitted."""
-    if task.test is None:
+    """Return a fit with the residuals of the test runs, and with their initial conditions, which are fitted."""
+    if (
+        task.test is None
+        or (made := evaluate_fit(replace(task, validate=task.test), fit.solution, fit.effects)) is None
+    ):
         return fit
-    made = evaluate_fit(replace(task, validate=task.test), fit.solution, fit.effects)
-    return fit if made is None else replace(fit, residuals_by_run={**made.residuals_by_run, **fit.residuals_by_run})
+    begun = {p.name: p.start for p in made.model.parameters() if p.run in task.test.names and p.start is not None}
+    residuals = {**made.residuals_by_run, **fit.residuals_by_run}
+    return replace(fit, model=fit.model.replace(begun), residuals_by_run=residuals)
 
 
 def refit(task: EstimationTask, fit: FittedModel, effects: tuple[Candidate, ...]) -> FittedModel | None:

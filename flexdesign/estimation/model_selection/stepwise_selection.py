@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
+from flexdesign.core.errors import InputError
 from flexdesign.estimation.criterion import LEVEL, SHARE, critical_value, large_share
 from flexdesign.estimation.least_squares.levenberg_marquardt import QUICK, ROUGH, Solution
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
@@ -141,7 +142,6 @@ def forward(
     fit: FittedModel,
     candidates: Sequence[Candidate],
     expansion_points: Sequence[FittedModel] = (),
-    calibrated: FittedModel | None = None,
 ) -> Step:
     """Return the addition that pays best, or none.
 
@@ -153,13 +153,11 @@ def forward(
         The catalogue.
     expansion_points
         Fits from which additions are tried as well, such as the design where calibration led astray.
-    calibrated
-        The fit without effects; by default the present one.
     """
     score, entries = screen(task, fit, candidates, expansion_points)
     # Beside a residual an effect is not named that takes less of what calibration left, and by itself no more than that
     # can be had from a small one.
-    least = min(SHARE * (calibrated or fit).excess, fit.excess)
+    least = min(SHARE * max(task.calibrated_excess, fit.excess), fit.excess)
     singles, pairs = _compete(task, fit, entries, WORTH * least)
     trials = _trials(task, fit, singles, score)
     best = best_of(task, trials)
@@ -259,6 +257,24 @@ def _escaped(task: EstimationTask, fit: FittedModel, trial: Trial) -> Trial:
     return trial if better is trial.fit else compare(task, fit, better, trial.names, trial.score)
 
 
+def fit_candidate(task: EstimationTask, fit: FittedModel, candidate: Candidate) -> FittedModel:
+    """Return the best fit with an effect that promises nothing: its value then says how large it may be at most.
+
+    Raises
+    ------
+    InputError
+        If the effect cannot be simulated at any of its first values.
+    """
+    model = task.fine(candidate.add(fit.model))
+    starts = [model.replace(values) for values in candidate.trials[:ROUGHLY]]
+    made = [found for start in starts if (found := fit_model(task, start, (*fit.effects, candidate)))]
+    if not made:
+        raise InputError(
+            "command line", "EFFECT", candidate.name, "cannot be simulated on this axis at any of its values"
+        )
+    return min(made, key=lambda found: found.cost)
+
+
 def backward(task: EstimationTask, fit: FittedModel, tested: Sequence[str]) -> FittedModel:
     """Return the fit without those effects of some that have lost their evidence beside the others.
 
@@ -287,7 +303,6 @@ def select(
     most: int,
     *,
     expansion_points: Sequence[FittedModel] = (),
-    calibrated: FittedModel | None = None,
     vary_step: Callable[[FittedModel, Step], Step] = lambda _, step: step,
     vary: Callable[[FittedModel], FittedModel] = lambda fit: fit,
 ) -> tuple[list[Step], list[FittedModel]]:
@@ -303,14 +318,12 @@ def select(
         Largest number of effects.
     expansion_points
         See `forward`; used at the first step.
-    calibrated
-        See `forward`; by default the fit from which it starts.
     vary_step, vary
         Return a step beside a fit, and a fit, with strengths that differ from run to run where the runs call for that.
     """
-    steps, fits, begun = list[Step](), list[FittedModel](), calibrated or fit
+    steps, fits = list[Step](), list[FittedModel]()
     while len(fit.effects) < most:
-        steps.append(vary_step(fit, forward(task, fit, candidates, () if fits else expansion_points, begun)))
+        steps.append(vary_step(fit, forward(task, fit, candidates, () if fits else expansion_points)))
         if (chosen := steps[-1].chosen) is None:
             break
         doubtful = fit.names if len(chosen.names) == 1 else chosen.fit.names
@@ -328,7 +341,6 @@ def select_otherwise(
     path: tuple[list[Step], list[FittedModel]],
     candidates: Sequence[Candidate],
     most: int,
-    calibrated: FittedModel | None = None,
 ) -> tuple[list[Step], list[FittedModel]]:
     """Return the best of the selections that start with another effect accepted at the first step (beam search).
 
@@ -343,7 +355,7 @@ def select_otherwise(
             break
         if trial.reason or len(trial.names) > 1 or steps[0].chosen is None or trial.names == steps[0].chosen.names:
             continue
-        more, made = select(task, trial.fit, candidates, most, calibrated=calibrated)
+        more, made = select(task, trial.fit, candidates, most)
         if made and bic_lead(made[-1], best) > 0:
             path, best = ([replace(steps[0], chosen=trial), *more], [trial.fit, *made]), made[-1]
     return path
