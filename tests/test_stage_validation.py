@@ -520,7 +520,7 @@ def test_a_sweep_asks_stages_as_a_validation_does(run: Run, monkeypatch: pytest.
     solid = fem_evaluators.fast_solid(settings)
     for quantity in fem_evaluators.by_elements(design, settings, solid):
         assert_same(quantity, run.found.fem(quantity.key))
-    handed_over, validated = fem_evaluators.stage_model(design, settings), run.found.stage_model
+    handed_over, validated = fem_evaluators.stage_model(design, settings)[0], run.found.stage_model
     assert validated is not None and handed_over.axes.keys() == validated.axes.keys()
     for name, axis in validated.axes.items():
         assert handed_over.axes[name].numbers == pytest.approx(axis.numbers, rel=ROUNDING, abs=NOTHING)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from flexdesign.core.result_cache import Cache
 from flexdesign.design import study
 from flexdesign.dynamics import experiments, stage_model
 from flexdesign.dynamics.experiments import simulation
+from flexdesign.report.sweeps import sweep_report
 from flexdesign.workflows import sweeps
 from flexdesign.workflows.sweeps import Sweep
 from flexdesign.workflows.sweeps.store import Store
@@ -181,6 +183,13 @@ def test_finite_elements_make_the_stage_of_a_design(tmp_path: Path) -> None:
         assert measured["overshoot"] > 0
         for name, value in measured.items():
             assert found.results.column(f"{name}_step_open_loop")[place] == pytest.approx(value, rel=1e-12), name
+    stiffness = next(c.fem for c in validated.comparisons if c.fem.name == "K_in")
+    assert found.results.column(stiffness.key)[0] == pytest.approx(stiffness.value, rel=1e-9)
+    error = max(found.results.relative_errors(["K_in", "lambda", "K_out"]))
+    for share, is_missed in ((2.0, False), (0.5, True)):
+        mesh = found.plan.mesh.model_copy(update={"accuracy": share * error})
+        asked = replace(found, plan=replace(found.plan, mesh=mesh))
+        assert ("NOT reached in 2 of 2 cases" in " ".join(sweep_report.summary(asked))) == is_missed
 
 
 def test_experiments_on_another_axis_than_a_design_has_are_refused(tmp_path: Path) -> None:

@@ -246,7 +246,7 @@ def _driven(found: Sequence[Quantity], design: Design) -> list[Quantity]:
 
 
 def by_simulation(request: EvaluationRequest, bench: Bench) -> list[Quantity]:
-    """Return what experiments measure on a simulated stage.
+    """Return what experiments measure on a simulated stage, and the stiffness that finite elements gave it.
 
     Raises
     ------
@@ -257,19 +257,20 @@ def by_simulation(request: EvaluationRequest, bench: Bench) -> list[Quantity]:
     """
     if bench.model is None:
         of_design = tuple(simulating.of_design(request.overrides))
-        stage = _handed_over(
+        stage, found = _stage_of_design(
             request.file, of_design, tuple(request.dimensions.items()), tuple(sorted(request.mesh.items()))
         )
     else:
-        stage = simulating.read(bench.model)
-    return simulating.measured(changed(stage, simulating.of_stage(request.overrides)), bench, request.overrides)
+        stage, found = simulating.read(bench.model), []
+    changed_stage = changed(stage, simulating.of_stage(request.overrides))
+    return [*found, *simulating.measured(changed_stage, bench, request.overrides)]
 
 
 @lru_cache(maxsize=8)
-def _handed_over(
+def _stage_of_design(
     file: Path,
     overrides: tuple[str, ...],
     dimensions: tuple[tuple[str, float], ...],
     settings: tuple[tuple[str, Any], ...],
-) -> StageModel:
+) -> tuple[StageModel, list[Quantity]]:
     return fem_evaluators.stage_model(version(file, overrides, dict(dimensions)), MeshSettings(**dict(settings)))

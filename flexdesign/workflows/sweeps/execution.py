@@ -90,7 +90,7 @@ class Sweep:
     def inaccurate(self) -> dict[int, float]:
         """The cases that miss the accuracy asked of finite elements, by place, with their largest estimated error."""
         asked = self.plan.mesh.accuracy
-        if asked is None or self.plan.evaluator != "fem":
+        if asked is None or self.plan.evaluator not in ("fem", "simulation"):
             return {}
         errors = self.results.relative_errors(mesh_refinement.ACCURACY_QUANTITIES)
         return {int(i): float(errors[i]) for i in np.flatnonzero(errors > asked)}

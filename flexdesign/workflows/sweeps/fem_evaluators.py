@@ -89,8 +89,10 @@ def by_elements(design: Design, mesh: MeshSettings, solid: FastSolid) -> list[Qu
     return _meshed(design, mesh)[0]
 
 
-def stage_model(design: Design, mesh: MeshSettings) -> StageModel:
-    """Return the stage model that finite elements make of a design, but for what large displacements do.
+def stage_model(design: Design, mesh: MeshSettings) -> tuple[StageModel, list[Quantity]]:
+    """Return the stage model that finite elements make of a design, without the effects of large displacements.
+
+    The quantities that an accuracy is asked of come with it, with their estimated errors.
 
     Raises
     ------
@@ -107,7 +109,7 @@ def stage_model(design: Design, mesh: MeshSettings) -> StageModel:
     if stage is None:
         remedy = "is missing, so that nothing drives the stage; write [actuator]"
         raise InputError(design.file, "actuator", None, remedy)
-    return stage
+    return stage, [quantity for quantity in found if quantity.name in mesh_refinement.ACCURACY_QUANTITIES]
 
 
 def further_quantities(design: Design, mesh: MeshSettings, found: Sequence[Quantity]) -> list[Quantity]:
