@@ -17,7 +17,7 @@ DEMO = ROOT / "studies" / "hidden_effect_demo"
 TEN_LINES = f"""
 import flexdesign as fd
 design = fd.read_design("bridge_amplifier", dimensions={{"hinge_thickness": "0.45 mm"}})
-result = fd.validate(design, mesh={{"levels": 2, "independent": False}}, cache="cache")
+result = fd.validate(design, mesh={{"levels": 2, "at_root": 0.7, "independent": False}}, cache="cache")
 print(result["K_in"])
 print(len(fd.simulate(result.stage_model).cases))
 model, runs = fd.read_model("{DEMO}/model.toml"), fd.read_recordings("{DEMO}/runs")

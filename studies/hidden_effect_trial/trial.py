@@ -66,13 +66,15 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Settings:
-    """What ``hidden_effect_trial.toml`` says: cases by kind, those for continuous integration, processes, seconds.
+    """What ``hidden_effect_trial.toml`` says: cases by kind, those for continuous integration and for the slow
+    tests, processes, seconds.
 
     Of imperfect benches, how many cases belong to each effect, and how many have nothing missing.
     """
 
     counts: dict[str, int]
     ci: tuple[int, ...]
+    guard: tuple[int, ...]
     jobs: int
     seconds: float
     imperfect: dict[str, int]
@@ -112,7 +114,12 @@ def settings(path: Path = SETTINGS) -> Settings:
     """Read the trial's settings."""
     told = tomllib.loads(path.read_text(encoding="utf-8"))
     return Settings(
-        told["cases"], tuple(told["ci"]["numbers"]), told["run"]["jobs"], told["run"]["seconds"], told["imperfect"]
+        told["cases"],
+        tuple(told["ci"]["numbers"]),
+        tuple(told["guard"]["numbers"]),
+        told["run"]["jobs"],
+        told["run"]["seconds"],
+        told["imperfect"],
     )
 
 
