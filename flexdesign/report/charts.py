@@ -8,8 +8,13 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-#: A grey that stands out on white and on black alike.
+#: A grey that stands out on white and on black alike, for lines. Letters in it are darker on white, lighter on black.
 NEUTRAL = "#8a949e"
+_LETTERS = b"""</style>
+  <style type="text/css">
+   g[style^="fill: #8a949e"] { fill: #5c6670 !important }
+   @media (prefers-color-scheme: dark) { g[style^="fill: #8a949e"] { fill: #a5afb9 !important } }
+  </style>"""
 #: Width of a drawing on the page, and the smallest letters there [px]; report.html has the same width.
 PAGE, SMALLEST = 704.0, 11.0
 #: What of a coordinate is too fine to see.
@@ -120,7 +125,8 @@ def svg(figure: Any) -> bytes:
     stream = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "flexdesign", "path.simplify_threshold": 0.2}):
         figure.savefig(stream, format="svg", transparent=True, metadata=sentences)
-    return re.sub(rb' d="[^"]*"', lambda path: _SURPLUS.sub(rb"\1", path[0]), stream.getvalue())
+    drawn = stream.getvalue().replace(b"</style>", _LETTERS, 1)
+    return re.sub(rb' d="[^"]*"', lambda path: _SURPLUS.sub(rb"\1", path[0]), drawn)
 
 
 def in_words(figure: Any) -> str:
@@ -148,9 +154,7 @@ def _axes_in_words(axes: Any) -> str:
 
 def _fixed(axis: Any) -> Sequence[Any]:
     """Return the labels of an axis that has names in place of numbers."""
-    from matplotlib.ticker import FixedFormatter
-
-    return axis.get_ticklabels() if isinstance(axis.get_major_formatter(), FixedFormatter) else ()
+    return axis.get_ticklabels() if _has_names(axis) else ()
 
 
 def _has_names(axis: Any) -> bool:
@@ -171,6 +175,12 @@ def _span(values: Any) -> str:
         return "without values"
     low, high = f"{finite.min():.3g}", f"{finite.max():.3g}"
     return f"at {low}" if low == high else f"from {low} to {high}"
+
+
+def is_narrow(drawing: bytes) -> bool:
+    """Tell whether an SVG is at most 400 points wide, so that a narrow window shows it whole."""
+    found = re.search(rb'width="([\d.]+)pt"', drawing[:1000])
+    return found is not None and float(found[1]) <= 400.0
 
 
 def description(drawing: bytes) -> str:

@@ -97,6 +97,11 @@ class Figure:
         """What stands for the picture where it cannot be seen."""
         return self.alt or charts.description(self.data) or self.caption
 
+    @property
+    def is_narrow(self) -> bool:
+        """Whether a narrow window shows it whole; a wider drawing scrolls there."""
+        return charts.is_narrow(self.data)
+
     def __post_init__(self) -> None:
         """Make a name for a file of any name that a run or a quantity has."""
         stem, dot, ending = self.file.rpartition(".")

@@ -9,15 +9,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.report.charts import COLOURS, NEUTRAL, below, plain, svg
+from flexdesign.report.charts import COLOURS, NEUTRAL, below, drawing, svg
 from flexdesign.report.traces import Curve, Traces
 
 Array = NDArray[np.float64]
-WIDTH, HEIGHT = 7.2, 3.4
+#: Width of a drawing that a telephone shows whole, with letters of 9 pixels [inch].
+NARROW = 5.0
 #: Errors that span more than this ratio are drawn over a logarithm.
 DECADES = 20.0
-#: Letters in a line of a step's name, where five steps stand side by side.
-LETTERS = 66
+#: Letters in a line of a step's name.
+LETTERS = 24
 
 
 class Step(NamedTuple):
@@ -29,7 +30,7 @@ class Step(NamedTuple):
 
 
 def error_ladder(steps: Sequence[Step], noise_floor: float, floor_text: str, unit: str) -> bytes:
-    """Draw the errors as bars that fall from step to step, and the noise floor as a line.
+    """Draw the errors as bars, the first model on top, and the noise floor as a line.
 
     Parameters
     ----------
@@ -40,39 +41,35 @@ def error_ladder(steps: Sequence[Step], noise_floor: float, floor_text: str, uni
     unit
         Of the errors.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
-    axes = figure.add_subplot()
-    plain(axes)
+    figure, axes = drawing(NARROW, 0.42 * len(steps) + 1.2)
     errors = np.array([step.error for step in steps])
     least = min(float(errors.min()), noise_floor) if noise_floor else float(errors.min())
     # The colours that the models have in the pictures of runs, too.
     named = {"as designed": NEUTRAL, "recalibrated": COLOURS[0]}
     colours = [named.get(step.name.partition(",")[0], COLOURS[1]) for step in steps]
     places = np.arange(len(steps))
-    axes.bar(places, errors, color=colours, width=0.58, alpha=0.9)
+    axes.barh(places, errors, color=colours, height=0.58, alpha=0.9)
     for place, step in zip(places, steps, strict=True):
         axes.annotate(
-            step.text, (place, max(step.error, noise_floor)), (0, 4), textcoords="offset points",
-            ha="center", color=NEUTRAL, fontsize=9.5,
+            step.text, (max(step.error, noise_floor), place), (4, 0), textcoords="offset points",
+            va="center", color=NEUTRAL, fontsize=9.5,
         )  # fmt: skip
     if noise_floor:
-        axes.axhline(
+        axes.axvline(
             noise_floor, label=f"noise floor, {floor_text}", color=COLOURS[2], linewidth=1.8, linestyle=(0, (5, 3))
         )
-    wide = max(LETTERS // max(len(steps), 3), 12)
-    axes.set_xticks(places, [fill(step.name, wide) for step in steps])
-    axes.set_xlim(-0.55, len(steps) - 0.45)
-    axes.tick_params(axis="x", length=0)
-    axes.set_ylabel(f"rms error [{unit}]")
+    axes.set_yticks(places, [fill(step.name, LETTERS) for step in steps])
+    axes.invert_yaxis()
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlabel(f"rms error [{unit}]")
+    # The last tenth of the axis is for the text of the longest bar.
     if errors.max() > DECADES * least:
-        axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.set_ylim(least / 3, 2.2 * float(errors.max()))
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.set_xlim(least / 3, 5 * float(errors.max()))
     else:
-        axes.set_ylim(0, 1.14 * float(errors.max()))
-    axes.grid(axis="y", color=NEUTRAL, alpha=0.25)
+        axes.set_xlim(0, 1.25 * float(errors.max()))
+    axes.grid(axis="x", color=NEUTRAL, alpha=0.25)
     axes.set_axisbelow(True)
     if noise_floor:
         below(figure, axes, 1)
