@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from flexdesign.api.recordings import compare as compare
     from flexdesign.api.recordings import diagnose as diagnose
     from flexdesign.api.recordings import identify as identify
+    from flexdesign.api.recordings import import_recordings as import_recordings
     from flexdesign.api.recordings import read_recordings as read_recordings
     from flexdesign.api.step_files import read_ports as read_ports
     from flexdesign.api.studies import optimize as optimize
@@ -60,7 +61,9 @@ _HOME = {
     "flexdesign.api.health": ("doctor",),
     "flexdesign.api.models": ("plan", "read_model", "simulate"),
     "flexdesign.api.published": ("published",),
-    "flexdesign.api.recordings": ("add_effect", "check", "compare", "diagnose", "identify", "read_recordings"),
+    "flexdesign.api.recordings": (
+        "add_effect", "check", "compare", "diagnose", "identify", "import_recordings", "read_recordings",
+    ),
     "flexdesign.api.step_files": ("read_ports",),
     "flexdesign.api.studies": ("optimize", "reproduce", "sweep"),
     "flexdesign.core.errors": ("InputError",),

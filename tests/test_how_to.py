@@ -1,4 +1,4 @@
-"""The tutorial and the how-to pages do what they say: every block runs, in its order, in a folder with the examples.
+"""Tutorial, how-to pages and the first half hour of CONTRIBUTING do what they say: every block runs, in its order.
 
 A block of ``sh`` runs in bash and must end well. A block ``LANGUAGE file=NAME`` is written to that file. A block of
 ``python`` runs as a script. A block of ``text`` behind a block of ``sh`` is what that printed, with ``...`` for more.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import doctest
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -24,17 +25,22 @@ SLOW = [page for page in [DOCS / "tutorial.md", *sorted((DOCS / "how_to").glob("
 BLOCK = re.compile(r"^```(\w+)(?: file=(\S+))?\n(.*?)^```", re.M | re.S)
 
 
-def blocks(page: Path) -> list[tuple[str, str, str]]:
-    """Return language, file and content of the blocks of a page."""
-    return [(language, file, content) for language, file, content in BLOCK.findall(page.read_text(encoding="utf-8"))]
+def blocks(page: Path, section: str = "") -> list[tuple[str, str, str]]:
+    """Return language, file and content of the blocks of a page, or of one of its sections."""
+    text = page.read_text(encoding="utf-8")
+    if section:
+        _, _, text = text.partition(f"\n## {section}\n")
+        text = text.partition("\n## ")[0]
+    return [(language, file, content) for language, file, content in BLOCK.findall(text)]
 
 
-def follow(page: Path, folder: Path) -> None:
-    """Do what a page says, in a folder."""
+def follow(page: Path, folder: Path, section: str = "") -> None:
+    """Do what a page says, or one of its sections, in a folder."""
     commands = folder / "bin"
     commands.mkdir()
-    (commands / "flexdesign").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m flexdesign "$@"\n')
-    (commands / "flexdesign").chmod(0o755)
+    for name, started in (("flexdesign", "-m flexdesign"), ("python", "")):
+        (commands / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {started} "$@"\n')
+        (commands / name).chmod(0o755)
     environment = {
         **os.environ,
         "PATH": f"{commands}{os.pathsep}{os.environ['PATH']}",
@@ -49,7 +55,9 @@ def follow(page: Path, folder: Path) -> None:
         assert done.returncode == 0, f"{page.name}: {command[-1]}\n{done.stdout}\n{done.stderr}"
         return done.stdout
 
-    for language, file, content in blocks(page):
+    found = blocks(page, section)
+    assert found, section
+    for language, file, content in found:
         if file:
             (at / file).write_text(content, encoding="utf-8")
         elif language == "python":
@@ -76,13 +84,18 @@ def test_pages_do_what_they_say(page: Path, tmp_path: Path) -> None:
     follow(page, tmp_path)
 
 
+@pytest.mark.slow
+def test_the_first_half_hour_of_a_contributor(tmp_path: Path) -> None:
+    """An effect, a mechanism and a recording are added, each with a test of its own."""
+    follow(ROOT / "CONTRIBUTING.md", tmp_path, "The first half hour")
+
+
 def test_a_wrong_page_fails(tmp_path: Path) -> None:
     page = tmp_path / "wrong.md"
     page.write_text("```sh\necho one\n```\n\n```text\ntwo\n```\n")
     with pytest.raises(AssertionError):
         follow(page, tmp_path)
-    (tmp_path / "bin" / "flexdesign").unlink()
-    (tmp_path / "bin").rmdir()
+    shutil.rmtree(tmp_path / "bin")
     page.write_text("```sh\nfalse\n```\n")
     with pytest.raises(AssertionError, match=r"wrong\.md: false"):
         follow(page, tmp_path)

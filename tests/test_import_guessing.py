@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import flexdesign as fd
 from flexdesign.core import units
 from flexdesign.measurements.importing import header_cells, roles
 from flexdesign.measurements.recordings import FrequencyResponse, Run, read_recordings, read_runs
@@ -278,6 +279,17 @@ def test_a_map_with_open_questions_is_refused(tmp_path: Path, command_line: Call
     (tmp_path / "map.toml").write_text(command_line("import", "log.csv").stdout)
     ended = command_line("import", "log.csv", "--map", "map.toml", "-o", "out")
     assert ended.code == 2 and "constants.volts_per_length = ? V/um: does not begin with a number" in ended.stderr
+
+
+def test_from_python_the_map_to_complete_is_a_note_of_the_error(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("t [s],command [V],position\n" + rows(T, U, X))
+    with pytest.raises(fd.InputError, match="Complete this map, save it, and pass it as map_file") as caught:
+        fd.import_recordings(tmp_path / "log.csv", tmp_path / "out")
+    (text,) = caught.value.__notes__
+    (tmp_path / "map.toml").write_text(text.replace('unit = "?"', 'unit = "um"'))
+    (run,) = fd.import_recordings([tmp_path / "log.csv"], tmp_path / "out", tmp_path / "map.toml")
+    assert run.measured() == pytest.approx(1e-6 * X, rel=1e-8)
+    assert (run.measured() == fd.read_recordings(tmp_path / "out")[0].measured()).all()
 
 
 # --- Words and units

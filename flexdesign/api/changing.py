@@ -12,16 +12,19 @@ def overrides(changes: Sequence[str], tables: Mapping[str, Any]) -> list[str]:
 
     >>> overrides(["material=Ti-6Al-4V"], {"dimensions": {"width": "15 mm"}, "mesh": {"levels": 2}})
     ['material=Ti-6Al-4V', 'dimensions.width=15 mm', 'mesh.levels=2']
+    >>> overrides([], {"effects": {"my_effect.py": {"rate": "1 nm/s"}}})
+    ['effects."my_effect.py".rate=1 nm/s']
     """
     return [*changes, *(f"{key}={_text(value)}" for key, value in _flat(tables))]
 
 
 def _flat(tables: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
     for name, value in tables.items():
+        key = f'{before}"{name}"' if before and "." in name else f"{before}{name}"
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{before}{name}.")
+            yield from _flat(value, f"{key}.")
         else:
-            yield f"{before}{name}", value
+            yield key, value
 
 
 def _text(value: object) -> str:

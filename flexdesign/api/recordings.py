@@ -52,6 +52,47 @@ def read_recordings(paths: Recordings) -> tuple[Run | FrequencyResponse, ...]:
     return (*ready, *(reading.read_recordings(files) if files or not ready else ()))
 
 
+def import_recordings(
+    files: str | Path | Sequence[str | Path], folder: str | Path, map_file: str | Path | None = None
+) -> tuple[Run | FrequencyResponse, ...]:
+    """Convert recordings of other programs to a folder of runs, and read it.
+
+    Parameters
+    ----------
+    files
+        What `flexdesign import` reads: text tables, .mat, HDF5, .tdms, universal files, .npy, .npz.
+    folder
+        Where the runs and their ``measurements.toml`` are written; without such a file yet.
+    map_file
+        Map of variables to columns; guessed without it.
+
+    Returns
+    -------
+    tuple
+        As `read_recordings` returns them.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used, or does not say all that is needed; a note of the error is then the map to complete.
+    """
+    from flexdesign.measurements import importing
+
+    paths = [Path(files)] if isinstance(files, (str, Path)) else [Path(file) for file in files]
+    plan: Path | importing.Map
+    if map_file is not None:
+        plan = Path(map_file)
+    else:
+        proposal = importing.proposal(paths)
+        if proposal.questions:
+            error = importing.asking(paths, proposal.questions, "Complete this map, save it, and pass it as map_file")
+            error.add_note(proposal.text)
+            raise error
+        plan = proposal.map()
+    found = importing.bring_in(paths, plan, Path(folder))
+    return (*found.runs, *found.responses)
+
+
 def check(recordings: Recordings) -> Result[Check]:
     """Say what recordings hold, what is suspicious about them, and which effects a diagnosis could find in them.
 

@@ -51,7 +51,7 @@ def sweep(
     store
         Folder of the answers; what it holds is not computed again.
     jobs
-        Processes at a time; more than one needs a script whose work stands under ``if __name__ == "__main__":``.
+        Processes at a time.
     scheduler
         Address of a Dask scheduler whose workers do the work.
     progress

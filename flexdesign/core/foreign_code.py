@@ -1,12 +1,15 @@
 """Python files that a design or a model names: they run with the rights of the user, unless that is forbidden.
 
 `--no-code` on the command line, or ``FLEXDESIGN_NO_CODE=1`` in the environment, forbids it; processes that a sweep
-starts inherit that. What comes with flexdesign always runs, as do installed packages.
+starts inherit that, and workers of a cluster are told. What comes with flexdesign always runs, as do installed
+packages.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from flexdesign.core import data_files
@@ -19,6 +22,18 @@ _ran: dict[Path, str] = {}
 def forbid() -> None:
     """Forbid files of others to run in this process and in those that it starts."""
     os.environ[VARIABLE] = "1"
+
+
+@contextmanager
+def forbidden(wanted: bool = True) -> Iterator[None]:
+    """Forbid files of others to run for a while, if that is wanted."""
+    before = os.environ.get(VARIABLE, "")
+    if wanted:
+        forbid()
+    try:
+        yield
+    finally:
+        os.environ[VARIABLE] = before
 
 
 def is_forbidden() -> bool:

@@ -25,6 +25,8 @@ FORMAT = 1
 
 #: Whole numbers are smaller, as in TOML (64 bits); tables and lists are no deeper within each other.
 LARGEST, DEEPEST = 2**63, 20
+#: A dot between names, of which some are quoted.
+_DOT = re.compile(r'\.(?=(?:[^"]*"[^"]*")*[^"]*$)')
 _TOO_LARGE = "write it with an exponent, such as 1e20"
 
 Schema = TypeVar("Schema", bound=BaseModel)
@@ -164,12 +166,15 @@ def _unusable(content: Mapping[str, Any]) -> Iterator[tuple[str, object, str]]:
 def overlay(content: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
     """Return `content` with overrides: ``table.key=value``, or ``table.key*=factor`` for a multiple of what it is.
 
-    Values are text with units, numbers or true/false.
+    A name with dots is quoted, as in TOML. Values are text with units, numbers or true/false.
+
+    >>> overlay({}, ['effects."my_effect.py".rate=1'])
+    {'effects': {'my_effect.py': {'rate': 1}}}
     """
     changed = copy.deepcopy(dict(content))
     for override in overrides:
         key, equals, text = override.partition("=")
-        *tables, last = pieces = key.strip().split(".")
+        *tables, last = pieces = [name.strip('"') for name in _DOT.split(key.strip())]
         if not equals or not all(pieces) or len(pieces) > DEEPEST:
             raise InputError("command line", "--set", override, 'write --set table.key="value unit"')
         table = changed

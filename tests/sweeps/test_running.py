@@ -24,7 +24,8 @@ from flexdesign.design import design
 from flexdesign.design.assembly import Element
 from flexdesign.fem import mesh_refinement
 from flexdesign.workflows import sweeps
-from flexdesign.workflows.sweeps import execution
+from flexdesign.workflows.sweeps import execution, workers
+from flexdesign.workflows.sweeps.evaluators import EvaluationRequest
 from flexdesign.workflows.sweeps.store import STAGE, Store
 
 ROOT = Path(__file__).parents[2]
@@ -220,6 +221,20 @@ def test_a_case_that_kills_its_process_is_recorded_and_takes_no_other_along(tmp_
     assert sweeps.run(honest, Store(tmp_path / "out")).computed == 0
 
 
+def test_a_script_from_stdin_without_a_guard_sweeps_in_processes(study: Path, tmp_path: Path) -> None:
+    """Worker processes do not run the script of their parent."""
+    script = f"""
+import flexdesign as fd
+
+found = fd.sweep({str(study)!r}, ["sample.count=8"], store="answers", jobs=2)
+print(found.computed, len(found.failed))
+"""
+    done = subprocess.run(
+        [sys.executable, "-"], input=script, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (done.stdout, done.stderr) == ("8 0\n", "")
+
+
 # --- a cluster ----------------------------------------------------------------------------------------------------
 
 
@@ -266,6 +281,17 @@ def test_a_worker_of_a_cluster_that_dies_loses_nothing(
     here = sweeps.run(sweeps.read(study), Store(tmp_path / "here"), jobs=1)
     for key, values in here.results.values.items():
         assert found.results.values[key] == pytest.approx(values, rel=1e-12)
+
+
+def test_a_worker_is_told_that_code_is_forbidden(tmp_path: Path) -> None:
+    """Its environment is not that of the sweep; the next batch may run code again."""
+    (tmp_path / "deadly.py").write_text(DEADLY)
+    text = (ROOT / "geometry" / "bridge_amplifier.toml").read_text()
+    file = tmp_path / "design.toml"
+    file.write_text(text.replace('part = "bridge_amplifier"', 'part = "deadly.py"'))
+    request = EvaluationRequest("key", file, (), {}, "analytic", {})
+    assert "--no-code forbids its part to run" in workers._on_a_worker([request], without_code=True).errors[0]
+    assert workers._on_a_worker([request], without_code=False).errors[0] == ""
 
 
 def test_a_scheduler_that_is_not_there_is_named(study: Path, tmp_path: Path) -> None:

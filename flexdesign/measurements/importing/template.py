@@ -84,13 +84,13 @@ def template(contents: Contents, beside: Sequence[Path] = ()) -> str:
     return _written([contents], [guess(contents)], [[*contents.paths, *beside]]).text
 
 
-def asking(paths: Sequence[Path], questions: Sequence[str]) -> InputError:
-    """Return the message that asks for what cannot be known."""
+def asking(paths: Sequence[Path], questions: Sequence[str], then: str = "") -> InputError:
+    """Return the message that asks for what cannot be known; `then` says how to answer, if not by a command."""
     more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
     count = f"{len(questions)} thing{'s' if len(questions) > 1 else ''}"
     files = " ".join(path.name for path in paths[:3]) + (" ..." if len(paths) > 3 else "")
     remedy = f"does not say {'; '.join(questions)}"
-    closing = f". Save the map above, answer there, then flexdesign import {files} --map map.toml"
+    closing = f". {then or f'Save the map above, answer there, then flexdesign import {files} --map map.toml'}"
     room = 330 - len(closing)
     if len(remedy) > room:
         remedy = f"{remedy[:room]}... ({count} in all)"

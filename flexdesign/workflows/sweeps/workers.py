@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
-from typing import Protocol
+from multiprocessing.context import SpawnContext, SpawnProcess
+from types import ModuleType
+from typing import Any, Protocol
 
 from threadpoolctl import threadpool_limits
 
-from flexdesign.core import subprocess_call
+from flexdesign.core import foreign_code, subprocess_call
 from flexdesign.core.errors import InputError
 from flexdesign.workflows.sweeps.evaluators import EvaluationRequest, evaluate_all
 from flexdesign.workflows.sweeps.results import Results
@@ -77,8 +79,29 @@ class Processes:
         _end(self._pool)
 
 
+class _Process(SpawnProcess):
+    """A process that leaves the user's script alone.
+
+    `multiprocessing` runs the script of the parent in each new process, which needs none of it: the script would sweep
+    again where it has no guard, and a script from stdin cannot be found.
+    """
+
+    @staticmethod
+    def _Popen(process: Any) -> Any:
+        script = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            return SpawnProcess._Popen(process)
+        finally:
+            sys.modules["__main__"] = script
+
+
+class _Context(SpawnContext):
+    Process = _Process
+
+
 def _pool(jobs: int) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_begin)
+    return ProcessPoolExecutor(jobs, mp_context=_Context(), initializer=_begin)
 
 
 def _begin() -> None:
@@ -115,7 +138,7 @@ class Cluster:
 
     def submit(self, batch: Sequence[EvaluationRequest]) -> Future[Results]:
         """Hand over a batch."""
-        future: Future[Results] = self._executor.submit(_with_one_thread, batch)
+        future: Future[Results] = self._executor.submit(_on_a_worker, batch, foreign_code.is_forbidden())
         return future
 
     def alone(self, request: EvaluationRequest) -> Results:
@@ -132,6 +155,7 @@ class Cluster:
         self._client.close()
 
 
-def _with_one_thread(batch: Sequence[EvaluationRequest]) -> Results:
-    with threadpool_limits(1):
+def _on_a_worker(batch: Sequence[EvaluationRequest], without_code: bool) -> Results:
+    """Return the answers of a batch; a worker does not inherit the environment in which code was forbidden."""
+    with threadpool_limits(1), foreign_code.forbidden(without_code):
         return evaluate_all(batch)
