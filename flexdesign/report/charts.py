@@ -17,6 +17,8 @@ _LETTERS = b"""</style>
   </style>"""
 #: Width of a drawing on the page, and the smallest letters there [px]; report.html has the same width.
 PAGE, SMALLEST = 704.0, 11.0
+#: Width of a drawing that a telephone shows whole, with letters of 9 pixels [inch].
+NARROW = 5.5
 #: What of a coordinate is too fine to see.
 _SURPLUS = re.compile(rb"(\.\d\d)\d+")
 COLOURS = ("#0b84b5", "#e0702c", "#3f9c4d", "#b0529e", "#c9a227", "#6d7cce", "#8d6e63", "#5f9ea0", "#d0506a", "#9aa5af")
@@ -43,7 +45,7 @@ def shares(split: Mapping[str, Mapping[str, float]], label: str) -> bytes:
 
 def lines(curves: Sequence[tuple[str, Sequence[float], Sequence[float]]], xlabel: str, ylabel: str) -> bytes:
     """Draw labelled curves over common axes."""
-    figure, axes = drawing(6.0, 3.6)
+    figure, axes = drawing(NARROW, 3.6)
     for index, (label, x, y) in enumerate(curves):
         axes.plot(x, y, color=COLOURS[index], marker="o", label=label, linewidth=2)
     axes.set_xlabel(xlabel)
@@ -178,9 +180,9 @@ def _span(values: Any) -> str:
 
 
 def is_narrow(drawing: bytes) -> bool:
-    """Tell whether an SVG is at most 400 points wide, so that a narrow window shows it whole."""
+    """Tell whether an SVG is so narrow that a narrow window shows it whole."""
     found = re.search(rb'width="([\d.]+)pt"', drawing[:1000])
-    return found is not None and float(found[1]) <= 400.0
+    return found is not None and float(found[1]) <= 72.0 * NARROW
 
 
 def description(drawing: bytes) -> str:

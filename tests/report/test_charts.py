@@ -35,7 +35,7 @@ def test_letters_have_contrast_on_light_and_on_dark_paper() -> None:
 
 def test_a_ladder_is_shown_whole_on_a_narrow_window() -> None:
     assert charts.is_narrow(LADDER)
-    assert not charts.is_narrow(charts.lines([("x", [0.0, 1.0], [1.0, 2.0])], "t", "x"))
+    assert not charts.is_narrow(charts.shares({"K_in": {"hinges": 60.0, "arms": 40.0}}, "share [%]"))
 
 
 @pytest.mark.parametrize("words", ["rms error [um]", "noise floor, 20 nm at 0.02", "as designed, + creep"])

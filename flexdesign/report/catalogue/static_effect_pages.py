@@ -66,7 +66,7 @@ def result(name: str, design: Design) -> dict[str, Any]:
 
 def _drawn(found: Changes) -> bytes:
     labels = [key.replace("_", " ") for key in found]
-    figure, axes = charts.drawing(6.4, 0.42 * len(labels) + 1.0)
+    figure, axes = charts.drawing(charts.NARROW, 0.42 * len(labels) + 1.0)
     values = 100 * np.array(list(found.values()))
     axes.barh(range(len(labels)), values, color=charts.COLOURS[0], height=0.6)
     axes.axvline(0, color=charts.NEUTRAL, linewidth=1)

@@ -9,12 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexdesign.report.charts import COLOURS, NEUTRAL, below, drawing, svg
+from flexdesign.report.charts import COLOURS, NARROW, NEUTRAL, below, drawing, svg
 from flexdesign.report.traces import Curve, Traces
 
 Array = NDArray[np.float64]
-#: Width of a drawing that a telephone shows whole, with letters of 9 pixels [inch].
-NARROW = 5.0
 #: Errors that span more than this ratio are drawn over a logarithm.
 DECADES = 20.0
 #: Letters in a line of a step's name.

@@ -57,7 +57,7 @@ def _name(kind: str, quantity: str) -> str:
 
 def _curves(sweep: Sweep, quantity: str, factor: Factor, others: Sequence[Factor]) -> Figure:
     """Draw a quantity over one number, a curve for each choice of the rest."""
-    figure, axes = charts.drawing(6.0, 3.6)
+    figure, axes = charts.drawing(charts.NARROW, 3.6)
     x, y = given(sweep, factor), sweep.results.in_unit(quantity)
     labels = [", ".join(str(case.values[other.key]) for other in others) for case in sweep.cases]
     for index, label in enumerate(list(dict.fromkeys(labels))[:CURVES]):
@@ -91,7 +91,7 @@ def _scale(axes: Any, x: Factor, y: Factor | None = None) -> None:
 
 def _map(sweep: Sweep, quantity: str, factors: Sequence[Factor], feasible: Sequence[int]) -> Figure:
     """Draw a quantity over two numbers; what breaks a limit is paler."""
-    figure, axes = charts.drawing(6.0, 4.2)
+    figure, axes = charts.drawing(charts.NARROW, 4.2)
     shape = tuple(len(factor.values) for factor in factors)
     x, y = (given(sweep, factor).reshape(shape) for factor in factors)
     z = np.ma.masked_invalid(sweep.results.in_unit(quantity).reshape(shape))
@@ -133,7 +133,7 @@ def _scatter(sweep: Sweep, quantity: str, numbers: Sequence[Factor]) -> Figure:
 
 def _front(sweep: Sweep, front: Sequence[int], feasible: Sequence[int]) -> Figure:
     """Draw the first two aims against each other, and the third as colour."""
-    figure, axes = charts.drawing(6.0, 4.2)
+    figure, axes = charts.drawing(charts.NARROW, 4.2)
     first, second, *more = (aim.quantity for aim in sweep.plan.aims)
     x, y = sweep.results.in_unit(first), sweep.results.in_unit(second)
     many = len(x) > MANY
@@ -157,7 +157,7 @@ def _front(sweep: Sweep, front: Sequence[int], feasible: Sequence[int]) -> Figur
 
 def importance(indices: Mapping[str, Indices], names: Sequence[str]) -> Figure:
     """Draw total indices as bars, their first-order part in full colour: a group for each quantity."""
-    figure, axes = charts.drawing(6.4, 0.28 * len(names) * len(indices) + 1.4)
+    figure, axes = charts.drawing(charts.NARROW, 0.28 * len(names) * len(indices) + 1.4)
     place, ticks = 0.0, []
     for quantity, each in indices.items():
         for index, name in enumerate(names):

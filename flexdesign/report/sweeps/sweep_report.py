@@ -81,26 +81,27 @@ def title(sweep: Sweep) -> str:
 
 
 def summary(sweep: Sweep) -> list[str]:
-    """Say how many cases there are, how many keep their limits, and which is best."""
+    """Say which design is best or what matters most, whether an accuracy is missed, and how many cases there are."""
     feasible, front = chosen(sweep)
     plan, failed = sweep.plan, len(sweep.failed)
-    text = f"{len(sweep.cases)} versions of {plan.subject.title}, answered for by {EVALUATORS[plan.evaluator]}"
-    text += f"; {failed} of them could not be" if failed else ""
-    known = len(sweep.cases) - sweep.computed
-    text += f". {sweep.computed} were computed in {sweep.seconds:.3g} s" if sweep.computed else ". All were known"
-    sentences = [text + (f", {known} were known." if known and sweep.computed else "."), *_inaccurate(sweep)]
+    sentences = []
+    if front and len(plan.aims) == 1:
+        largest = _number(sweep, front[0], plan.aims[0].quantity)
+        sentences.append(f"The {plan.aims[0]} is {largest}: {_words(sweep, front[0])}.")
+    elif front:
+        sentences.append(f"{len(front)} designs are beaten by no other in {' and '.join(map(str, plan.aims))} at once.")
     for quantity, each in _indices(sweep).items():
         order = np.argsort(-each.total)[:2]
         most = " and ".join(f"{plan.factors[i].name} ({100 * each.total[i]:.0f} %)" for i in order)
         sentences.append(f"{quantity} depends most on {most}.")
+    sentences += _inaccurate(sweep)
     if plan.limits:
-        sentences.append(f"{len(feasible)} keep {' and '.join(map(str, plan.limits))}.")
-    if front and len(plan.aims) == 1:
-        largest = _number(sweep, front[0], plan.aims[0].quantity)
-        sentences.append(f"The {plan.aims[0]} among them is {largest}: {_words(sweep, front[0])}.")
-    elif front:
-        sentences.append(f"{len(front)} are beaten by no other in {' and '.join(map(str, plan.aims))} at once.")
-    return sentences
+        sentences.append(f"{len(feasible)} of {len(sweep.cases)} keep {' and '.join(map(str, plan.limits))}.")
+    text = f"{len(sweep.cases)} versions of {plan.subject.title}, evaluated by {EVALUATORS[plan.evaluator]}"
+    text += f"; {failed} of them failed" if failed else ""
+    known = len(sweep.cases) - sweep.computed
+    text += f". {sweep.computed} were computed in {sweep.seconds:.3g} s" if sweep.computed else ". All were known"
+    return [*sentences, text + (f", {known} were known." if known and sweep.computed else ".")]
 
 
 def _inaccurate(sweep: Sweep) -> list[str]:
