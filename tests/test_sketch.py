@@ -298,7 +298,7 @@ REFUSED = {
     "bodies that touch": (another(EAR), "body.ear", "touches the body base"),
     "a flexure beside its body": (
         ('to = ["spacing / 2", "length"]', 'to = ["spacing / 2", "length - 1 mm"]'),
-        "flexure.leaf", "ends beside the body table",
+        "flexure.leaf", "ends outside the body table",
     ),
     "a hinge within its body": (
         ('to = ["spacing / 2", "length"]', 'to = ["spacing / 2", "length + 1 mm"]'),

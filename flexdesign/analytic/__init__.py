@@ -1,1 +1,1 @@
-"""Closed-form models of mechanisms: what theory says beside what finite elements and the bench say."""
+"""Closed-form models of mechanisms: theory for comparison with finite elements and measurements."""

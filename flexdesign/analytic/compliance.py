@@ -2,8 +2,8 @@
 
 Without effects it is the paper's pseudo-rigid-body model: hinges that rotate, rigid arms and blocks, and rods that the
 hinge's moment bends. Each static effect of the catalogue (`flexdesign.effects.statics`) adds what it knows: compliance
-of members, a truer shape, another modulus, a spring at a port. With all that a drawing tells, it is a fast stand-in for
-finite elements; with those it does not tell, what a bench may hide.
+of members, a truer shape, another modulus, a spring at a port. With all effects that follow from the drawing, it is a
+fast substitute for finite elements; other effects model what a test bench may hide.
 
 Between input and output the mechanism is a compliance of 2 by 2: the actuator's force and its extension, the output's
 force and its travel along its normal. Stiffness is a matter of what holds the other port, and follows from it.
@@ -97,7 +97,7 @@ class ComplianceModel:
 
     @cached_property
     def base(self) -> Mapping[str, float]:
-        """What stands beside the members: `BASE` as its effects change it."""
+        """Springs in addition to the members: `BASE` as changed by the effects."""
         values: Mapping[str, float] = BASE
         for name in sorted(self.effects):
             for face in statics.find(name).faces:

@@ -4,8 +4,8 @@ A branch chain of length L that is carried along sideways by the travel of one a
 along another axis. The shortening is even in the travel and grows with its square: no linear model shows it, and the
 coupling ratio, shortening over travel, grows with the travel. A ratio is therefore always one *at* a travel.
 
-The paper evaluates the approximation (25); here the exact geometry, (23) with the sine of (24), stands beside it. The
-approximation is too small by the share ``travel^2 / (4 L^2)``, to leading order.
+The paper evaluates the approximation (25); here the exact geometry, (23) with the sine of (24), is compared with it.
+The approximation is too small by the share ``travel^2 / (4 L^2)``, to leading order.
 
 Source: Lin, Yu, Wu, Shen (2019), Decoupling and control of micromotion stage based on hysteresis of piezoelectric
 actuation, Microsystem Technologies.

@@ -143,7 +143,7 @@ class Sizing:
     quantities: tuple[Quantity, ...]
 
     def returned(self) -> list[tuple[Quantity, Quantity]]:
-        """Return each target beside what the equations give for the dimensions, which is circular by construction."""
+        """Return each target and what the equations give for the dimensions, which is circular by construction."""
         return list(zip(_asked(self.found.targets), _asked(self.found.returned()), strict=True))
 
     def topologies(self) -> list[tuple[str, Topology, Quantity]]:

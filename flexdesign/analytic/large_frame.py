@@ -28,9 +28,10 @@ from flexdesign.effects.hinge_compliance import beam
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-#: Pieces of a hinge: with so many the elastica of a parallelogram is met to 0.03 % at half its length.
+#: Pieces of a hinge: with this number, the elastica of a parallelogram is met to 0.03 % at half its length.
 PIECES = 12
-#: Newton's method ends at this residual, relative to what acts; it gives up after so many iterations, or halvings.
+#: Newton's method ends at this residual, relative to what acts; it gives up after these numbers of iterations or
+#: halvings.
 PRECISION, ITERATIONS, HALVINGS = 1e-9, 25, 6
 #: Steps in which a load is put on without a state to begin from.
 STEPS = 4
@@ -107,7 +108,7 @@ class LargeFrame:
         return state
 
     def fits(self, state: State) -> bool:
-        """Tell whether a state is one of a mechanism with so many pieces and nodes."""
+        """Return whether a state has the numbers of pieces and nodes of this mechanism."""
         return (len(state.motions), len(state.forces)) == (len(self.free), len(self._ends))
 
     def output(self, state: State) -> Array:

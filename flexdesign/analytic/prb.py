@@ -7,7 +7,7 @@ force is ``F = 2 F_x``: an upper and a lower arm carry ``F_x`` each; the extensi
 output travel ``2 dy``, so that stiffness and amplification of a quarter are those of the whole amplifier.
 
 **The output load.** Equations (6), (7), (9) and (13) to (17) of the paper hold for an output that works
-against a spring as stiff as the amplifier itself: its ``4 K_r`` stands for ``2 K_r + K_load l_x^2`` with
+against a spring as stiff as the amplifier itself: its ``4 K_r`` means ``2 K_r + K_load l_x^2`` with
 ``K_load = K_out``. Here ``output_load`` is a parameter: 0 is a free output,
 `PseudoRigidBridge.output_stiffness` gives the paper's numbers.
 

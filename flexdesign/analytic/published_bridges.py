@@ -1,4 +1,4 @@
-"""Amplification of bridges as it was published, beside the statics that each formula abridges.
+"""Amplification of bridges as it was published, compared with the statics that each formula approximates.
 
 Of a quarter, between the outer end of an arm at the input and its inner end at the output, l_x along the input and l_y
 along the output apart, both ends kept from turning. Published is the amplification; the stiffnesses are what the same
@@ -35,7 +35,7 @@ factor 1 / (1 - K_t / K_l), K_t = 2 K_theta / l^2 or 12 K_theta / l^2, that is b
 - Ling (2019), equation (22): damaged in the transcription.
 - Equation (24) there, for hinges parallel to the input, with the arm's own stretch: 4 K_theta K_l / K_arm more in the
   denominator of `parallel`. By statics it is 2 K_theta K_l / K_arm, for one arm stretches where two hinges do; whether
-  formula, transcription or the meaning of its K_arm is at fault could not be told.
+  formula, transcription or the meaning of its K_arm is at fault is unknown.
 - Published numbers of amplifiers with dimensions: none were found that one of these formulas could be held against.
 
 Sources: H.-W. Ma, S.-M. Yao, L.-Q. Wang and Z. Feng, Analysis of the displacement amplification ratio of bridge-type

@@ -214,7 +214,7 @@ def arm_span(k_b: float, k_r: float) -> float:
 def arm_offset(targets: AxisTargets, k_r: float, l_x: float) -> float:
     """Return l_y = lambda (2 K_r + K_load l_x^2) / (K_in l_x) [m]: Lin et al. (2019), eq. (17).
 
-    (17) is ``lambda = K_in l_x l_y / 4 K_r``; 4 K_r stands for ``2 K_r (1 + load_ratio)``.
+    (17) is ``lambda = K_in l_x l_y / 4 K_r``; 4 K_r means ``2 K_r (1 + load_ratio)``.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ from flexdesign.effects import statics
 Array = NDArray[np.float64]
 #: Length [m] that makes rotations comparable with motions, and forces with moments.
 ARM = 0.01
-#: What gives way less than this, beside what gives way most, is rigid.
+#: A compliance below this fraction of the largest one is rigid.
 RIGID = 1e-11
 #: What of a tie is so small follows from other ties.
 DOUBLE = 1e-9
@@ -99,7 +99,7 @@ class StageCompliance:
 
     @cached_property
     def base(self) -> Mapping[str, float]:
-        """What stands beside the members, as effects change it."""
+        """Springs in addition to the members, as changed by the effects."""
         return next(iter(self.models.values())).having(self.effects).base
 
     # --- between the bodies -----------------------------------------------------------------------------------
@@ -321,7 +321,7 @@ def _is_driven(element: Element) -> bool:
 
 
 def _ends(element: Element) -> tuple[Port, Port]:
-    """Return the port that counts as held, and the one that moves beside it."""
+    """Return the port that counts as held, and the one that moves relative to it."""
     bonded: Sequence[Port] = [port for port in element.part.ports() if port.name in element.bonds]
     first, second = sorted(bonded, key=lambda port: port.role == "output")
     return first, second

@@ -1,7 +1,7 @@
 """Arithmetic between named quantities, as files write it: ``qg + pulse / (kv * kp)``, units checked.
 
-A formula has numbers, names, ``+ - * / **``, parentheses, ``pi``, and the functions of `FUNCTIONS`. What a name stands
-for says the file: in the map of an import a variable of the recording (``rig.u`` where it is a field of a structure) or
+A formula has numbers, names, ``+ - * / **``, parentheses, ``pi``, and the functions of `FUNCTIONS`. The file states
+what a name means: in the map of an import a variable of the recording (``rig.u`` where it is a field of a structure) or
 a constant, in a sketch a dimension. Nothing else is understood, and nothing of Python is run.
 """
 

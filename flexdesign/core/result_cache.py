@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from flexdesign.core.errors import InputError
 
 Arrays = dict[str, NDArray[Any]]
-#: Members of an entry beside its arrays: the table, and the checksum of all.
+#: Members of an entry in addition to its arrays: the table, and the checksum of all.
 TABLE, DIGEST = "table", "sha256"
 #: How unfinished entries end, and after how long [s] nobody is writing them any more.
 PART, ABANDONED = ".part", 3600.0

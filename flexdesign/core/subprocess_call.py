@@ -24,7 +24,7 @@ from flexdesign.core.errors import InputError
 
 P = ParamSpec("P")
 T = TypeVar("T")
-#: What was given to a process and what it answers, beside the folder in which it runs.
+#: Files of a process: its input, its result, and the folder in which it runs.
 GIVEN, ANSWER, FOLDER = "given.pickle", "answer.pickle", "scratch"
 
 

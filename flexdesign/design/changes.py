@@ -32,7 +32,7 @@ def titled(title: str, overrides: Sequence[str]) -> str:
 
 
 def as_name(overrides: Sequence[str]) -> str:
-    """Return the end of a folder's name that tells changes; empty without any.
+    """Return the end of a folder's name that states the changes; empty without any.
 
     >>> as_name(["dimensions.hinge_thickness=0.4 mm"])
     '_hinge_thickness_0.4_mm'

@@ -112,7 +112,7 @@ class Design:
     tolerances
         Of its dimensions and its modulus.
     effects
-        Static effects that it has beside what the drawing tells: values of their parameters, SI, by name.
+        Static effects in addition to those that follow from the drawing: values of their parameters, SI, by name.
     changed
         What overrides changed of its file: ``dimensions.width``, ``material``, ``actuator``.
     """
@@ -284,7 +284,7 @@ def _top(override: str) -> str:
 
 
 def _effects(given: Mapping[str, Mapping[str, Any]], path: Path) -> dict[str, dict[str, float]]:
-    """Return values of effects [SI]; one in a file, beside the design or where we work, by its whole path."""
+    """Return values of effects [SI]; one in a file, next to the design or in the working folder, by its whole path."""
     found: dict[str, dict[str, float]] = {}
     for name, values in given.items():
         try:

@@ -73,7 +73,7 @@ class SolidFace:
 class Query:
     """How a port names its faces: exactly one of name, colour and plane, or a point with a normal.
 
-    Beside a name, point and normal tell where the face was, should its name be lost.
+    Point and normal state where the face was, in case its name is lost.
     """
 
     names: tuple[str, ...] = ()

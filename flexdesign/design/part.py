@@ -144,8 +144,8 @@ class Piece(Protocol):
 class Part(Piece, Protocol):
     """A piece with inputs, output and ground: what the engine asks of it, to compare it with theory.
 
-    It may leave out any of these methods (`OPTIONAL`): without formulas the compliance model of its linkage is beside
-    FEM, and the sections of the report on shares and intermediate quantities say what is lacking.
+    It may leave out any of these methods (`OPTIONAL`): without formulas the compliance model of its linkage is compared
+    with FEM, and the sections of the report on shares and intermediate quantities say what is lacking.
     """
 
     def formulas(
@@ -169,7 +169,7 @@ class Part(Piece, Protocol):
 
 
 def find(name: str, folder: Path) -> Path:
-    """Find the file of the part `name`: a path, or a name looked up beside the design, in ./geometry, as shipped.
+    """Find the file of the part `name`: a path, or a name looked up next to the design, in ./geometry, as shipped.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def find(name: str, folder: Path) -> Path:
 def load(name: str, folder: Path | None = None, methods: Sequence[str] = METHODS) -> type[Any]:
     """Load the class of the part or stage `name`, or of a piece, which has the fewer `methods` `PIECE_METHODS`.
 
-    Whatever its methods raise later comes out as an InputError that names the file and the line.
+    Whatever its methods raise later becomes an InputError that names the file and the line.
 
     Raises
     ------
@@ -296,7 +296,7 @@ def extrusion_axis(part: Piece) -> Axis | None:
 
 
 def straight_outline(part: Piece) -> Outline | None:
-    """Return the section that a part tells by its corners, or None."""
+    """Return the section that a part states by its corners, or None."""
     outline: Callable[[], Outline | None] | None = getattr(part, "outline", None)
     return outline() if outline is not None else None
 
@@ -314,7 +314,7 @@ def source_hash(part: type[Piece]) -> str:
 
 
 def drawn_by_design(part: type[Any]) -> str:
-    """Return what a design draws of its part itself, as text; empty for a part that its file tells whole."""
+    """Return what a design draws of its part itself, as text; empty for a part that its file describes completely."""
     return str(getattr(part, "drawn_as", ""))
 
 

@@ -87,7 +87,7 @@ class StepPart:
     source_file: ClassVar[Path]
     design_file: ClassVar[Path]
     port_tables: ClassVar[Mapping[str, PortTable]]
-    #: What a file cannot tell: see `flexdesign.design.part.states`.
+    #: What a STEP file does not contain: see `flexdesign.design.part.states`.
     left_out: ClassVar[frozenset[str]] = frozenset({"formulas", "formula_shares", "intermediates"})
     _ports: ClassVar[tuple[Port, ...] | None] = None
 
@@ -158,7 +158,7 @@ def listed(body: step_file.StepBody) -> tuple[SolidFace, ...]:
 
 
 def load(name: str, tables: Mapping[str, Any], design_file: Path) -> type[StepPart]:
-    """Return the class of a part: the STEP file `name` beside the design, with the ports of the design.
+    """Return the class of a part: the STEP file `name` next to the design, with the ports of the design.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def load(name: str, tables: Mapping[str, Any], design_file: Path) -> type[StepPa
     path = design_file.parent / name
     if not is_file(path):
         known = sorted(p.name for p in design_file.parent.glob("*") if is_step(p.name))
-        raise InputError(design_file, "part", name, f"no such file beside the design{suggest(name, known)}")
+        raise InputError(design_file, "part", name, f"no such file next to the design{suggest(name, known)}")
     checked = {}
     for port, table in tables.items():
         checked[port] = check(PortTable, table, design_file, f"ports.{port}") if table else PortTable()

@@ -40,10 +40,10 @@ class MeshSettings(Table):
     and amplification is that small, relative, two at least and five at most.
 
     The element size is `at_root` hinge thicknesses at the hinge roots on the finest mesh and grows with the distance
-    from them up to `largest`; the defaults of the first two, 0.3 and 0.45 for wild meshes and 0.05 and 0.6 for extruded
-    ones, balance the error of the roots with that of the rest. Each coarser mesh is `refinement` times as coarse
-    everywhere; an extruded one at the roots by its square. The wild mesher may move the surface by `envelope` hinge
-    thicknesses, before its vertices are put back on the CAD faces.
+    from them up to `largest`; the defaults of the first two, 0.3 and 0.45 for unstructured meshes and 0.05 and 0.6 for
+    extruded ones, balance the error of the roots with that of the rest. Each coarser mesh is `refinement` times as
+    coarse everywhere; an extruded one at the roots by its square. The unstructured mesher may move the surface by
+    `envelope` hinge thicknesses, before its vertices are put back on the CAD faces.
 
     With `cross_check` the part is also solved in every other way that it allows, with each method and on its
     fundamental domain and whole, and the report sets the answers side by side.
@@ -229,7 +229,7 @@ def _refuse(content: Mapping[str, Any], keys: Iterable[str], path: Path, remedy:
 
 
 def _beside(path: Path, design: str) -> Path:
-    """Find the design that a study names: beside the study, or as `designs.find` does."""
+    """Find the design that a study names: next to the study, or as `designs.find` does."""
     beside = path.parent / design
     if is_file(beside):
         if beside.samefile(path):

@@ -61,7 +61,7 @@ def transfer(values: Values, frequency: Floats, bias: float, amplitude: float) -
 def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
     """Follow the input with tau y' = u - y, exactly.
 
-    The three values stand for a parabola. After a jump of the input the lag is no parabola; the first value is then
+    The three values define a parabola. After a jump of the input the lag is no parabola; the first value is then
     set so that the parabola has the lag's own mean, which keeps a lag that is much faster than the step from passing
     for a ramp. For a smooth input that changes nothing: Simpson's rule is of fourth order.
     """

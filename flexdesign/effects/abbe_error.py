@@ -16,7 +16,7 @@ def reading(values: Values, recorded: Mapping[str, Floats], time: Floats) -> Flo
 EFFECT = Effect(
     name="abbe_error",
     physics=(
-        "The table turns a little as another axis moves. A sensor whose line passes beside the point of interest reads "
+        "The table turns a little as another axis moves. A sensor whose line misses the point of interest reads "
         "the offset times that rotation as motion."
     ),
     where="the sensor's place: the arm between its line and the point of interest",

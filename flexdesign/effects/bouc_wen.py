@@ -24,8 +24,8 @@ FINENESS = 0.04
 SATURATED = 40.0
 #: A first value comes of a jump where it is this share of the step's way from where the voltage was, and the way bends.
 JUMP, STRAIGHT = 0.01, 1e-9
-#: A describing function is that of the last of so many cycles, each of so many steps; a loop about a bias that is small
-#: beside its voltage scale has then left its first branch.
+#: A describing function is that of the last of CYCLES cycles, each of POINTS steps; a loop about a bias that is small
+#: compared with its voltage scale has then left its first branch.
 CYCLES, POINTS = 3, 32
 
 

@@ -25,7 +25,7 @@ EFFECT = Effect(
         "mass, and at the same dashpot the damping ratio falls as much; the static response stays."
     ),
     where="the moving table",
-    reveal="a multisine with and without a known added mass, beside a static push: the mass leaves the push alone",
+    reveal="a multisine with and without a known added mass, and a static push: the mass does not change the push",
     remedy="the mass in the model, and gains for the heaviest payload; a lighter sample holder",
     reference=(
         "S. Devasia, E. Eleftheriou and S. O. R. Moheimani, A survey of control issues in nanopositioning, IEEE Trans. "

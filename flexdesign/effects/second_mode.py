@@ -1,4 +1,4 @@
-"""A second mode: a further resonance that the axis shows, beside the main one."""
+"""A second mode: a further resonance of the axis, in addition to the main one."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ EFFECT = Effect(
         "or less than the motion."
     ),
     where="the position sensor and its electronics",
-    reveal="a second sensor, an interferometer or a known step beside it; with one sensor alone it looks like the gain",
+    reveal="a second sensor, an interferometer or a known step; with one sensor alone it looks like the gain",
     remedy="calibrate against an interferometer, at the working distance and with the real target",
     reference="A. J. Fleming, A review of nanometer resolution position sensors, Sens. Actuators A 190 (2013)",
     parameters=(Parameter("error", "1", "%", "excess of the reading, relative", 0.0, 0.01, (-0.3, 0.3)),),

@@ -26,7 +26,7 @@ EFFECT = Effect(
         "The resonance falls, and the same force moves the table further."
     ),
     where="the hinges and clamps of the mechanism",
-    reveal="a static push with a known force, beside the resonance: softer in the push as well",
+    reveal="a static push with a known force, and the resonance: the static stiffness falls as well",
     remedy="tighten joints and clamps, or put the measured stiffness into the model",
     remedies={
         PIEZO: "measure the hinges, tighten the clamps, or put the measured stiffness into the model",

@@ -27,7 +27,7 @@ LOWEST, TERMS, RATIO = 0.1, 9, math.sqrt(10.0)
 
 
 def constants(values: Values, step: float) -> tuple[float, ...]:
-    """Return g, the dashpot that stands for all relaxations above [s], and the rates of those in the band [1/s]."""
+    """Return g, the dashpot for all relaxations above the band [s], and the rates of those in the band [1/s]."""
     g = 2.0 * math.log(RATIO) / math.pi * values["loss_factor"]
     rates = [2 * math.pi * LOWEST * RATIO**i for i in range(TERMS)]
     above = 1.0 / (rates[-1] * RATIO) / (1.0 - 1.0 / RATIO)  # the sum of their times
@@ -66,9 +66,9 @@ EFFECT = Effect(
     ),
     where="the flexures and clamped joints of the mechanism",
     reveal="a frequency response over three decades: a phase lag that stays as the frequency falls",
-    remedy="fewer joints and less glue; in the model the loss factor beside the damping ratio",
+    remedy="fewer joints and less glue; in the model, the loss factor in addition to the damping ratio",
     remedies={
-        PIEZO: "a monolithic mechanism without glue; in the model the loss factor beside the damping ratio",
+        PIEZO: "a monolithic mechanism without glue; in the model, the loss factor in addition to the damping ratio",
     },
     reference="S. H. Crandall, The role of damping in vibration theory, J. Sound Vib. 11 (1970)",
     parameters=(Parameter("loss_factor", "1", "", "energy lost per radian, over that stored", 0.0, 0.01, (0.0, 0.3)),),

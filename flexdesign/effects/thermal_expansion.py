@@ -22,7 +22,7 @@ EFFECT = Effect(
         "sees is the difference, in proportion to the temperature."
     ),
     where="the loop of parts from the sensor through the frame to the table",
-    reveal="a long record with the temperature beside it, through a change of a degree or more",
+    reveal="a long record with the temperature, through a change of a degree or more",
     remedy="one material throughout, a symmetric arrangement, a short loop, a quiet room, or the term in the model",
     reference="J. B. Bryan, International status of thermal error research, CIRP Annals 39 (1990)",
     parameters=(Parameter("coefficient", "m/K", "um/K", "reading per temperature", 0.0, 1e-6, (-1e-4, 1e-4)),),

@@ -258,7 +258,7 @@ def test_cavities_line_ends_and_round_faces_are_read(tmp_path: Path) -> None:
         ({"output": 'plane = "x = min"'}, "in common with ground"),
         ({"output": 'plane = "x = max"\nrole = "ground"'}, "exactly one port must have the role output"),
         ({"ground": 'plane = "x = min"\nrole = "input"'}, "the body is held nowhere"),
-        ({"part": "prt.step"}, "no such file beside the design; did you mean part.step"),
+        ({"part": "prt.step"}, "no such file next to the design; did you mean part.step"),
     ],
 )
 def test_bad_ports_are_refused(tmp_path: Path, tables: dict[str, str], words: str) -> None:

@@ -133,7 +133,7 @@ class StaticModel:
 
 
 def of_design(design: Design, *, bare: bool = False) -> StaticModel:
-    """Return the model of a design with all that its drawing tells, and what it says it has besides.
+    """Return the model of a design with all effects that follow from its drawing, and those that the design states.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def of_design(design: Design, *, bare: bool = False) -> StaticModel:
         If the compliance model cannot say anything of the part.
     """
     whole = StaticModel(design, {**nominal_effects(design), **design.effects})
-    try:  # hinges that only rotate may hold a part that moves with all that the drawing tells: a parallelogram
+    try:  # hinges that only rotate may hold a part that moves with all effects of the drawing: a parallelogram
         whole.compliance({}).quantities()
     except frame.Mechanism as error:
         remedy = f"the part's linkage is no frame: {error}; name every hinge, arm and rod in linkage()"

@@ -1,4 +1,4 @@
-"""Measurements that tell models of static tables apart."""
+"""Measurements that distinguish models of static tables."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from flexdesign.analytic.static_model.uncertainty import UNSAID
 from flexdesign.core.errors import InputError
 from flexdesign.measurements.static_table import Row, StaticTable, measurable
 
-#: By how much a dimension is changed to tell models apart.
+#: By how much a dimension is changed to distinguish models.
 CHANGED = (0.7, 1.4)
 
 
 class Proposal(NamedTuple):
-    """A measurement that would tell models apart, and what each expects of it, in the row's unit."""
+    """A measurement that would distinguish models, and the prediction of each, in the row's unit."""
 
     row: Row
     expected: tuple[float, ...]
@@ -32,7 +32,7 @@ def proposals(models: Sequence[StaticModel], table: StaticTable, most: int = 3) 
     """Return measurements that no table holds yet on which models of a design differ, the best first.
 
     They are of the part itself, and of parts with one dimension changed. A difference smaller than the uncertainty that
-    is taken for a measurement tells nothing.
+    is taken for a measurement distinguishes nothing.
     """
     design = models[0].design
     done = {(row.key, row.part) for row in table.rows}

@@ -55,8 +55,8 @@ MODEL: Mapping[str, float] = {
 }
 #: Of a measurement without a stated uncertainty: relative.
 UNSAID = 0.02
-#: How much wider a model is off where a guess stands for what the part does not state: 6.4 times in K_in, 7 in lambda,
-#: 2.5 to 3.7 in K_out.
+#: How much larger the model error is where a guess replaces what the part does not state: 6.4 times in K_in, 7 in
+#: lambda, 2.5 to 3.7 in K_out.
 SPREAD = 7.0
 #: Of a hundred tables with nothing missing one is said to differ: half of that in single rows, half as a whole.
 LEVEL = 0.01
@@ -122,12 +122,12 @@ class Uncertainty:
 
 
 def uncertainty(model: StaticModel, table: StaticTable) -> Uncertainty:
-    """Return the uncertainty of a prediction beside a table; that of the model in percent is of what was measured.
+    """Return the uncertainty of a prediction for a table; that of the model is in percent of the measured value.
 
     Raises
     ------
     InputError
-        If no number comes out of the model for some row.
+        If the model gives no number for some row.
     """
     predicted = model.predict(table)
     for row, value in zip(table.rows, predicted, strict=True):

@@ -77,7 +77,7 @@ class Disturbance:
         ``reading(values, recorded, time)`` returns what is added [m], n values; `recorded` holds the columns it needs,
         n values each in SI, `time` is the recorded one [s].
     columns
-        The recorded columns it needs; `OTHER` stands for the response of another axis. A run that lacks one cannot
+        The recorded columns it needs; `OTHER` is the response of another axis. A run that lacks one cannot
         show the effect.
     """
 
@@ -231,7 +231,7 @@ class Reshape:
     shape
         ``shape(member, values)`` returns the true member.
     number
-        The parameter that tells which single member is changed: 1 is the first of these kinds in the linkage. Empty if
+        The parameter that selects the member that is changed: 1 is the first of these kinds in the linkage. Empty if
         all are.
     """
 
@@ -269,7 +269,7 @@ class Effect:
     parameters
         Its strengths and constants; each states its null.
     faces
-        How it acts; none if a number of the stage model stands for it.
+        How it acts; none if a parameter of the stage model represents it.
     confused_with
         Names of effects that look alike.
     cautions
@@ -277,7 +277,7 @@ class Effect:
     remedies
         What one can do about it with an actuator of one of the classes `ACTUATORS`, where that differs.
     is_hysteresis
-        Whether it is the hysteresis that every piezo stack has, or stands for it: rising and falling voltage make a
+        Whether it is the hysteresis that every piezo stack has, or replaces it: rising and falling voltage make a
         loop, however slow. A stage model of a stack without such an effect is said to assume none.
 
     Raises
@@ -314,7 +314,7 @@ class Effect:
 
     @property
     def acts_in_time(self) -> bool:
-        """Whether it has a face that recordings can show; if it has none, a number of the stage model stands for it."""
+        """Whether recordings can show one of its faces; without faces, a parameter of the stage model represents it."""
         return not self.faces or any(not _is_static(face) for face in self.faces)
 
     def is_null(self, values: Values) -> bool:

@@ -32,7 +32,7 @@ class Parameter:
     symbol
         The symbol the literature uses, e.g. ``l_x``.
     screen
-        Values at which a search tries it, where a small change tells nothing: a limit, a corner frequency. They scale
+        Values at which a search tries it, where the gradient vanishes: a limit, a corner frequency. They scale
         as `plausible` does.
     per_run
         Whether every recorded run has its own: a start state, a phase.
@@ -40,7 +40,7 @@ class Parameter:
         The one recorded run on which this number acts; empty if it acts on all.
     twin
         Number of single runs that does to each what this one does to all: both add up, and only what is known of either
-        tells them apart.
+        distinguishes them.
     """
 
     name: str

@@ -1,7 +1,7 @@
 """A stage as parts between rigid bodies: what is bonded to what, and who drives which axis.
 
-A body is a few boxes, stout beside the parts, and moves as a whole; the parts bend. Each bonded port of a part sits on
-one body; the ports that an actuator pushes are bonded to nothing. Bodies that are fixed are the frame.
+A body is a few boxes, stiff compared with the parts, and moves as a whole; the parts bend. Each bonded port of a part
+sits on one body; the ports that an actuator pushes are bonded to nothing. Bodies that are fixed are the frame.
 
 Frame of the stage: the table moves along x, y and z. A part keeps its own frame, and a placement says where that lies.
 """

@@ -149,7 +149,7 @@ def find(given: object, path: Path) -> Material:
     given
         What the design says.
     path
-        The design's file; a material's file is looked for beside it.
+        The design's file; a material's file is looked for next to it.
 
     Raises
     ------

@@ -20,7 +20,7 @@ from flexdesign.design.sketch import polygons
 
 Array = NDArray[np.float64]
 Profile = Literal["leaf", "circular", "elliptic", "parabolic", "v"]
-#: Corners of a side of a notch, where a polygon stands for it.
+#: Corners of a side of a notch, when a polygon approximates it.
 NOTCH_CORNERS = 24
 
 
@@ -186,7 +186,7 @@ class Drawing:
             if polygons.on_boundary(corners, point):
                 continue
             if not polygons.inside(corners, point):
-                remedy = f"ends beside the body {name}; let it end on the body's boundary"
+                remedy = f"ends outside the body {name}; let it end on the body's boundary"
                 raise InputError("design", field, _at(point), remedy)
             if flexure.kind == "hinge":
                 remedy = f"ends within the body {name}, as only a rod may; let it end on the body's boundary"

@@ -114,7 +114,7 @@ def _flexed(flexure: Flexure, section: Section, places: dict[tuple[str, str], st
 def _root(flexure: Flexure, number: int, section: Section) -> Root | None:
     """Return what a flexure runs into at its start (0) or its end (1); None where it ends within its body.
 
-    A ray into the body tells its depth, rays to both sides along the root how far the section reaches there.
+    A ray into the body gives its depth; rays to both sides along the root give the extent of the section there.
     """
     name, point, way = flexure.ends[number]
     corners = section.drawing.bodies[name].corners

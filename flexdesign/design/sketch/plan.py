@@ -21,7 +21,7 @@ from flexdesign.design.sketch.tables import FlexureTable, Repeated, SketchTables
 Array = NDArray[np.float64]
 #: Units that arithmetic may name, with their size in SI; a number takes one behind it.
 UNITS = {"m": ("m", 1.0), "mm": ("m", 1e-3), "um": ("m", 1e-6), "deg": ("rad", math.pi / 180), "rad": ("rad", 1.0)}
-#: What tells the number [SI] that stands at a place of the file.
+#: Returns the number [SI] at a place of the file.
 Number = Callable[[str], float]
 _SIDES = {"-x": (-1.0, 0.0), "+x": (1.0, 0.0), "-y": (0.0, -1.0), "+y": (0.0, 1.0)}
 

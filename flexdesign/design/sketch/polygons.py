@@ -118,7 +118,7 @@ def distance(segments: Array, start: Array, way: Array) -> float:
 
 
 def _witnesses(corners: Array) -> Array:
-    """Return places that tell whether one polygon lies in another: corners, middles of sides, and one within it."""
+    """Return points that decide whether one polygon lies in another: corners, middles of sides, and one within it."""
     ends = sides(corners)
     middles = ends.mean(axis=1)
     way = ends[:, 1] - ends[:, 0]

@@ -18,7 +18,7 @@ from flexdesign.design.sketch import polygons
 from flexdesign.design.sketch.drawing import Drawing, Flexure
 
 Array = NDArray[np.float64]
-#: Chords that stand for a curved edge where rays are sent across the section.
+#: Chords that approximate a curved edge where rays are sent across the section.
 CHORDS = 32
 
 

@@ -47,7 +47,7 @@ def out_of_plane(member: Member, elastic: Elastic, yielding: float = 0.0) -> Arr
     """Return the compliance along z, twisting, and turning about the line across a member, 3 by 3.
 
     About the centre it is diagonal: l^3/12EI + l/kGA and l/EI, of a beam as deep as the member is wide. A leaf does not
-    twist freely: its ends stay plane, and what lies beside the axis bends into an S. With u = (l/2) sqrt(GJ / EI_w),
+    twist freely: its ends stay plane, and the material off the axis bends into an S. With u = (l/2) sqrt(GJ / EI_w),
     the ends held against warping, the twist per moment is l/GJ (1 - tanh u / u); J = w t^3/3 (1 - 0.63 t/w) is
     Saint-Venant's, I_w = w^3 t^3/144 Vlasov's of a thin strip, its modulus that of a plate, E / (1 - nu^2).
 
@@ -73,7 +73,7 @@ def evenly_loaded(member: Member, elastic: Elastic) -> Array:
     """Return the compliance of half a block that is pressed evenly on one side and held at its ends, 3 by 3.
 
     The member runs from the block's end, where it is held, to its middle, whose cross-section does not turn; its end
-    stands for the mean motion of the pressed side. With M(s) = M + V (s - s^2 / 2l), s from the held end, the integrals
+    has the mean motion of the pressed side. With M(s) = M + V (s - s^2 / 2l), s from the held end, the integrals
     of M^2 / EI and V^2 / kGA give 2 l^3 / 15 EI + l / 3 kGA across, l / EI turning, and l^2 / 3 EI between the two.
     """
     length, bending = member.length, elastic.youngs_modulus * member.second_moment
@@ -114,7 +114,7 @@ class Sides:
     Parameters
     ----------
     s, lengths
-        Distances from the centre, and the length that each point stands for [m].
+        Distances from the centre, and the length that each point represents [m].
     thicknesses
         Thickness there [m].
     slopes

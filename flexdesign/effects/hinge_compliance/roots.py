@@ -5,7 +5,7 @@ leaf's thickness t, its width w and the modulus E' of the root, rotation per mom
 the leaf per moment MV / (E' w t), along it per moment NM / (E' w t), and along it per force NN / (E' w). For a leaf on
 a half-plane O'Donnell (1960) found MM = 16.67 / pi = 5.31 from the mean displacement under the beam's linear stress;
 with the leaf's own elasticity it is 4.99. The numbers below are limits of planar quadratic finite elements
-(``python -m studies.hinge_coefficients`` prints them again, beside what this module returns):
+(``python -m studies.hinge_coefficients`` prints them again, next to the values of this module):
 
 - ``end``: into the end of a beam of thickness a, as functions of a / t;
 - ``flank``: into the side of a beam of depth d that runs across, the leaf's axis an overhang b from the beam's end and
@@ -43,8 +43,8 @@ EDGE_MM: Knots = (0.6, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 4.0, 8.0), (6.63, 5.98, 5
 EDGE_MV: Knots = (0.6, 0.75, 1.0, 1.5, 2.5, 4.0), (1.90, 1.54, 1.18, 0.84, 0.60, 0.51)
 #: How much less a ``flank`` gives way than a half-plane, times d / t.
 FLANK_MM, FLANK_MV = 0.9, 1.45
-#: ``flank``: what NN has beside (2 / pi) ln(d / t), by d / h; what an edge near the leaf adds, by d / b; and NM, of
-#: which a part goes with t / d, another, times b / t, with d / b.
+#: ``flank``: the part of NN in addition to (2 / pi) ln(d / t), by d / h; what an edge near the leaf adds, by d / b; and
+#: NM, of which a part goes with t / d, another, times b / t, with d / b.
 FLANK_NN: Knots = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8), (-1.65, -1.20, -0.38, -0.12, 0.0, 0.10, 0.15)
 FLANK_NN_EDGE: Knots = (
     (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0),
@@ -55,7 +55,7 @@ FLANK_NM_EDGE: Knots = (
     (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0),
     (0, 0.03, 0.09, 0.15, 0.2, 0.3, 0.4, 0.45, 0.55, 0.64),
 )
-#: ``block``: what NN has beside (2 / pi) ln(d / t), and NM times b / t, by d / b.
+#: ``block``: the part of NN in addition to (2 / pi) ln(d / t), and NM times b / t, by d / b.
 BLOCK_NN: Knots = (
     (1.0, 2.0, 3.0, 4.0, 5.3, 6.4, 8.0, 10.7, 16.0),
     (0.645, 0.69, 0.87, 1.06, 1.31, 1.48, 1.76, 2.07, 2.61),
@@ -108,7 +108,7 @@ def out_of_plane(member: Member, elastic: Elastic) -> tuple[Array, float]:
     As a leaf bends over its width, each strip of it pulls at its root by itself, so that the turning is that of the
     pull, NN / Ew, times 12 / w^2. A shear along z spreads as the pull does: a line load moves a half-plane by
     2/pi ln(r) / E in its plane and by 1/pi ln(r) / G along z, which is 1 + nu times as much. A strip that bends into
-    an S turns at its roots, (l/2)^2 MM / E t^2 each, beside l^3 / E t^3 of its own.
+    an S turns at its roots, (l/2)^2 MM / E t^2 each, in addition to its own l^3 / E t^3.
     """
     member = _at_its_ends(member)
     total, strips = np.zeros((3, 3)), 0.0

@@ -1,4 +1,4 @@
-"""The catalogue of static effects: what a mechanism's stiffness has beside rotating hinges, one piece per file.
+"""The catalogue of static effects: what changes stiffness in addition to rotating hinges, one effect per file.
 
 One of a user's own is found by its path, or by an entry point of the group ``flexdesign.static_effects``.
 
@@ -18,7 +18,7 @@ from typing import cast
 from flexdesign.core.model import Effect
 from flexdesign.effects import _finding
 
-#: What a drawing tells is there, in full strength: nothing has to be measured for it.
+#: Effects that follow from a drawing act in full strength: nothing has to be measured for them.
 BY_DRAWING = (
     "hinge_axial",
     "hinge_shear",
@@ -33,7 +33,7 @@ BY_DRAWING = (
 )
 
 
-#: What a drawing tells of a stage besides: between its parts, and out of their planes.
+#: Effects that follow from the drawing of a stage: between its parts, and out of their planes.
 OF_STAGES = ("free_bodies", "out_of_plane")
 #: What is of a single part.
 OF_PARTS = ("geometric_stiffening", "one_member")

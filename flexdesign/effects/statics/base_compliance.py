@@ -18,7 +18,7 @@ EFFECT = Effect(
         "amplifier and base in series. The input does not feel it, as the actuator pushes against itself."
     ),
     where="below the amplifier",
-    reveal="a second sensor on the ground block; or K_out beside K_in, which stays",
+    reveal="a second sensor on the ground block; or K_out compared with K_in, which does not change",
     remedy="a stiffer mount, or a sensor that looks from the ground block to the output",
     reference="S. T. Smith, Flexures: Elements of Elastic Mechanisms (2000)",
     parameters=(Parameter("compliance", "m/N", "um/N", "motion of the base per output force", 0.0, 1e-7, (0.0, 1e-3)),),

@@ -22,9 +22,7 @@ EFFECT = Effect(
         "inputs give way more than stack or clamp alone would let them. A stack softer than stated looks the same."
     ),
     where="the seats of the actuator, or the clamp of the inputs",
-    reveal=(
-        "K_out with the actuator installed beside K_out with the inputs free, under two preloads: contacts stiffen"
-    ),
+    reveal=("K_out with the actuator installed and with the inputs free, under two preloads: contacts stiffen"),
     remedy="more preload, lapped seats, or a ball of larger radius; state it as actuator.contact_stiffness",
     reference="K. L. Johnson, Contact Mechanics (1985)",
     parameters=(

@@ -15,7 +15,7 @@ EFFECT = Effect(
     name="free_bodies",
     physics=(
         "Formulas let table, blocks and bridges of a stage move straight, and two amplifiers in series make half the "
-        "travel each. Guides and amplifiers hold the bodies only as far as they are stiff: a force beside the guides' "
+        "travel each. Guides and amplifiers hold the bodies with a finite stiffness: a force outside the guides' "
         "plane tilts the table, a limb that bends turns its block, and the softer of two amplifiers makes more of the "
         "travel."
     ),

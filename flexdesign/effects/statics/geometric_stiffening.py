@@ -19,7 +19,7 @@ EFFECT = Effect(
         "arms are pressed meanwhile, which makes the output softer. Numbers taken under preload or at voltage are not "
         "those at rest."
     ),
-    where="the arms and hinges, as far as they have moved",
+    where="the arms and hinges, in proportion to their displacement",
     reveal="K_in or K_out at no preload and at full voltage",
     remedy="say at which force a number was taken; the stage model carries the change over the stroke",
     reference="S. P. Timoshenko and J. M. Gere, Theory of Elastic Stability (1961)",

@@ -22,7 +22,7 @@ EFFECT = Effect(
         "hinges: flat bridges lose most of their amplification by it."
     ),
     where="the hinges of the amplifier",
-    reveal=("K_in and lambda of two amplifiers that differ in offset; or lambda beside K_out, which it leaves alone"),
+    reveal="K_in and lambda of two amplifiers that differ in offset; or lambda and K_out: K_out does not change",
     remedy="shorter or thicker hinges, or a larger offset; the compliance model reckons with it",
     reference=(
         "Q. Xu and Y. Li, Analytical modeling, optimization and testing of a compound bridge-type compliant "

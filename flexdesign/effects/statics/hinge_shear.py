@@ -22,7 +22,7 @@ EFFECT = Effect(
         "when rotation is blocked, a large one."
     ),
     where="the hinges of the amplifier",
-    reveal="K_out with the input held beside K_out with the input free",
+    reveal="K_out with the input held compared with K_out with the input free",
     remedy="shorter hinges; the compliance model reckons with it",
     reference=(
         "Y. Koseki, T. Tanikawa, N. Koyachi and T. Arai, Kinematic analysis of a translational 3-d.o.f. "

@@ -18,7 +18,7 @@ EFFECT = Effect(
         "wrong entry by anything. All stiffnesses scale with it; the amplification stays."
     ),
     where="the material",
-    reveal="K_in and lambda together: lambda stays; hinges of two thicknesses tell it from over-cut",
+    reveal="K_in and lambda together: lambda does not change; hinges of two thicknesses distinguish it from over-cut",
     remedy="measure a strip of the same plate, and put the modulus into the design",
     reference="F. Cardarelli, Materials Handbook (2008)",
     parameters=(Parameter("excess", "1", "%", "Young's modulus above the design's, over it", 0.0, 0.02, (-0.6, 1.5)),),

@@ -20,7 +20,7 @@ EFFECT = Effect(
         "plate moved as it was released. All stiffnesses fall a little, by less than a tenth where one hinge of eight "
         "has 0.7 of its thickness, and the output block tilts as it moves."
     ),
-    where="a single hinge; which one, a table tells but for copies by symmetry",
+    where="a single hinge; a table identifies it up to symmetric copies",
     reveal="a microscope on every hinge; the tilt of the output block, which is none while all hinges are alike",
     remedy="measure every hinge; a part with one that is too thin has its largest stress there, so make it anew",
     reference="S. T. Smith, Flexures: Elements of Elastic Mechanisms (2000)",

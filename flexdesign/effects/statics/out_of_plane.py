@@ -21,7 +21,7 @@ EFFECT = Effect(
         "follow out of theirs."
     ),
     where="all hinges, arms and rods of a stage",
-    reveal="K_out of a stage beside that of its amplifiers alone; a push aside of an amplifier's plane",
+    reveal="K_out of a stage compared with that of its amplifiers alone; a push out of an amplifier's plane",
     remedy="wider or shorter leaves; the compliance model of a stage reckons with it",
     reference=(
         "S. P. Timoshenko and J. N. Goodier, Theory of Elasticity (1970); V. Z. Vlasov, Thin-Walled Elastic Beams "

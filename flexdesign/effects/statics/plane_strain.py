@@ -14,7 +14,7 @@ def apply(base: Values, values: Values) -> dict[str, float]:
 EFFECT = Effect(
     name="plane_strain",
     physics=(
-        "What is bent or stretched would contract sideways; a leaf wide beside its length cannot, as its "
+        "What is bent or stretched would contract sideways; a leaf wide compared with its length cannot, as its "
         "roots hold it. It is stiffer by up to 1 / (1 - nu^2), 12 % for aluminium. How much depends on length "
         "over width, and on the free edges, which contract over a thickness or so."
     ),

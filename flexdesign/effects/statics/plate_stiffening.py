@@ -26,8 +26,8 @@ EFFECT = Effect(
         "more than the mean over its length: by 3 % where it is five times as long as wide, at nu = 0.3."
     ),
     where="leaves longer than wide",
-    reveal="the stiffness of a parallelogram of long leaves beside 24 EI / L^3",
-    remedy="reckon with it, or take leaves that are narrow beside their length",
+    reveal="the stiffness of a parallelogram of long leaves compared with 24 EI / L^3",
+    remedy="reckon with it, or take leaves that are narrow compared with their length",
     reference="S. P. Timoshenko and S. Woinowsky-Krieger, Theory of Plates and Shells (1959)",
     parameters=(Parameter("share", "1", "", "how much of the constraint there is", 0.0, 1.0, (0.0, 1.5)),),
     faces=(Term("hinge", compliance),),

@@ -28,7 +28,7 @@ EFFECT = Effect(
     ),
     where="the input rods between input block and hinge",
     reveal=(
-        "the input motion per output force beside the output motion per input force: theory without it has "
+        "the input motion per output force compared with the output motion per input force: theory without it has "
         "two different ones"
     ),
     remedy="the compliance model reckons with it",
