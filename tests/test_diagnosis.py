@@ -387,7 +387,7 @@ def test_candidates_say_what_became_of_them() -> None:
     found = judged(about, first, final, alike=[alike, worse, refused])
     assert {tried.names: tried.outcome for tried in found.candidates} == {
         ("creep",): "added",
-        ("thermal_expansion",): "these runs cannot tell it from what was added",
+        ("thermal_expansion",): "these runs do not distinguish it from what was added",
         ("thermal_drift",): "explains less",
         ("sensor_drift",): "no more than chance gives",
     }

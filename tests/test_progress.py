@@ -19,7 +19,7 @@ FOUND = (
     (4.0, "screening the catalogue"),
     (6.0, "trying creep"),
     (7.0, "fitting with creep"),
-    (13.0, "screening beside creep"),
+    (13.0, "screening with creep"),
     (16.0, "fitting once more, simulated more exactly"),
     (17.0, "looking at the residual"),
     (18.0, "predicting the test runs"),
@@ -102,7 +102,7 @@ def test_without_a_screening_of_all_runs_nothing_is_said() -> None:
 
 def test_other_words_of_a_diagnosis_are_said_as_they_are() -> None:
     """Also where a stage comes that had none before it."""
-    assert left_after(*FOUND[:4], (6.0, "screening beside creep")) is None
+    assert left_after(*FOUND[:4], (6.0, "screening with creep")) is None
     told = Told()
     told.say(1.0, "asking something new")
     assert told.said == ["asking something new"]

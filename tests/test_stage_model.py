@@ -844,4 +844,4 @@ def test_what_a_piezo_stage_lacks_is_listed(numbers: dict[str, object], absent: 
     )  # type: ignore[arg-type]
     assert axis.absent == absent
     text = stage_model.to_toml(StageModel({"x": axis}, ControllerTiming(1e3), name="it"))
-    assert (f"# assumed to be none, as nothing here tells: {', '.join(absent)}\n" in text) == bool(absent)
+    assert (f"# assumed to be none, for lack of data: {', '.join(absent)}\n" in text) == bool(absent)

@@ -116,7 +116,7 @@ def test_what_the_openings_show_is_fitted_to_the_whole_runs(monkeypatch: pytest.
     # The catalogue is screened in the first part alone; what is fainter is asked of all.
     assert said.index("screening the catalogue") in range(first, whole)
     assert "screening the catalogue" not in said[whole:]
-    assert "screening beside stress_stiffening" in said[whole:]
+    assert "screening with stress_stiffening" in said[whole:]
     # Whatever way the search goes, the answer is where the fit of all runs ends.
     assert found.verdict == KEPT["verdict"]
     (effect,), (kept,) = found.effects, KEPT["effects"]

@@ -189,7 +189,7 @@ def test_the_summary_says_what_the_stage_model_assumes(validation: Validation) -
     absent = "hysteresis, creep, sensor noise, driver bandwidth"
     assert f"Stage model, y: not in the model, and assumed to be none: {absent}." in summary
     assert validation.stage_model is not None
-    assert f"assumed to be none, as nothing here tells: {absent}" in stage_model.to_toml(validation.stage_model)
+    assert f"assumed to be none, for lack of data: {absent}" in stage_model.to_toml(validation.stage_model)
 
 
 def test_stage_model_is_the_finite_element_model(validation: Validation, tmp_path: Path) -> None:

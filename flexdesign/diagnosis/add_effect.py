@@ -52,7 +52,7 @@ class AddedEffect(ModelResiduals):
     without
         The stage model with its own numbers fitted.
     values, calibration
-        The effect's numbers, and the model's own beside it.
+        The effect's parameters, and the model's own with it.
     error_ladder
         As designed, recalibrated, with the effect: errors on the validation runs [response].
     noise_floor

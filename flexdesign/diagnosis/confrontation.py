@@ -1,4 +1,4 @@
-"""A model beside runs, kept in memory: effects are fitted and taken out again, numbers are set by hand.
+"""A model and runs, kept in memory: effects are fitted and taken out again, numbers are set by hand.
 
 The recordings are prepared and the model's own numbers are fitted once. What a further effect asks for is then its own
 fit alone, by the same steps as in a diagnosis; fits that were made are kept.
@@ -58,7 +58,7 @@ class _Kept:
 
 
 class Confrontation:
-    """A stage model beside recordings, ready for effects to be added and taken out.
+    """A stage model and recordings, ready for effects to be added and taken out.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Confrontation:
     axis
         Which one; may be left out where model and runs leave no choice.
     more
-        Paths of effects beside those of the catalogue.
+        Paths of effects in addition to those of the catalogue.
     noise
         Standard deviation of the noise of runs, where it is stated [response]; by default it is estimated.
     threads
@@ -208,7 +208,7 @@ class Confrontation:
         return self._screened[chosen]
 
     def _added(self, chosen: tuple[str, ...]) -> _Kept:
-        """Fit the last of some effects beside the others."""
+        """Fit the last of some effects in addition to the others."""
         *others, name = chosen
         candidate = self._candidate(name, others)
         fit = self._kept[tuple(others)].fit

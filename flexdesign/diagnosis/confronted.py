@@ -13,7 +13,7 @@ from flexdesign.diagnosis.comparison import Comparison
 from flexdesign.diagnosis.result import ErrorStep
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 
-#: A number may be set within so many standard deviations of what is known of it; else from a half to twice its value.
+#: A parameter may be set within this number of standard deviations of its prior; else from a half to twice its value.
 SIGMAS, FACTOR = 3.0, 2.0
 
 

@@ -1,4 +1,4 @@
-"""The experiment that would tell apart what the runs cannot: chosen from the menu of the bench by simulating it."""
+"""The experiment that would distinguish confounded effects: chosen from the menu of the bench by simulation."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from flexdesign.diagnosis.result import Diagnosis
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A group of effects that look alike in the runs, and what would tell them apart.
+    """A group of confounded effects, and the experiments that would distinguish them.
 
     Parameters
     ----------
     group
         Names of the effects, the one that was added first.
     resolved
-        The first with each of the others, and every experiment of the menu by how far it tells the two apart.
+        The first with each of the others, and every experiment of the menu, by how far it distinguishes the two.
     reason
         Why some could not be simulated; empty if all could.
     """
@@ -31,7 +31,7 @@ class Proposal:
 
 
 def proposals(found: Diagnosis, progress: Callable[[str], None] = lambda _: None) -> tuple[Proposal, ...]:
-    """Return for every group that the runs cannot tell apart the experiments that would.
+    """Return for every group of confounded effects the experiments that would distinguish them.
 
     The menu is that of `experiment_design`: what the command can do within the limits of the axis, a known added
     mass, a static push, another axis, warmth. Each is simulated with either effect, on the model with all else that was
@@ -54,7 +54,7 @@ def _proposal(found: Diagnosis, group: tuple[str, ...], progress: Callable[[str]
         dynamics = experiment_design.dynamics(found.model, found.axis, limits)
         menu = [*experiment_design.suite_of(dynamics, limits), *experiment_design.elsewhere(dynamics, limits)]
         for other in group[1:]:
-            progress(f"simulating what tells {group[0]} from {other}")
+            progress(f"simulating what distinguishes {group[0]} from {other}")
             resolved.append(experiment_design.resolve_effects(dynamics, (group[0], other), menu, found.noise_floor))
     except InputError as error:  # a model may lack what experiments go by, and is diagnosed all the same
         return Proposal(group, tuple(resolved), error.remedy)

@@ -1,4 +1,4 @@
-"""Identification: the free numbers of one axis of a stage model, fitted to recorded runs, and what the runs leave open.
+"""Identification: free parameters of one axis of a stage model, fitted to recorded runs, and their identifiability.
 
 A number with a stated uncertainty is prior knowledge; one that was assumed is free without it. What the runs do not
 determine keeps its old value: parameters are held one by one, the one asked for last first, and the others are fitted
@@ -123,7 +123,7 @@ def identify(
     starts: int = 8,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Identification:
-    """Fit free numbers of one axis to the runs of role ``identify``, and predict all.
+    """Fit free parameters of one axis to the runs of role ``identify``, and predict all.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def identify(
         Names of numbers, as in `AxisModel.numbers`, or ``controller.delay``; by default gain, damping ratio and
         natural frequency, with a, b, c and rest of a Bouc-Wen hysteresis where the model has one.
     starts, progress
-        How many starts the fit may follow; and what is told what is being done.
+        How many starts the fit may follow; and what receives the progress.
 
     Raises
     ------
@@ -243,7 +243,7 @@ class _Search:
         self.known = prior(start.axis, asked)
         self.held: dict[str, Held] = {}
         self.evaluations = 0
-        # Which minimum is the best, simulations of 1e-5 of the span tell: they are faster, and still below any noise.
+        # Simulations of 1e-5 of the span determine the best minimum: they are faster, and still below any noise.
         self.dynamics = start.refined(100 * start.tolerance)
         self.starts = self._fit(self.asked, starts, profiles=False).starts
         progress("fitting from the best minimum, and checking the intervals")

@@ -1,8 +1,8 @@
-"""A stage model as it is beside recorded runs, the unknown initial conditions of each run fitted.
+"""A stage model as it is, compared with recorded runs; the unknown initial conditions of each run are fitted.
 
 Before a record the stage had moved in ways that are not in it: its mode rings, its hysteresis is somewhere on a loop,
 the trigger came a little late. A model is compared with these few numbers of each run fitted, and nothing else, as the
-first line of a diagnosis' ladder is; what they explain is stated beside.
+first step of a diagnosis' error ladder is; what they explain is stated as well.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def compare(
     threads: int = 2,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
-    """Return a stage model beside runs: residuals with the initial conditions of each run fitted.
+    """Compare a stage model with runs: residuals with the initial conditions of each run fitted.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 The numbers of the model itself are fitted first, what finite elements know within its uncertainty, so that no effect is
 blamed for a stiffness that is one percent off. Effects are then selected, and the residual is compared with the noise.
-They are named if no more than noise remains, or if they explain a large share and no smooth function of position,
+They are named if the residual is noise, or if they explain a large share and no smooth function of position,
 velocity and voltage explains more.
 """
 
@@ -85,7 +85,7 @@ def diagnose(
     axis
         Which one; may be left out where model and runs leave no choice.
     more
-        Paths of effects beside those of the catalogue.
+        Paths of effects in addition to those of the catalogue.
     tolerance
         How far an effect must move the prediction of a validation run, rms [response]; by default 0.05 % of the stroke
         or 0.3 of the noise, whichever is less. A residual below a stated tolerance counts as none.
@@ -173,7 +173,7 @@ def catalogue(
 
 @dataclass(frozen=True, eq=False)
 class CalibratedTask:
-    """A task with the fit of the model's own numbers, beside which effects are asked about.
+    """A task with the fit of the model's own numbers, to which effects are added.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ class CalibratedTask:
 
     @property
     def origins(self) -> tuple[FittedModel, ...]:
-        """Where additions start from as well: beside a gross misfit numbers may have moved far to imitate an effect."""
+        """Where additions start from as well: at a gross misfit, parameters may have moved far to imitate an effect."""
         return (self.nominal,) if self.fit.scale > GROSS_MISFIT and not self.is_refused else ()
 
 

@@ -13,8 +13,8 @@ from threading import Lock
 from time import perf_counter
 
 #: Stages. Until the catalogue is screened nothing is known of the time that follows.
-PREPARATION, SCREENING, FITS, SECOND_SCREENING, ENDING = "beginning", "screening", "fits", "beside", "ending"
-#: Typical time of each stage over that of the first screening: of the fits, of screening and fits beside an effect that
+PREPARATION, SCREENING, FITS, SECOND_SCREENING, ENDING = "beginning", "screening", "fits", "with_effect", "ending"
+#: Typical time of each stage over that of the first screening: of the fits, of screening and fits with an effect that
 #: was added, and of the last fit with test runs and intervals. Medians of ten diagnoses, where they were 1.2 to 20, 1.4
 #: to 15 and 0.5 to 16; `python -m studies.benchmarks.progress` measures them.
 TYPICAL = {FITS: 4.0, SECOND_SCREENING: 1.9, ENDING: 0.85}
@@ -25,7 +25,7 @@ WORDS = {
     "searching in the first part": PREPARATION,
     "predicting with the model as it is": PREPARATION,
     "screening the catalogue": SCREENING,
-    "screening beside": SECOND_SCREENING,
+    "screening with": SECOND_SCREENING,
     "fitting once more": ENDING,
     "looking at the residual": ENDING,
 }

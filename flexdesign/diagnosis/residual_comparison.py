@@ -1,4 +1,4 @@
-"""How a model stands beside the runs in a diagnosis: calibrated without further effects, and with what was found."""
+"""Residuals of a diagnosis: of the calibrated model without further effects, and with the identified effects."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class ModelResiduals:
 
 
 def compared(found: ModelResiduals, which: Which) -> Comparison:
-    """Return the runs beside one of the two models, as `diagnosis.comparison` does for a model as it is.
+    """Compare the runs with one of the two models, as `diagnosis.comparison` does for a model as it is.
 
     Parameters
     ----------

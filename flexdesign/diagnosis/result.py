@@ -133,9 +133,9 @@ class Diagnosis(ModelResiduals):
     effects
         What was named, in the order in which it was added; empty unless effects were found.
     confusable
-        Groups of effects that these runs cannot tell apart, one of each is among `effects`.
+        Groups of effects that these runs do not distinguish; one of each is among `effects`.
     near
-        Effects that are possible, but do not explain enough beside what remains.
+        Effects that are possible, but do not explain enough compared with the residual.
     candidates
         Everything that was fitted.
     error_ladder

@@ -1,4 +1,4 @@
-"""The judgement: whether something is missing, whether it is known, and what these runs cannot tell apart."""
+"""The verdict: whether something is missing, whether it is known, and which effects these runs do not distinguish."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from flexdesign.estimation.uncertainty.intervals import intervals
 from flexdesign.measurements.noise_level import allowed_excess
 
 Array = NDArray[np.float64]
-#: A sample so many standard deviations of its run from zero is a jump, and so many jumps are no chance: in Gaussian
-#: noise one sample in five hundred million lies as far.
+#: A sample this number of standard deviations of its run from zero is a jump; this number of jumps is not random: in
+#: Gaussian noise one sample in five hundred million lies as far.
 JUMP, JUMPS = 6.0, 3
 #: Standard deviation of Gaussian noise over the median of its size.
 GAUSSIAN = 1.4826
@@ -127,7 +127,7 @@ def decide(
 ) -> tuple[Verdict, FittedModel]:
     """Return the verdict, and the fit whose effects are named.
 
-    Beside an adequate model all effects are. Else each must explain `LARGE` times what remains unexplained after the
+    In an adequate model all effects are. Else each must explain `LARGE` times what remains unexplained after the
     last one that is named, in mean squares: of a large and certain share one may speak, whatever else the model lacks.
     And the smooth functions that describe the remainder must not do better in the place of the effects, which would
     then be an approximation of something else.
@@ -182,9 +182,9 @@ def reach_verdict(
     verdict, error_ladder
         The verdict; and the fits from the model as designed and as calibrated to the last whose effects are named.
     groups
-        Effects that the runs cannot tell apart, one of each among those that are named.
+        Effects that the runs do not distinguish; one of each is among the identified ones.
     strained, implied_effects
-        Numbers that moved beyond their prior, and those among them that stand for an effect.
+        Parameters that moved beyond their prior, and those among them that represent an effect.
     alone
         Residual of the runs that errors are stated of, if nothing is fitted but their offsets [response].
     by_run
@@ -236,10 +236,10 @@ def unexplained(data: DiagnosisData, fit: FittedModel) -> float:
 
 
 def is_adequate(data: DiagnosisData, fit: FittedModel, left: SparseModel) -> bool:
-    """Tell whether no more than noise remains, or no more than what matters to the user."""
+    """Return whether the residual is noise, or below what matters to the user."""
     if (data.is_asked or not data.noise.known) and unexplained(data, fit) <= data.tolerance:
         return True
-    # Smooth functions that explain something show that there is something, however small it is beside the noise.
+    # Smooth functions that explain something show that there is something, however small it is compared with the noise.
     explainable = left.held_gain > 0 and left.validation_rms > data.tolerance and left.gain > 0
     if not data.noise.known:  # a white residual may be noise, whatever its size
         return fit.is_white and not explainable
@@ -326,7 +326,7 @@ def values_of(fit: FittedModel, *, is_fitted: bool = True) -> dict[str, Value]:
 
 
 def own_numbers(fit: FittedModel) -> list[str]:
-    """Return the free numbers that belong to the model itself."""
+    """Return the free parameters that belong to the model itself."""
     of_effects = {name for effect in fit.effects for name in effect.free}
     return [p.name for p in fit.solution.problem.where.parameters if not p.run and p.name not in of_effects]
 
@@ -348,7 +348,7 @@ def _tried(steps: Sequence[Step]) -> tuple[CandidateRecord, ...]:
 
 def _not_chosen(step: Step, trial: Trial) -> str:
     is_confounded = any(trial.names == other.names for other in step.alike)
-    return "these runs cannot tell it from what was added" if is_confounded else "explains less"
+    return "these runs do not distinguish it from what was added" if is_confounded else "explains less"
 
 
 def _offset_step(alone: Array | None) -> tuple[ErrorStep, ...]:
@@ -378,7 +378,7 @@ def model_of(
     values: Mapping[str, Value],
     implied_effects: Sequence[Conflict] = (),
 ) -> StageModel:
-    """Return the stage model with what was fitted, and with what its numbers stand for that moved too far.
+    """Return the stage model with what was fitted, and with the effects implied by parameters that moved too far.
 
     Parameters
     ----------
@@ -387,7 +387,7 @@ def model_of(
     values
         Numbers of the fit that are stated.
     implied_effects
-        Numbers that moved beyond their prior and stand for an effect.
+        Parameters that moved beyond their prior and represent an effect.
     """
     dynamics = with_means(replace(fit, model=fit.model.replace({name: each.value for name, each in values.items()})))
     for conflict in implied_effects:

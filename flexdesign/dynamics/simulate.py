@@ -161,8 +161,8 @@ def simulate(
     most_steps
         More than these are not tried, and the error is what it is.
     disturbances
-        For each axis, by name, what is added to its reading at each sample, beside noise [m]; may be NaN in an open
-        loop. By default what effects of the axis add that need no recorded column, such as hum.
+        For each axis, by name, what is added to its reading at each sample, in addition to noise [m]; may be NaN in an
+        open loop. By default what effects of the axis add that need no recorded column, such as hum.
 
     Raises
     ------
@@ -353,7 +353,7 @@ class _Inputs:
         return Response(time, command, cut, voltage, drive, motion, reading, error, substeps, diverged)
 
     def change_unseen(self, steps: int, found: Response, most: int) -> float:
-        """Return what more steps change behind jumps of a held command, relative; zero where half as many tell it."""
+        """Return what more steps change behind jumps of a held command, relative; zero where half as many suffice."""
         from flexdesign.dynamics.signal_chain.chain import number_of_steps
 
         coarse, fine = (number_of_steps(self.period, count, self.delay)[-1] for count in (steps // 2, steps))

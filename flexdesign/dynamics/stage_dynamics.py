@@ -1,4 +1,4 @@
-"""From a stage model to a stage that runs: which effects its numbers stand for."""
+"""From a stage model to a stage that runs: the effects that its parameters represent."""
 
 from __future__ import annotations
 

@@ -10,11 +10,11 @@ An effect is *added* if it passes four checks.
 3. *Relevance.* It changes the prediction by more than the tolerance, also by itself.
 4. *Determination.* The 95 % interval of its strength excludes the null, and it is not at the end of its range.
 
-Of several that pass, the one with the least BIC is *preferred*. Where BIC cannot tell them apart and none of them is
+Of several that pass, the one with the least BIC is *preferred*. Where BIC does not distinguish them and none of them is
 adequate, so that each is an approximation, one that predicts the validation runs better by that share comes before it.
 
-All added effects are *named* if the residual is noise. Else they are if they explain much beside the residual, and if
-smooth functions do not explain more in their place.
+All added effects are *named* if the residual is noise. Else they are if they explain much compared with the residual,
+and if smooth functions do not explain more in their place.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from scipy.special import chdtri
 LEVEL = 1e-3
 #: Least share of the unexplained mean square of the validation runs; what explains less is no finding for a user.
 SHARE = 0.05
-#: BIC cannot tell models apart that differ by less: "very strong" evidence begins at 10 (Kass and Raftery 1995).
+#: BIC does not distinguish models that differ by less: "very strong" evidence begins at 10 (Kass and Raftery 1995).
 INDISTINGUISHABLE = 10.0
 #: Standard deviations of a 95 % interval.
 HALF_WIDTH = 1.96
@@ -36,7 +36,7 @@ HALF_WIDTH = 1.96
 CONFLICT = 3.0
 #: A number is undetermined if its 95 % interval is wider than this share of the plausible range.
 SHARE_OF_RANGE = 0.5
-#: An effect is named beside a residual if it explains this many times as much, in squares: two thirds of both together.
+#: An effect is named despite a residual if it explains this multiple of it, in squares: two thirds of both together.
 LARGE = 2.0
 #: Smooth functions are the better explanation if they leave no more than this share of what effects leave, in squares.
 BETTER = 0.5
@@ -106,7 +106,7 @@ def critical_value(score: float, numbers: int) -> float:
     score
         Critical value of the largest score of the catalogue, each with one free number.
     numbers
-        How many free numbers are added; each further one has a quantile of chi^2 of its own.
+        Number of free parameters that are added; each additional one has a quantile of chi^2 of its own.
     """
     return score + float(chdtri(max(numbers, 1), LEVEL) - chdtri(1, LEVEL))
 

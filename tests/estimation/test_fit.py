@@ -340,7 +340,7 @@ def test_a_strength_that_is_not_told_from_zero_has_an_upper_limit() -> None:
     noise = 0.05 * np.random.default_rng(0).standard_normal(len(T))
     found = fit(toy, [run(toy, {"g": 2.0}, T, noise)], ["g", "s"])
     assert found.undetermined == ("s",)
-    assert "at most" in found["s"].reason and "do not tell it from 0" in found["s"].reason
+    assert "at most" in found["s"].reason and "do not distinguish it from 0" in found["s"].reason
     low, high = found["s"].interval or (math.nan, math.nan)
     assert low == 0 and 0 < high < 0.01  # ± 0.05 over 400 samples of a parabola up to 9
 
@@ -357,7 +357,7 @@ def test_a_limit_that_the_runs_stay_below_has_a_lower_limit() -> None:
     found = fit(toy, [noisy(toy, {"g": 2.0, "w": 1e5}, 0.05)], ["g", "w"])
     assert found.undetermined == ("w",) and found["w"].interval is not None
     assert found["w"].interval[1] == math.inf and 10 < found["w"].interval[0] < 1e5
-    assert found["w"].reason.startswith("at least") and found["w"].reason.endswith("do not tell it from inf Hz")
+    assert found["w"].reason.startswith("at least") and found["w"].reason.endswith("do not distinguish it from inf Hz")
     slow = fit(toy, [noisy(toy, {"g": 2.0, "w": 5.0}, 0.05)], ["g", "w"])
     assert slow["w"].value == pytest.approx(5.0, abs=4 * slow.sigmas["w"])
 

@@ -1,4 +1,4 @@
-"""What recordings hold, what is suspicious about them, and what a diagnosis can tell from them: no model is needed.
+"""Contents of recordings, what is suspicious, and the effects a diagnosis can identify: no model is needed.
 
 `coverage` says which kinds of experiment the recordings are and which effects these reveal; `suspicion` looks for what
 would mislead a fit; `timing` for what happens between samples; `tables` for what does not go together in static tables;

@@ -1,4 +1,4 @@
-"""The check of recordings: what is there, what is suspicious, what a diagnosis can tell."""
+"""The check of recordings: their contents, what is suspicious, and the effects a diagnosis can identify."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class Check:
 
 
 def check(recordings: Sequence[Run | FrequencyResponse], tables: Sequence[TableFacts] = ()) -> Check:
-    """Return what recordings hold, what is suspicious, and what a diagnosis can tell from them.
+    """Return the contents of recordings, what is suspicious, and the effects a diagnosis can identify.
 
     Parameters
     ----------

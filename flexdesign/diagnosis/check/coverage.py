@@ -19,11 +19,11 @@ from flexdesign.measurements.recordings import FrequencyResponse, Run
 Array = NDArray[np.float64]
 #: A command stands still where it moves by less than this share of its span; a step moves by more than that share.
 STILL, STEP = 1e-3, 0.02
-#: Quiet for so many samples; held for so long [s] after a step: a decade of creep.
+#: Number of quiet samples; time [s] held after a step: a decade of creep.
 QUIET, HOLD = 100, 10.0
-#: A spectrum of so many octaves, at half a percent of its largest line, is that of a multisine or noise.
+#: A spectrum this wide in octaves, at half a percent of its largest line, is that of a multisine or noise.
 OCTAVES, LINE = 2.0, 5e-3
-#: A rise or a fall has so many samples.
+#: Least number of samples of a rise or a fall.
 STROKE = 10
 #: Levels at which a staircase rests; rises and falls of a slow command.
 LEVELS, TURNS = 4, 3

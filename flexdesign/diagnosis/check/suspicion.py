@@ -16,7 +16,8 @@ from flexdesign.measurements.recordings.run import commanded_by
 Array = NDArray[np.float64]
 #: Commands that differ by less than this share of their span are equal.
 EQUAL = 1e-3
-#: A command is clipped if it stands at an end of its range in so many separate stretches, and this share of the record.
+#: A command is clipped if it stands at an end of its range in this number of separate stretches, and this share of the
+#: record.
 STRETCHES, CLIPPED = 3, 0.02
 #: Noise is filtered if its density in the upper part of the band is below this share of that in the middle.
 FILTERED = 0.1
@@ -228,13 +229,13 @@ def of_response(response: FrequencyResponse) -> list[Suspicion]:
     """Return what is suspicious of a frequency response."""
     found = [Suspicion(response.name, remark, "") for remark in response.remarks]
     if response.coherence is None:
-        remedy = "record the coherence and the number of averages: they tell the noise of each line"
+        remedy = "record the coherence and the number of averages: they determine the noise of each line"
         found.append(Suspicion(response.name, "has no coherence", remedy))
     elif (share := float(np.mean(response.coherence < COHERENT))) > 0.1:
         what = f"{share:.0%} of its lines have a coherence below {COHERENT:g}"
         found.append(Suspicion(response.name, what, "average longer, or drive harder"))
     elif response.averages is None:
-        remedy = "write averages = ... for it in measurements.toml: with the coherence it tells the noise"
+        remedy = "write averages = ... for it in measurements.toml: with the coherence it determines the noise"
         found.append(Suspicion(response.name, "nobody says how many averages it is the mean of", remedy))
     step = float(np.median(np.diff(response.frequencies)))
     if (sharp := _sharpest(response)) and sharp[1] < 3 * step:

@@ -17,7 +17,7 @@ from flexdesign.measurements.static_table import AXIS, HEAD, QUANTITIES
 
 #: Where nobody states a standard deviation a measurement is trusted to this share.
 TRUSTED = 0.02
-#: Differences beyond so many standard deviations are no noise.
+#: Differences beyond this number of standard deviations are no noise.
 SIGMAS = 4.0
 
 
@@ -32,7 +32,7 @@ class Measured:
     value, sigma
         The value and its standard deviation; None where nobody says.
     part
-        Everything else in the row, which tells one part from another.
+        Everything else in the row, which distinguishes one part from another.
     line
         Of the file.
     """
@@ -105,7 +105,7 @@ def facts(path: Path) -> TableFacts:
     for part in dict.fromkeys(row.part for row in rows):
         found += _of_part(path.stem, [row for row in rows if row.part == part])
     if len({row.part for row in rows}) == 1:
-        remedy = "measure parts that differ in a dimension: they tell a wrong modulus from hinges that are too thin"
+        remedy = "measure parts of different dimensions: they distinguish a wrong modulus from thin hinges"
         found.append(Suspicion(path.stem, "all rows are of one part", remedy))
     measured = {row.quantity for row in rows}
     if lacking := [name for name in QUANTITIES if name not in measured]:
@@ -122,7 +122,7 @@ def _of_part(name: str, rows: Sequence[Measured]) -> list[Suspicion]:
             off = abs(row.value / same.value - 1)
             if off > SIGMAS * math.hypot(row.doubt, same.doubt):
                 what = f"lines {same.line} and {row.line}: {row.quantity}, {row.boundary}, differs by {100 * off:.3g} %"
-                found.append(Suspicion(name, what, "check both, or give the column that tells the parts apart"))
+                found.append(Suspicion(name, what, "check both, or give the column that distinguishes the parts"))
     needed = [("K_in", "free"), ("lambda", "free"), ("K_out", "free"), ("K_out", "held")]
     of = {(quantity, boundary.split()[-1]): row for (quantity, boundary), row in first.items()}
     if all(key in of for key in needed):

@@ -1,4 +1,4 @@
-"""What a command does between its samples, told by how the response follows it, without a model.
+"""The command between its samples, estimated from the response, without a model.
 
 The response of a linear system in the next samples is a sum of its last samples and of those of the command. If the
 command is held from one sample to the next, the sample at the same moment has no weight; if it goes straight to the
@@ -19,7 +19,7 @@ from flexdesign.measurements.recordings.run import commanded_by
 Array = NDArray[np.float64]
 #: Past samples in the sum: one mode has two, and what is found must hold with more; most rows that are looked at.
 ORDERS, ROWS = (4, 8, 16), 20_000
-#: A weight counts that is so many standard errors from zero.
+#: A weight counts if it is this number of standard errors from zero.
 CLEAR = 6.0
 #: A weight below this share of the largest is none; one of a sample still to come is above that share; and the error of
 #: one that is none is below that.
@@ -43,7 +43,7 @@ class Timing:
 
 
 def timing_of(run: Run, response: str) -> Timing | None:
-    """Return how a response follows its command; None if that cannot be told, as in a closed loop."""
+    """Return how a response follows its command; None if that is unknown, as in a closed loop."""
     found = {_timing(run, response, order) for order in ORDERS}
     return found.pop() if len(found) == 1 else None
 

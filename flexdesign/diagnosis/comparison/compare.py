@@ -1,4 +1,4 @@
-"""A stage model beside recorded runs: the error of each against its noise floor, and where it lies."""
+"""A stage model compared with recorded runs: the error of each against its noise floor, and where it lies."""
 
 from __future__ import annotations
 

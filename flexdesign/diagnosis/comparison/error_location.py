@@ -21,7 +21,7 @@ REGIONS = 5
 RESTS, FAST = 0.01, 0.25
 #: The largest speed is this quantile of all: single samples do not count.
 LARGEST = 0.98
-#: A command that jumps by this share of its span between two samples, and then stays for so many, makes a step.
+#: A command that jumps by this share of its span between two samples, and then stays for STAYS samples, makes a step.
 JUMP, STAYS, STANDS = 0.05, 20, 5e-3
 #: Parts next to each other that hold this share together are where the error mostly is.
 MOSTLY = 0.6

@@ -1,4 +1,4 @@
-"""A stage model beside measured frequency responses: the error of each line against its noise, and in which band it is.
+"""A stage model compared with measured frequency responses: the error of each line, its noise, and the band.
 
 Errors are relative to the measured line, as a Bode picture shows them: a resonance is not worse for being large.
 """
@@ -93,7 +93,7 @@ class ResponseComparison:
 def compared_lines(
     response: FrequencyResponse, predicted: Complex, noise: LineNoise, validation: NDArray[np.bool_] | None = None
 ) -> ResponseComparison:
-    """Return a measured response beside a predicted one.
+    """Compare a measured response with a predicted one.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def compared_lines(
 def joined(
     responses: Sequence[FrequencyResponse], left: Mapping[str, Array], noise: Mapping[str, LineNoise]
 ) -> tuple[ResponseComparison, ...]:
-    """Return frequency responses beside what a fit leaves of them; both halves of one are put together.
+    """Return frequency responses and the residuals of a fit; both halves of one are joined.
 
     Parameters
     ----------

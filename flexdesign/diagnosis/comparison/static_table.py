@@ -1,4 +1,4 @@
-"""A design's compliance model beside a static table: errors, and whether they say anything."""
+"""A design's compliance model compared with a static table: errors, and whether they are significant."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WRONG_UNIT = 0.35
 
 @dataclass(frozen=True, eq=False)
 class TableComparison:
-    """A model beside a table.
+    """A model compared with a table.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def compare(model: StaticModel, table: StaticTable) -> TableComparison:
         some, widest = ", ".join(noise.unstated[:2]), 100 * float(np.max(noise.model / np.abs(plausible.measured())))
         remarks.append(
             f"the part does not state what all its hinges and rods run into (Member.roots, as of {some}): the model "
-            f"may be off by {widest:.2g} %, one standard deviation, and little can be told from this table"
+            f"may be off by {widest:.2g} %, one standard deviation, and this table determines little"
         )
     return TableComparison(model, plausible, predicted, noise, tuple(remarks))
 

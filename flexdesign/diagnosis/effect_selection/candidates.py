@@ -21,16 +21,16 @@ from flexdesign.estimation.model_selection.score_test import Candidate
 
 #: Effects that only move a number of the model itself: a recalibration beyond the prior names them.
 IMITATED = ("payload_mass", "stiffness_loss", "sensor_gain")
-#: The one among them that a known mass tells from the others.
+#: The one among them that a known mass distinguishes from the others.
 LOADED = "payload_mass"
 #: A delay of the sensor.
 READS_LATE = "sensor_delay"
-#: Forces of inertia: they show where a mode does, and in runs that show none they stand for something else.
+#: Forces of inertia: they show where a mode does, and in runs that show none they represent something else.
 INERTIAL = ("base_motion",)
 #: Readings in whole steps are noise to a fit.
 NOISE = ("quantisation",)
-#: In the band of frequency responses modes and lags are tried at so many frequencies, delays of so many cycles of its
-#: highest one.
+#: In the band of frequency responses modes and lags are tried at this number of frequencies, delays at these fractions
+#: of a cycle of its highest frequency.
 IN_BAND, CYCLES = 10, (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 #: Not more trials than these for one effect.
 MOST_TRIALS = 48
@@ -90,7 +90,7 @@ def candidates(
     for name in (*effects.names(), *several, *more):
         if name in left_out or name in model.axis.effects or (at_stack and acts_ahead_of_stack(effects.find(name))):
             continue
-        if name == READS_LATE and not at_stack:  # elsewhere no recording tells it from a delay of the command
+        if name == READS_LATE and not at_stack:  # elsewhere no recording distinguishes it from a delay of the command
             continue
         if band is not None and not spectrum.shows(effects.find(name)):
             continue
@@ -132,7 +132,7 @@ def candidate_of(
     effect, name
         The effect, and the name under which `flexdesign.effects.find` has it.
     number
-        The number of driver, sensor or controller that it stands for, if any.
+        The parameter of driver, sensor or controller that represents it, if any.
     lines, band
         See `candidates`.
     """
@@ -173,7 +173,7 @@ def _over(parameter: Parameter, band: tuple[float, float]) -> tuple[float, ...]:
 
 
 def _with_screen(number: Parameter, catalogue: Parameter, model: AxisDynamics) -> Parameter:
-    """Return a number of driver, sensor or controller with what the catalogue says of the effect that it stands for."""
+    """Return a number of driver, sensor or controller with what the catalogue says of the effect that it represents."""
     scale = of_catalogue(catalogue, model.stroke, model.max_command)
     return replace(number, screen=tuple(value * scale for value in catalogue.screen), null=catalogue.null)
 

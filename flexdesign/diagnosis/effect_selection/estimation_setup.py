@@ -38,10 +38,11 @@ EXACT, FINEST_TOLERANCE, COARSEST_TOLERANCE = 0.02, 1e-6, 1e-4
 #: Most steps in a sample for fits, most of them for their Jacobian, and steps for screening; no step of any of them is
 #: longer than this [s], which the fastest relaxations of the catalogue bear.
 STEPS, STEPS_SLOPES, STEPS_SCREENING, LONGEST_STEP = 16, 6, 4, 5e-4
-#: The same for the values that are told in the end: many samples determine them far better than their noise.
+#: The same for the final values: many samples determine them far better than their noise.
 EXACT_AT_LAST, STEPS_AT_LAST = 0.002, 64
-#: A run is no later than so many standard deviations, in the model as it was designed and where one record is all there
-#: is: it would be late by many samples for the lag that the model lacks. Several that are all late share a delay.
+#: A run is late by at most this number of standard deviations, in the model as it was designed and where one record is
+#: all there is: it would be late by many samples for the lag that the model lacks. Several that are all late share a
+#: delay.
 BELIEVED = 4.0
 #: A plausible change of a number of which nothing is known, relative.
 CHANGE = 0.3
@@ -57,7 +58,7 @@ FITS_BETTER = {
 
 @contextmanager
 def simulating(threads: int) -> Iterator[ParallelMap]:
-    """Give a map shared among so many threads; those of linear algebra would fight with them, on small matrices."""
+    """Give a map shared among a number of threads; those of linear algebra would fight with them, on small matrices."""
     with threadpool_limits(1), shared_pool(threads) as each:
         yield each
 
@@ -117,12 +118,12 @@ def case_of(
         tolerance=exact,
         delay=model.controller.delay,
         finest=fine,
-        margin=1,  # the values that are told in the end are found with far more steps
+        margin=1,  # the final values are found with far more steps
         apart=tuple(run.name for run in data.runs),
         highest=max(0.5 / max(data.periods), *(float(each.frequencies[-1]) for each in data.responses), 0.0),
         bipolar=any(bool(np.min(run.command()) < -0.05 * max_command) for run in data.runs),
     )
-    # What the model does not need for itself need not be spent on effects beside it.
+    # What the model does not need for itself need not be spent on additional effects.
     needed = max((dynamics.steps_for(run) for run in data.runs), default=1)
     screening = max(min(screening, needed), least)
     # Small sines do not show how a loop bends.
@@ -157,7 +158,7 @@ def case_of(
 
 
 def undetermined(task: EstimationTask, dynamics: AxisDynamics) -> tuple[str, ...]:
-    """Return the free numbers that the runs cannot show: a plausible change moves no prediction by the tolerance.
+    """Return the free parameters that the runs cannot show: a plausible change moves no prediction by the tolerance.
 
     A change is plausible within one standard deviation of the prior, or `CHANGE` without one. Numbers of hysteresis are
     not asked: they act together.

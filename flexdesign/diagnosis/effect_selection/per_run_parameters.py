@@ -1,10 +1,10 @@
 """Numbers that differ from run to run: the rate of a drift, a temperature's effect, a payload that was changed.
 
 The strength of an effect is one number for all runs at first. It may instead have a mean and a deviation in each run (a
-random effect, Laird and Ware 1982). What decides is what decides about effects, see
-`estimation.criterion`: the deviations must lower chi^2 of the fitted runs by more than chance allows
-for so many more numbers, the discrepancy of the model counted; on the validation runs, each with a deviation of its
-own, as it has initial conditions of its own, they must remove the stated share, and more than the tolerance.
+random effect, Laird and Ware 1982). What decides is what decides about effects, see `estimation.criterion`: the
+deviations must lower chi^2 of the fitted runs by more than chance allows for that number of parameters, the discrepancy
+of the model counted; on the validation runs, each with a deviation of its own, as it has initial conditions of its own,
+they must remove the stated share, and more than the tolerance.
 
 A slope of each run imitates anything slow. So that a deviation is not such an imitation, the one that is found in a
 half of a validation run must predict its other half (cross-validation, Stone 1974).

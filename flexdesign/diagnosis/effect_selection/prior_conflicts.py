@@ -1,4 +1,4 @@
-"""Numbers that the runs move beyond their prior, and the physics that such a move stands for.
+"""Parameters that the runs move beyond their prior, and the physics that such a change represents.
 
 A natural frequency that is far below what mass and stiffness give, each known to a few percent, is a payload or a soft
 support; a gain beyond its uncertainty is a sensor out of calibration; runs that all begin late share a delay. The
@@ -45,7 +45,7 @@ class Conflict:
     words
         Which, by how much, and how surely.
     group
-        Effects that it can stand for; empty if none is known.
+        Effects that it can represent; empty if none is known.
     named
         The first of these with its value; None if there is none.
     written
@@ -104,7 +104,7 @@ def _structural(ratio: float) -> str:
 
 
 def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, conflict: Conflict) -> bool:
-    """Tell whether a number that moved beyond its prior explains much beside what remains, as an effect must.
+    """Return whether a parameter moved beyond its prior explains much compared with the residual, as an effect must.
 
     The fit is made again with the number held where it was known to be.
     """
@@ -147,7 +147,7 @@ def _follows(data: DiagnosisData, values: Mapping[str, float], ratio: float) -> 
 def _frequency_shift(
     data: DiagnosisData, words: str, ratio: float, ends: list[float], *, is_stiffness: bool
 ) -> Conflict:
-    """Return what a lower natural frequency stands for: more mass, or less stiffness."""
+    """Return what a lower natural frequency means: more mass, or less stiffness."""
     # A known mass would have shown that the table's own is another.
     if data.is_loaded or is_stiffness:
         name, numbers = "stiffness_loss", [1 - r**2 for r in (ratio, *reversed(ends))]
@@ -169,7 +169,7 @@ def _frequency_shift(
 
 
 def _gain_shift(data: DiagnosisData, words: str, ratio: float, ends: list[float]) -> Conflict:
-    """Return what another gain stands for: that of the sensor, the amplifier, or the stack."""
+    """Return what another gain means: that of the sensor, the amplifier, or the stack."""
     numbers, axis = [r - 1 for r in (ratio, *ends)], data.axis
 
     def written(model: AxisDynamics) -> AxisDynamics:
@@ -194,7 +194,7 @@ def _delay_shift(data: DiagnosisData, fit: FittedModel) -> Conflict | None:
     mean, error = float(np.mean(late)), jitter / math.sqrt(len(late))
     if mean <= CONFLICT * error:
         return None
-    # Runs that jitter less than was feared tell their common delay better.
+    # Runs that jitter less than was feared determine their common delay better.
     error = float(np.std(late, ddof=1)) / math.sqrt(len(late))
     half = float(stdtrit(len(late) - 1, 0.975)) * error  # of a few runs the scatter itself is hardly known
     # What they have in common, such as the error of the natural frequency, does not scatter.

@@ -1,4 +1,4 @@
-"""The bench: command files within an axis' limits, what effects change in them, and which tell two effects apart."""
+"""The bench: command files within an axis' limits, effect signatures, and which distinguish two effects."""
 
 from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.discrimination import (

@@ -27,7 +27,7 @@ def write(folder: Path, commands: Sequence[Command], axis: str, model: AxisModel
           noise: float | None = None) -> list[Path]:  # fmt: skip
     """Write command files and their description.
 
-    Every file has the columns ``t [s]`` and ``u [V]``; a recorded response goes beside them as a third, and the folder
+    Every file has the columns ``t [s]`` and ``u [V]``; a recorded response is added as a third, and the folder
     is ready for `flexdesign.measurements.recordings.read_runs`.
 
     Parameters

@@ -33,7 +33,7 @@ Kind = Literal[
 ROOM = 293.15
 #: Rise time from 10 to 90 % of a first-order low-pass, times its corner frequency.
 RISE = 0.35
-#: Of so many draws of random phases the one with the lowest peaks is taken.
+#: Draws of random phases, of which the one with the lowest peaks is taken.
 DRAWS = 30
 
 

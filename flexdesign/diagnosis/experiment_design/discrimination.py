@@ -1,4 +1,4 @@
-"""Which experiments tell two effects apart: simulated with either, at strengths that agree on a multisine."""
+"""Which experiments distinguish two effects: simulated with either, at strengths that agree on a multisine."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from flexdesign.dynamics.axis.axis_model import AxisDynamics
 
 #: On this multisine both effects look as alike as they can.
 STANDARD = SAME_WITH_MASS
-#: A difference of so many times the sensor's noise, rms, is plain to see in one run.
+#: A difference of this multiple of the sensor's noise, rms, is clear in one run.
 PLAIN = 3.0
 #: An effect changes the standard multisine's response by this share of itself at most.
 SHARE = 0.1
@@ -34,7 +34,7 @@ NOISE = 1e-4
 
 @dataclass(frozen=True)
 class Separation:
-    """How far one experiment tells two effects apart.
+    """How far one experiment distinguishes two effects.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Separation:
 
 @dataclass(frozen=True)
 class Resolved:
-    """Two effects, and what tells them apart.
+    """Two effects, and what distinguishes them.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class Resolved:
 def resolve_effects(
     model: AxisDynamics, names: tuple[str, str], experiments: Sequence[Command], noise: float
 ) -> Resolved:
-    """Return which experiments tell two effects apart.
+    """Return which experiments distinguish two effects.
 
     The first effect is as strong as changes the standard multisine by 1 % of the stroke, rms, or by a tenth of its
     response where that is less; the second such that it agrees with the first there as well as it can. In every
@@ -132,7 +132,7 @@ def resolve_effects(
 
 
 def required_experiments(experiments: Sequence[Command], resolved: Resolved) -> tuple[Command, ...]:
-    """Return those of the experiments that tell two effects apart, and the record of the noise they are seen against.
+    """Return those of the experiments that distinguish two effects, and the record of the noise.
 
     What is compared with a repetition needs the first time too: the multisine that the added mass repeats.
     """

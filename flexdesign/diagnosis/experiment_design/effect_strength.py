@@ -151,7 +151,7 @@ def _cleared(axis: AxisModel, effect: Effect, name: str) -> AxisModel:
 def reading(model: AxisDynamics, command: Command) -> Array:
     """Return what the sensor reads in an experiment [response], n values; NaN where the motion runs away.
 
-    An added mass and a static push are taken into account as far as the effects of `model` bear on them.
+    An added mass and a static push are taken into account where the effects of `model` depend on them.
     """
     mass, compliance = inertia(model)
     if command.mass_ratio:

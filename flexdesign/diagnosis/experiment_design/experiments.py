@@ -40,7 +40,7 @@ HOLD = 100.0
 QUIET = 2.0
 #: An added mass of this share of the moving one lowers the resonance by 5 %.
 ADDED_MASS = 0.1
-#: A gentle way to a level takes so many periods of the lowest mode.
+#: A gentle transition to a level takes this number of periods of the lowest mode.
 GENTLE = 8
 #: The experiment that is repeated with it.
 SAME_WITH_MASS = "multisine_medium_a"
@@ -114,7 +114,7 @@ def suite_of(model: AxisDynamics, limits: Limits, seed: int = 1) -> tuple[Comman
 def elsewhere(model: AxisDynamics, limits: Limits) -> tuple[Command, ...]:
     """Return experiments in which something else than the command acts: a push, another axis, the temperature.
 
-    They belong to the menu of what can tell effects apart; no command file can do them alone.
+    They belong to the menu of what can distinguish effects; no command file can do them alone.
     """
     maker = _Maker(model, limits, times(model.axis, limits), np.random.default_rng(0))
     still, other = maker.still(4.0), other_than(model.name)
@@ -294,7 +294,7 @@ def _added_mass(axis: AxisModel, same: Command) -> Command:
     else:
         remarks = units.to_text(ADDED_MASS * mass, "g", 2, "kg")
         note = f"fix {remarks} to the output (a tenth of the model's moving mass), weighed to 1 %"
-    purpose = "tells a mass from a stiffness, and checks the moving mass"
+    purpose = "distinguishes a mass from a stiffness, and checks the moving mass"
     return replace(same, name="added_mass", purpose=purpose, mass_ratio=ADDED_MASS, note=note)
 
 

@@ -19,7 +19,7 @@ EXACT = 1e-6
 MARGIN = 0.02
 #: Of the sampling rate, below which commands stay if no bandwidth is stated: Nyquist's half, less a filter's corner.
 BELOW_NYQUIST = 0.4
-#: Commands must reach so many times the highest resonance, or they do not show what lies above it.
+#: Commands must reach this multiple of the highest resonance, or they do not show what lies above it.
 ABOVE = 1.3
 
 

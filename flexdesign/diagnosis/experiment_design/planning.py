@@ -1,4 +1,4 @@
-"""A plan: the commands that a bench shall run, within its limits, to reveal effects or to tell two apart."""
+"""A plan: the commands that a bench shall run, within its limits, to reveal effects or to distinguish two."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Request:
     Parameters
     ----------
     resolve
-        Two effects to be told apart; None for the whole plan.
+        Two effects to be distinguished; None for the whole plan.
     axis
         Which axis; None for the first.
     volts
@@ -68,7 +68,7 @@ class Plan:
     limits
         What the commands keep to.
     resolved
-        The two effects that are told apart; None for the whole plan.
+        The two effects that are distinguished; None for the whole plan.
     noise
         Of the sensor, rms [response]; None if unknown.
     """

@@ -99,7 +99,7 @@ class DiagnosisData:
 
     @property
     def is_one_record(self) -> bool:
-        """Whether no more than one run that moves teaches: then its own delay is not told from one that all have."""
+        """Whether only one moving run is fitted: then its own delay is indistinguishable from a common delay."""
         return sum(bool(np.ptp(run.command())) for run in self.of("identify")) < 2
 
     @cached_property
@@ -125,7 +125,7 @@ class DiagnosisData:
         return Mixed(noise, self.lines) if self.lines else noise
 
     def null_errors(self, residuals: Mapping[str, Array]) -> Iterator[Mapping[str, Array]]:
-        """Yield errors of rounding beside the residuals of a fit, where readings come in coarse steps; else nothing."""
+        """Yield rounding errors for the residuals of a fit, where readings come in coarse steps; else nothing."""
         if self.coarse_step is None:
             return
         runs = {run.name: run for run in self.of("identify")}
@@ -280,10 +280,10 @@ def _of_responses(
 
 
 def line_weights(data: DiagnosisData) -> dict[str, Array]:
-    """Return what the values of frequency responses count beside the tolerance.
+    """Return the weights of frequency responses relative to the tolerance.
 
-    As in time an effect must move a line by a share of its noise, or of its size if that is less; by so many times as
-    much as somebody asks for a tolerance that is larger than the usual one.
+    As in time an effect must move a line by a share of its noise, or of its size if that is less; multiplied by the
+    ratio of a larger stated tolerance to the usual one.
     """
     found = {}
     for each in data.responses:

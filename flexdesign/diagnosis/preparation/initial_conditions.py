@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 #: Standard deviations: samples that a record was late, share of the largest command where the voltage had turned,
 #: share of the stroke that the mode swings by.
 LATE, TURNED, SWINGS = 0.3, 0.4, 0.1
-#: Before the first fit, delays are tried up to this one [s], at so many periods of the mode from each other.
+#: Before the first fit, delays are tried up to this one [s], at this spacing in periods of the mode.
 LATEST, IN_TIME = 0.012, 0.125
 #: And natural frequencies this far away, relative, at such steps: from farther than a resonance is wide, derivatives
 #: lead nowhere. A payload or a loose part may have changed it by so much.

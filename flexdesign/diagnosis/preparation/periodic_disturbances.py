@@ -17,7 +17,7 @@ from flexdesign.estimation.noise.sinusoids import remove_sinusoids
 if TYPE_CHECKING:
     from flexdesign.diagnosis.preparation.dataset import DiagnosisData
 
-#: A line in the residual is sought in records of at least so many samples without a gap.
+#: A line in the residual is sought in records of at least this number of samples without a gap.
 FEWEST = 200
 #: So many peaks of what frequency responses leave are frequencies at which modes are tried.
 PEAKS = 6
@@ -49,8 +49,8 @@ def frequencies(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
 def peaks(data: DiagnosisData, fit: FittedModel) -> tuple[float, ...]:
     """Return the frequencies [Hz] where measured frequency responses rise most above what a calibrated model predicts.
 
-    There a mode may be that the model lacks; beside one, where the response is small, the residual is large over the
-    noise as well.
+    There the model may lack a mode; away from a resonance, where the response is small, the residual also exceeds
+    the noise.
     """
     from scipy.signal import find_peaks
 

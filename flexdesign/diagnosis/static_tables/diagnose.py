@@ -2,8 +2,8 @@
 
 Every static effect that the model has not is fitted alone, and in pairs where one does not do. What is known of the
 measurements, of the tolerances of the part and of the model's own accuracy stands in the weights (`Uncertainty`), so
-that nothing is named for what a part may be off by anyhow. What fits as well as the best is said beside it, with the
-measurement that would tell.
+that nothing is named for what a part may be off by anyhow. What fits as well as the best is stated too, with the
+measurement that would distinguish them.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ class TableDiagnosis:
     verdict
         Whether something is missing, and whether it is known.
     before, found
-        The model as it was beside the table, and with what was found (the best answer, even where it does not suffice).
+        The original model compared with the table, and the best one found, even where it does not suffice.
     alike
-        Other answers that the table cannot tell from `found`.
+        Other models that the table does not distinguish from `found`.
     tried
         Everything that was fitted, best first.
     proposals
-        Measurements that would tell `found` from `alike`, the best first.
+        Measurements that would distinguish `found` from `alike`, the best first.
     error_ladder
         Relative errors, rms: of the design, with what was found, and so of each row left out of the fit in turn.
     remarks
@@ -70,7 +70,7 @@ class TableDiagnosis:
 
     @property
     def groups(self) -> tuple[tuple[str, ...], ...]:
-        """Effects that the table cannot tell apart, the one that was found first."""
+        """Effects that the table does not distinguish, beginning with the one found."""
         groups = []
         for name in self.found.names:
             beside = {*self.found.names} - {name}
@@ -166,7 +166,7 @@ def _sorted(trials: Iterable[Trial | None]) -> list[Trial]:
 
 
 def _answers(before: Trial, trials: Sequence[Trial], count: int) -> list[Trial]:
-    """Return the trials that count, agree with the table and cannot be told apart, best first.
+    """Return the trials that count, agree with the table and are indistinguishable, best first.
 
     What the design rules out comes last. Of an effect that was tried with several constants each bears a share of its
     probability only.

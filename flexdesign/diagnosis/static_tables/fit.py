@@ -106,7 +106,7 @@ class Trial:
         return ratio - 1 if abs(ratio - 1) > self.model.design.tolerances.modulus else 0.0
 
     def members(self, name: str) -> tuple[Member, ...]:
-        """Return the members of which an effect changes one, the table cannot tell which; none if it changes all."""
+        """Return the members of which an effect changes one, unknown from the table; none if it changes all."""
         faces = [face for face in statics.find(name).faces if isinstance(face, Reshape) and face.number]
         every = self.model.design.part().linkage().members if faces else ()
         return tuple(m for face in faces for n in self.cases[name] for m in face.changed(every, {face.number: n}))

@@ -209,7 +209,7 @@ class AxisDynamics:
         Parameters
         ----------
         effect
-            The effect; one of driver, sensor or controller sets the number that stands for it.
+            The effect; one of driver, sensor or controller sets the parameter that represents it.
         name
             Under which `flexdesign.effects.find` has it; by default its own.
 
@@ -287,8 +287,8 @@ class AxisDynamics:
         """Return how many samples at the start of a run depend on what happened before; zero if it begins settled.
 
         A command that moves as the record begins has moved before it, too, and so has one under which the response
-        rings while it stands still. What the mode did then is unknown, and has decayed to a thousandth after so many
-        samples.
+        rings while it stands still. What the mode did then is unknown, and has decayed to a thousandth after this
+        number of samples.
         """
         command, response, mode = self.command(run), run.measured(), self.first
         period = max(1, math.ceil(1 / (mode.natural_frequency * run.period)))

@@ -46,7 +46,7 @@ class Sampled(NamedTuple):
 
 @dataclass(frozen=True)
 class Plant:
-    """G(s) = gain w0^2 / (s^2 + 2 zeta w0 s + w0^2) exp(-delay s), further modes beside it, lags in series with all.
+    """G(s) = gain w0^2 / (s^2 + 2 zeta w0 s + w0^2) exp(-delay s), with further modes in parallel and lags in series.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Plant:
     damping_ratio
         Its damping ratio; 1 and more is allowed.
     delay
-        Delay between command and reading, beside the hold [s].
+        Delay between command and reading, in addition to the hold [s].
     modes
         Further modes, each ``(natural_frequency [Hz], damping_ratio, share)``: its static gain is `share` times `gain`.
     lags
@@ -108,7 +108,7 @@ class Plant:
         t1, t2
             Time constants [s].
         delay
-            Delay beside the hold [s].
+            Delay in addition to the hold [s].
 
         Raises
         ------

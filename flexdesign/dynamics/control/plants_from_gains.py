@@ -2,7 +2,7 @@
 
 A Ziegler-Nichols tuning is two numbers, the ultimate gain and the ultimate period, written as three. They say that the
 sampled plant passes through -1/Ku at one frequency: two equations. A plant has more unknowns than that, so that a
-whole family fits, and only something else than the gains tells its members apart: the phase of a frequency response.
+whole family fits, and the gains do not distinguish its members: the phase of a frequency response does.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Comparison:
     telling_difference: float
 
     def says(self) -> str:
-        """Return where a frequency response tells the candidates apart."""
+        """Return where a frequency response distinguishes the candidates."""
         return (
             f"The phases of the candidates lie farthest apart at {to_text(self.telling_frequency, 'Hz', 3)}: "
             f"{significant(self.telling_difference, 3)} deg."
@@ -106,7 +106,7 @@ def plants_for_delays(
     gain
         Static gain of the plant [reading per command].
     delays
-        Delays of the loop beside the hold, in samples.
+        Delays of the loop in addition to the hold, in samples.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def plants_for_frequency(pid: PID, period: float, gain: float, natural_frequency
 
 
 def compare(candidates: Sequence[Candidate], frequencies: ArrayLike) -> Comparison:
-    """Return the frequency responses of the candidates, and where the phase tells them apart best.
+    """Return the frequency responses of the candidates, and where the phase distinguishes them best.
 
     Parameters
     ----------

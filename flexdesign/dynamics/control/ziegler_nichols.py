@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 FEWEST_OSCILLATIONS = 32
 #: Growth per oscillation, as a share of the amplitude, that counts as none.
 STEADY = 1e-5
-#: An oscillation this small beside the whole excursion has died out.
+#: An oscillation this small compared with the whole excursion has decayed.
 DEAD = 1e-6
 _WINDOWS = 8
 
@@ -157,7 +157,7 @@ def _judged(record: Array, period: float, noise: float) -> Oscillation:
 
 
 def oscillation(record: ArrayLike, period: float) -> Oscillation:
-    """Return the oscillation in the late half of a record, beside an offset and a drift.
+    """Return the oscillation in the late half of a record, with offset and drift removed.
 
     Each of several windows is fitted with a sinusoid, an offset and a slope. The trend of the logarithm of its
     amplitude is the growth rate, the trend of its phase corrects the frequency, so that both are free of the raggedness

@@ -1,4 +1,4 @@
-"""Controllers for the axes of a stage: what a linear design sees of them, and what gains a controller stands for."""
+"""Controllers for the axes of a stage: the plant of a linear design, and the gains of a controller."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def plant(axis: AxisModel, delay: float) -> Plant:
     axis
         The axis. A driver or a sensor of infinite bandwidth has no lag.
     delay
-        Delay of the loop beside the hold and the sensor [s].
+        Delay of the loop in addition to the hold and the sensor [s].
     """
     bandwidths = (axis.driver.bandwidth, axis.sensor.bandwidth)
     lags = tuple(1 / (2 * math.pi * bandwidth) for bandwidth in bandwidths if math.isfinite(bandwidth))
@@ -61,7 +61,7 @@ class Designer:
         self._robust = cache(self._tune)
 
     def pid(self, piece: str, name: str, axis: AxisModel, delay: float) -> PID:
-        """Return the PID that a controller's name stands for, for an axis and a loop delay [s].
+        """Return the PID of a controller's name, for an axis and a loop delay [s].
 
         Raises
         ------

@@ -20,7 +20,7 @@ KNOWN = {
     "ziegler-nichols": "PID by the classical rule, from the ultimate gain of the model's sampled loop",
     "ziegler-nichols by experiment": "the same, from the oscillation of the simulated stage, hysteresis included",
     "robust": "PID of the smallest worst-case error integral whose sensitivity stays below a limit; alone its integral "
-    "part alone sees the reference, beside a feedforward all of it does",
+    "part alone sees the reference; with a feedforward the whole PID does",
 }
 #: Those that give a command; the others are feedbacks.
 COMMANDS = ("open loop", "feedforward")
@@ -74,7 +74,7 @@ class Gains(Table):
     def _has_a_plant(cls, kp: Any, others: ValidationInfo) -> Any:
         has_plant = others.data.get("plant_gain") is not None
         if isinstance(kp, tuple) and not has_plant:
-            raise ValueError('without a unit it needs plant_gain beside it; or write for example kp = "0.05 V/um"')
+            raise ValueError('without a unit it also needs plant_gain; or write for example kp = "0.05 V/um"')
         if not isinstance(kp, tuple) and has_plant:
             raise ValueError("has a unit, so that plant_gain means nothing; leave one of them out")
         return kp
@@ -96,7 +96,7 @@ class ControllerTable(Table):
 class Variant(Table):
     """The stage with some numbers changed.
 
-    `controllers_know` tells whether feedforward and tuning are made for the changed stage or for the one they believe.
+    `controllers_know` states whether feedforward and tuning are made for the changed stage or for the one they believe.
     """
 
     set: tuple[str, ...] = Field(examples=['set = ["axis.x.damping_ratio=0.02"]'])
@@ -107,7 +107,7 @@ class Variant(Table):
 class Published(Table):
     """A number that somebody printed, and which of ours it is to be compared with.
 
-    Where `comparable` is false ours is another quantity, or one that was set to the printed one: it stands beside it
+    Where `comparable` is false ours is another quantity, or one that was set to the printed one: it is listed
     for its size alone. A `bound` says that only a limit was printed.
     """
 
@@ -226,7 +226,7 @@ class Plan:
     experiments
         In order.
     variants, controllers
-        By name, beside those that every study knows.
+        By name, in addition to those that every study knows.
     robust_ms
         Limit of the largest sensitivity for the ``robust`` controller.
     cycled

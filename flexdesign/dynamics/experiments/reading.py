@@ -138,7 +138,7 @@ def _experiment(given: Any, number: int, path: Path) -> Experiment:
 
 
 def _placed(experiment: Experiment, folder: Path) -> Experiment:
-    """Return an experiment whose files are looked up beside the study."""
+    """Return an experiment whose files are looked up next to the study."""
     placed = {
         key: given.beside(folder) for key in ("command", "reference") if (given := getattr(experiment, key)) is not None
     }
@@ -146,7 +146,7 @@ def _placed(experiment: Experiment, folder: Path) -> Experiment:
 
 
 def _check(plan: Plan, axes: Sequence[str], path: Path) -> None:
-    """Refuse names that stand for nothing, for two things, or for the wrong thing."""
+    """Refuse names that are unknown, ambiguous, or of the wrong kind."""
     for kind, own, reserved in (("variants", plan.variants, [AS_MODELLED]), ("controllers", plan.controllers, KNOWN)):
         for name in own:
             if name in reserved or "+" in name:

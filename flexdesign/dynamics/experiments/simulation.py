@@ -34,7 +34,7 @@ LATE_READING = "readings are {} late; the loop is simulated with a command that 
 
 @dataclass(frozen=True)
 class Compared:
-    """A published number beside ours: None where ours could not be measured."""
+    """A published number compared with ours: None where ours could not be measured."""
 
     published: Published
     ours: Quantity | None
@@ -124,7 +124,7 @@ class Simulation:
         return [case for case in self.cases if case.experiment.name == experiment.name]
 
     def compared(self, experiment: Experiment) -> list[tuple[Case, Compared]]:
-        """Return published numbers beside ours, for every case they belong to."""
+        """Return published numbers compared with ours, for every case they belong to."""
         found = []
         for case in self.of(experiment):
             for published in experiment.published:

@@ -88,7 +88,7 @@ def tracking(reference: Array, response: Array, period: float, *, longest_lag: f
 
 
 def _best_lag(reference: Array, response: Array, skipped: int, longest: float) -> float:
-    """Return the lag with the smallest error, in samples: the best whole one first, then beside it.
+    """Return the lag with the smallest error, in samples: first to a whole sample, then refined.
 
     Between two whole lags the delayed reference goes straight from one to the other, so that the squared error is a
     parabola of the lag, and its lowest point known.

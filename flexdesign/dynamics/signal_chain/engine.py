@@ -203,7 +203,7 @@ def _command(
     share = reals(within)
     for i in range(3):
         path[place + i] = held + (following - held) * share[i]
-    if inputs.derivatives != 0 and index >= 0:  # a cubic with the right slopes at both samples
+    if inputs.derivatives != 0 and index >= 0:  # a cubic with the right derivatives at both samples
         slope, difference = reals(inputs.derivatives), following - held
         previous, after = slope[row + index] - difference, slope[row + min(index + 1, inputs.samples - 1)] - difference
         for i in range(3):

@@ -33,7 +33,7 @@ class Contradiction(ValueError):
 
 @dataclass(frozen=True)
 class Mode:
-    """A further mode of an axis, beside the main one.
+    """A further mode of an axis, in addition to the main one.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class Sensor:
 
 @dataclass(frozen=True)
 class ActuatorData:
-    """What drives an axis: piezo stacks, each as its data sheet has it, or another actuator as far as that applies.
+    """What drives an axis: piezo stacks, each as its data sheet has it, or the applicable values of another actuator.
 
     Parameters
     ----------

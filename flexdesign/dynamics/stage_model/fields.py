@@ -233,7 +233,7 @@ def coupling(to: str, origin: str, power: int) -> Number:
 def effect(name: str, response: str, exponent: float = 1.0) -> dict[str, Number]:
     """Return the parameters of an effect on an axis that responds in the SI unit `response`.
 
-    The catalogue is written for displacements: its m stands for the unit of the response. A parameter whose plausible
+    The catalogue is written for displacements: its m means the unit of the response. A parameter whose plausible
     values are all positive refuses negative ones; beyond that, an implausible value is for others to doubt.
 
     Parameters

@@ -28,7 +28,7 @@ from flexdesign.dynamics.stage_model.fields import Field, Fields
 from flexdesign.dynamics.stage_model.model import ControllerTiming, Coupling, StageModel
 from flexdesign.dynamics.stage_model.writing import to_toml
 
-#: Tables and lists of an axis, beside its single numbers.
+#: Tables and lists of an axis, in addition to its single numbers.
 _TABLES = ("hysteresis", "effects", "modes", "driver", "sensor", "actuator", "uncertainty", "sources")
 _PIECES = (*_TABLES, "unit", "assumed", "fitted")
 
@@ -331,7 +331,7 @@ def _effects(table: Mapping[str, Any], response: str, place: _Place) -> dict[str
 def _whole(name: str, place: _Place) -> str:
     """Return the name of an effect, an absolute path if it is one: so it is found from wherever the model is written.
 
-    A path is looked up beside the stage model's file first, then in the working directory.
+    A path is looked up next to the stage model's file first, then in the working directory.
     """
     if name in fields.ELSEWHERE:
         number = fields.ELSEWHERE[name]

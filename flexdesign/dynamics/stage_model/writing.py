@@ -17,8 +17,8 @@ from flexdesign.dynamics.stage_model.model import Coupling, StageModel
 _TEXT = fields.Text()
 _HEADING = "# Stage model. Any number may be changed, and any unit that measures the same may be written."
 #: The comment that names the effects for which there is no data.
-ABSENT = "# assumed to be none, as nothing here tells:"
-#: What people should know of a field, beside where it comes from.
+ABSENT = "# assumed to be none, for lack of data:"
+#: What users should know about a field, in addition to its source.
 _COMMENTS = {
     "stiffness": "at the output, actuators installed",
     "gain": "coefficient of the voltage, actuators installed",
@@ -140,7 +140,7 @@ def _table(place: str, table: object, known: fields.Fields, heading: str = "[{}]
 
 
 def _effect(name: str, values: Mapping[str, float], response: str) -> dict[str, str]:
-    """Return the parameters of an effect as TOML; units that hang on an exponent follow it as it is written."""
+    """Return the parameters of an effect as TOML; units that depend on an exponent follow it as it is written."""
     known = fields.effect(name, response)
     power, _ = fields.POWER_LAWS.get(name, ("", ()))
     if power:

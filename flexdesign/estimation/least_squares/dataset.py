@@ -19,7 +19,7 @@ from flexdesign.core.model import Observation
 from flexdesign.estimation.noise.whitening import Scaled, Whitening
 
 Array = NDArray[np.float64]
-#: A combination of columns so small, beside the largest, is hidden.
+#: A combination of columns this small, relative to the largest, is hidden.
 HIDDEN = 1e-10
 #: Residuals smaller than this share of the data are the simulator's rounding: costs do not differ there.
 ROUNDING = 1e-7

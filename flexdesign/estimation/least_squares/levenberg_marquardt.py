@@ -18,8 +18,8 @@ from flexdesign.estimation.least_squares.residual_function import JacobianBlock,
 Array = NDArray[np.float64]
 #: A step that promises to lower chi^2 by less than this is the last: it moves no number by a third of its deviation.
 SMALL = 0.1
-#: Slopes that were carried along serve while a step lowers the cost by this share of what they promise, and for so many
-#: steps; they say that nothing is left to be gained if the last one kept its promise so closely.
+#: An updated Jacobian is kept while a step lowers the cost by this share of the predicted reduction, and for this
+#: number of steps; it shows convergence if the last step reached this share of its prediction.
 LEAST_KEPT, LONGEST, SMALLEST_GAIN_RATIO = 0.1, 12, (0.7, 1.5)
 #: Damping: where it begins, and what it is multiplied with after a good and a bad step.
 DAMPING, DAMPING_DECREASE, DAMPING_INCREASE, LARGEST_DAMPING = 1e-3, 0.2, 8.0, 1e8
@@ -36,7 +36,8 @@ class Effort:
     Parameters
     ----------
     jacobians
-        Largest number of times that the Jacobian is computed; with none, the fit goes as far as the known one leads.
+        Largest number of times that the Jacobian is computed; with none, the fit uses the known one until the cost
+        stops falling.
     share
         A step that promises to lower chi^2 by less than this share of it is the last.
     is_exact
@@ -48,9 +49,9 @@ class Effort:
     is_exact: bool = True
 
 
-#: A fit to its end; one that tells whether it is worth its time; and what the Jacobian known promises.
+#: A fit to convergence; a rough fit that ranks candidates; and steps with the known Jacobian alone.
 FULL, ROUGH, QUICK = Effort(), Effort(3, 1e-3, is_exact=False), Effort(0, 1e-3, is_exact=False)
-#: The same without regard for time: to the minimum, and as far as one Jacobian leads.
+#: The same without regard for time: to the minimum, and all steps of one Jacobian.
 MINIMUM, FOLLOWING = Effort(30, 1e-6), Effort(0, 0.0, is_exact=False)
 
 
@@ -181,7 +182,7 @@ class _Search:
         self.fresh, self.eased, self.looked = True, False, self.looked + 1
 
     def descend(self, share: float) -> bool:
-        """Take steps while the Jacobian serves; tell whether less than this share of the cost is left to be gained."""
+        """Take steps while the Jacobian is accurate; return whether less than this share can still be gained."""
         for _ in range(LONGEST):
             enough = max(self.small, share * self.cost)
             gradient = _gradient(self.problem, self.x, self.jacobian, self.residuals)

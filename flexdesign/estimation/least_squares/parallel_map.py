@@ -1,7 +1,7 @@
 """Simulations shared among threads: who asks for some of them makes them, too, and who has nothing to do helps.
 
 A pool alone lets the asking thread sleep, and wakes it for every few milliseconds of work; and where several fits run
-beside each other, the last one runs alone. Here a fit may ask within a fit, and gets what threads are idle.
+at the same time, the last one runs alone. Here a fit may ask within a fit, and gets what threads are idle.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A model beside a data set: whitened residuals and their derivatives, record by record.
+"""A model and a data set: whitened residuals and their derivatives, record by record.
 
 Numbers that act on one record alone (where it began, how late it was started) are many, and cost little: their
 derivatives ask for one record each, and the normal equations are filled block by block.
@@ -60,7 +60,7 @@ class _Count:
 
 
 class Problem:
-    """A model with free numbers, to be laid beside a data set.
+    """A model with free parameters, and a data set.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Problem:
     model
         The model.
     where
-        Its free numbers as coordinates; those that act on one run alone carry its name.
+        Its free parameters as coordinates; those that act on one run alone carry its name.
     each
         Maps simulations, over threads perhaps.
     jacobian_model
@@ -113,7 +113,7 @@ class Problem:
         return self._count.made["failed"]
 
     def fresh(self, dataset: Dataset | None = None, central: bool | None = None) -> Problem:
-        """Return the problem with steps of its own for differences; perhaps beside another suite, or with another."""
+        """Return the problem with its own finite-difference steps; perhaps with another data set."""
         central = self.central if central is None else central
         return Problem(
             dataset or self.dataset, self.model, self.where, self.each, self.jacobian_model, central, self._count
@@ -141,7 +141,7 @@ class Problem:
     def symmetrise(self, jacobian: Sequence[JacobianBlock]) -> None:
         """Make the derivatives of a number and of its twin in each run equal, as they are but for rounding.
 
-        What tells them apart is known of them beforehand; beside strong data the rounding would seem to know better.
+        Their priors distinguish them; with strong data, rounding errors would seem to do so.
         """
         for parameter in self.where.parameters:
             for record, part in zip(self.dataset.records, jacobian, strict=True) if parameter.twin else ():

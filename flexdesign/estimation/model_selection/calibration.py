@@ -21,7 +21,7 @@ STARTS, SAMPLED = 3, 16
 def evaluate_design(task: EstimationTask, model: Model) -> FittedModel | None:
     """Return the fit of a model whose own numbers stay; only the initial conditions of the runs are fitted.
 
-    Its Jacobian holds the free numbers all the same, so that a screening there knows what they can imitate.
+    Its Jacobian contains the free parameters all the same, so that a screening there knows what they can imitate.
     """
     task = task.prepared(task, model)
     begun = fit_initial_states(task, task.identify, model)
@@ -39,8 +39,8 @@ def calibrate(
     """Fit the model's own numbers from several starts; return the best fit.
 
     The first start is the model as it is. Where the design with the initial states that suit it explains more than the
-    fit from there, it is the second start. Where more than noise remains, others are the best points of a sample of the
-    plausible ranges.
+    fit from there, it is the second start. Where the residual exceeds the noise, others are the best points of a sample
+    of the plausible ranges.
     """
     first = solve_case(task, model, effort=STARTED)
     if nominal is not None and (first is None or nominal.cost < first.cost):
@@ -58,7 +58,7 @@ def calibrate(
 
 
 def _sample(task: EstimationTask, model: Model, seed: int) -> Iterator[dict[str, float]]:
-    """Yield values of the free numbers: the best points of a Sobol sample of their plausible ranges."""
+    """Yield values of the free parameters: the best points of a Sobol sample of their plausible ranges."""
     from scipy.stats.qmc import Sobol
 
     where = task.coordinates(model, task.free, task.identify)

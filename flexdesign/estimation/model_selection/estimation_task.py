@@ -1,4 +1,4 @@
-"""What a diagnosis fits: identification and validation runs, free numbers, and their priors."""
+"""The estimation problem of a diagnosis: identification and validation runs, free parameters, and their priors."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class EstimationTask:
         How far an effect must move the prediction of a validation run, rms [response].
     coarse, fine, finest
         Make a model that is simulated less exactly and faster, for screening; exactly; and so exactly that its errors
-        are small beside those of fitted numbers, which are far below the noise.
+        are small compared with those of fitted parameters, which are far below the noise.
     jacobian_model
         Makes a model whose Jacobian serves in the place of a model's own, and takes less time.
     each
@@ -56,7 +56,7 @@ class EstimationTask:
         Yields errors that readings of the runs in `identify` may have, by run [response], where these are no Gaussian
         noise; nothing where they are. It is given the residuals of a fit.
     weights
-        Weights of the values of an observation, by its name, beside `tolerance`; one where it is not there.
+        Weights of the values of an observation, by its name, in addition to `tolerance`; one where it is missing.
     scales
         Factors of the values of an observation whose values are not equally noisy, by its name: typical noise over
         their own. Its rms residual is stated with them.
@@ -87,11 +87,11 @@ class EstimationTask:
     scored: tuple[str, ...] = ()
 
     def problem(self, dataset: Dataset, model: Model, where: Coordinates) -> Problem:
-        """Return the least-squares problem of a model with free numbers and a data set."""
+        """Return the least-squares problem of a model with free parameters and a data set."""
         return Problem(dataset, model, where, self.each, self.jacobian_model)
 
     def coordinates(self, model: Model, free: Sequence[str], dataset: Dataset) -> Coordinates:
-        """Return free numbers and those of each run as coordinates."""
+        """Return the free parameters and those of each run as coordinates."""
         runs = {record.observation.name for record in dataset.records}
         own = [parameter.name for parameter in model.parameters() if parameter.run in runs]
         names = [*free, *own]

@@ -244,7 +244,7 @@ def refit(task: EstimationTask, fit: FittedModel, effects: tuple[Candidate, ...]
 
 
 def refine(task: EstimationTask, fit: FittedModel) -> FittedModel:
-    """Return a fit whose simulations are so exact that their errors are small beside those of the fitted numbers.
+    """Return a fit whose simulation errors are small compared with the errors of the fitted parameters.
 
     N samples of noise s leave an error of s / root N in a value. A prediction that is off by a small share of the noise
     everywhere moves it by as much. The Jacobian of the fit serves: it need not be so exact.

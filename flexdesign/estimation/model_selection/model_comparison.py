@@ -1,4 +1,4 @@
-"""Effects fitted beside those of the present model, and compared by `flexdesign.estimation.criterion`."""
+"""Effects fitted in addition to those of the present model, and compared by `flexdesign.estimation.criterion`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from flexdesign.estimation.model_selection.score_test import Candidate
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A candidate, fitted beside the effects of the present model.
+    """A candidate, fitted in addition to the effects of the present model.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Step:
 
     @property
     def alike(self) -> tuple[Trial, ...]:
-        """Accepted trials that these runs cannot tell from the chosen one."""
+        """Accepted trials that these runs do not distinguish from the chosen one."""
         if self.chosen is None:
             return ()
         others = (trial for trial in self.trials if trial.names != self.chosen.names and not trial.reason)
@@ -148,7 +148,7 @@ def best_of(task: EstimationTask, trials: Sequence[Trial]) -> Trial | None:
     """Return the best accepted trial, or None.
 
     What explains no more than an effect that hardly moves the prediction is no finding. A pair must beat the best
-    single effect by as much as an effect beside it would have to explain to be named.
+    single effect by as much as an additional effect would have to explain to be named.
     """
     accepted = list[Trial]()
     for trial in rank(trials):
@@ -180,7 +180,7 @@ def _preferred(task: EstimationTask, accepted: Sequence[Trial]) -> Trial | None:
 
 
 def is_indistinguishable(a: FittedModel, b: FittedModel) -> bool:
-    """Tell whether the runs cannot tell two answers apart."""
+    """Return whether the runs do not distinguish two results."""
     if len(a.effects) != len(b.effects):
         return False
     difference = (b.cost + b.validation_chi2) - (a.cost + a.validation_chi2)

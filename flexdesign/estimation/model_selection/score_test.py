@@ -1,6 +1,6 @@
 """Score of every effect that might explain a residual, without fitting any of them.
 
-An effect at a trial strength moves the prediction by d (whitened). What the free numbers of the model can imitate is
+An effect at a trial strength moves the prediction by d (whitened). What the free parameters of the model can imitate is
 projected out, d' = d - J (J'J)^-1 J'd. chi^2 promises to fall by (d'e)^2 / d'd', with the residual e: the score
 statistic of Rao (1948) with a secant in the place of the derivative, so that effects with a threshold, whose derivative
 is zero at the null, are found as well. Hidden constants are tried on a grid. A sinusoid has two such columns in each
@@ -27,14 +27,14 @@ from flexdesign.core.model import Model
 from flexdesign.estimation.least_squares.levenberg_marquardt import Solution
 
 Array = NDArray[np.float64]
-#: An effect of which the free numbers leave less than this, in squares, is one that they can imitate.
+#: The free parameters imitate an effect if less than this fraction of its squares is independent of them.
 OWN = 1e-8
 #: A move smaller than this, in shares of the data, is rounding.
 ROUNDING = 1e-12
 #: A promise counts only if the strength that it needs is no more than this many times that of the catalogue.
 FARTHEST = 300.0
-#: Trial strengths move the prediction by no more than so many standard deviations of the noise, rms: what the free
-#: numbers imitate is taken out to first order.
+#: Trial strengths change the prediction by at most this number of standard deviations of the noise, rms: what the free
+#: parameters imitate is projected out to first order.
 LARGE = 3.0
 #: Draws of chance, and the share of them whose largest score is the critical value that is continued to rarer ones.
 DRAWS, LEVEL = 4000, 0.01
@@ -65,7 +65,8 @@ class Candidate:
     like
         Names of effects that it may be taken for.
     after
-        Name of the effect beside which alone it is tried: one that a model has several times; empty if there is none.
+        Name of the effect that must already be in the model: one that a model has several times; empty if there is
+        none.
     """
 
     name: str
@@ -166,7 +167,7 @@ class Screening:
         self.directions = [direction for direction in found if direction is not None]
 
     def _try(self, candidate: Candidate, values: Mapping[str, float]) -> Direction | None:
-        """Return the direction of a trial; None where it cannot be simulated, or the free numbers imitate it."""
+        """Return the direction of a trial; None where it cannot be simulated, or the free parameters imitate it."""
         try:
             with np.errstate(all="ignore"):
                 model = self.coarse(candidate.add(self.model))
@@ -239,7 +240,7 @@ class Screening:
         return total
 
     def cosines(self, directions: Sequence[Direction]) -> Array:
-        """Return the cosines between directions, what free numbers imitate taken out."""
+        """Return the cosines between directions, after projection on the free parameters."""
         if not directions:
             return np.zeros((0, 0))
         changes = np.array([direction.move for direction in directions])

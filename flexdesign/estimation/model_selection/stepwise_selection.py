@@ -88,7 +88,7 @@ def screen(
     Parameters are those of `forward`.
     """
     left = [c for c in candidates if c.name not in fit.names and c.after in ("", *fit.names)]
-    task.progress("screening the catalogue" if not fit.effects else f"screening beside {', '.join(fit.names)}")
+    task.progress("screening the catalogue" if not fit.effects else f"screening with {', '.join(fit.names)}")
     score, starts = 0.0, list[_Start]()
     for origin in (fit, *origins):
         screening = Screening(origin.solution, left, task.coarse)
@@ -124,7 +124,7 @@ def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]
 
 
 def finish(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -> Trial | None:
-    """Carry one rough fit to its end, and compare it with the fit beside which it was tried; None where that fails.
+    """Carry one rough fit to convergence, and compare it with the fit without the addition; None where that fails.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ def _best_by_names(entries: Sequence[Entry | None]) -> list[Entry]:
 def _quick_fit(task: EstimationTask, start: _Start) -> Entry | None:
     """Return where the known Jacobian leads, coarsely simulated.
 
-    A limit moves the prediction so far that the Jacobian without it misleads, as does that beside a gross misfit: it is
+    A limit moves the prediction so far that the Jacobian without it misleads, as does one at a gross misfit: it is
     then computed at the start.
     """
     origin, model, values = start.origin, start.origin.model, dict[str, float]()
@@ -276,7 +276,7 @@ def fit_candidate(task: EstimationTask, fit: FittedModel, candidate: Candidate) 
 
 
 def backward(task: EstimationTask, fit: FittedModel, tested: Sequence[str]) -> FittedModel:
-    """Return the fit without those effects of some that have lost their evidence beside the others.
+    """Return the fit without those effects of some that have lost their evidence given the others.
 
     Parameters
     ----------
@@ -319,7 +319,7 @@ def select(
     expansion_points
         See `forward`; used at the first step.
     vary_step, vary
-        Return a step beside a fit, and a fit, with strengths that differ from run to run where the runs call for that.
+        Return a step from a fit, and a fit, with strengths that differ from run to run where the runs call for that.
     """
     steps, fits = list[Step](), list[FittedModel]()
     while len(fit.effects) < most:
@@ -344,7 +344,7 @@ def select_otherwise(
 ) -> tuple[list[Step], list[FittedModel]]:
     """Return the best of the selections that start with another effect accepted at the first step (beam search).
 
-    Two lags may imitate a delay, and no addition beside the first lag ever shows that.
+    Two lags may imitate a delay, and no addition to the first lag ever shows that.
     """
     steps, fits = path
     if not fits:
@@ -364,7 +364,7 @@ def select_otherwise(
 def confusable(task: EstimationTask, fit: FittedModel, steps: Sequence[Step]) -> tuple[tuple[str, ...], ...]:
     """Return the groups of confounded effects, the one in the model first.
 
-    Effects that did as well when one was added are fitted in its place beside all that were added later.
+    Effects that did as well when one was added are fitted in its place with all that were added later.
     """
     groups = list[tuple[str, ...]]()
     for step in steps:

@@ -117,7 +117,7 @@ class _Likelihood:
 
     def effective(self, at: Array) -> float:
         """Return the effective number of samples behind the process's rms, by the curvature at the optimum."""
-        step = 1e-3  # small beside the standard error of a coordinate, 1 / sqrt(n)
+        step = 1e-3  # small compared with the standard error of a coordinate, 1 / sqrt(n)
         steps = step * np.eye(len(at))
         slope = np.array([np.log(self.process(at + m).rms / self.process(at - m).rms) for m in steps]) / (2 * step)
         curvature = np.empty((len(at), len(at)))
@@ -132,7 +132,8 @@ class _Likelihood:
     def __call__(self, at: Array) -> float:
         """Return it, plus Jeffreys' prior 1 / rms for a given sigma, at inverse hyperbolic tangents of reflections.
 
-        The prior is needed: short stretches alone hardly tell slow noise from a random walk, whose rms is infinite.
+        The prior is needed: short stretches alone hardly distinguish slow noise from a random walk, whose rms is
+        infinite.
         """
         reflections = np.tanh(at)
         squares, determinants = self._parts(reflections)

@@ -133,7 +133,7 @@ def _refine(stretches: Sequence[Stretch], peak: float, period: float) -> float:
 
 
 def _fit(stretches: Sequence[Stretch], frequency: float, period: float, process: Process, fading: bool = False) -> _Fit:
-    """Fit a sinusoid in each run by generalised least squares, beside the trends.
+    """Fit a sinusoid in each run by generalised least squares, together with the trends.
 
     A `fading` one has an amplitude that falls or grows from minus one to one within each stretch.
     """

@@ -156,7 +156,7 @@ class _Check:
             bound, end = interval if has_upper else interval[::-1]
             limit = f"{'at most' if has_upper else 'at least'} {_text(parameter, end, digits=2)}"
             if parameter.null is not None and bound == parameter.null:
-                return f"{limit}: these runs do not tell it from {_text(parameter, bound)}", interval
+                return f"{limit}: these runs do not distinguish it from {_text(parameter, bound)}", interval
             side = "lower" if has_upper else "upper"
             return f"{limit}: it may be at the {side} end of what is plausible, {_text(parameter, bound)}", interval
         return ("any value in the interval fits alike" if self.uncertainty.in_null_space(j) else ""), interval
