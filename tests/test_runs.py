@@ -136,7 +136,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     (tmp_path / "latin.csv").write_bytes(b"t [s],u [V],x [\xb5m]\n")
     assert refusal(tmp_path / "latin.csv").startswith("is not UTF-8 text (line 1)")
     header, rows = "t [s],u [V],ux [V],x [um]", [f"{k},0,0,0" for k in range(10)]
-    assert refusal(written(tmp_path, header, rows)).startswith("header: has u beside ux, uy or uz")
+    assert refusal(written(tmp_path, header, rows)).startswith("header: has u and also ux, uy or uz")
 
 
 # --- Folders and measurements.toml

@@ -97,7 +97,7 @@ def extrapolate(
     scatter
         Of the values over meshes made alike.
     beside
-        What each mesh leaves open, relative, in the stiffnesses of the same hinges. In a ratio, such as an
+        The remaining error of each mesh, relative, in the stiffnesses of the same hinges. In a ratio, such as an
         amplification, the regular part of their errors cancels, and its own values show little; the scatter stays, as
         each root is irregular by itself.
     """

@@ -5,7 +5,7 @@ assumed for each, and what follows per travel is worked out:
 
 - unequal actuators of an axis that is driven by several,
 - an actuator whose line of action lies off the axis of its amplifier,
-- a load that pushes the table beside its point,
+- a load that acts off the table's point,
 - a sensor whose axis is tilted, or that looks at another point than the table's (Abbe's arm) while the table tilts.
 
 Second order, with the square of the travel, are the arms that tilt, delta^2 / 2L: equation (25) of Lin et al. (2019).
@@ -141,7 +141,7 @@ def causes(stage: AssembledStage, point: FloatArray | None = None) -> list[Cause
         ),
         Cause(
             "eccentric load",
-            f"the table pushed along the axis, {1e3 * LOAD_OFFSET:g} mm beside its point",
+            f"the table pushed along the axis, {1e3 * LOAD_OFFSET:g} mm off its point",
             {a: _aside(stage, a, load, place) for a, load in pushed.items()},
         ),
         Cause("tilted sensor", f"of the other axis, by {1e3 * SENSOR_TILT:g} mrad", tilted),
@@ -215,7 +215,7 @@ def _moved_aside(stage: AssembledStage, axis: str) -> FloatArray:
 
 
 def _at(stage: AssembledStage, axis: str, offset: float) -> FloatArray:
-    """Return how a point of the table beside its own moves, equally far along both directions across, (6, size)."""
+    """Return the motion of a point of the table off its own, equally far along both directions across, (6, size)."""
     across = np.ones(3) - np.abs(np.array(stage.assembly.axes[axis].direction))
     point = np.array(stage.assembly.point) + offset * across / np.linalg.norm(across)
     return stage.motion(stage.assembly.table, point)

@@ -28,9 +28,9 @@ from flexdesign.fem.meshing.mesh import TaggedMesh
 from flexdesign.fem.solving.load_path import StrokePath, stroke_path
 from flexdesign.fem.solving.statics import PortCompliance
 
-#: Beyond so many times the force of linear theory nothing is sought.
+#: Nothing is sought beyond this multiple of the force of linear theory.
 FARTHEST = 3.0
-#: Of full drive, from where on progress is told: the first step is next to none.
+#: Fraction of full drive from which progress is reported: the first step is tiny.
 TOLD_FROM = 0.01
 FloatArray = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ class LargeStroke:
         return float(CubicHermiteSpline(self.drive, path.output, rates)(1.0))
 
     def stroke(self, linear: Quantity) -> Quantity:
-        """Return the output motion at full drive, freed from the error of this mesh as far as that is linear.
+        """Return the output motion at full drive, freed from the linear part of this mesh's error.
 
         The linear stroke, which is extrapolated over several meshes, is multiplied by what large displacements make of
         it on this one. That ratio has an error, too: the change, times the relative error of the linear stroke here.
@@ -109,7 +109,7 @@ class LargeStroke:
         return float((y + q * y**2 + c * y**3 - d) @ d**2 / (d**2 @ d**2))
 
     def effects(self) -> dict[str, Mapping[str, float]]:
-        """Return the effects of the catalogue that stand for it, with their values in SI."""
+        """Return the effects of the catalogue that represent it, with their values in SI."""
         q, c = self.stiffening()
         return {
             "quadratic_stiffness": {"quadratic": q},

@@ -13,8 +13,8 @@ from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.design.design import Design
 
-#: What a comment tells, by its name, which no comment of a user has by chance: what of a design changes it, and how it
-#: is written.
+#: Conditions that comments state, by names that no user's comment has by chance: what of a design changes it, and how
+#: it is written.
 TOLD: Mapping[str, tuple[str, Callable[[Design], str]]] = {
     "computed with the part": ("part", lambda design: design.part_class.__name__),
     "computed with the material": ("material", lambda design: design.material.name),
@@ -26,7 +26,7 @@ TOLD: Mapping[str, tuple[str, Callable[[Design], str]]] = {
 
 
 def changed(design: Design) -> dict[str, str]:
-    """Return what overrides changed of a design beside its dimensions, as comments have it."""
+    """Return what overrides changed of a design in addition to its dimensions, as comments have it."""
     return {name: write(design) for name, (key, write) in TOLD.items() if key in design.changed}
 
 
@@ -43,7 +43,7 @@ def dimensions(design: Design) -> dict[str, str]:
 
 
 def refuse_others(path: Path, text: str, design: Design) -> None:
-    """Refuse a table whose comments tell another part, material or actuator than the design has.
+    """Refuse a table whose comments state another part, material or actuator than the design has.
 
     Raises
     ------

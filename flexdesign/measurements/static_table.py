@@ -88,7 +88,7 @@ class Row:
 
     @property
     def part(self) -> tuple[tuple[str, float], ...]:
-        """What tells its part from others: the dimensions that differ."""
+        """What distinguishes its part from others: the dimensions that differ."""
         return tuple(sorted(self.dimensions.items()))
 
     @property
@@ -163,7 +163,7 @@ def to_csv(found: Sequence[Quantity], design: Design | None = None) -> str:
     """Return quantities as a file that `read` takes; those that no table holds are left out.
 
     What overrides changed of the `design` goes with them: dimensions in columns, material, actuator and part in
-    comments, which `read` sets beside the design that it is given.
+    comments, which `read` compares with its design.
     """
     stream = io.StringIO()
     changed = static_conditions.changed(design) if design else {}

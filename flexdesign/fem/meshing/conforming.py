@@ -1,8 +1,8 @@
 """Tetrahedra of a CAD solid by Netgen, whose vertices lie on the solid's own faces.
 
-The wild mesher takes a triangulated surface and rebuilds it within an envelope; of a solid with many round faces
-around thin necks that takes it minutes, and may lose a piece. Netgen reads the boundary representation, meshes edges,
-faces and volume in turn, and needs no such envelope. It may refuse a solid that the wild mesher takes.
+The unstructured mesher takes a triangulated surface and rebuilds it within an envelope; of a solid with many round
+faces around thin necks that takes it minutes, and may lose a piece. Netgen reads the boundary representation, meshes
+edges, faces and volume in turn, and needs no such envelope. It may refuse a solid that the unstructured mesher takes.
 """
 
 from __future__ import annotations

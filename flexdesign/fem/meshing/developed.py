@@ -1,8 +1,8 @@
 """Even triangles on planes and cylinders: the kernel's needles, which reach across a face, made anew.
 
 Both surfaces can be laid flat without stretching. There the kernel's boundary is cut into pieces, points of a
-triangular lattice are put between, and Delaunay's triangulation joins them. Neighbours need not share points: the wild
-mesher takes faces as they come, and points on straight edges are cut alike.
+triangular lattice are put between, and Delaunay's triangulation joins them. Neighbours need not share points: the
+unstructured mesher takes faces as they come, and points on straight edges are cut alike.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The fundamental domain of a part: what remains of its solid when every symmetry plane has cut it.
+"""The fundamental domain of a part: its solid cut by every symmetry plane.
 
 Lengths leave this module in metres; the CAD kernel's millimetres stay inside.
 """
@@ -28,11 +28,11 @@ MM = 1e-3
 #: Tessellations of curved faces keep to this share of the thinnest hinge.
 CHORD = 1e-2
 #: Longest edges of tessellated cylinders whose radius is at least that hinge's thickness, in chords of that error. The
-#: kernel's triangles reach across the width; the wild mesher took ten times as long for such needles, and strayed from
-#: every third notch by more than its envelope. Fillets are smaller, and their triangles too many.
+#: kernel's triangles reach across the width; the unstructured mesher took ten times as long for such needles, and
+#: strayed from every third notch by more than its envelope. Fillets are smaller, and their triangles too many.
 LONGEST = 1.5
 #: Most triangles of one tessellated cylinder: some seconds and 100 MB. The notched lever of `studies.error_bars` has
-#: 3400; a hinge of some nanometres beside a large bore asks for more than any memory holds.
+#: 3400; a hinge of some nanometres next to a large bore needs more than any memory holds.
 MOST = 200_000
 #: Of a part that names no hinges: chords in those of others, and how far points on its faces are apart at most, in
 #: diagonals of the solid.

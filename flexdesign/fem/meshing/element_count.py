@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 #: Tetrahedra per h^3 [1]. A regular one takes h^3 / (6 sqrt 2); fTetWild makes 1.4 to 1.7 times as many on the bridge
 #: amplifier (9 000 to 96 000 of them), and 3.3 times on the notched lever (27 000 and 84 000), a half of which this is.
 PER_CUBE = 1.6 * 6 * 2**0.5
-#: Cubes are no longer than so many edges, and hold so many random points: three edges change the estimate by 4 %.
+#: Length of a cube in edges, at most, and its number of random points: three edges change the estimate by 4 %.
 EDGES, POINTS = 6.0, 4
 #: Most cubes; a mesh for which they do not suffice is larger than what is counted by then.
 CUBES = 200_000

@@ -43,7 +43,7 @@ class Layers:
     def heights(self, low: float, high: float, free: tuple[bool, bool], count: int | None = None) -> FloatArray:
         """Return where layers meet [m], from the low to the high end; `free` ends are none of symmetry.
 
-        With a `count` there are so many, graded alike.
+        A `count` sets their number, with the same grading.
         """
         s = np.linspace(0.0, high - low, 4001)
         wanted = np.full(len(s), self.largest)

@@ -1,7 +1,7 @@
 """Meshes of a solid that nobody described: elements as small as the solid is thin, where it is thin.
 
 The target edge length grows from every place x_i on the surface, with the thickness t_i there, and from the re-entrant
-edges beside what is thin,
+edges next to thin regions,
 
     h(x) = min(h_max, min over i of a_i t_i + g |x - x_i|).
 
@@ -139,9 +139,9 @@ class LocalThickness:
     at_root, growth, largest
         As for other methods; `at_root` scales all edges, in thicknesses.
     envelope
-        How far the wild mesher may move the surface, in thicknesses of the thinnest place.
+        How far the unstructured mesher may move the surface, in thicknesses of the thinnest place.
     conforming
-        Whether Netgen meshes the solid's own faces; where it makes no mesh, the wild mesher does.
+        Whether Netgen meshes the solid's own faces; where it makes no mesh, the unstructured mesher does.
     """
 
     domain: Domain

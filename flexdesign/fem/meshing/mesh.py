@@ -22,7 +22,7 @@ TET_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 #: A tetrahedron is flat if its volume is less than this share of the cube of its size.
 FLAT = 1e-4
-#: Of the vertices on the surface, so many may stay off their CAD faces.
+#: Fraction of the vertices on the surface that may stay off their CAD faces.
 MOST_LOOSE = 5e-3
 
 

@@ -37,7 +37,8 @@ WILD_GRADING = (0.3, 0.45)
 EXTRUDED_GRADING = (0.05, 0.6)
 #: How much longer edges may be at rounded roots than the singularity of sharp ones would allow, for extruded meshes.
 ROUNDED = 6.0
-#: Edges of wild meshes at fillets, in radii, at most: with 0.8 and 0.6 hinges were off in bending by 0.6 and 0.5 %.
+#: Edges of unstructured meshes at fillets, in radii, at most: with 0.8 and 0.6 hinges were off in bending by 0.6 and
+#: 0.5 %.
 LONGEST_ARC = 0.4
 #: Layers that a free end's side of an extruded domain has at least on the finest mesh, before they are made whole: as
 #: meshes get coarser 2.6 and 1.9, hence 4, 3 and 2. With fewer, meshes in turn would have equally many layers, whose
@@ -55,9 +56,9 @@ BESIDE_LEAVES, BESIDE_NECKS = 0.4, 0.25
 #: extrapolated. The coarsest of three meshes then has chords of 0.2 % of the neck, and three elements across it.
 EXTRUDED_NECK = (0.1, 0.12, 1.8e-4)
 WILD_NECK = (0.18, 0.18, 3.5e-4)
-#: Most tetrahedra of a wild mesh, as estimated. Half a million have 2.3 million unknowns (4.5 each), whose factor takes
-#: 22 GiB: 2.6 GiB were measured for 430 000 unknowns of the bridge amplifier, and memory grows with their number to the
-#: power 1.28. That is all that a machine of 24 GiB has.
+#: Most tetrahedra of an unstructured mesh, as estimated. Half a million have 2.3 million unknowns (4.5 each), whose
+#: factor takes 22 GiB: 2.6 GiB were measured for 430 000 unknowns of the bridge amplifier, and memory grows with their
+#: number to the power 1.28. That is all that a machine of 24 GiB has.
 MOST = 500_000
 #: Chord error of extruded meshes at curved faces, in hinge thicknesses: on the finest mesh, and at most.
 CHORD, LARGEST_CHORD = 1e-3, 1e-2
@@ -90,7 +91,7 @@ class Method(Protocol):
 
 @dataclass(frozen=True)
 class Grading:
-    """What both methods are told.
+    """Input of both methods.
 
     Parameters
     ----------
@@ -192,8 +193,8 @@ class Wild:
         if count > MOST:
             extruded = 'mesh.method = "extruded", ' if domain.section is not None else ""
             raise MeshError(
-                f"the wild mesh would have about {count / 1e6:.2g} million tetrahedra, and {MOST / 1e6:g} million are "
-                f"as many as 24 GiB of memory hold; ask for less: {extruded}a larger mesh.at_root or mesh.growth, or "
+                f"the unstructured mesh would have about {count / 1e6:.2g} million tetrahedra, and "
+                f"{MOST / 1e6:g} million are as many as 24 GiB of memory hold; ask for less: {extruded}a larger mesh.at_root or mesh.growth, or "
                 "fewer mesh.levels"
             )
 
@@ -261,7 +262,7 @@ class Extruded:
         return planar_size(self.section, self._sizing(coarseness))
 
     def heights(self, coarseness: float, count: int | None = None) -> FloatArray:
-        """Return where layers meet [m]; with a `count` there are so many, graded alike."""
+        """Return where layers meet [m]; a `count` sets their number, with the same grading."""
         section = self.section
         return self._layers(coarseness).heights(section.low, section.high, self._free_ends(section), count)
 

@@ -97,7 +97,7 @@ class Pattern:
 
     @cached_property
     def _spring(self) -> tuple[IntArray, IntArray, Any, sp.csr_matrix]:
-        """Vertices on the outline and the others, what solves for the others, and how they hang on the outline."""
+        """Vertices on the outline and the others, the solver for the others, and how they depend on the outline."""
         from scipy.sparse.linalg import splu
 
         fixed = np.unique(self.plan.sides)

@@ -1,6 +1,6 @@
 """The fundamental domain of an extrusion with straight sides, from the corners of its section: no CAD kernel is asked.
 
-A part that tells its outline (`part.Outline`) is cut by its symmetry planes in the plane of the section and along the
+A part that states its outline (`part.Outline`) is cut by its symmetry planes in the plane of the section and along the
 extrusion. The domain is the same as that of the solid (`domain.of_part`) and comes some hundred times sooner, but its
 ends are not tessellated: it can be extruded, and no other mesher could fill it.
 """
@@ -27,7 +27,7 @@ NEAR = 1e-9
 
 
 def of_part(part: Piece, *, material: Material | None = None) -> Domain | None:
-    """Return the fundamental domain of a part that tells its outline, or None of one that does not.
+    """Return the fundamental domain of a part that states its outline, or None of one that does not.
 
     Parameters
     ----------

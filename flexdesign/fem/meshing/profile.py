@@ -9,8 +9,8 @@ from flexdesign.core.model import Member
 
 FloatArray = NDArray[np.float64]
 
-#: A fillet makes a neck of a leaf if its radius is at least so many thicknesses, or if both fillets take at least this
-#: share of the length: then the leaf has no even part in which it bends.
+#: A fillet makes a neck of a leaf if its radius is at least this number of thicknesses, or if both fillets take at
+#: least this share of the length: then the leaf has no even part in which it bends.
 FILLET, SHARE = 1.0, 0.9
 
 

@@ -1,6 +1,6 @@
 """The mesh gate: a mesh may be used only if every hinge on it is as thick as drawn, and every curved neck is resolved.
 
-Volume does not tell: a 0.5 mm neck thickened by 21 um changes the volume by 0.02 % and the stiffness by 13 %. So the
+Volume is insensitive: a 0.5 mm neck thickened by 21 um changes the volume by 0.02 % and the stiffness by 13 %. So the
 thickness itself is measured: lines across the leaf, on a grid over its length and width, from the facet they enter by
 to the facet they leave by.
 

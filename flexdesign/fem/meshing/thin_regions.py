@@ -23,7 +23,7 @@ BoolArray = NDArray[np.bool_]
 
 #: A ray counts where the face it leaves by looks the opposite way within this cosine.
 OPPOSITE = 0.94
-#: Places on faces: so many along the solid's diagonal, and so many on all faces at most.
+#: Number of places on faces: along the solid's diagonal, and on all faces at most.
 ALONG, MOST = 60, 40_000
 #: The thickness of the body is that of so much of its surface, or less.
 MOST_OF_IT = 0.75
@@ -50,7 +50,7 @@ class ThinRegions:
     curved
         Radius of the cylinder that a place lies on, or that lies across, the smaller one [m]; infinite between planes.
     roots, at_roots
-        Places on re-entrant edges, shape (k, 3) [m], and the thickness of what is thin beside them, shape (k,) [m].
+        Places on re-entrant edges, shape (k, 3) [m], and the thickness of the thin region next to them, shape (k,) [m].
     hinges
         What is thin against the rest: members with thickness, length and width, for the report and the gate.
     chosen
@@ -77,7 +77,7 @@ class ThinRegions:
 
     @property
     def is_sharp(self) -> bool:
-        """Whether a re-entrant edge lies beside a hinge, so that the stress there grows without bound."""
+        """Whether a re-entrant edge lies next to a hinge, so that the stress there grows without bound."""
         if not len(self.roots):
             return False
         middles, thickness = self.middles_of_hinges()
@@ -261,7 +261,7 @@ def _pairs_at_edges(surface: Surface) -> tuple[IntArray, IntArray, IntArray]:
 
 
 def _reentrant(surface: Surface, places: FloatArray, thickness: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return places along re-entrant edges, and the thickness of what is thin beside them."""
+    """Return places along re-entrant edges, and the thickness of the thin region next to them."""
     edges, _, beside = _pairs_at_edges(surface)
     if not len(edges):
         return np.zeros((0, 3)), np.zeros(0)

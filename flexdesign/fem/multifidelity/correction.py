@@ -4,7 +4,7 @@ With the dimensions x_i that differ between the samples, relative to their geome
 
     ln(q_solid / q_planar) = a_0 + sum_i a_i ln x_i + sum_ij a_ij ln x_i ln x_j:
 
-how wide a leaf is beside its length and thickness, which decides between plane stress and plane strain, changes
+the width of a leaf relative to its length and thickness, which decides between plane stress and plane strain, changes
 stiffnesses by a few percent, and smoothly. The terms are as many as the samples determine with some to spare: with n
 dimensions n + 2 samples for the linear ones, (n + 1)(n + 2) for the quadratic ones too; of fewer the mean alone.
 """
@@ -129,7 +129,7 @@ def _needed(count: int, order: int) -> int:
 
 
 def _terms(logs: FloatArray, order: int) -> FloatArray:
-    """Return the constant, the logarithms and their products, as far as the order goes, shape (m, terms)."""
+    """Return the constant, the logarithms and their products, up to the order, shape (m, terms)."""
     columns = [np.ones(len(logs))]
     if order > 0:
         columns += list(logs.T)

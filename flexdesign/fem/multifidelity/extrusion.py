@@ -18,7 +18,7 @@ TOLERANCE = 1e-6
 
 
 def of_design(design: Design) -> tuple[Part, Domain]:
-    """Return the part and its fundamental domain; the CAD kernel is asked only if the part does not tell its outline.
+    """Return the part and its fundamental domain; the CAD kernel is asked only if the part does not state its outline.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def method(part: Part, body: Domain, settings: MeshSettings) -> Extruded:
 
 
 def coordinates(design: Design) -> dict[str, float]:
-    """Return what tells designs apart beside the modulus, to which stiffnesses are in proportion."""
+    """Return what distinguishes designs in addition to the modulus, to which stiffnesses are in proportion."""
     known = dict(design.dimensions)
     if design.material.crystal is None:
         known["poissons_ratio"] = design.material.poissons_ratio

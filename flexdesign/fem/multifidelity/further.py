@@ -1,7 +1,7 @@
 """What is asked of a design besides stiffness: modes, lateral motions and stress, of all symmetry classes.
 
 They take several times as long as input and output alone, so that they are found only if asked for: on the coarse mesh,
-by everything that `quantities.of_solution` tells, and corrected like the stiffnesses by the error known at an anchor,
+by all quantities of `quantities.of_solution`, and corrected like the stiffnesses by the error known at an anchor,
 
     q* = q_B exp(g),   g = ln(q* / q_B)  at the anchor.
 
@@ -79,7 +79,7 @@ class Further:
         sizes: Sequence[float],
         scatter: MeshNoise,
     ) -> Known:
-        """Return what an anchor's fine meshes, of edge lengths `sizes` [m] at the roots, tell of the coarse one."""
+        """Return the error of an anchor's coarse mesh, from fine ones of edge lengths `sizes` [m] at the roots."""
         gaps, errors = {}, {}
         for limit in mesh_refinement.limits(fine, sizes, scatter):
             here = coarse[limit.key].value if limit.key in coarse else 0.0

@@ -55,8 +55,8 @@ ANCHORING, FINE = (1.82, 1.35, 1.0), 3e-3
 FINEST = 1 / 1.35
 #: On how many of an anchor's meshes modes are found, coarse to fine: they converge sooner, and the last takes longest.
 WITH_MODES = 2
-#: By how much the error of the coarse mesh may change with the distance, beside what the steps show: measured on the
-#: sample of `studies.benchmarks.sweep_evaluators`.
+#: By how much the error of the coarse mesh may change with the distance, in addition to what the steps show: measured
+#: on the sample of `studies.benchmarks.sweep_evaluators`.
 DRIFT = 0.015
 
 
@@ -166,7 +166,7 @@ class FastSolid:
     output
         What happens at the output; of no account besides its load unless modes are asked for.
     modes
-        How many modes of each symmetry class are sought; with any, everything that `quantities.of_solution` tells comes
+        How many modes of each symmetry class are sought; with any, all quantities of `quantities.of_solution` come
         along: frequencies, coupling, motions of the table, stress of the hinges. That takes several times as long.
     anchors
         Designs that are made anchors at once. Without them the first design that is evaluated becomes the first. With
@@ -235,7 +235,7 @@ class FastSolid:
     def _anchored(
         self, design: Design, part: Part, domain: Domain, method: Extruded, family: Family | None
     ) -> list[Quantity]:
-        """Solve on fine meshes, remember what they tell of the coarse ones, and return the limits."""
+        """Solve on fine meshes, remember the errors of the coarse ones, and return the limits."""
         try:
             known = family or Family(_crystal(design), _pair(design, part, domain, method))
             fine, coarse = (mesh.numbers(design, part, domain, method) for mesh in known.meshes)
@@ -268,7 +268,7 @@ class FastSolid:
         quantities: Sequence[Quantity],
         changed: float,
     ) -> list[Quantity]:
-        """Return what is asked beside what is told already, corrected; the errors may have `changed`, relative."""
+        """Return the further quantities asked for, corrected; the errors may have `changed`, relative."""
         if self.further is None:
             return []
         found = self.further.on(family.meshes[0].morphed(method), design, part, domain)

@@ -1,4 +1,4 @@
-"""Effective modal masses: how much of a part shakes along when its ground is shaken.
+"""Effective modal masses: the participating mass of each mode under base excitation.
 
 With r the unit translation of all nodes along an axis, held ones included, and phi a mode of unit modal mass,
 

@@ -168,7 +168,7 @@ def shares(
     material
         Its elastic constants.
     images
-        How many members of the whole part each listed member stands for, by name.
+        How many members of the whole part each listed member represents, by name.
 
     Returns
     -------

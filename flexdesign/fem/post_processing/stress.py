@@ -1,7 +1,7 @@
 """Von Mises stress at the nodes, and what its peak is worth.
 
-At a sharp root, where the solid fills 270 degrees, linear elasticity has no peak: stress grows as r^(s - 1) with
-s = 0.5445 (Williams 1952), so that the largest value a mesh shows grows as h^(s - 1) and tells of the mesh alone. At a
+At a sharp root, where the solid fills 270 degrees, linear elasticity has no peak: stress grows as r^(s - 1) with s =
+0.5445 (Williams 1952), so that the largest value a mesh shows grows as h^(s - 1) and depends on the mesh alone. At a
 fillet or a round notch it has one, and meshes fine enough to follow the curve approach it.
 """
 

@@ -18,7 +18,7 @@ from flexdesign.fem.solving.statics import PortCompliance
 
 FloatArray = NDArray[np.float64]
 
-#: The points whose motion is told, and its six components: the name's ending, SI unit and the unit people read.
+#: The points whose motion is reported, and its six components: the name's ending, SI unit and the unit people read.
 POINTS = ("table", "sensor")
 COMPONENTS = (
     *((f"u_{axis}", "m", "um") for axis in "xyz"),

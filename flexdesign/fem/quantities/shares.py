@@ -32,7 +32,7 @@ def compliance_shares(material: Material, body: Domain, solution: Solution) -> d
 
 
 def _images(section: resultants.Section, body: Domain) -> int:
-    """How many members of the whole part a member of the domain stands for: one more for each plane it lies off."""
+    """How many members of the whole part a member of the domain represents: one more for each plane it lies off."""
     return int(np.prod([1 if abs(section.member.centre[plane.index]) < 1e-12 else 2 for plane in body.planes]))
 
 

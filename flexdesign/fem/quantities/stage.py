@@ -29,7 +29,7 @@ from flexdesign.fem.quantities.stage_modes import ModeShares, mode_shares
 from flexdesign.fem.superelements.assembled_stage import AssembledStage
 
 FloatArray = NDArray[np.float64]
-#: How many modes are told, and among how many those are sought that answer the drives.
+#: Number of modes reported, and the number among which those are sought that respond to the drives.
 TOLD, SOUGHT = 6, 40
 
 

@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 NAMES: Sequence[str] = ("x", "y", "z", "rx", "ry", "rz")
 #: Modes whose frequencies differ by less, relative, are one by symmetry: rounding leaves 1e-9.
 SAME_FREQUENCY = 1e-6
-#: More than so many are never alike, so that with so many more none is parted from those it belongs to.
+#: At most this number of modes coincide; with this number more, none is separated from its group.
 MOST_COINCIDENT = 8
 
 

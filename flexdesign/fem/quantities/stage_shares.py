@@ -1,7 +1,7 @@
-"""Which parts of a stage give way: strain energy by kind of part, and an amplifier alone beside the one built in.
+"""The compliant parts of a stage: strain energy by kind of part, and an amplifier alone and built in.
 
 Under a unit force on the table, inputs free, element e holds the energy U_e, and the table moves by x. As 2 U_e / x^2
-add up to the stiffness, each is a spring between table and frame, to be set beside those that a formula counts.
+add up to the stiffness, each is a spring between table and frame, to be compared with those of a formula.
 
 An amplifier alone, its ground held, is a compliance c between actuator (1) and output (2). Loaded by a spring L,
 

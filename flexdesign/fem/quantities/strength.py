@@ -100,7 +100,7 @@ def hinge_peak_node(solution: Solution, field: np.ndarray | None = None) -> int:
 
 
 def _margins(study: Study, solution: Solution, per_force: float, where: str) -> list[Quantity]:
-    """Return what a stress per actuator force [Pa/N] leaves to yield and to fatigue, as far as data are known.
+    """Return what a stress per actuator force [Pa/N] leaves to yield and to fatigue, where data are known.
 
     In operation the actuator swings between no drive and the stated one, about a preload that stays: the amplitude is
     half the drive's stress, the mean is that and the preload's, taken as tension, as it is on one side of a bent leaf.

@@ -243,7 +243,7 @@ def stress_points() -> tuple[FloatArray, FloatArray]:
 
 
 def quadrature(corners: int, degree: int) -> tuple[FloatArray, FloatArray]:
-    """Return a rule of scikit-fem's that is exact to a degree, on a simplex with so many corners: 3 or 4.
+    """Return a rule of scikit-fem's that is exact to a degree, on a simplex with 3 or 4 corners.
 
     Barycentric points, shape (q, corners), and weights (q,) of sum one.
     """

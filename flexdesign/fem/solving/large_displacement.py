@@ -9,8 +9,8 @@ of weight w,
     K_ab = w [ (G_a . S G_b) 1 + lam p_a p_b^T + mu ((G_a . G_b) F F^T + p_b p_a^T) ],   p_a = F G_a.
 
 Strains in flexures are small and rotations are not: for that the material is as good as any. Green's strain E is
-written in H, as (F^T F - 1) / 2 would lose the digits of what is small beside 1. The four integration points that are
-exact for small displacements serve here too.
+written in H, as (F^T F - 1) / 2 would lose the digits of what is small compared with 1. The four integration points
+that are exact for small displacements serve here too.
 """
 
 from __future__ import annotations

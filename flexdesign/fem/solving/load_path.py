@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 #: A level is solved when a correction is this small, relative to the largest displacement.
 SETTLED = 1e-7
-#: A step is given up after so many iterations, or when what is out of balance has grown so much; then it is halved,
+#: A step is given up after this number of iterations, or growth of the residual; then it is halved,
 #: down to this share of what was asked for.
 MOST_ITERATIONS, GROWN, SMALLEST_STEP = 15, 100.0, 1e-3
 

@@ -1,6 +1,6 @@
 """An extruded mechanism as a plane problem: quadratic triangles in plane stress, with the ports of the part.
 
-A plate of thickness w that is free at both ends of the extrusion is in plane stress as far as leaves are narrow beside
+A plate of thickness w that is free at both ends of the extrusion is in plane stress if leaves are narrow compared with
 w; with sigma_zz = sigma_xz = sigma_yz = 0 the elastic tensor loses the directions out of the plane (static
 condensation; a: xx, yy, xy, and b: zz, yz, xz),
 
@@ -114,7 +114,7 @@ class Plate:
         return np.concatenate([self.basis.nodal_dofs.T, self.basis.facet_dofs.T]).astype(np.int64)
 
     def load(self, port: Port) -> FloatArray:
-        """Nodal forces of a unit force along the outward normal of a port, as far as it falls on the domain."""
+        """Nodal forces of a unit force along the outward normal of a port, where it acts on the domain."""
         first, second, axis = self._directions
         nodes = self.nodes_on(self.domain.ports[port.name])
         a, b = self.plan.points[nodes[:, 0]], self.plan.points[nodes[:, 1]]

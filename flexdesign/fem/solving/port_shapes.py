@@ -8,8 +8,8 @@ size, the shapes are
 Degree 1 holds the six motions of a rigid face and three strains, degree 2 its bending besides. A superelement knows its
 part by these shapes alone, so that two parts which meet in a port move alike there, warping included.
 
-The shapes of a face are mapped on those of another, or rigid motions on shapes, by values at places enough to tell them
-apart: polynomials of a degree stay such under rotation and reflection, so that the map is exact.
+The shapes of a face are mapped on those of another, or rigid motions on shapes, by values at places enough to
+distinguish them: polynomials of a degree stay such under rotation and reflection, so that the map is exact.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 #: Tells pypardiso where its library is, and where pip puts that: a search of its own, twice a third of a second, walks
 #: through all that is installed.
 LIBRARY, PLACES = "PYPARDISO_MKL_RT", ("lib/libmkl_rt.so*", "Library/bin/mkl_rt*.dll")
-#: Where a container is told how much memory it may take.
+#: Where a container states how much memory it may take.
 CONTAINER = "/sys/fs/cgroup"
 #: PARDISO's phases.
 ORDER, FACTORIZE, SOLVE = 11, 22, 33
@@ -155,7 +155,7 @@ class SuperLU:
 
 
 def available_memory() -> int | None:
-    """Return how much memory a program may still take [bytes], or None where the system does not tell."""
+    """Return how much memory a program may still take [bytes], or None where the system does not state it."""
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
     except OSError:

@@ -26,7 +26,7 @@ IntArray = NDArray[np.int64]
 
 #: What the checks of a solve may leave; direct solvers leave 1e-8.
 LARGEST_ERROR = 1e-6
-#: In long thin leaves forces cancel, and rounding alone leaves more: so many times what one product per row would.
+#: In long thin leaves forces cancel, and rounding alone leaves more: this multiple of one product per row.
 ROUNDINGS = 10.0
 
 

@@ -1,4 +1,4 @@
-"""Large displacements of a stage: bodies that move as they will, and parts that deform little seen from beside them.
+"""Large displacements of a stage: bodies that move as they will, and parts that deform little in a corotated frame.
 
 A body's motion is the displacement of its centre and a rotation matrix R_b. A part is seen from a frame that goes
 along, its origin the mean of its ports' points and its rotation R the mean of its bodies' (the orthogonal matrix
@@ -37,7 +37,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 #: Newton's method ends with the step after the residual has fallen to this share of the load: rounding alone leaves
-#: 5e-8, as hinges hardly stretch. After so many steps it is given up, and the load halved down to this share.
+#: 5e-8, as hinges hardly stretch. After this number of steps the load is halved, down to this share.
 TOLERANCE, MOST_STEPS, SMALLEST_SHARE = 1e-6, 15, 1e-3
 
 
@@ -243,7 +243,7 @@ class _Kind:
     spread: FloatArray
 
     def seen(self, displacements: FloatArray, rotations: FloatArray, pushed: FloatArray) -> _Seen:
-        """See the parts from beside them: bodies' displacements and rotations as `_moves` returns them."""
+        """Return the parts in their corotated frames: bodies' displacements and rotations as `_moves` returns them."""
         (m, n), own = self.bodies.shape, self.rotations[:, None]
         arms = np.einsum("mnij,mnj->mni", rotations, self.arms)
         points = self.centres + displacements + arms  # from the bodies' centres before the motion
@@ -271,7 +271,7 @@ class _Kind:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """Parts seen from beside them: amplitudes (m, k), their derivatives by the unknowns (m, k, k), and how they come.
+    """Parts in their corotated frames: amplitudes (m, k), their derivatives by the unknowns (m, k, k).
 
     `variations` are motions and spins of the ports, their motions less the frame's (m, n, 3, 6 n), and the frame's spin
     (m, 3, 6 n), all in the frame (m, 1, 3, 3); `arms` those of the ports outside (m, n, 3).

@@ -8,8 +8,8 @@ inside follows by u = sum c_i u_i + sum c_j c_k w_jk. With stresses sigma = C e 
     U = c^T K c / 2 + sum_ijk B_ijk c_i c_j c_k + ...,     B_ijk = int sigma_i : (h(u_j, u_k) + e(w_jk)) dV.
 
 A leaf spring that bends shortens by 0.6 d^2 / L in this way. What w gives is work of the ports' forces alone, but no
-trifle: without it the stubs of a hinge would seem to lengthen as they turn. Of fourth order, what remains once the
-inside has adjusted is taken for a complete square: the same energy is
+trifle: without it the stubs of a hinge would seem to lengthen as they turn. Of fourth order, the energy after the
+interior has adjusted is taken for a complete square: the same energy is
 
     U = s^T K s / 2,     s = c + K^+ B(c, c),
 
@@ -119,7 +119,7 @@ def of(part: Superelement) -> SecondOrder:
         If the superelement does not know its inside.
     """
     if part.interior is None:
-        raise ValueError("a part that does not know its inside tells nothing of large displacements: condense it anew")
+        raise ValueError("a part without its interior has no large displacements: condense it again")
     basis = amplitudes(part)
     forces = basis.T @ part.stiffness
     tensor = _of_domain(part.interior, part.material, basis)

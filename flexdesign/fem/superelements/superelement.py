@@ -167,7 +167,7 @@ class Superelement:
         """
         ours = self.material
         if ours.crystal is not None or material.crystal is not None or ours.poissons_ratio != material.poissons_ratio:
-            raise ValueError(f"a part of {ours.name} tells nothing of one of {material.name}: condense it anew")
+            raise ValueError(f"a part of {ours.name} does not apply to {material.name}: condense it again")
         return replace(
             self,
             stiffness=material.youngs_modulus / ours.youngs_modulus * self.stiffness,

@@ -1,8 +1,8 @@
 """Recordings of other programs brought into a folder of runs, as a map says.
 
-`readers` opens a file and says what variables it holds. `guessing` tells which of them is which column, by `roles` and
+`readers` opens a file and says what variables it holds. `guessing` assigns them to columns, by `roles` and
 `header_cells`; `template` writes that as a map, and asks for what nobody can know. `mapping` reads a map; `assembling`
-makes runs of the variables; `folder` writes them beside a ``measurements.toml``.
+makes runs of the variables; `folder` writes them with a ``measurements.toml``.
 """
 
 from flexdesign.measurements.importing.contents import Contents, Variable

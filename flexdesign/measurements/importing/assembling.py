@@ -17,7 +17,7 @@ from flexdesign.measurements.recordings.frequency_response import FREQUENCY
 
 #: Times from a rate that differ by less than this, relative, are one.
 ALIKE = 1e-9
-#: Files keep so many digits, relative; a time is to be right within this part of a period.
+#: Precision of files, relative; a time is to be right within this part of a period.
 WRITTEN, FINE = 1e-12, 1e-4
 #: Axes of an array of which a map chooses one number, and those along which there are realisations and samples.
 CHOSEN, ALONG = ("channel", "input"), ("realisation", "period", "sample", "frequency")
@@ -54,7 +54,7 @@ def assemble(contents: Contents, plan: Map, numbers: Sequence[int] | None = None
     Raises
     ------
     InputError
-        If a variable is not there, the axes of an array are not told or not as told, a unit or the time is missing,
+        If a variable is not there, the axes of an array are not stated or wrong, a unit or the time is missing,
         units of a formula do not go together, or columns of one run differ in length.
     """
     chosen = range(len(plan.runs)) if numbers is None else numbers
@@ -159,7 +159,7 @@ class _Maker:
         try:
             found = result.to(si).magnitude
         except pint.DimensionalityError:
-            remedy = f"comes out in {result.units:~C}" if f"{result.units:~C}" else "comes out as a pure number"
+            remedy = f"has the unit {result.units:~C}" if f"{result.units:~C}" else "is a pure number"
             raise self.refused(place, formula.text, f"{remedy}; a column {name} is written in {unit} here") from None
         if np.ndim(found) < 2:
             raise self.refused(place, formula.text, "has no variable of the file in it, and gives one number")
@@ -170,7 +170,7 @@ class _Maker:
         return _Part(found, unit, steps)
 
     def _operand(self, name: str, formula: Formula, place: str) -> tuple[Any, dict[str, float]]:
-        """Return what a name in a formula stands for, and the step of its samples."""
+        """Return the meaning of a name in a formula, and the step of its samples."""
         plan = self.plan
         if name in plan.constants:
             return plan.constants[name], {}

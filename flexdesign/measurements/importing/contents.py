@@ -67,7 +67,7 @@ class Contents:
     variables
         By name; where two files have one name, with the stem of the file before it: ``second:x``.
     notes
-        What the files say beside that, such as lines above the header of a table.
+        Other statements of the files, such as lines above the header of a table.
     """
 
     paths: tuple[Path, ...]

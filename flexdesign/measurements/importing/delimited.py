@@ -17,7 +17,7 @@ from flexdesign.measurements.importing.contents import Array, Variable, stored
 
 #: What cells may be separated by; the last one is any white space.
 SEPARATORS = (";", "\t", ",", "|", " ")
-#: Rows from which the separator is told.
+#: Rows from which the separator is found.
 SAMPLE = 20
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?$")
 

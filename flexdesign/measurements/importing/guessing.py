@@ -1,4 +1,4 @@
-"""Which variable is which column of a run, told by names, units and numbers; and what only its owner can know."""
+"""Assign variables to columns of a run by names, units and numbers; and list what only their owner can know."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ USUAL = {
     "t": "s", "u": "V", "x": "um", "r": "um", "v": "V", "i": "A", "f": "N", "T": "degC",
     RESPONSE: "um/V", "magnitude": "um/V", "re": "um/V", "im": "um/V", "phase": "deg", "coherence": "1",
 }  # fmt: skip
-#: Phases beyond so many turns are in degrees.
+#: Phases beyond this number of turns are in degrees.
 TURNS = 2
 #: What each column is, in words.
 MEANS = {
@@ -42,7 +42,7 @@ MEANS = {
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a run, as far as it is known.
+    """One column of a run, where known.
 
     Parameters
     ----------
@@ -196,14 +196,14 @@ def _chosen(letter: str, found: Mapping[str, Role]) -> tuple[dict[str, str], lis
     of_kind = {name: role for name, role in found.items() if role.column == letter}
     best = max((role.strength for role in of_kind.values()), default=0)
     clear = {name: role for name, role in of_kind.items() if role.strength == best}
-    if letter == "x" and best == 3 and len(clear) > 1:  # x beside "Position": what measures motion goes first
+    if letter == "x" and best == 3 and len(clear) > 1:  # x and "Position": what measures motion goes first
         with_unit = {name: role for name, role in clear.items() if role.axis in ("", *AXES)}
         clear = with_unit or clear
     what = {"u": "command", "x": "response"}[letter]
     names = list(clear)
     if len(names) < 2:
         axis = next((role.axis for role in clear.values() if role.axis in AXES), "")
-        axis = "" if names and _short(names[0]).lower() == "y" else axis  # the output, beside the input u
+        axis = "" if names and _short(names[0]).lower() == "y" else axis  # the output, with the input u
         doubt = []
         if names and best == 0 and letter == "u":
             doubt = [f"whether {_said(names[0])} is the command; only its unit says so"]
@@ -261,7 +261,7 @@ def _without_command(columns: list[Column], arrays: Mapping[str, Variable], ques
     name, unit = reference.variable, arrays[reference.variable].unit
     if not name.isidentifier():
         return columns
-    questions.append(f"how many volts a commanded {unit} of {_said(name)} stands for: volts_per_length")
+    questions.append(f"how many volts a commanded {unit} of {_said(name)} means: volts_per_length")
     made = Column("u", "", "V", f"volts_per_length * {name}", {"volts_per_length": f"? V/{unit}"})
     return [*columns, made]
 
@@ -341,7 +341,7 @@ def _line(what: str, name: str, variable: Variable, questions: list[str]) -> Col
 
 
 def _rate(contents: Contents) -> str:
-    """Return the sampling rate that a scalar or a line above a table tells; ``?`` if none does."""
+    """Return the sampling rate that a scalar or a line above a table states; ``?`` if none does."""
     for name, variable in contents.variables.items():
         plain = re.sub(r"[\W_]", "", _short(name).lower())
         if variable.size == 1 and not variable.is_complex and plain in (*RATES, *PERIODS):

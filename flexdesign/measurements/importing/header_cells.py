@@ -64,7 +64,7 @@ def si_of(unit: str) -> str:
 
 
 def parted(cell: str) -> tuple[str, str]:
-    """Return name and unit of a header cell; the unit is empty where none is told.
+    """Return name and unit of a header cell; the unit is empty where none is stated.
 
     A unit in brackets is one, wherever it stands. One behind a separator is one if it is that of what the name says:
     ``pos_m`` is in metres, ``Channel A`` has no unit.

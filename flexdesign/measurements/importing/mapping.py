@@ -4,7 +4,7 @@
 
     title = "Bench 3"
     rate = "10 kHz"                                    # unless a column t, or the file itself, has the time
-    axes = ["sample", "channel", "realisation", "period"]      # of arrays that have so many axes
+    axes = ["sample", "channel", "realisation", "period"]      # of arrays with this number of axes
     [[run]]
     name = "multisine"
     kind = "multisine"
@@ -20,7 +20,7 @@
 A frequency response is a run with a column ``f`` and a complex one, ``response``; or with ``magnitude`` and ``phase``,
 or ``re`` and ``im``, and ``coherence`` if it was recorded ::
 
-    axes = ["channel", "input", "frequency"]           # of arrays that have so many
+    axes = ["channel", "input", "frequency"]           # of arrays with three axes
     [[run]]
     [run.columns.f]
     variable = "freq"
@@ -342,10 +342,10 @@ def _columns(given: Any, path: Path, place: str) -> RunColumns:
 
 
 def _formula(column: ColumnTable, given: Mapping[str, Any], path: Path, field: str) -> Formula:
-    beside = next((key for key in given if key not in ("formula", "unit")), None)
-    if beside:
-        remedy = "stands beside a formula; say it of the variables in it: [variables.NAME]"
-        raise InputError(path, f"{field}.{beside}", toml_files.as_written(given[beside]), remedy)
+    other = next((key for key in given if key not in ("formula", "unit")), None)
+    if other:
+        remedy = "conflicts with a formula; state it for the variables in it: [variables.NAME]"
+        raise InputError(path, f"{field}.{other}", toml_files.as_written(given[other]), remedy)
     if not column.unit:
         remedy = "is missing; say in which unit the column is to be written"
         raise InputError(path, f"{field}.unit", None, remedy)

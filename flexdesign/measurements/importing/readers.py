@@ -39,7 +39,7 @@ def read_contents(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Conten
     paths
         One or more files.
     dialect
-        How tables in text are written, as far as it is known.
+        How tables in text are written, where known.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from flexdesign.measurements.importing.guessing import USUAL, Column, Guess, gue
 from flexdesign.measurements.importing.mapping import Map, parse_map
 from flexdesign.measurements.importing.readers import read_contents
 
-#: A line above a table is repeated up to so many letters, and no more than so many lines.
+#: Most letters of a repeated line above a table, and most lines.
 LETTERS, LINES = 110, 30
 
 
@@ -75,13 +75,13 @@ def propose(paths: Sequence[Path]) -> str:
     return proposal(paths).text
 
 
-def template(contents: Contents, beside: Sequence[Path] = ()) -> str:
+def template(contents: Contents, similar: Sequence[Path] = ()) -> str:
     """Return a map as text: what the files hold in comments, then a run with the columns that can be guessed.
 
     The text is TOML. Guesses are marked; lines that nobody can guess are ``?`` and refused until they are replaced.
-    Files `beside` hold the same variables, and the map is for each of them.
+    Files of `similar` hold the same variables, and the map is for each of them.
     """
-    return _written([contents], [guess(contents)], [[*contents.paths, *beside]]).text
+    return _written([contents], [guess(contents)], [[*contents.paths, *similar]]).text
 
 
 def asking(paths: Sequence[Path], questions: Sequence[str], then: str = "") -> InputError:

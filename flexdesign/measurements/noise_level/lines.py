@@ -88,7 +88,8 @@ def line_noise(response: FrequencyResponse) -> LineNoise:
         share = np.maximum(response.coherence, LOWEST)
         variance = size**2 * (1 - share) / (2 * count * share)
         width = min(math.ceil(TOGETHER / max(count - 1, 1)), len(size)) | 1
-        # Logarithms, as both a flat noise and one that grows with the response are then smooth beside a resonance.
+        # Logarithms, as both a flat noise and one that grows with the response are then smooth compared with a
+        # resonance.
         variance = np.exp(uniform_filter1d(np.log(np.maximum(variance, floor**2)), width, mode="nearest"))
         # The response itself took one measurement of n; and the logarithm of a chi-square is low on average.
         left = max(count - 1, 1)

@@ -34,7 +34,7 @@ SEGMENT, LOWEST = 1024, 0.1
 #: Readings with fewer different values do not show the sensor's step.
 MANY = 50
 #: A residual counts as noise if its mean square, whitened, exceeds one by no more than this, which no bench is free of,
-#: and so many standard errors, of chance and of the level of the noise together.
+#: and this number of standard errors, of chance and of the level of the noise together.
 ADEQUATE, ERRORS = 0.09, 3.5
 #: Noise below this share of the span of all readings is rounding of the numbers themselves.
 ROUNDING = 1e-9

@@ -1,4 +1,4 @@
-"""Runs: recorded experiments in CSV or Parquet files, and what ``measurements.toml`` beside them says about each.
+"""Runs: recorded experiments in CSV or Parquet files, and their description in ``measurements.toml`` next to them.
 
 A recording comes as it is: with gaps, times that jitter, a sensor that saturates. Reading it goes down these modules:
 `clock` puts its rows in order, `faults` finds the readings that cannot be believed, `clock` then gives them a uniform

@@ -1,4 +1,4 @@
-"""``measurements.toml``: what people say about the recordings beside it.
+"""``measurements.toml``: the description of the recordings next to it.
 
 ::
 

@@ -42,7 +42,7 @@ ALLOWED = {
 FEWEST_LINES = 8
 #: A coherence may be above one by this much, which is rounding.
 ROUNDED = 1e-6
-#: Of one response one line in so many is kept for validation, where nobody chose roles.
+#: Of one response every KEPT_LINE-th line is kept for validation, where nobody chose roles.
 KEPT_LINE = 4
 
 

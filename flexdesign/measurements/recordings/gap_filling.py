@@ -1,4 +1,4 @@
-"""Commands across gaps: a simulation needs them at every moment, and a few can be told from their neighbours."""
+"""Commands across gaps: a simulation needs them at every moment, and a few follow from their neighbours."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from flexdesign.core.unit_tables import Sheet
 from flexdesign.measurements.recordings.run import COMMANDS, Array, Between
 
-#: A gap of so many samples is bridged whatever the command does.
+#: A gap of this number of samples is bridged for any command.
 SHORT = 3
 
 

@@ -37,7 +37,7 @@ ENDINGS = (".csv", parquet.SUFFIX)
 
 
 def read_run(path: str | Path) -> Run:
-    """Read one file, CSV or Parquet, and what ``measurements.toml`` beside it says about it.
+    """Read one file, CSV or Parquet, and its description in ``measurements.toml`` next to it.
 
     Header cells are ``name [unit]``: time ``t``, command ``u`` (or ``ux``, ``uy``, ``uz``), responses ``x``, ``y``,
     ``z``; if recorded, reference ``r``, voltage at the stack ``v``, current ``i``, force ``f``, temperature ``T``.
@@ -56,12 +56,12 @@ def read_run(path: str | Path) -> Run:
         ten usable rows, command or response is missing, no reading can be used, or the command has a long gap.
     """
     path = Path(path)
-    measurements = _beside(path)
+    measurements = _measurements_next_to(path)
     sheet = unit_tables.read(path, ALLOWED, gaps=True)
     _needs(sheet, COMMANDS, "command", "u [V]")
     _needs(sheet, AXES, "response", "x [um]")
     if "u" in sheet.values and any(name in sheet.values for name in COMMANDS[1:]):
-        raise InputError(path, "header", None, "has u beside ux, uy or uz; name every command by its axis")
+        raise InputError(path, "header", None, "has u and also ux, uy or uz; name every command by its axis")
     return _run(sheet, measurements, measurements.runs.get(path.name, RunSettings()))
 
 
@@ -105,7 +105,7 @@ def _run(sheet: Sheet, measurements: Measurements, settings: RunSettings) -> Run
 
 
 def read_frequency_response(path: str | Path) -> FrequencyResponse:
-    """Read a frequency response, and what ``measurements.toml`` beside it says about it.
+    """Read a frequency response, and its description in ``measurements.toml`` next to it.
 
     See `flexdesign.measurements.recordings.frequency_response` for what may stand in the file.
 
@@ -115,7 +115,7 @@ def read_frequency_response(path: str | Path) -> FrequencyResponse:
         If it cannot be used.
     """
     path = Path(path)
-    measurements = _beside(path)
+    measurements = _measurements_next_to(path)
     return frequency_response.read(path, measurements, measurements.runs.get(path.name, RunSettings()))
 
 
@@ -203,10 +203,10 @@ def write_run(
     unit_tables.write(Path(path), {"t [s]": time, **recorded}, comment, gaps=gaps)
 
 
-def _beside(path: Path) -> Measurements:
-    """Return what ``measurements.toml`` beside a file says."""
-    beside = path.parent / description.NAME
-    return read_measurements(beside) if beside.is_file() else Measurements(beside, Setup(), {})
+def _measurements_next_to(path: Path) -> Measurements:
+    """Return ``measurements.toml`` next to a file."""
+    description_file = path.parent / description.NAME
+    return read_measurements(description_file) if description_file.is_file() else Measurements(description_file, Setup(), {})
 
 
 def _needs(sheet: Sheet, names: tuple[str, ...], what: str, example: str) -> None:
@@ -257,12 +257,12 @@ def _beyond(commands: Mapping[str, Array], limits: tuple[float, float] | None) -
 
 def _recordings(folder: Path) -> list[Path]:
     found = sorted(file for file in folder.iterdir() if file.suffix.lower() in ENDINGS and file.is_file())
-    beside = folder / description.NAME
-    if beside.is_file():
+    description_file = folder / description.NAME
+    if description_file.is_file():
         names = [file.name for file in found]
-        for name in read_measurements(beside).runs:
+        for name in read_measurements(description_file).runs:
             if name not in names:
-                raise InputError(beside, "run.file", name, f"is not in the folder{suggest(name, names)}")
+                raise InputError(description_file, "run.file", name, f"is not in the folder{suggest(name, names)}")
     if not found:
         remedy = "has no CSV file; name a folder of recorded runs, or the files themselves"
         raise InputError(folder, "", None, remedy)

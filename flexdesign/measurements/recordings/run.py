@@ -53,7 +53,7 @@ class Run:
         n moments, uniform and increasing [s].
     columns
         Everything else that was recorded, n values each, in SI, by name: ``u``, ``x``, ``r``, ... Commands are finite;
-        elsewhere NaN stands for what was not read, or cannot be used.
+        elsewhere NaN marks what was not read, or cannot be used.
     si
         SI unit of each column.
     between_samples

@@ -1,4 +1,4 @@
-"""Sensors that do not tell the truth: readings pinned at the end of their range, or stuck while the command moves.
+"""Sensor faults: readings pinned at the end of their range, or stuck while the command moves.
 
 A reading that repeats itself proves nothing: a coarse sensor repeats at every turn of the motion, and a perfect one
 while the stage rests. So a plateau, a stretch of equal readings, is taken for a fault only if neither explains it:
@@ -11,7 +11,7 @@ while the stage rests. So a plateau, a stretch of equal readings, is taken for a
   come to rest has no reason to. (That it is quieter than elsewhere says nothing: elsewhere it may ring.)
 
 What moves in hops of its own, a stage that sticks and slips under a sensor without noise, would be mistaken for a
-sensor that sticks if it waited for `MANY` samples and `SHARE` of its span; noise of one step tells them apart.
+sensor that sticks if it waited for `MANY` samples and `SHARE` of its span; noise of one step distinguishes them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ STEPS = 20
 SHARE = 0.01
 #: A command stands still where it changes by less than this share of its span from one sample to the next.
 STILL = 1e-5
-#: Noise of which a reading cannot repeat itself many times: median change between so many readings, in smallest steps.
+#: Noise of which a reading cannot repeat itself many times: median change between this number of readings, in smallest
+#: steps.
 NOISY, RESUMED = 2.0, 5
 
 
@@ -115,7 +116,7 @@ def _faults(reading: Array, command: Array, resting: Mask, span: tuple[float, fl
 def _ignores(reading: Array, command: Array, first: int, last: int, step: float) -> bool:
     """Tell whether the equal readings first, ... last - 1 are no turn of a motion although the command moves."""
     count, total = last - first, _span(command)
-    # At the start of the record nothing tells how long the command has rested.
+    # At the start of the record nothing states how long the command has rested.
     driven = command[first : last - (count // 2 if first else 3 * count // 4)]
     if total == 0 or not np.isfinite(driven).all() or len(driven) < 2:
         return False

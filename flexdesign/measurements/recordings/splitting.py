@@ -42,7 +42,7 @@ def split(runs: Sequence[Run], *, test: bool = False) -> tuple[Run, ...]:
     not the one with the only step, for which the next one judges. Both halves are
     the whole record, so that it is simulated straight through, and have NaN where the other half counts and at the
     borders; they are called ``NAME:identify`` and ``NAME:validate``. Such a record has no blocks for testing: noise has
-    a memory and a stage drifts, so that a block beside one that was fitted tests little.
+    a memory and a stage drifts, so that a block next to a fitted one tests little.
 
     Parameters
     ----------
@@ -103,7 +103,8 @@ def _chosen(moving: Sequence[Run]) -> set[str]:
 def _judging(commands: NDArray[np.float64], block: NDArray[np.intp]) -> list[int]:
     """Return the blocks that judge: `JUDGING`, or the next one where one stands still or is the only one of its kind.
 
-    A step is all that shows how a stage rings, and much of what tells a lag from hysteresis: what teaches must have it.
+    A step is all that shows how a stage rings, and much of what distinguishes a lag from hysteresis: fitted runs need
+    one.
     """
     steps = np.abs(np.diff(commands, axis=1, prepend=commands[:, :1])).max(axis=0)
     largest = np.array([steps[block == k].max() for k in range(BLOCKS)])

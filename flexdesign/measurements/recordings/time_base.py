@@ -16,7 +16,7 @@ UNIFORM = 1e-3
 GAP = 2.0
 #: Rows are lost one by one no more often than this; more of them are no rows lost but times that are rounded.
 RARE = 0.1
-#: A record is no longer than so many times all its rows at their median period; else its times cannot be right.
+#: A record is no longer than this multiple of all its rows at their median period; else its times cannot be right.
 LONGEST = 10.0
 #: Rows that are closer than this are at one time, in periods.
 SAME = 1e-9
