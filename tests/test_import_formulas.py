@@ -134,7 +134,7 @@ def test_formulas_that_are_refused(formula: str, message: str, tmp_path: Path) -
         ('variable = "force pulse"', 'variable = "force"', ""),
         ('[variables.counts]\nunit = "1"', "", "variables.counts.unit: is missing, and the file does not say it"),
         ('unit = "V"\nformula', "formula", "run 1.columns.u.unit: is missing; say in which unit the column is to be"),
-        ('unit = "V"\nformula', 'unit = "V"\nscale = 2\nformula', "run 1.columns.u.scale = 2: conflicts with a formula"),
+        ('unit = "V"\nformula', 'unit = "V"\nscale = 2\nformula', "run 1.columns.u.scale = 2: conflicts with a formula"),  # noqa: E501
     ],
 )  # fmt: skip
 def test_maps_that_are_refused(old: str, new: str, message: str, tmp_path: Path) -> None:

@@ -611,7 +611,7 @@ def test_masses_of_21_stand_beside_modal_masses_and_frequencies(run: Run) -> Non
         assert row.fem.value * (2 * np.pi * frequency) ** 2 == pytest.approx(stiffness, rel=0.15)
         assert run.found.fem(f"output_mass_{axis}_actuators_installed").value > 0
     text = (run.folder / "report.md").read_text(encoding="utf-8")
-    assert "| modal mass X/Y, inputs free |" in text and "tells of the choices alone" in text
+    assert "| modal mass X/Y, inputs free |" in text and "reflects the choices alone" in text
 
 
 def test_springs_of_the_formulas_hold_no_masses(run: Run) -> None:

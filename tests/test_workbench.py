@@ -136,7 +136,7 @@ def test_where_it_fails_is_read_and_the_suggested_effect_explains_it(demo: Any) 
     box.click()
     demo.locator("#ladder").get_by_text("+ stress stiffening").wait_for()
     assert ratios(demo)[2] < 1.15
-    demo.get_by_text("No more than noise remains").wait_for()
+    demo.get_by_text("The residual is noise").wait_for()
     demo.get_by_text("being asked").first.wait_for(state="detached")
 
 

@@ -45,7 +45,7 @@ def not_reached_by(asked: float | None, missed: Mapping[str, float], count: int)
 
 
 def reached(asked: float | None, found: Sequence[Quantity]) -> str:
-    """Say beside the meshes how the largest estimated error compares with the accuracy that was asked for."""
+    """Say with the meshes how the largest estimated error compares with the accuracy that was asked for."""
     if asked is None:
         return ""
     error = mesh_refinement.estimated_error(found)

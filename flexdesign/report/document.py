@@ -59,7 +59,7 @@ class Live(Protocol):
         """How many curves share the room of a page."""
 
     def payload(self, points: int) -> dict[str, Any]:
-        """Return its data for the page, with at most so many points in a curve."""
+        """Return its data for the page, with a limited number of points in a curve."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Figure:
     Parameters
     ----------
     file
-        Its file name beside the report, ending in .png or .svg.
+        Its file name next to the report, ending in .png or .svg.
     data
         Its content.
     caption
@@ -94,7 +94,7 @@ class Figure:
 
     @property
     def text(self) -> str:
-        """What stands for the picture where it cannot be seen."""
+        """The text in place of the picture where it cannot be seen."""
         return self.alt or charts.description(self.data) or self.caption
 
     @property
@@ -135,7 +135,7 @@ class Fact:
     name, value
         What it is, and the number with its unit.
     note
-        Under which conditions, or what it is to be set beside.
+        Under which conditions, or what it is to be compared with.
     """
 
     name: str
@@ -158,7 +158,7 @@ class Document:
     warnings
         What a reader must know before using any of the numbers.
     picture
-        File name of the figure that shows the answer, and stands beside it; none for the first, if
+        File name of the figure that shows the answer, and stands next to it; none for the first, if
         possible of a section that is not folded.
     """
 
@@ -188,6 +188,6 @@ class Document:
 
     @cached_property
     def body(self) -> list[Section]:
-        """The sections without the figure that stands beside the answer."""
+        """The sections without the figure next to the answer."""
         rest = [replace(s, figures=[f for f in s.figures if f is not self.lead]) for s in self.sections]
         return [s for s in rest if s.paragraphs or s.tables or s.figures]

@@ -1,6 +1,6 @@
 """What a report was made of: the command with its input files, and the report that stands in its folder already.
 
-result.json holds the inputs, so that a later run can tell whether it replaces a report of the same inputs. Date and
+result.json holds the inputs, so that a later run knows whether it replaces a report of the same inputs. Date and
 command line stand in report.html and report.md alone: result.json is the same in every run. With SOURCE_DATE_EPOCH in
 the environment the date is that one, so that reports are the same, too.
 """
@@ -21,7 +21,7 @@ from typing import Any
 
 from flexdesign.core.toml_files import is_file, is_folder
 
-#: Files that verbs write under one name in every folder: the folder's name tells them apart.
+#: Files that verbs write under one name in every folder: the folder's name distinguishes them.
 COMMON = ("stage_model", "design", "optimum", "dimensions")
 #: Options that say where things go and who works, and nothing of the result; alone, and with a value.
 PLACES, VALUED = ("--json",), ("--out", "--cache", "--jobs", "--scheduler")
@@ -55,13 +55,13 @@ class Inputs:
 
     @property
     def digest(self) -> str:
-        """A few letters that tell these inputs from others, whatever the files hold."""
+        """A few letters that distinguish these inputs from others, whatever the files hold."""
         named = json.dumps([self.verb, [_named(file) for file in self.files], list(self.settings)])
         return hashlib.sha256(named.encode()).hexdigest()[:6]
 
 
 def name_of(file: Path) -> str:
-    """Return the name of a file that tells it from others: where verbs write it under one name, with its folder's."""
+    """Return the distinct name of a file: where verbs write it under one name, with its folder's."""
     return f"{file.resolve().parent.name}_{file.stem}" if file.stem in COMMON else file.stem
 
 

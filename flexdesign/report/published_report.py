@@ -1,4 +1,4 @@
-"""The page of published mechanisms: theirs beside ours, with the uncertainty and the effects that close each gap."""
+"""The page of published mechanisms: theirs and ours, with the uncertainty and the effects that close each gap."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def document(found: PublishedMechanisms) -> Document:
         f"{count} {verdict if count == 1 else PLURAL[verdict]}" for verdict, count in found.counted().items() if count
     )
     summary = [
-        f"{len(found.rows)} published numbers of {len(found.mechanisms)} mechanisms, beside finite elements: {texts}.",
+        f"{len(found.rows)} published numbers of {len(found.mechanisms)} mechanisms, and finite elements: {texts}.",
         _unexplained(found),
     ]
     sections = [Section("Overview", [_how()], [overview(found)], [_picture(found)])]
@@ -167,4 +167,4 @@ def _picture(found: PublishedMechanisms) -> Figure:
     axes.set_xlabel("difference from our finite elements [%]")
     axes.grid(color=charts.NEUTRAL, alpha=0.25)
     charts.below(figure, axes, 2)
-    return Figure("gaps.svg", charts.svg(figure), "Published numbers beside ours, before and after the named effects")
+    return Figure("gaps.svg", charts.svg(figure), "Published numbers and ours, before and after the named effects")

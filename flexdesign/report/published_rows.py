@@ -1,4 +1,4 @@
-"""Published numbers beside what a simulation gives, and what a difference proves: a cause that was seen, or none."""
+"""Published numbers compared with a simulation, and what a difference proves: a cause that was seen, or none."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ WORDS = {
 }
 
 
-#: How those are called that in a table of measures stand beside what they are a part of.
+#: Names of fractions that a table of measures lists next to their totals.
 ALONE = {"loop_width_relative": "loop width per span", "max_error_relative": "largest error per range"}
 #: What settling means: the motion stays within this share of the step.
 BAND = 0.02
 
 
 def table(simulation: Simulation) -> Table:
-    """Return published numbers beside ours."""
+    """Return published numbers and ours."""
     rows = []
     for experiment in simulation.plan.experiments:
         for case, c in simulation.compared(experiment):
@@ -57,7 +57,7 @@ def section(simulation: Simulation) -> Section:
     if not found.rows:
         return Section("Published numbers")
     text = "A difference within the uncertainty of the published number proves nothing, either way."
-    return Section("Published numbers beside ours", [text, *_damping(simulation)], [found])
+    return Section("Published numbers and ours", [text, *_damping(simulation)], [found])
 
 
 def who(case: Case) -> str:

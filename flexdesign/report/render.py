@@ -24,20 +24,20 @@ from flexdesign.report.document import Document, Figure
 
 #: What shows each kind of live picture.
 SCRIPTS = {"traces": ("uplot.min.js", "traces.js"), "view": ("three.min.js", "view.js")}
-#: All curves of a page together take about so many bytes, each of their points so many; the least and most points.
+#: Bytes of all curves of a page, about; bytes of a point; the least and most points of a curve.
 CURVES_BYTES, BYTES, POINTS = 2e6, 5.0, (1000, 20000)
 
 
 @dataclass(frozen=True)
 class Made:
-    """When and how a report was made, and which files lie beside it.
+    """When and how a report was made, and which files lie next to it.
 
     Parameters
     ----------
     date, command, version
         When, by which command line, by which version.
     files
-        Names of files beside the report, pictures left out.
+        Names of files next to the report, pictures left out.
     """
 
     date: str
@@ -117,7 +117,7 @@ def write(
     """Write report.html, report.md, result.json, the figures and other files.
 
     The report has the date, the command line and links to the other files; `links` are more files in the folder.
-    Everything is written beside its place first and moved there at the end, so that a failure leaves what was there.
+    Everything is written next to its place first and moved there at the end, so that a failure leaves what was there.
 
     Raises
     ------

@@ -15,7 +15,7 @@ from flexdesign.report.charts import COLOURS, NEUTRAL, plain, svg
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-#: A curve is drawn with at most so many points.
+#: Most points of a curve.
 POINTS = 1000
 
 
@@ -88,7 +88,7 @@ class Traces:
         return svg(figure)
 
     def payload(self, points: int) -> dict[str, Any]:
-        """Return the data of a page, with at most so many points in a curve."""
+        """Return the data of a page, with a limited number of points in a curve."""
         return {
             "x": self.xlabel,
             "limits": self.limits,
@@ -143,7 +143,7 @@ def extremes(rows: Array, points: int) -> IntArray:
     """Return which of n samples to keep so that no row, shape (k, n), loses a peak.
 
     Of each stretch these are the first and the last sample, and the lowest and the highest of each row; a row alone
-    keeps at most so many `points`.
+    keeps at most `points` of them.
     """
     count = rows.shape[1]
     if count <= points:

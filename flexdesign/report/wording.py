@@ -55,7 +55,7 @@ PIECES = {
 REGIONS = {"hinge": "hinges", "arm": "arms", "rod": "input rods", "guide": "guides", "block": "blocks"}
 
 
-#: What the names of models mean, told where they stand first.
+#: What the names of models mean, stated where they appear first.
 MODELS = {
     "PRB": "the pseudo-rigid-body model, in which hinges bend and all else is rigid",
     "rigid bodies": "the model in which flexures are beams and all else is rigid",

@@ -194,8 +194,8 @@ class Wild:
             extruded = 'mesh.method = "extruded", ' if domain.section is not None else ""
             raise MeshError(
                 f"the unstructured mesh would have about {count / 1e6:.2g} million tetrahedra, and "
-                f"{MOST / 1e6:g} million are as many as 24 GiB of memory hold; ask for less: {extruded}a larger mesh.at_root or mesh.growth, or "
-                "fewer mesh.levels"
+                f"{MOST / 1e6:g} million are as many as 24 GiB of memory hold; ask for less: {extruded}a larger "
+                "mesh.at_root or mesh.growth, or fewer mesh.levels"
             )
 
     def finest_edge(self, coarseness: float) -> float:

@@ -30,7 +30,7 @@ def drive_share(mode: ModeRecord, compliance: PortCompliance, actuator: float) -
 
 
 def frequencies(solution: Solution, actuator: float) -> list[Quantity]:
-    """Return the first frequency, and those of the modes with most output and actuator participation; `actuator` in N/m."""
+    """Return the first frequency, and those of the modes with most output and actuator participation."""
     found = []
     free = "input free" if solution.compliance.has_input else "output free"
     for installed, boundary in ((False, free), (True, "actuator installed")):

@@ -205,8 +205,8 @@ def write_run(
 
 def _measurements_next_to(path: Path) -> Measurements:
     """Return ``measurements.toml`` next to a file."""
-    description_file = path.parent / description.NAME
-    return read_measurements(description_file) if description_file.is_file() else Measurements(description_file, Setup(), {})
+    file = path.parent / description.NAME
+    return read_measurements(file) if file.is_file() else Measurements(file, Setup(), {})
 
 
 def _needs(sheet: Sheet, names: tuple[str, ...], what: str, example: str) -> None:

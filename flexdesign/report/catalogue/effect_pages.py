@@ -200,7 +200,7 @@ def _where_it_shows(signature: Signature) -> Section:
     )
     return Section(
         "Where it shows",
-        ["An effect that a new gain takes up is not seen by one sensor alone: it passes for a calibration error."],
+        ["One sensor alone does not show an effect that a new gain absorbs: it looks like a calibration error."],
         [Table(["experiment", "made for", "change %", "beyond gain %"], rows, caption)],
     )
 
@@ -250,7 +250,7 @@ def _without_unit(row: Sequence[str]) -> list[str]:
 
 
 def words(effect: Effect) -> list[str]:
-    """Return what a terminal says of an effect, beside its parameters."""
+    """Return the advice on an effect for a terminal, in addition to its parameters."""
     return [f"{head}: {text}" for head, text in _advice(effect).tables[0].rows]
 
 

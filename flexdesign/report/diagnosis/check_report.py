@@ -70,7 +70,7 @@ def document(found: Check) -> Document:
     if found.suspicions:
         sections.append(Section("What is suspicious", tables=[suspicious]))
     tables = [effects] if found.shown else []
-    sections.append(Section("What a diagnosis can tell", _coverage(found), tables=tables))
+    sections.append(Section("What a diagnosis can identify", _coverage(found), tables=tables))
     return Document("Check of recordings", summary, sections)
 
 

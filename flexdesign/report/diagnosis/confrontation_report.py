@@ -39,7 +39,7 @@ def where(found: Confronted) -> list[str]:
     if not found.comparison.runs:
         return []
     if found.comparison.rms < comparison_report.NOISE * found.comparison.floor:
-        return ["No more than noise remains: nothing in these runs says that the model fails."]
+        return ["The residual is noise: nothing in these runs contradicts the model."]
     return words.sentences(found.comparison)
 
 
@@ -49,7 +49,7 @@ def document(found: Confronted, values: Sequence[Value]) -> Document:
     Parameters
     ----------
     found
-        The model beside the runs.
+        The model, compared with the runs.
     values
         Its numbers with their intervals.
     """

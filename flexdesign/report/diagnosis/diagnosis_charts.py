@@ -1,4 +1,4 @@
-"""Drawings of a diagnosis: the error ladder, and runs beside the model before and after."""
+"""Drawings of a diagnosis: the error ladder, and runs with the model before and after."""
 
 from __future__ import annotations
 

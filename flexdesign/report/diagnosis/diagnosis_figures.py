@@ -40,14 +40,14 @@ SHOWS = {
     "shares": "Shares of the unexplained error, and of the time: where a bar is longer than its tick, the model is "
     "worse than elsewhere",
 }
-#: Of a run that is drawn over its command the last so many spans: two loops.
+#: Number of spans drawn at the end of a run over its command: two loops.
 TURNS = 4
 #: Runs that are drawn one by one.
 DRAWN = 4
 
 
 def pictures(names: Sequence[str]) -> list[str]:
-    """Return which pictures of the residual show some effects, the telling one first.
+    """Return which pictures of the residual show some effects, the clearest first.
 
     An effect says which experiment reveals it; a step is drawn over the logarithm of time, a triangle over position, a
     multisine as a spectrum.
@@ -111,7 +111,7 @@ def where_figures(
 
 
 def run_figures(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
-    """Draw validation runs, or the others if there are none, beside what each model predicts."""
+    """Draw validation runs, or the others if there are none, with the prediction of each model."""
     first = stands[0][1]
     validation_runs = [run.name for run in first.runs if run.role == "validate"] or [run.name for run in first.runs]
     large, small = units_of(first.response)

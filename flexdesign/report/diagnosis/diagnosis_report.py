@@ -26,7 +26,7 @@ from flexdesign.report.document import Document, Section, Table
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-#: Experiments that are listed as telling two effects apart.
+#: Number of discriminating experiments listed for two effects.
 PROPOSED = 8
 #: How the names of smooth functions over frequency begin.
 OVER_FREQUENCY = ("magnitude near", "phase near")
@@ -87,7 +87,7 @@ def candidates(found: Diagnosis) -> Table:
     ]
     caption = "Error of the validation runs; evidence in multiples of what chance gives the best of the catalogue"
     error = "error, of the line" if math.isfinite(line) else "rms error"
-    return Table(["effect", "beside", error, "evidence", "outcome"], rows, caption)
+    return Table(["effect", "with", error, "evidence", "outcome"], rows, caption)
 
 
 def document(found: Diagnosis, proposals: Sequence[Proposal]) -> Document:
@@ -98,7 +98,7 @@ def document(found: Diagnosis, proposals: Sequence[Proposal]) -> Document:
     found
         The diagnosis.
     proposals
-        For its groups the experiments that would tell them apart.
+        For its groups the experiments that would distinguish them.
     """
     title = f"{found.before.title or found.before.name}: diagnosis of axis {found.axis}"
     return Document(title, prose.summary(found, proposals), partial(_sections, found, proposals))
@@ -214,8 +214,8 @@ def _tried_text(found: Diagnosis) -> list[str]:
     if not found.candidates:
         return ["No effect of the catalogue promised more than chance gives, so that none was fitted."]
     return [
-        "Every effect of the catalogue was screened at each step by what it can explain beside the model's own "
-        "numbers; these promised most and were fitted together with all else."
+        "Every effect of the catalogue was screened at each step by what it can explain in addition to the model's own "
+        "parameters; these scored highest and were fitted together with everything else."
     ]
 
 
@@ -229,13 +229,13 @@ def _apart(found: Diagnosis, proposals: Sequence[Proposal]) -> list[Section]:
         for pair in pairs
     ]
     tables = [_separations(pair) for pair in pairs]
-    return [Section("What these runs cannot tell apart", text, tables)]
+    return [Section("Effects that these runs do not distinguish", text, tables)]
 
 
 def _separations(pair: Resolved) -> Table:
-    """Return the experiments that tell two effects apart best."""
+    """Return the experiments that distinguish two effects best."""
     whole = plan_pages.separations(pair)
-    caption = f"What tells {prose.either([prose.effect_name(effect.name) for effect in pair.effects])}"
+    caption = f"What distinguishes {prose.either([prose.effect_name(effect.name) for effect in pair.effects])}"
     return Table(whole.columns, whole.rows[:PROPOSED], caption)
 
 
@@ -285,7 +285,7 @@ def _how(found: Diagnosis) -> list[str]:
     seen = [each.name for each in _every(found) if each.role == "identify"]
     validation_runs = [each.name for each in _every(found) if each.role == "validate"]
     text = f"Fitted: {words.listed(seen)}."
-    text += f" Kept apart: {words.listed(validation_runs)}." if validation_runs else " None was kept apart."
+    text += f" Validation: {words.listed(validation_runs)}." if validation_runs else " There are no validation runs."
     made = ", ".join(f"{name} {number}" for name, number in versions.installed().items())
     return [
         text,

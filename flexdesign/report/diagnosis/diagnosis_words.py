@@ -57,7 +57,7 @@ def verdict(found: Diagnosis) -> str:
 
 
 def _remains(found: Diagnosis) -> str:
-    """Return how much remains beside the effects that are named, as a further sentence; empty if only noise does."""
+    """Return how much the named effects leave unexplained, as a further sentence; empty if the residual is noise."""
     if not found.remainder_rms:
         return ""
     size = words.error(response(found), found.remainder_rms)
@@ -74,7 +74,7 @@ def possible(found: Diagnosis) -> str:
     lines = "; ".join(f"flexdesign add MODEL {name} RUNS" for name in found.near)
     each = "each of them" if len(found.near) > 1 else "it"
     return (
-        f"Possible, but not certain: {names}. Beside what remains {each} explains too little to be named. "
+        f"Possible, but not certain: {names}. Compared with the residual, {each} explains too little to be named. "
         f"To fit {each} all the same: {lines}."
     )
 
@@ -143,8 +143,8 @@ def label(step_of_ladder: ErrorStep) -> str:
 
 
 def apart(group: Sequence[str], proposals: Sequence[Proposal]) -> str:
-    """Return that a group cannot be told apart, and what would."""
-    sentences = f"These runs cannot tell {either([effect_name(name) for name in group])}."
+    """Return that the runs do not distinguish a group, and what would."""
+    sentences = f"These runs do not distinguish {either([effect_name(name) for name in group])}."
     for proposal in proposals:
         if proposal.group == tuple(group):
             sentences += "".join(f" {_would(resolved)}" for resolved in proposal.resolved)
@@ -208,7 +208,7 @@ def recorded(found: ModelResiduals) -> Sequence[Run | FrequencyResponse]:
 
 
 def either(names: Sequence[str]) -> str:
-    """Return names as what cannot be told apart.
+    """Return names as confounded effects.
 
     >>> either(["creep", "drift", "warmth"])
     'creep from drift or warmth'
@@ -217,7 +217,7 @@ def either(names: Sequence[str]) -> str:
 
 
 def _would(resolved: Resolved) -> str:
-    """Return which experiments would tell two effects apart, by how many times the noise."""
+    """Return which experiments would distinguish two effects, by how many times the noise."""
     other = effect_name(resolved.effects[1].name)
     if not resolved.proposed:
         most = max((each.over_noise for each in resolved.separations), default=0.0)
@@ -231,7 +231,7 @@ def _would(resolved: Resolved) -> str:
         for each in resolved.proposed
     ]
     pair = either([effect_name(effect.name) for effect in resolved.effects])
-    return f"What would tell {pair}, and by how many times the noise the readings differ: {', '.join(parts)}."
+    return f"What would distinguish {pair}, and by how many times the noise the readings differ: {', '.join(parts)}."
 
 
 def _beside(found: Diagnosis, name: str) -> list[str]:

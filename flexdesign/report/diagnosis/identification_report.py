@@ -129,13 +129,13 @@ def summary(found: Identification) -> list[str]:
 
 
 def _beside_noise(found: Identification) -> str:
-    """Set the residual beside the noise, and say what follows."""
+    """Compare the residual with the noise, and say what follows."""
     rms = [found.noise.rms[run.name] for run in found.runs if run.role == "identify"]
     unit = units_of(found.response)[1]
     level = units.to_text(float(np.sqrt(np.mean(np.square(rms)))), unit, 3, si=found.response)
     if not found.noise.known:
         return (
-            "The noise of these runs is unknown, so that the residual does not tell whether the model lacks physics: "
+            "The noise of these runs is unknown, so that the residual does not show whether the model lacks physics: "
             "state it in measurements.toml, or record a stretch in which no command moves."
         )
     beside = f"The residual of the fitted runs is {found.misfit:.3g} times the noise of {level} ({found.noise.source})"

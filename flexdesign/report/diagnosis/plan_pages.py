@@ -1,4 +1,4 @@
-"""The page of a plan for the bench: every command with its picture and its limits, and what tells two effects apart."""
+"""The page of a plan for the bench: every command with picture and limits, and what distinguishes two effects."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def document(
     seed
         Of their random phases and levels.
     resolved
-        The two effects to be told apart; None for the whole plan.
+        The two effects to be distinguished; None for the whole plan.
     """
     total = sum(command.duration for command in files.values())
     summary = [
@@ -61,24 +61,24 @@ def document(
 
 
 def verdict(resolved: Resolved) -> str:
-    """Return in a few sentences what tells two effects apart."""
+    """Return in a few sentences what distinguishes two effects."""
     first, second = (_called(effect) for effect in resolved.effects)
     if not resolved.proposed:
         return (
-            f"None of these experiments tells {first} from {second}: none differs by more than {PLAIN:g} times the "
-            "sensor's noise. Record longer, average, or use a better sensor."
+            f"None of these experiments distinguishes {first} from {second}: none differs by more than {PLAIN:g} times "
+            "the sensor's noise. Record longer, average, or use a better sensor."
         )
     best = resolved.proposed[0]
     others = [_plain(each.command) for each in resolved.proposed[1:]]
     more = f" Next: {', '.join(others)}." if others else ""
     return (
-        f"{_plain(best.command).capitalize()} tells {first} from {second} best: the readings differ by "
+        f"{_plain(best.command).capitalize()} distinguishes {first} from {second} best: the readings differ by "
         f"{units.significant(best.over_noise, 2)} times the sensor's noise, rms.{more}"
     )
 
 
 def separations(resolved: Resolved) -> Table:
-    """Return how far each experiment tells two effects apart, the best first."""
+    """Return how far each experiment distinguishes two effects, the best first."""
     response = resolved.effects[0].without.axis.response
     unit, factor = effect_charts.SHOWN[response]
     rows = [
@@ -109,7 +109,7 @@ def _separation(resolved: Resolved) -> Section:
         chart, words = effect_charts.draw(seen, response, (_called(first), f"{_called(second)}, refitted"))
         caption = f"{words} ({_plain(each.command)}); below, the difference of the two"
         figures.append(Figure(f"separates_{each.command.name}.svg", chart, caption))
-    title = f"What tells {_called(first)} from {_called(second)}"
+    title = f"What distinguishes {_called(first)} from {_called(second)}"
     return Section(title, text, [separations(resolved)], figures)
 
 
@@ -150,7 +150,7 @@ def _by_hand(files: Mapping[str, Command]) -> Section:
 
 
 def result(files: Mapping[str, Command], limits: Limits, seed: int, resolved: Resolved | None) -> dict[str, Any]:
-    """Return result.json's content: every command with its numbers, and what tells two effects apart."""
+    """Return result.json's content: every command with its numbers, and what distinguishes two effects."""
     answer: dict[str, Any] = {
         "format": FORMAT,
         "kind": "plan",

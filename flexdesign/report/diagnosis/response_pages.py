@@ -86,7 +86,7 @@ def section(stands: Sequence[FittedModel], response: str, natural_frequency: flo
 
 
 def figures(stands: Sequence[FittedModel], response: str) -> list[Figure]:
-    """Draw every frequency response beside what each model predicts."""
+    """Draw every frequency response with the prediction of each model."""
     large = units_of(response)[0]
     scale, made = units.factor(large, response), []
     for number, each in enumerate(stands[0][1]):

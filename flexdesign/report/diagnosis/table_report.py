@@ -21,7 +21,7 @@ LIBRARIES = ("numpy", "scipy")
 
 
 def rows(comparison: TableComparison) -> Table:
-    """Return the rows of a table beside what the model says."""
+    """Return the rows of a table and the predictions of the model."""
     noise, found = comparison.uncertainty, []
     for i, row in enumerate(comparison.table.rows):
         share = [100 * part[i] / abs(row.value) for part in (noise.data, noise.inputs, noise.model, noise.validation)]
@@ -67,7 +67,7 @@ def comparison_document(comparison: TableComparison) -> Document:
     sentences += [f"Take care: {'; '.join(comparison.remarks)}."] if comparison.remarks else []
     picture = Figure("differences.svg", words.differences(comparison), "Each row, and what would be no difference")
     return Document(
-        f"{comparison.model.design.title}: beside {comparison.table.name}",
+        f"{comparison.model.design.title}: compared with {comparison.table.name}",
         sentences,
         [
             Section("Measured and predicted", _uncertainty(comparison), [rows(comparison)], [picture]),
@@ -103,7 +103,7 @@ def _diagnosis_sections(found: TableDiagnosis) -> list[Section]:
     ]
     if found.proposals:
         head = Table(["measurement", "what each answer expects"], words.proposals(found))
-        sections.insert(2, Section("What would tell the answers apart", [], [head]))
+        sections.insert(2, Section("What would distinguish these effects", [], [head]))
     return [*sections, _physics(found.before.model)]
 
 

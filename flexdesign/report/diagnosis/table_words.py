@@ -65,7 +65,7 @@ def quantity(value: Value) -> str:
     name = parameter.name.rpartition(".")[2]
     low, high = (end / scale for end in value.interval)
     if _is_without_end(value):
-        return f"{name} too large to be told from a rigid one" if parameter.null == 0 else f"{name} next to nothing"
+        return f"{name} indistinguishable from a rigid one" if parameter.null == 0 else f"{name} next to nothing"
     text = units.significant(value.value / scale, 3)
     return f"{name} {text} {parameter.unit} (95 %: {low:.3g} to {high:.3g} {parameter.unit})"
 
@@ -119,7 +119,8 @@ def summary(found: TableDiagnosis) -> list[str]:
         sentences += [effect(found.found, name) for name in found.found.names]
     for group in found.groups if found.verdict == "effects-found" else ():
         sentences.append(
-            f"This table cannot tell {listed([effect_name(name) for name in group], 'from')}. {_would_tell(found)}"
+            f"This table does not distinguish {listed([effect_name(name) for name in group], 'from')}. "
+            f"{_would_tell(found)}"
         )
     if found.verdict == "unknown":
         sentences.append(f"What it looks like: {shape(found)}")
@@ -134,7 +135,7 @@ def effect(trial: Trial, name: str) -> str:
     known = statics.find(name)
     members = [member.name for member in trial.members(name)]
     values += [
-        f"it is {listed(members, 'or')}, which the table cannot tell apart" if members[1:] else f"it is {m}"
+        f"it is {listed(members, 'or')}, which the table does not distinguish" if members[1:] else f"it is {m}"
         for m in members[:1]
     ]
     strength = f": {'; '.join(values)}" if values else ""
@@ -157,7 +158,7 @@ def _expectations(found: TableDiagnosis, proposal: Proposal) -> str:
 
 
 def proposals(found: TableDiagnosis) -> list[list[str]]:
-    """Return rows of measurements that would tell, and what each answer expects."""
+    """Return rows of discriminating measurements, and the prediction of each model."""
     return [[measurement(proposal.row), _expectations(found, proposal)] for proposal in found.proposals]
 
 

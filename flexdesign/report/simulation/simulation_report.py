@@ -1,4 +1,4 @@
-"""The report of a simulation: published numbers beside ours, then what every controller does in every experiment."""
+"""The report of a simulation: published numbers and ours, then every controller in every experiment."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from flexdesign.report.simulation import simulation_figures
 #: Those that a terminal shows.
 BRIEF = ("loop_width_relative", "overshoot", "settling_time", "steady_error", "max_error", "max_contour_error")
 
-#: More experiments than so many are folded.
+#: More experiments than this are folded.
 UNFOLDED = 4
 
 
@@ -120,7 +120,7 @@ def _summary(simulation: Simulation) -> list[str]:
 
 
 def digest(simulation: Simulation) -> Table:
-    """Return what a terminal has room for: published numbers beside ours, or what was measured."""
+    """Return what a terminal has room for: published numbers and ours, or what was measured."""
     table = published_rows.table(simulation)
     if table.rows:
         return Table(table.columns[:6], [row[:6] for row in table.rows])

@@ -11,7 +11,7 @@ WHO = {"formulas": "formulas", "arms": "arms that tilt", "elements": "FEM"}
 
 
 def targets(found: StageSizing) -> Table:
-    """Return each target beside what the dimensions give."""
+    """Return each target and what the dimensions give."""
     rows = [
         [
             f"{row.target.quantity.name}, {row.target.quantity.boundary}",

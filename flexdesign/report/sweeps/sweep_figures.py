@@ -17,7 +17,7 @@ from flexdesign.workflows.sweeps.sampling import Factor
 from flexdesign.workflows.sweeps.sensitivity import Indices
 
 Array = NDArray[np.float64]
-#: Curves of no more than so many other values stand in one drawing.
+#: Most curves of other values in one drawing.
 CURVES = 8
 #: So many points are drawn one by one; more as a picture.
 MANY = 2000

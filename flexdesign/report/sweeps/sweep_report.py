@@ -179,7 +179,7 @@ def _words(sweep: Sweep, place: int) -> str:
 
 
 def _matters(sweep: Sweep) -> list[Section]:
-    """Return the section with Sobol's indices; none where the sample does not tell them."""
+    """Return the section with Sobol's indices; none where the sample does not determine them."""
     indices = _indices(sweep)
     if not indices:
         return []

@@ -72,13 +72,13 @@ def quantities(validation: Validation) -> dict[str, Any]:
 
 
 def margins(validation: Validation) -> list[Quantity]:
-    """Return the smallest safety against yield and against fatigue, as far as there are any."""
+    """Return the smallest safety against yield and against fatigue, if there are any."""
     found = {name: [q for q in validation.further if q.name == name] for name in MARGINS}
     return [min(each, key=lambda quantity: quantity.value) for each in found.values() if each]
 
 
 def stroke_in_words(validation: Validation) -> str:
-    """Return the stroke as headlines state it: with large displacements, and the linear one beside it."""
+    """Return the stroke as headlines state it: with large displacements, and the linear one."""
     found = _by_key(validation)
     linear = formatted(found["stroke_output_free"])
     large = found.get("stroke_output_free_large_displacements")
@@ -86,7 +86,7 @@ def stroke_in_words(validation: Validation) -> str:
 
 
 def warnings(validation: Validation) -> list[str]:
-    """Return what a reader must know before using the numbers of a part, beside an accuracy that is not reached.
+    """Return what a reader must know before using the numbers of a part, except for an accuracy not reached.
 
     The headline says that.
     """
@@ -100,7 +100,7 @@ def warnings(validation: Validation) -> list[str]:
         remarks.append(f"No yield strength of {design.material.name} is known, so that no safety is stated.")
     elif validation.sharp and validation.domain.thin is not None:
         remarks.append(
-            "A re-entrant edge beside a thin region is sharp: peak stress grows without bound as meshes refine."
+            "A re-entrant edge next to a thin region is sharp: peak stress grows without bound as meshes refine."
         )
     elif validation.sharp:
         remarks.append(

@@ -20,7 +20,7 @@ def section(check: CrossCheck | None) -> Section:
         return Section("Cross-check")
     text = (
         "The same part in every way that it allows: meshes of both kinds, and the fundamental domain, whose mirror "
-        "images make the whole, beside the whole, which is solved on two meshes alone. Values are extrapolated, ± "
+        "images make the whole, and the whole itself, which is solved on two meshes alone. Values are extrapolated, ± "
         "their own estimate. The differences are from the way that the rest of this report took, whose time includes "
         "modes; estimates combine in quadrature. K_in and λ hold with the output free, K_out with the input free."
     )

@@ -15,7 +15,7 @@ from flexdesign.report.pictures import NoPictures, Picture
 
 Array = NDArray[np.float64]
 
-#: Chord and angle of the triangles that stand for a solid's curved faces [mm], [rad].
+#: Chord and angle of the triangles that approximate a solid's curved faces [mm], [rad].
 CHORD, ANGLE = 0.05, 0.1
 
 
@@ -37,7 +37,7 @@ def draw(designs: Mapping[str, Design]) -> tuple[list[Figure], list[str]]:
 
 
 def _outline(design: Design) -> Outline | None:
-    """Return the section of an extruded part; None where a part does not tell it, and of a stage."""
+    """Return the section of an extruded part; None where a part does not state it, and of a stage."""
     return None if design.is_stage else straight_outline(design.part())
 
 

@@ -157,7 +157,7 @@ def _on_trial(file: Path) -> None:
 
 
 def _written(path: Path, write: Callable[[Path], None], *, keep: bool = True) -> None:
-    """Write one file, and those some formats put beside it, whole or not at all."""
+    """Write one file, and those some formats put next to it, whole or not at all."""
     try:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".writing-") as scratch:
             write(Path(scratch) / path.name)

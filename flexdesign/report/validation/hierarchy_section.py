@@ -18,7 +18,7 @@ from flexdesign.workflows.validation.validate_stage import StageValidation
 #: How the quantities are written, by key.
 SYMBOLS = {"K_in_output_free": "K_in", "lambda_output_free": "λ", "K_out_input_free": "K_out"}
 TEXT = (
-    "The compliance model begins as the pseudo-rigid one, hinges that only rotate, and takes up what the drawing tells "
+    "The compliance model begins as the pseudo-rigid one, hinges that only rotate, and adds the effects of the drawing "
     "effect by effect, each time the one that brings it nearest to FEM (root mean square over what is compared). "
     "Effects may work against each other: roots make hinges softer, width makes them stiffer."
 )

@@ -1,4 +1,4 @@
-"""The report of a reproduction: every printed number beside ours, with its verdict, and the figures as simulated."""
+"""The report of a reproduction: every printed number and ours, with its verdict, and the figures as simulated."""
 
 from __future__ import annotations
 

@@ -13,13 +13,13 @@ from flexdesign.workflows.validation.validate_stage import StageValidation
 
 #: A formula that is nearer than this to what others published, in every number, is the one that they used.
 SAME = 0.01
-#: What is to be known of a model, beside its numbers.
+#: Remarks on a model, in addition to its numbers.
 REMARKS = {
     "paper (21)": "Equation (21) of Lin et al. (2019) is not consistent: with four amplifiers around the table it "
     "counts four times the mass M_b of an amplifier in X and Y, but one times its stiffness K_b. The springs counted "
     "here are those of all amplifiers whose output moves with the table. Its masses are the table's M_s, the "
     "amplifiers' M_b of (19) and the guides' M_p; blocks, carriers, limbs and struts move too, and are counted with "
-    "the springs. The sizes of all these bodies are choices, so that a mass beside (31) tells of the choices alone.",
+    "the springs. The sizes of all these bodies are choices; a comparison with (31) reflects the choices alone.",
 }
 #: What depends on the sizes of bodies, which are choices where dimensions are reconstructed.
 OF_BODIES = ("output_mass", "output_frequency")

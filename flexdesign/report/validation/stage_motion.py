@@ -30,7 +30,7 @@ NAMED, LEAST = 0.05, 0.005
 
 
 def coupling(validation: StageValidation) -> Section:
-    """Return the section on coupling: which is of first and which of second order, beside what was measured."""
+    """Return the section on coupling: of first and of second order, compared with measurements."""
     axes = Axes(validation)
     text = [
         "First order, in proportion to the travel: what asymmetry does. A symmetric stage has none, so that a cause "
@@ -69,7 +69,7 @@ def _second_order(validation: StageValidation, axes: Axes) -> Table:
             if driven == motion.axis:
                 rows.append(_drawn_aside(axes, motion, other, estimated.get(other)))
     columns = ["driven → drawn", "input", "travel", "even part", "odd part", "per travel", "δ²/2L", "per travel"]
-    return Table(columns, rows, "Second order: large displacements, beside the arms' δ²/2L")
+    return Table(columns, rows, "Second order: large displacements, and the arms' δ²/2L")
 
 
 def _drawn_aside(axes: Axes, motion: CrossMotion, other: str, arm: float | None) -> list[str]:
@@ -129,7 +129,7 @@ def _coarse(validation: StageValidation) -> list[str]:
 
 
 def beside_measurements(validation: StageValidation) -> Section:
-    """Return the section that sets FEM beside numbers with an uncertainty, and says what these can prove."""
+    """Return the section that compares FEM with numbers that have an uncertainty, and says what these can prove."""
     axes = Axes(validation)
     found = [c for c in validation.comparisons if measured(c) and axes.is_listed(c.fem)]
     if not found:
@@ -164,7 +164,7 @@ def verdict(comparison: Comparison, theirs: Quantity) -> str:
 
 
 def _amplified(validation: StageValidation, axes: Axes, found: Sequence[Comparison]) -> list[str]:
-    """Say what amplification the measured travels mean, beside that of the models."""
+    """Say what amplification the measured travels mean, compared with that of the models."""
     texts = []
     for comparison in found:
         axis = comparison.fem.boundary.partition(", ")[0]
@@ -245,7 +245,7 @@ def modes(validation: StageValidation, figures: Sequence[Figure]) -> Section:
         "Parts by their condensed mass, bodies rigid, frame at rest. An actuator is a spring between its inputs and "
         "has no mass here, so that frequencies with actuators are upper bounds. A mode's share of an axis' "
         "static stroke is its part of the table's motion under a constant voltage; all modes together make 100 %. The "
-        "table's motion is told by its part of the kinetic energy; the rest is in blocks, bridges, limbs and "
+        "table's motion is stated by its part of the kinetic energy; the rest is in blocks, bridges, limbs and "
         "amplifiers.",
         *_carried(validation, axes),
     ]

@@ -73,7 +73,7 @@ def draw(validation: StageValidation) -> tuple[list[Figure], list[Figure]]:
 
 
 def _driven(validation: StageValidation, stage: AssembledStage, axis: str) -> FloatArray:
-    """Return the unknowns as an axis' actuators part their inputs in the mean as far as stated."""
+    """Return the unknowns when an axis' actuators part their inputs by the stated mean."""
     drives = stage.assembly.axes[axis].drives
     load = stage.drive(axis)
     displaced = np.linalg.solve(stage.stiffness, load)

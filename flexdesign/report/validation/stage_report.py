@@ -26,7 +26,7 @@ Progress = Callable[[str], None]
 
 
 def table_1(validation: StageValidation) -> Table:
-    """Return FEM beside each analytic model and each published column, with deviations from FEM."""
+    """Return FEM, each analytic model and each published column, with deviations from FEM."""
     axes = Axes(validation)
     found = stage_differences.listed_comparisons(validation, axes)
     models = list(dict.fromkeys(model for comparison in found for model in computed(comparison)))
@@ -70,7 +70,7 @@ def _sections(validation: StageValidation, progress: Progress) -> list[Section]:
     progress("drawing")
     still, vibrating, missing = drawn_or_said(lambda: stage_pictures.draw(validation), progress)
     sections = [
-        Section("FEM beside formulas and published numbers", _table_1_text(validation), [table_1(validation)]),
+        Section("FEM, formulas and published numbers", _table_1_text(validation), [table_1(validation)]),
         stage_differences.section(validation),
         _ladder(validation),
         Section("Shape and deformation", missing, figures=still),
@@ -143,7 +143,7 @@ def _coupling_in_short(validation: StageValidation, axes: Axes) -> str:
 
 def _table_1_text(validation: StageValidation) -> list[str]:
     axes = Axes(validation)
-    same = [f"{a.upper()} is as {axes.head[a].upper()}, and told with it" for a in axes.names if axes.head[a] != a]
+    same = [f"{a.upper()} is as {axes.head[a].upper()}, and listed with it" for a in axes.names if axes.head[a] != a]
     sources = {
         model: dict.fromkeys(q.source for c in validation.comparisons for m, q in c.analytic.items() if m == model)
         for model in dict.fromkeys(model for c in validation.comparisons for model in computed(c))
@@ -177,9 +177,9 @@ def _stage_model(validation: StageValidation) -> Section:
     ]
     columns = ["axis", "mass", "stiffness", "gain", "amplification", "K_in", "frequency"]
     text = (
-        "stage_model.toml beside this report has these numbers and the couplings of second order; `flexdesign "
+        "stage_model.toml next to this report has these numbers and the couplings of second order; `flexdesign "
         "simulate` runs it. Stiffness with actuators installed; mass from it and the mode with the largest share of "
-        "the static stroke. Damping is a placeholder: geometry does not tell it."
+        "the static stroke. Damping is a placeholder: geometry does not determine it."
     )
     if any("bouc_wen" in axis.effects for axis in model.axes.values()):
         text += (
@@ -227,10 +227,10 @@ def _assumptions(validation: StageValidation) -> Section:
     moving = len(assembly.free_bodies)
     text = [
         f"{len(assembly.elements)} parts bend; {moving} bodies between them are rigid, with the material's density, "
-        "and the frame does not move. Hinges' stubs are elastic as far as they are drawn, and their ends follow the "
+        "and the frame does not move. The drawn stubs of hinges are elastic, and their ends follow the "
         "body's motion.",
         "Actuators act along the line between their input faces, and hold nothing sideways. Parts are free of stress "
-        "at rest. Bodies move as far as they will; within a part displacements are kept to second order.",
+        "at rest. Bodies move freely; within a part displacements are kept to second order.",
         "Estimated errors are those of the discretisation alone. Dimensions, modulus and assembly have their own.",
     ]
     return Section("What is assumed", text)

@@ -1,4 +1,4 @@
-"""How axes, quantities and deviations of a stage are written; axes that are alike are told once."""
+"""How axes, quantities and deviations of a stage are written; equal axes are listed once."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SHORT = {"lambda": "λ", "output_mass": "modal mass", "output_frequency": "frequ
 
 
 class Axes:
-    """Which axes of a stage are told, and how they are called: X/Y where Y is as X.
+    """Which axes of a stage are listed, and how they are called: X/Y where Y is as X.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Axes:
 
     @property
     def listed(self) -> list[str]:
-        """The axes that stand for themselves and those like them."""
+        """The axes that represent themselves and equal ones."""
         return [name for name in self.names if self.head[name] == name]
 
     def label(self, axis: str) -> str:
@@ -49,14 +49,14 @@ class Axes:
         return f"{self.label(driven)}→{self.label(other)}"
 
     def is_listed(self, quantity: Quantity) -> bool:
-        """Tell whether a quantity stands for itself, and is not that of an axis like another."""
+        """Return whether a quantity is listed, because its axis is not equal to another."""
         axis, other = axis_of(quantity), quantity.name.partition("coupling_")[2]
         if axis not in self.head:
             return True
         return self.head[axis] == axis and (not other or self.head[other] in (other, axis))
 
     def pairs(self) -> Iterator[tuple[str, str]]:
-        """Yield driven and other axis of every coupling that is told."""
+        """Yield driven and other axis of every coupling that is listed."""
         for driven in self.listed:
             for other in self.names:
                 if other != driven and self.head[other] in (other, driven):

@@ -1,4 +1,4 @@
-"""Table 1 of a part: FEM beside the analytic models, for the report and for a terminal."""
+"""Table 1 of a part: FEM and the analytic models, for the report and for a terminal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def brief(validation: Validation) -> Table:
 
 
 def table(validation: Validation) -> Table:
-    """Return FEM beside the analytic models, with relative errors."""
+    """Return FEM and the analytic models, with relative errors."""
     models = list(dict.fromkeys(model for c in validation.comparisons for model in c.analytic))
     columns = ["quantity", "boundary", "FEM"]
     for model in models:
@@ -33,13 +33,13 @@ def table(validation: Validation) -> Table:
 
 
 def text(validation: Validation) -> list[str]:
-    """Say which models stand beside FEM, and what is lacking."""
+    """Say which models are compared with FEM, and what is lacking."""
     sources: dict[str, list[str]] = {}
     for comparison in validation.comparisons:
         for model, quantity in comparison.analytic.items():
             sources.setdefault(model, []).append(quantity.source)
     if not sources:
-        return ["Nothing stands beside FEM: the part states no formulas, and its linkage is no frame."]
+        return ["Nothing is compared with FEM: the part states no formulas, and its linkage is no frame."]
     return [
         "Stiffness depends on what holds the other port, so every row names its boundary. Forces act as uniform "
         "tractions on the port faces, displacements are area averages; the ground face is held.",

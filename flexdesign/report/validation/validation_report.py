@@ -137,7 +137,7 @@ def _fem_alone(validation: Validation) -> list[Section]:
     """Return Table 1, of a part without formulas FEM alone."""
     if not validation.has_input:
         return []
-    title = "FEM beside formulas" if validation.comparisons else "FEM; the part gives no formulas"
+    title = "FEM and formulas" if validation.comparisons else "FEM; the part gives no formulas"
     return [Section(title, table_1.text(validation), [table_1.table(validation)])]
 
 

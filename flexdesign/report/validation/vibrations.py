@@ -29,7 +29,7 @@ def section(validation: Validation, figures: Sequence[Figure]) -> Section:
         "A mode's share of the static stroke is its part of the output's motion under a constant voltage, by mode "
         "superposition. It is negative where the mode moves the output the other way; all modes together make 100 %. "
         "The mass in x, y or z is the effective modal mass for a base motion that way, relative to the part's "
-        f"{units.to_text(facts['mass'], 'g', si='kg')}; there, too, all modes together make 100 %. A dash stands for "
+        f"{units.to_text(facts['mass'], 'g', si='kg')}; there, too, all modes together make 100 %. A dash means "
         "zero.",
     ]
     if figures:
