@@ -34,13 +34,13 @@ example: $(VENV)/.ready ## Make the kept example reports anew; README's tables a
 test: $(VENV)/.ready ## Run the tests
 	$(PYTEST) $(SIDE_BY_SIDE)
 
-coverage: $(VENV)/.ready ## Run the tests, and tell which lines none of them runs
+coverage: $(VENV)/.ready ## Run the tests, and list the lines that none of them runs
 	$(PYTEST) --cov $(SIDE_BY_SIDE)
 
-benchmark: $(VENV)/.ready ## Time the dynamics engine beside SciPy at equal accuracy; a few minutes
+benchmark: $(VENV)/.ready ## Time the dynamics engine and SciPy at equal accuracy; a few minutes
 	$(BIN)/python -m studies.benchmarks.dynamics
 
-peers: $(VENV)/.ready ## Time the finite elements beside NGSolve, gmsh with scikit-fem, and CalculiX; several minutes
+peers: $(VENV)/.ready ## Time the finite elements, NGSolve, gmsh with scikit-fem, and CalculiX; several minutes
 	$(BIN)/python -m studies.benchmarks.fem_peers
 
 trial: $(VENV)/.ready ## Diagnose 680 recordings with hidden effects; hours, goes on where it stopped

@@ -1,4 +1,4 @@
-"""A model beside recordings from Python: effects are added and taken out again, numbers are set by hand."""
+"""A model and recordings from Python: effects are added and taken out again, numbers are set by hand."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class EffectOffer:
 
 
 class Confrontation:
-    """A stage model beside recordings; `confront` makes one.
+    """A stage model and recordings; `confront` makes one.
 
     Fits are kept: an effect that was fitted once comes back at once. One method runs at a time, from whatever thread.
 
@@ -101,7 +101,7 @@ class Confrontation:
         self.model, self.engine = model, engine
 
     def designed(self) -> Confronted:
-        """Return the model as designed beside the runs; only their initial conditions are fitted."""
+        """Compare the model as designed with the runs; only their initial conditions are fitted."""
         return self.engine.designed()
 
     def fit(self, effects: Sequence[str] = (), *, progress: Progress = lambda _: None) -> Confronted:
@@ -112,7 +112,7 @@ class Confrontation:
         effects
             Names of the effects, in the order in which they are added; without any, the model is recalibrated alone.
         progress
-            Is told what is going on; what it raises ends the fit.
+            Receives the progress; what it raises ends the fit.
 
         Raises
         ------
@@ -122,14 +122,14 @@ class Confrontation:
         return self.engine.with_effects(effects, progress)
 
     def evidence(self, effects: Sequence[str] = (), *, progress: Progress = lambda _: None) -> tuple[EffectOffer, ...]:
-        """Return what may be added beside some effects, what explains most first.
+        """Return the effects that may be added to some others, the largest explained share first.
 
         Parameters
         ----------
         effects
             Names of the effects that the model has.
         progress
-            Is told what is going on; what it raises ends the search.
+            Receives the progress; what it raises ends the search.
         """
         return tuple(map(_offer, self.engine.evidence(effects, progress)))
 
@@ -184,7 +184,7 @@ class Confrontation:
         effects
             Their names.
         progress
-            Is told what is going on; what it raises ends the simulation.
+            Receives the progress; what it raises ends the simulation.
         """
         without, found = self.fit(progress=progress), self.fit(effects, progress=progress)
         loop = additions.loop_with(effects, found.axis, without.model, found.model, progress)
@@ -199,7 +199,7 @@ class Confrontation:
         )
 
     def result(self, found: Confronted) -> Result[Confronted]:
-        """Return a model beside the runs as a result, which prints itself and writes its report and its model."""
+        """Return a comparison as a result, which prints itself and writes its report and its model."""
         values = self.engine.values(found.effects)
         better = additions.with_knowledge(found.model, found.axis, values, (*found.runs, *found.responses))
         return Result(
@@ -235,7 +235,7 @@ def confront(
     noise: str | None = None,
     progress: Progress = lambda _: None,
 ) -> Confrontation:
-    """Set a stage model beside recordings, ready for effects to be added and taken out, and for numbers set by hand.
+    """Confront a stage model with recordings, ready for effects to be added and taken out, and for numbers set by hand.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ def confront(
     noise
         Standard deviation of the noise, ``"3 nm"``; estimated without it.
     progress
-        Is told what is going on; what it raises ends the preparation.
+        Receives the progress; what it raises ends the preparation.
 
     Raises
     ------

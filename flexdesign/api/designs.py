@@ -140,7 +140,7 @@ def validate(
     progress: Progress = lambda _: None,
     **tables: Any,
 ) -> Result[Validation] | Result[StageValidation]:
-    """Solve a design with finite elements, beside the formulas: Table 1, modes, stress, coupling.
+    """Solve a design with finite elements, and compare it with the formulas: Table 1, modes, stress, coupling.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ Progress = Callable[[str], None]
 def published(
     *mechanisms: str | Path, cache: str | Path | None = None, progress: Progress = lambda _: None
 ) -> Result[PublishedMechanisms]:
-    """Set the published numbers of mechanisms beside ours, and name the effect that closes each gap.
+    """Compare published numbers of mechanisms with ours, and name the effect that closes each gap.
 
     Parameters
     ----------

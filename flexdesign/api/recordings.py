@@ -191,7 +191,7 @@ def identify(
     free: Sequence[str] | None = None,
     progress: Progress = lambda _: None,
 ) -> Result[Identification]:
-    """Fit the free numbers of a stage model to recorded runs, and say what the runs leave open.
+    """Fit the free parameters of a stage model to recorded runs, and say what the runs leave open.
 
     Parameters
     ----------

@@ -37,11 +37,11 @@ class Result(Generic[Found]):
     document
         The report; its pictures are drawn when it is written.
     table
-        The table that stands for it on the terminal.
+        The table that represents it on the terminal.
     serialise
         Returns result.json's content.
     files
-        Returns, for the folder of the report, what is written beside it: text by file name.
+        Returns, for the folder of the report, what is written next to it: text by file name.
     numbers
         Numbers by name, for ``result["K_in"]``.
     rows

@@ -1,4 +1,4 @@
-"""``flexdesign check``: what recordings hold, what is suspicious about them, and what a diagnosis can tell."""
+"""``flexdesign check``: contents of recordings, what is suspicious, and the effects a diagnosis can identify."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``flexdesign published``: mechanisms whose numbers are published, beside ours."""
+"""``flexdesign published``: mechanisms whose numbers are published, and ours."""
 
 from __future__ import annotations
 

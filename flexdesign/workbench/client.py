@@ -23,7 +23,7 @@ LOOK = 0.2
 
 
 def field_error(field: Any, text: str) -> None:
-    """Say in words beside a field what is wrong with it; nothing if the text is empty."""
+    """Say in words next to a field what is wrong with it; nothing if the text is empty."""
     if isinstance(field, ui.label):
         field.set_text(text)
     else:
@@ -88,7 +88,7 @@ class Client:
         return f"{self.address}/{path.relative_to(self.folder).as_posix()}"
 
     def links(self, folder: Path) -> None:
-        """Show links to the report of a folder and to the files beside it."""
+        """Show links to the report of a folder and to the files next to it."""
         with ui.row():
             for path in sorted(folder.iterdir()):
                 if path.is_file() and path.suffix not in (".svg", ".png"):

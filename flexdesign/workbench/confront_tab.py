@@ -159,7 +159,7 @@ class ConfrontTab:
         self._show_effects()
 
     async def _guarded(self, action: Callable[[], Awaitable[None]]) -> None:
-        """Do something long; tell in words what stops it."""
+        """Do something long; show what stops it."""
         field_error(self.problem, "")
         try:
             await action()
@@ -250,8 +250,8 @@ class ConfrontTab:
                         self._offer(offer)
 
     def _offer(self, offer: EffectOffer) -> None:
-        share = f"explains {100 * offer.share:.0f} %" if offer.share >= 0.005 else "no more than chance"
-        if self._weighed != tuple(self.ticked):  # what was asked beside other effects says nothing here
+        share = f"explains {100 * offer.share:.0f} %" if offer.share >= 0.005 else "not significant"
+        if self._weighed != tuple(self.ticked):  # a result with other effects does not apply here
             share = "being asked"
         with ui.row().classes("w-full items-center no-wrap justify-between"):
             box = ui.checkbox(offer.called, on_change=partial(self._tick, offer.name))

@@ -19,7 +19,7 @@ from flexdesign.workbench.design_tab import DesignTab
 SERVER = secrets.token_hex(8)
 #: Seconds for which the server keeps the state of a tab that has lost its connection.
 RECONNECT = 20.0
-#: What a page asks and tells as it opens: which server it spoke to before.
+#: What a page asks and states as it opens: which server it used before.
 WHICH = """
 const before = sessionStorage.getItem('flexdesign-server');
 sessionStorage.setItem('flexdesign-server', %s);

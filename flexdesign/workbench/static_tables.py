@@ -13,7 +13,7 @@ from flexdesign.workbench.work import Cancelled
 
 
 class StaticTables:
-    """A design beside static tables; each question is answered by a process of its own.
+    """A design and static tables; each question is answered by a process of its own.
 
     Parameters
     ----------

@@ -105,7 +105,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Row:
-    """A target beside what was found."""
+    """A target and the result."""
 
     target: Target
     found: Quantity
@@ -135,7 +135,7 @@ class StageSizing:
     free
         The dimensions that it changed.
     rows
-        Targets beside what was found.
+        Targets and results.
     further
         What finite elements give besides.
     ratios
@@ -219,7 +219,7 @@ def size(
 
 
 def rows_of(name: str | Path, design: Design, computed: Mapping[str, Quantity]) -> list[Row]:
-    """Return the targets of a file beside what a design has: formulas, arms, and `computed` by finite elements."""
+    """Return the targets of a file and the values of a design: formulas, arms, and `computed` by finite elements."""
     problem = _read(name)
     return problem.rows(design, computed, problem.targets)
 
@@ -303,7 +303,7 @@ class _Problem:
         return np.concatenate([missed, logs / self.checked.prior])
 
     def rows(self, design: Design, computed: Mapping[str, Quantity], targets: Sequence[Target]) -> list[Row]:
-        """Return targets beside what formulas and finite elements give for a design."""
+        """Return targets and what formulas and finite elements give for a design."""
         known = {**self._known(design), "elements": dict(computed)}
         return [Row(target, known[target.kind][_key(target)]) for target in targets]
 

@@ -1,4 +1,4 @@
-"""How fast and how right `flexdesign.dynamics` is, beside SciPy at equal accuracy, and how long its first use takes::
+"""Speed and accuracy of `flexdesign.dynamics` and of SciPy at equal accuracy, and the time of the first use::
 
     python -m studies.benchmarks.dynamics             # a few minutes; timed over 2 s of signal
     python -m studies.benchmarks.dynamics 5           # timed over 5 s
@@ -6,7 +6,7 @@
 Both sides are to reach 1e-6 of the stroke, measured over half a second against the event-located solution. There each
 is given the setting that costs it least: the peer its method and tolerance (`dynamics_peer.best`), the engine its steps
 in a sample. A second time of the engine's is that of choosing its steps by itself, all runs that it needs for that and
-its error estimate included; a peer that is not told its tolerance has no such estimate. Wall times are the best of
+its error estimate included; a peer that is not given its tolerance has no such estimate. Wall times are the best of
 several, taken in turns, so that what else the machine does meets both sides.
 """
 

@@ -1,7 +1,7 @@
 """The peer of the speed benchmark: the same signal chains by SciPy's `solve_ivp`, as fast as we could make it.
 
 `CHAINS` and `COMMANDS` hold the numbers that both sides take. `solve` is the peer, with a compiled right-hand side or a
-plain one, and `reference` the event-located solution that tells how wrong either is::
+plain one, and `reference` the event-located solution for the error of both::
 
     python -m studies.benchmarks.dynamics_peer             # the fastest method that reaches 1e-6 of the stroke
     python -m studies.benchmarks.dynamics_peer 10          # timed over 10 s instead of 2 s
@@ -157,7 +157,7 @@ def full(t: float, s: Floats, u: Floats, period: float, p: Floats) -> Floats:
     return out
 
 
-#: Right-hand sides by the part of an axis that tells them apart, with the number of states.
+#: Right-hand sides by the part of an axis that distinguishes them, with the number of states.
 _KINDS: tuple[tuple[str, Rates, int], ...] = (
     ("creep", full, 9),
     ("a", hysteretic, 4),

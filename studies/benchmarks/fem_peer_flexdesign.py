@@ -1,6 +1,6 @@
 """flexdesign itself, as a sweep asks it: one mesh, or two and the limit extrapolated from them.
 
-The section is told by the part's corners where its sides are straight, and read off its CAD solid where they are not.
+The section follows from the part's corners where its sides are straight, and read off its CAD solid where they are not.
 
 It answers more than the others: all port loads that fit the symmetry, checks of every solve, stress, and energies.
 """
@@ -11,7 +11,7 @@ from typing import Any
 
 from studies.benchmarks.fem_peer_case import Answer, Case, Stopwatch, serve
 
-#: Coarseness of each mesh, 1 being the finest of a validation with default settings; from cheap to dear.
+#: Coarseness of each mesh, 1 being the finest of a validation with default settings; from cheap to expensive.
 SETTINGS: tuple[dict[str, Any], ...] = (
     {"coarseness": [1.5]},
     {"coarseness": [1.35]},
@@ -29,7 +29,7 @@ OTHER_WAYS: dict[str, tuple[dict[str, Any], ...]] = {
         {"coarseness": [1.5, 1.1], "wild": True},
     ),
 }
-#: How far the wild mesher may move the surface, in hinge thicknesses, unless a study says otherwise.
+#: How far the unstructured mesher may move the surface, in hinge thicknesses, unless a study says otherwise.
 ENVELOPE = 0.05
 
 

@@ -13,7 +13,7 @@ from studies.benchmarks.fem_peer_case import Answer, Case, Stopwatch, serve
 
 PIP = "gmsh"
 #: Edge at the roots [mm], its growth with the distance, largest edge [mm], number of layers (0: isotropic) and ratio of
-#: each to the one before, on the way to the free face; from cheap to dear.
+#: each to the one before, on the way to the free face; from cheap to expensive.
 SETTINGS: tuple[dict[str, Any], ...] = (
     {"at_root": 0.1, "growth": 0.6, "largest": 3.0, "layers": 0, "ratio": 1.0},
     {"at_root": 0.05, "growth": 0.8, "largest": 2.5, "layers": 4, "ratio": 0.7},

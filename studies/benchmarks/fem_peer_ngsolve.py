@@ -8,7 +8,7 @@ from studies.benchmarks.fem_peer_case import Answer, Case, Stopwatch, serve
 
 PIP = "ngsolve"
 #: Order, largest edge and edge at the roots [mm], and how often the mesh is refined towards these, each time to this
-#: share (0 for not at all); from cheap to dear.
+#: share (0 for not at all); from cheap to expensive.
 SETTINGS: tuple[dict[str, Any], ...] = (
     {"order": 2, "largest": 4.0, "at_root": 1.0, "steps": 3, "share": 0.2},
     {"order": 3, "largest": 8.0, "at_root": 3.0, "steps": 2, "share": 0.15},
@@ -52,7 +52,7 @@ def solve(case: Case, order: int, largest: float, at_root: float, steps: int, sh
 
     ng.SetNumThreads(2)
     watch = Stopwatch()
-    mesh = meshed(case, largest, at_root, steps, share)  # outside: idle threads would wait busily beside the mesher
+    mesh = meshed(case, largest, at_root, steps, share)  # outside: idle threads would wait busily during meshing
     took = watch.lap()
     with ng.TaskManager():
         held = {"dirichletx": "middle|ground", "dirichlety": "ground", "dirichletz": "back|ground"}

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from studies.benchmarks.fem_peer_case import Stopwatch
 
-#: Coarseness of the extruded mesh for about so many unknowns.
+#: Coarseness of the extruded mesh for about these numbers of unknowns.
 COARSENESS = {"40 k": 1.4, "100 k": 1.01, "167 k": 0.84}
 MODES = 10
 

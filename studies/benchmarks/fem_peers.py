@@ -1,13 +1,12 @@
-"""How soon a bridge amplifier's input stiffness is known to 1 % and to 0.3 %: flexdesign beside its peers::
+"""How soon a bridge amplifier's input stiffness is known to 1 % and to 0.3 %: flexdesign and its peers::
 
     python -m studies.benchmarks.fem_peers                          # several minutes
     python -m studies.benchmarks.fem_peers lin2019_amplifier_xy     # another amplifier, with sharp roots
 
 All solve the same quarter, ground face held, even traction on the input face, each in a process of its own with two
 threads, from an interpreter that has imported nothing to the answer. Each program tries settings of its own, from cheap
-to dear; of those that reach an accuracy the one of least processor time is run again, in turns with the others', and
-its best wall time counts.
-What a program needs and is not there is named, and left out.
+to expensive; of those that reach an accuracy the one of least processor time is run again, in turns with the others',
+and its best wall time counts. What a program needs and is not there is named, and left out.
 
 The truth is the limit of graded hexahedra (`fem_peer_reference`), which share no code with any of them.
 """

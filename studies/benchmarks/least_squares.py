@@ -1,4 +1,4 @@
-"""Marquardt's method of `estimation.least_squares` beside SciPy's trust-region method, on the same problems::
+"""Marquardt's method of `estimation.least_squares` and SciPy's trust-region method, on the same problems::
 
     python -m studies.benchmarks.least_squares              # cases of the trial, and formulas: three minutes
     python -m studies.benchmarks.least_squares 20004 20101  # these cases of `studies.hidden_effect_trial` only
@@ -332,7 +332,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for name, pair in ended.items()
         ],
     }
-    text = ["Marquardt's method of the package beside SciPy's trust-region method, on the same problems."]
+    text = ["Marquardt's method of the package and SciPy's trust-region method, on the same problems."]
     render.write(given.out, Document("Two methods of least squares", text, sections), result, {})
     for section in sections:
         print(plain(section.tables[0]), *section.paragraphs, sep="\n")

@@ -4,8 +4,8 @@
     python -m studies.benchmarks.progress 20004 30003  # these cases
 
 For every case the stages of the diagnosis are timed, in processor time of one thread; then its words are given to
-`flexdesign.diagnosis.progress.Progress` again, at these times, and what it says is set beside what was true. The last
-lines are the medians of the stages over the first screening: `TYPICAL` of that module.
+`flexdesign.diagnosis.progress.Progress` again, at these times, and what it says is compared with what was true. The
+last lines are the medians of the stages over the first screening: `TYPICAL` of that module.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def words_of(number: int, seed: int = cases.SEED) -> list[Word]:
 
 
 def estimates(words: list[Word]) -> list[Estimate]:
-    """Return what is said at the beginning of each stage of a diagnosis, beside what was true."""
+    """Return what is said at the beginning of each stage of a diagnosis, and what was true."""
     now, found = 0.0, list[Estimate]()
     progress = Progress(lambda _: None, lambda: now)
     stage = progress.stage

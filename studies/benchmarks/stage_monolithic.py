@@ -1,4 +1,4 @@
-"""A stage of condensed parts between rigid bodies beside the same stage solved in one piece, all of it elastic::
+"""A stage of condensed parts between rigid bodies, and the same stage solved in one piece, all of it elastic::
 
     python -m studies.benchmarks.stage_monolithic                         # a few minutes, and some gigabytes
     python -m studies.benchmarks.stage_monolithic lin2019_xyz_stage 3.0   # finer meshes; 5.0 are the default

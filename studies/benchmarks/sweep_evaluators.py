@@ -1,4 +1,4 @@
-"""How fast and how right the evaluators of a sweep are, beside meshing and solving every design anew::
+"""How fast and how right the evaluators of a sweep are, compared with meshing and solving every design anew::
 
     python -m studies.benchmarks.sweep_evaluators           # about half an hour; 12 designs anew, scaled to 200
     python -m studies.benchmarks.sweep_evaluators 4 20      # 4 designs anew, 20 by the evaluators
@@ -7,8 +7,8 @@
 Designs are a Latin hypercube of hinge thickness, arm span, arm offset and width about the X/Y amplifier of Lin et al.
 (2019), within 30 %. Anew means what `validate` does for 1 %: solid, domain, meshes and solutions of all symmetry
 classes with two modes each until the estimate is that small, in one process, nothing cached. As the evaluators give
-neither modes nor lateral motions, they also stand beside anew and lean: the same meshes, the symmetric class alone.
-Errors are against limits of three meshes of their own to about 300 000 unknowns, finer than either side uses.
+neither modes nor lateral motions, they are also compared with anew and lean: the same meshes, the symmetric class
+alone. Errors are against limits of three meshes of their own to about 300 000 unknowns, finer than either side uses.
 
 The smoothness is that of K_in over 21 values of a dimension, even in its logarithm: the root mean square of the third
 differences of ln K_in, of which a power law has none; the same mesh of each design, once morphed and once made anew.

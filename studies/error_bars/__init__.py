@@ -1,4 +1,4 @@
-"""Are the error estimates true? Eighty bridge amplifiers, each beside a reference that shares no code with the program.
+"""Are the error estimates true? Eighty bridge amplifiers, each with a reference that shares no code with the program.
 
 The designs are drawn from the ranges in which such amplifiers are built: forty with leaves, their roots sharp or
 rounded, and forty with curved necks, circular notches and long fillets. The program solves each to an accuracy of 1 %

@@ -170,7 +170,7 @@ class Roots:
         return graded(0.0, width / 2, width, self.t * self.growth / 1.2, growth, width / 3)
 
     def cut(self, start: float, end: float, at_start: float, at_end: float, largest: float | None = None) -> Array:
-        """Return lines that crowd as told."""
+        """Return lines graded as stated."""
         return graded(start, end, at_start, at_end, self.growth, largest or self.bulk)
 
     @property

@@ -25,8 +25,8 @@ COUNT = 40
 METALS = ("Al 7075-T6", "AZ31B", "Ti-6Al-4V", "Steel 1.4310 full hard")
 #: Every fourth design has no input rods, and every third has rounded roots.
 WITHOUT_RODS, ROUNDED = 4, 3
-#: Designs up to so many hinge thicknesses wide are meshed with isotropic tetrahedra, too. Those are as short along a
-#: root as across it: of wider parts there are too many for a study of forty.
+#: Designs up to this number of hinge thicknesses wide are meshed with isotropic tetrahedra, too. Those are as short
+#: along a root as across it: of wider parts there are too many for a study of forty.
 WIDEST_WILD = 20.0
 DESIGN = "bridge_amplifier"
 #: Of the curved designs, in turn: the part, and whether fillets leave nothing of the leaf.
@@ -99,7 +99,7 @@ class Drawn:
         return study.read(self.design, [f"{key}={value}" for key, value in settings.items()])
 
     def words(self) -> str:
-        """Return what tells it from the others."""
+        """Return what distinguishes it from the others."""
         d = self.dimensions
         root = f"R {d['fillet_radius']:.2g}" if self.rounded else "sharp"
         return (

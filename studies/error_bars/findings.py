@@ -12,7 +12,7 @@ from studies.error_bars.trial import Answered, Known, Method
 
 #: What is asked: estimates that contain the truth.
 ASKED = 0.95
-#: Estimates so many times the errors, by root mean squares, are not honest either.
+#: Estimates this multiple of the errors, by root mean squares, are not honest either.
 OVERCAUTIOUS = 20.0
 
 

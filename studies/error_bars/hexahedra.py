@@ -99,7 +99,7 @@ class Plan:
         return cls(points[representative], label[np.concatenate(quads)])
 
     def gradients(self) -> tuple[Array, Array, Array]:
-        """Return at the points of Gauss the shape functions, their gradients, and the area each point stands for.
+        """Return at the points of Gauss the shape functions, their gradients, and the area each point represents.
 
         Returns
         -------
@@ -147,7 +147,7 @@ def between(first: Array, last: Array, fractions: Array) -> Array:
 
 
 def _on_the_line(count: int) -> tuple[Array, Array, Array]:
-    """Values and slopes, shape (3, g), of the quadratic shape functions at points of Gauss on [0, 1], and weights."""
+    """Values and derivatives (3, g) of the quadratic shape functions at points of Gauss on [0, 1], and weights."""
     p, w = np.polynomial.legendre.leggauss(count)
     s = (p + 1) / 2
     value = np.array([2 * (s - 0.5) * (s - 1), 4 * s * (1 - s), 2 * s * (s - 0.5)])
@@ -155,7 +155,7 @@ def _on_the_line(count: int) -> tuple[Array, Array, Array]:
 
 
 def _on_the_square() -> tuple[Array, Array, Array]:
-    """Values (g, 9), slopes (g, 9, 2) and weights (g,) of the nine shape functions at points of Gauss."""
+    """Values (g, 9), derivatives (g, 9, 2) and weights (g,) of the nine shape functions at points of Gauss."""
     value, slope, weight = _on_the_line(POINTS)
     along, across = np.kron(slope, value).T, np.kron(value, slope).T
     return np.kron(value, value).T, np.stack([along, across], axis=-1), np.kron(weight, weight)

@@ -25,7 +25,7 @@ SHOWN = {
 }
 GROUPS = {
     "extruded": "Extruded meshes of leaves",
-    "wild": "Wild meshes of leaves",
+    "wild": "Unstructured meshes of leaves",
     "curved": "Extruded meshes of curved necks",
 }
 HEAD = (
@@ -215,7 +215,7 @@ def _bars(cases: Sequence[Case], group: str) -> Figure:
     axes.set_xlabel("design")
     axes.set_ylabel("K_in less reference [%]")
     charts.below(canvas, axes, 3)
-    return Figure(f"bars_{group}.svg", charts.svg(canvas), "K_in ± estimate beside the reference and its own doubt")
+    return Figure(f"bars_{group}.svg", charts.svg(canvas), "K_in ± estimate, and the reference with its own error")
 
 
 def _relative(found: Sequence[Deviation]) -> tuple[list[float], list[float]]:

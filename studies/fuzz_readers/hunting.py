@@ -22,7 +22,7 @@ from flexdesign.core.errors import InputError
 from studies.fuzz_readers.mutations import damaged
 from studies.fuzz_readers.readers import READERS
 
-#: No reading takes longer, in seconds of the processor, which a busy machine does not lengthen; nor so many times that
+#: No reading takes longer, in seconds of the processor, which a busy machine does not lengthen; nor this multiple of it
 #: by the clock; a library that does not come back ends the process after twice that.
 LONGEST, GIVEN_UP = 10.0, 6
 #: No message has more letters, the folder that the file is in not counted.
@@ -191,7 +191,7 @@ def _heard(said: io.StringIO, warned: list[warnings.WarningMessage]) -> Iterator
 
 @contextlib.contextmanager
 def _watched(seconds: float) -> Iterator[None]:
-    """Raise Hang after so many seconds; end the process where that does not help, and say where it is."""
+    """Raise Hang after `seconds`; end the process where that does not help, and say where it is."""
 
     def stop(*_: object) -> None:
         raise Hang

@@ -164,7 +164,7 @@ def _text(data: bytes) -> Make:
 
 
 def _of(read: Callable[[Path], object], damaged: str, as_what: str, content: Make, **beside: Make) -> Reader:
-    """Return a reader of one damaged file; those beside it are named without their ending .toml."""
+    """Return a reader of one damaged file; those next to it are named without their ending .toml."""
     return Reader(read, {damaged: content, **{f"{n}.toml": make for n, make in beside.items()}}, {damaged: as_what})
 
 

@@ -25,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--seed", type=int, default=SEED, help="draws all cases [default: %(default)s, for training]")
     parser.add_argument("--sample", type=int, metavar="K", help="K cases of each single effect, others in proportion")
-    parser.add_argument("--cases", type=int, metavar="N", help="only the first so many of what is asked for")
+    parser.add_argument("--cases", type=int, metavar="N", help="only the first N of what is asked for")
     parser.add_argument("--ci", action="store_true", help="only the part for continuous integration")
     parser.add_argument("--case", type=int, metavar="NUMBER", help="one case, again, and what was said of it")
     parser.add_argument("--draw", action="store_true", help="make the recordings and diagnose nothing")

@@ -71,7 +71,7 @@ class Case:
     ratio
         Effect to noise, by effect.
     groups
-        By effect, those in the catalogue that can stand for it on the runs that are fitted or used to choose.
+        By effect, those in the catalogue that can replace it on the runs that are fitted or used to choose.
     validation_floor
         As `floor`, over the validation runs [m]; None where nothing is for testing.
     seed
@@ -128,7 +128,7 @@ def hidden_in(number: int) -> str:
 
 
 def numbers(kind: str, count: int) -> list[int]:
-    """Return the first `count` numbers of a kind; for each effect so many, where a case is about one."""
+    """Return the first `count` numbers of a kind; for each effect `count`, where a case is about one."""
     first = FIRST[kind]
     if kind in ("none", "pair"):
         return list(range(first, first + count))

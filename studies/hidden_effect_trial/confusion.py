@@ -1,6 +1,6 @@
-"""Which effects can stand for one another: the residual after another effect took the place of the hidden one.
+"""Which effects can replace one another: the residual after another effect took the place of the hidden one.
 
-An effect can stand for the hidden one if the readings, with it fitted in its place together with the base and
+An effect can replace the hidden one if the readings, with it fitted in its place together with the base and
 everything else that is hidden, are met to within three tenths of the noise. That is the measure by which the package
 decides whether an effect is worth naming, so that no reading of these runs is worse for the wrong name. All is done
 with the recordings' own simulator: first linearised, over a few settings of each effect's other numbers; what comes
@@ -18,25 +18,25 @@ from studies.hidden_effect_trial.detection import Columns, Complement, State, co
 from studies.hidden_effect_trial.effects import BY_NAME, CATALOGUE, LIMITS, Stage, Values
 
 Array = NDArray[np.float64]
-#: What may be left, over the noise, where one effect stands for another.
+#: Largest residual, over the noise, where one effect replaces another.
 ALIKE = 0.3
 #: Amounts at which an effect is tried: a limit, or what acts beyond a threshold, is not proportional to it.
 AMOUNTS, THRESHOLDS = (0.03,), (0.01, 0.05, 0.2, 0.5)
 _NOT_PROPORTIONAL = (*LIMITS, "driver_saturation")
-#: A stage that moves by so many strokes is torn apart by what is tried on it.
+#: A stage that moves by this number of strokes is destroyed by the trial.
 TORN = 10.0
 #: Steps of the fit, and the share of the hidden effect that may be left before a fit is worth while.
 STEPS, NEAR = 5, 0.35
-#: What changes the resonance: nothing else can stand for it but a contact that is open over the whole stroke.
+#: What changes the resonance: nothing else can replace it but a contact that is open over the whole stroke.
 _RESONANCE = ("payload_mass", "stiffness_loss", "preload_loss")
-#: Never stand for another: rounding has no derivative; a missing loop is a model's, not an effect's, absence.
+#: Never replace another: rounding has no derivative; a missing loop is a model's, not an effect's, absence.
 _NEVER = ("quantisation", "bouc_wen")
 
 
 def stand_ins(
     state: State, name: str, believed: Stage, noise: float, polish: bool = True
 ) -> tuple[tuple[str, ...], float]:
-    """Return which effects can stand for one, and what the nearest leaves.
+    """Return which effects can replace one, and the smallest residual.
 
     Parameters
     ----------

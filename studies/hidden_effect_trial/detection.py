@@ -228,7 +228,7 @@ def strength_for(
     wanted
         Root mean square of the residual [m].
     name, constants
-        The effect, and its numbers beside the strength.
+        The effect, and its parameters in addition to the strength.
     stage, others, runs
         The bench without it.
     complement

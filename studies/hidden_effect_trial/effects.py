@@ -62,7 +62,7 @@ class Hidden:
     outside
         Whether no catalogue holds it.
     samples
-        Settings of the other numbers that stand for all, when the effect is tried in place of another.
+        Settings of the other parameters that represent all, when the effect is tried in place of another.
     """
 
     name: str

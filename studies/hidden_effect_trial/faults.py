@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 KINDS = ("coarse_steps", "clock_jitter", "curved_sensor", "uneven_gain", "rounded_readings")
 #: Effects that a structural error truly contains: to name them is no invention.
 TRUE = {"rounded_readings": ("quantisation",)}
-#: A size is found to within this, on a logarithm, in so many trials.
+#: A size is found to within this, on a logarithm, in this number of trials.
 NEAR, TRIALS = 0.05, 24
 #: Where the search for a size begins, and where it ends.
 SIZES = {

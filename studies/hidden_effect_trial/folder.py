@@ -31,7 +31,7 @@ class Answer:
     effects
         Values of what is hidden, SI, by effect.
     groups
-        By effect, those that can stand for it.
+        By effect, those that can replace it.
     ratio
         Effect to noise, by effect.
     floor

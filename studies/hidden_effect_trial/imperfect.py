@@ -26,7 +26,7 @@ HIDDEN = (*CATALOGUE, SMOOTH_FRICTION)
 FIRST_SINGLE, FIRST_NONE, END = 60000, 70000, 80000
 #: Root mean square of a structural error, in strokes; every run's mean taken off, as an offset is no error.
 STRUCTURAL = (1e-4, 3e-3)
-#: A hidden effect is at least so many times as large: what of it shows, against the whole structural error.
+#: A hidden effect is at least this multiple: what of it shows, against the whole structural error.
 MAIN = 4.0
 #: An effect of the catalogue, with everything else fitted again, leaves at least this share of a structural error, rms:
 #: it explains less than a fifth of its squares. Else it would describe a part of it.
@@ -60,7 +60,7 @@ def fault_in(number: int) -> str:
 
 
 def numbers(single: int, none: int, only: str | None = None) -> list[int]:
-    """Return the numbers of so many cases of each effect, and with nothing missing.
+    """Return the numbers of `single` cases of each effect, and with nothing missing.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ def _summary(outcomes: Sequence[Outcome], judged: JudgedCases) -> list[str]:
     said = [
         f"{len(outcomes)} cases on benches with a structural error of 0.01 to 0.3 % of stroke, rms, that no effect of "
         "the catalogue describes. The hidden effect is at least four times as large. It counts as named whether or not "
-        "a remainder is stated beside it."
+        "a remainder is stated as well."
     ]
     if errors := [outcome for outcome in outcomes if outcome.found is None]:
         said.append(f"{len(errors)} cases ended in an error, the first: {errors[0].number}: {errors[0].error}")

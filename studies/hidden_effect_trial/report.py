@@ -176,7 +176,7 @@ def _picture(judged: JudgedCases) -> Figure:
                 fits = column == RIGHT.get(row, row)
                 side = 0.92 * math.sqrt(count / total)
                 axes.add_patch(_square(j, i, side, charts.COLOURS[0] if fits else charts.COLOURS[1]))
-                # A number that its square is too small for stands beside it.
+                # A number that its square is too small for is written next to it.
                 place, colour = (j, "white") if side > 0.5 else (j + side / 2.0 + 0.22, charts.COLOURS[1])
                 axes.text(place, i, str(count), ha="center", va="center", fontsize=12, color=colour)
     axes.set(xlim=(-0.6, len(columns) - 0.2), ylim=(len(rows) - 0.4, -0.6), aspect="equal")

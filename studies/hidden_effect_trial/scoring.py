@@ -12,7 +12,7 @@ from studies.hidden_effect_trial.folder import Answer
 
 #: Verdicts that a diagnosis gives.
 NOTHING, FOUND, UNKNOWN = "nothing-missing", "effects-found", "unknown"
-#: A group may hold so many effects, and no more.
+#: Largest number of effects in a group.
 LARGEST_GROUP = 3
 #: Kinds of cases in which something is to be named, and those in which nothing is.
 NAMED, UNNAMED = ("single", "pair"), ("none", "faint")
@@ -29,7 +29,7 @@ class Diagnosed:
     named
         Effects that were named.
     groups
-        Effects that it could not tell apart.
+        Effects that it did not distinguish.
     floor, error
         Noise floor and the error on the run for testing, or the validation error [m]; NaN if it gives none.
     inside
@@ -109,7 +109,7 @@ def is_right(answer: Answer, found: Diagnosed) -> bool:
 
 
 def _means(answer: Answer, group: tuple[str, ...], hidden: str) -> bool:
-    """Tell whether a group names a hidden effect, beside none but those that the data truly cannot separate from it."""
+    """Return whether a group has a hidden effect, and otherwise only effects truly confounded with it."""
     called = CALLED.get(hidden, hidden)
     return len(group) <= LARGEST_GROUP and called in group and set(group) <= {called, *answer.groups.get(hidden, ())}
 
@@ -132,7 +132,7 @@ def invented(answer: Answer, found: Diagnosed) -> tuple[str, ...]:
 
 
 def _is_named_with_remainder(answer: Answer, found: Diagnosed) -> bool:
-    """Tell whether what no catalogue holds has a right name, alone or in a group, beside a stated remainder."""
+    """Return whether an effect outside the catalogue has a right name or group, with a stated remainder."""
     names = NAMES.get(next(iter(answer.effects)), ())
     groups = [group_of(found, name) for name in found.named]
     right = [len(group) <= LARGEST_GROUP and not set(group).isdisjoint(names) for group in groups]

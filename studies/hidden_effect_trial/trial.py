@@ -80,7 +80,7 @@ class Settings:
     imperfect: dict[str, int]
 
     def sample(self, count: int) -> Settings:
-        """Return the settings of a stratified sample: so many cases of each single effect, others in proportion.
+        """Return the settings of a stratified sample: `count` cases of each single effect, others in proportion.
 
         Cases are drawn one by one from their numbers, so that the first of each stratum are a random sample of it.
         """

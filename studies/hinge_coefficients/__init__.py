@@ -5,5 +5,5 @@ how its width stiffens it, by a Ritz solution of the plate that it is::
 
     python -m studies.hinge_coefficients
 
-prints both beside the interpolated values that the program computes with.
+prints both with the interpolated values that the program computes with.
 """

@@ -17,7 +17,7 @@ from studies.lin2019_gains.printed import AXES
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the study and write its report."""
     parser = argparse.ArgumentParser(
-        prog="python -m studies.lin2019_gains", description="What the printed gains of Lin et al. (2019) tell"
+        prog="python -m studies.lin2019_gains", description="Plants of the printed gains of Lin et al. (2019)"
     )
     parser.add_argument("--out", type=Path, default=Path("reports/lin2019_gains"), help="folder of the report")
     folder = parser.parse_args(arguments).out

@@ -82,7 +82,7 @@ class Candidate:
 
 
 class Experiment(NamedTuple):
-    """Ziegler and Nichols' experiment on a simulated loop beside the analysis of the same plant."""
+    """Ziegler and Nichols' experiment on a simulated loop and the analysis of the same plant."""
 
     label: str
     exact: Ultimate
@@ -128,7 +128,7 @@ class Findings:
 
     @property
     def credible(self) -> list[Plant]:
-        """The family as far as the printed gains are stable."""
+        """The members of the family for which the printed gains are stable."""
         return [*(plant for plant in self.family if plant.delay < self.limit.delay), self.limit]
 
 
@@ -224,7 +224,7 @@ def rounding(axis: Axis, plant: Plant) -> tuple[float, float]:
 
 
 def damping_for(settling: float, frequency: float) -> float:
-    """Return the damping ratio at which the envelope of a step at so many Hz settles to `BAND` in so many seconds."""
+    """Return the damping ratio for which a step at `frequency` [Hz] settles to `BAND` in `settling` [s]."""
     return -math.log(BAND) / (2 * math.pi * frequency * settling)
 
 
@@ -236,7 +236,7 @@ def settled_on(plant: Plant, pid: PID, period: float) -> float:
 
 
 def experiment(label: str, plant: Plant, period: float) -> Experiment:
-    """Find the ultimate gain by running the proportional loop, and beside it from the plant itself."""
+    """Find the ultimate gain by running the proportional loop, and also from the plant itself."""
     runs = 0
 
     def respond(kp: float) -> Array:

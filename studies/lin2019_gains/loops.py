@@ -52,7 +52,7 @@ def printed_gains(findings: Sequence[Findings]) -> Section:
         "rings longer than without control.",
         f"With delay in the loop the phase margin deceives: {n(delayed.margins.phase_margin, 3)} deg for X/Y, "
         f"{delayed.label}, because the loop gain stays just below 1 at the resonance. The largest sensitivity Ms, "
-        f"{n(delayed.margins.ms, 3)}, tells.",
+        f"{n(delayed.margins.ms, 3)}, shows it.",
         f"Fig 13 and eq (34) disagree as well. Settling in {to_text(xy.axis['settling'], 's', 2)} means a damping "
         f"ratio of {n(quoted, 2)} at {hz(first.plant.natural_frequency)}; eq (34) asks for "
         f"{n(first.plant.damping_ratio, 3)}. With {n(quoted, 2)} the rule would have given "

@@ -86,7 +86,7 @@ class Axis:
 
     @property
     def target(self) -> Ultimate:
-        """The ultimate gain and period that the printed gains stand for."""
+        """The ultimate gain and period of the printed gains."""
         return from_rule(self.pid)
 
     @property
@@ -104,7 +104,7 @@ class Axis:
         return self["stiffness"] / (2 * math.pi * plant.natural_frequency) ** 2
 
     def amplifications(self) -> dict[str, float]:
-        """Return output over input motion by each place that tells it."""
+        """Return output over input motion by each place that states it."""
         return {
             "eq (30) with (31)": self["input_stiffness"] / (4 * self["stiffness"] * self["gain"]),
             "eq (31), as gain from input to output motion": self["gain"],

@@ -34,7 +34,7 @@ def document(findings: Sequence[Findings]) -> Document:
         _conclusions(findings),
         _inputs(),
     ]
-    return Document("What the printed gains of Lin et al. (2019) tell", _summary(findings), sections)
+    return Document("Plants of the printed gains of Lin et al. (2019)", _summary(findings), sections)
 
 
 def _summary(findings: Sequence[Findings]) -> list[str]:
@@ -129,7 +129,7 @@ def _candidates(findings: Sequence[Findings]) -> Section:
         f"times as strongly as at rest. For any delay that bounds the damping ratio by "
         f"{n(damping_bound(xy.axis), 3)} in X/Y. In Z the bound is {n(damping_bound(z.axis), 3)}: less "
         "light, but far from 1.",
-        f"Added mass and loop delay cannot be told apart. Stiffness over mass is in the natural frequency, and that "
+        f"Added mass and loop delay are confounded. Stiffness over mass is in the natural frequency, and that "
         f"moves with the delay assumed. Z without delay carries {n(_mass_ratio(z, z.candidates[0]), 3)} times the "
         f"printed mass; Z with the printed mass has {ms(z.candidates[-1].plant.delay)} of delay.",
         f"X/Y at its printed {hz(xy.axis.model.natural_frequency)} has no solution. With so small a loop gain the "
@@ -152,9 +152,7 @@ def _candidates(findings: Sequence[Findings]) -> Section:
         ),
     ]
     drawing = charts.stacked(panels, "loop delay [ms]")
-    figure = Figure(
-        "family.svg", drawing, "One row of gains, many plants; drawn as far as the printed gains are stable"
-    )
+    figure = Figure("family.svg", drawing, "One row of gains, many plants; drawn where the printed gains are stable")
     return Section("Which plants the printed gains can belong to", text, [Table(head, rows, caption)], [figure])
 
 
@@ -187,7 +185,7 @@ def _stiffer(found: Findings) -> str:
     return (
         f"Table 1's stiffness by FEA would do: with the printed mass it gives {hz(frequency)}, which belongs to "
         f"{ms(delay, 2)} of delay and a damping ratio of {n(damping, 2)}. Stiffness is one more thing that the "
-        "gains cannot tell from mass and delay."
+        "gains cannot distinguish from mass and delay."
     )
 
 
@@ -213,7 +211,7 @@ def _with_gain(plant: Plant, gain: float) -> Plant:
 
 
 class _Telling(NamedTuple):
-    """How the phase tells the candidates of an axis apart; angles in deg, frequencies in Hz."""
+    """How the phase distinguishes the candidates of an axis; angles in deg, frequencies in Hz."""
 
     oscillation: float
     spread_at_oscillation: float
@@ -258,7 +256,7 @@ def _measurement(findings: Sequence[Findings]) -> Section:
     period = findings[0].axis["period"]
     text = [
         "The candidates agree where the gains were found: at the frequency of oscillation they have nearly one "
-        "magnitude and one phase, by construction. A measurement there tells nothing. Below and above, they part.",
+        "magnitude and one phase, by construction. A measurement there distinguishes none. Above and below they part.",
         f"Delay shows where a light resonance turns no phase. At half the frequency of oscillation a tenth of a sample "
         f"({ms(period / 10, 1)}) more delay, the rest of the plant going along, turns the phase by "
         f"{n(smallest, 2)} deg or more. A few degrees decide.",
@@ -269,7 +267,7 @@ def _measurement(findings: Sequence[Findings]) -> Section:
         "Record the command that the controller computes and the reading that it uses. An instrument at the actuator's "
         "voltage sees the stage alone: it gives the mass, and leaves the delay of the loop out.",
     ]
-    return Section("The measurement that would tell", text, [Table(head, rows, caption)], figures)
+    return Section("The discriminating measurement", text, [Table(head, rows, caption)], figures)
 
 
 def _bode(found: Findings) -> Figure:
@@ -307,14 +305,14 @@ def _conclusions(findings: Sequence[Findings]) -> Section:
     tell = (
         f"the phase from command to reading, to a few degrees, away from the frequency of oscillation: near "
         f"{' and '.join(half)}, where it shows mostly the delay, and across the resonance, where it shows stiffness "
-        "over mass. A known payload then tells the one from the other."
+        "over mass. A known payload then distinguishes them."
     )
-    told = [f"Certain: {certain}", f"Confusable: {confusable}", f"What would tell: {tell}"]
+    told = [f"Certain: {certain}", f"Confusable: {confusable}", f"What would distinguish them: {tell}"]
     told.append(
         "All of it presumes what the gains cannot check: one mode, the rule applied to the sampled loop, the printed "
         "static gain."
     )
-    return Section("What is certain, what is confusable, what would tell", told)
+    return Section("What is certain, what is confusable, what would distinguish them", told)
 
 
 def _inputs() -> Section:

@@ -1,4 +1,4 @@
-"""Levers on hinges of every profile: finite elements beside the compliance model, and what an accuracy of 1 % costs::
+"""Levers on hinges of every profile: finite elements and the compliance model, and what an accuracy of 1 % costs::
 
     python -m studies.notch_profiles
 

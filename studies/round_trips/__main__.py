@@ -56,7 +56,7 @@ class Outcome:
         How far the effect moves the readings, and how far off the calibrated model without it is, rms, over the noise.
         The noise is known here, and taken out.
     verdict, named
-        The answer; effects that the runs cannot tell apart stand in one string.
+        The answer; confounded effects are in one string.
     values, is_right, holds
         True and found values, whether the answer is right, and whether the intervals hold the truth.
     """

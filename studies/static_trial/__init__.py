@@ -5,5 +5,5 @@ hidden put in by circuit theory of springs, or by drawing the part otherwise tha
 
     python -m studies.static_trial [--noise "1 %"] [KIND...]
 
-The answer counts as right if it names the effect, alone or in a group that the table cannot tell apart.
+The answer counts as right if it names the effect, alone or in a group that the table does not distinguish.
 """

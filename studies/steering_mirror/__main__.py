@@ -16,7 +16,7 @@ from studies.steering_mirror.recordings import read
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the study and write its report; beside it the modal axes as `diagnose` reads them."""
+    """Run the study and write its report; next to it the modal axes as `diagnose` reads them."""
     parser = argparse.ArgumentParser(
         prog="python -m studies.steering_mirror", description="Diagnosis of a fine steering mirror, mode by mode"
     )

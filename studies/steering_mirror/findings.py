@@ -33,7 +33,7 @@ class Findings:
         By modal axis.
     left
         Root mean square of the residual over that of the output, by stand and level: one number per channel, on the
-        realisation that no fit has seen.
+        validation realisation.
     own
         The same of the modal coordinates, by stand (`MODAL`), axis and level.
     """

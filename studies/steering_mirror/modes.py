@@ -2,7 +2,7 @@
 
 A mode answers one combination of the inputs, psi^T u, with one shape phi of the outputs: its residue has rank one
 (Ewins, Modal Testing, 2nd ed. 2000, section 4.4). As many modes as outputs make coordinates; all that the frequency
-response holds beside them is linear here and is taken out before.
+response contains in addition is linear here and is taken out before.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ class Decoupled:
     modes: Modes
 
     def beside(self) -> Complex:
-        """Return what the linear response holds beside the modes [m/V]."""
+        """Return the linear response without the modes [m/V]."""
         return self.response - self.modes.response(lines_of(self.response))
 
     def modal(self, u: Array, y: Array) -> tuple[Array, Array]:

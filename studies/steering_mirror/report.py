@@ -102,7 +102,7 @@ def _outputs(findings: Findings) -> Section:
     for name, values in PUBLISHED.items():
         rows += [[name, level, "–", "–", "–", f"{value:.1f}"] for level, value in zip(_levels(), values, strict=True)]
     text = [
-        f"Of realisation {JUDGING + 1} at each level, which no fit has seen; the linear response is estimated from "
+        f"Of realisation {JUDGING + 1} at each level, for validation; the linear response is estimated from "
         f"realisations {' and '.join(str(r + 1) for r in TEACHING)} of all levels, the diagnoses are shown half a "
         f"period of realisation {SHOWN + 1}. Beside the modes, everything is this linear response, in all stands. The "
         "published models were taught by other realisations, which are not used here, and judged on all three of "

@@ -30,7 +30,7 @@ from studies.error_bars.designs import SEED, Drawn, designs
 
 OUT = Path("reports/theory_against_fem")
 COUNT = 200
-#: What is asked of the compliance model with all that a drawing tells: median and worst distance from FEM.
+#: Requirements on the compliance model with all effects of the drawing: median and worst distance from FEM.
 MEDIAN, WORST = 0.01, 0.03
 Array = NDArray[np.float64]
 
@@ -96,7 +96,7 @@ def summary(found: Sequence[Compared]) -> list[str]:
     bare, full = distances(found, 0), distances(found, -1)
     verdict = "within" if holds(found) else "NOT within"
     return [
-        f"With all that a drawing tells, the compliance model is off by {_spans(np.median(full, axis=0))} in the "
+        f"With all effects of the drawing, the compliance model is off by {_spans(np.median(full, axis=0))} in the "
         f"median and by {_spans(full.max(axis=0))} in the worst of {len(found)} designs (K_in, λ, K_out): {verdict} "
         f"{100 * MEDIAN:g} and {100 * WORST:g} %.",
         f"The pseudo-rigid model is off by {_spans(np.median(bare, axis=0))} and {_spans(bare.max(axis=0))}.",

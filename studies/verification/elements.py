@@ -48,7 +48,7 @@ def patch_test() -> list[Finding]:
 
 
 def rigid_motions() -> list[Finding]:
-    """Move and turn an irregular mesh: its energy must stay zero, beside that of a strain as large as the turn."""
+    """Move and turn an irregular mesh: its energy must be zero, relative to that of an equal strain."""
     body = irregular()
     columns = [np.broadcast_to(unit, body.positions.shape) for unit in np.eye(3)]
     columns += [np.cross(unit, body.positions) for unit in np.eye(3)]

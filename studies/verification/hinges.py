@@ -175,7 +175,7 @@ def circular_hinge(
 
 
 def own_mesh(coarseness: tuple[float, ...] = (1.35**2, 1.35, 1.0)) -> list[Finding]:
-    """Return what the program's own meshes of the notch give, beside the structured one as a body.
+    """Return what the program's own meshes of the notch give, and of the structured one as a body.
 
     The part is a bar with the notch in its middle, held at one end. What a moment at the other end turns it by, less
     the share of the bar as a beam, is the notch's.

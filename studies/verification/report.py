@@ -17,7 +17,7 @@ TEXTS = {
     "Benchmarks": "Plane stress is a slice with free faces; the clamp of FV32 lets the thickness contract.",
     "Cantilevers": (
         "A clamp that holds a whole face holds back lateral contraction, too, and so stiffens the root. Without "
-        "contraction it disturbs nothing in pure bending. With it, two lengths tell the beam from its root: the beam "
+        "contraction it disturbs nothing in pure bending. With it, two lengths distinguish beam and root: the beam "
         "is exact, and the root explains the difference under a force."
     ),
     "Hinges": (

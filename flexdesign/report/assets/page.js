@@ -1,4 +1,4 @@
-// What a report does beside being read: contents that follow, tables that sort, folds that open for print, live pictures.
+// What a report does in addition to being read: contents that follow, tables that sort, folds that open for print, live pictures.
 "use strict";
 
 (() => {

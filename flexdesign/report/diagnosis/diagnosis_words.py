@@ -42,7 +42,7 @@ def effect_name(name: str) -> str:
 
 
 def verdict(found: Diagnosis) -> str:
-    """Return the verdict in a few sentences: what is missing, the error with it, and what remains."""
+    """Return the verdict in a few sentences: what is missing, the error with it, and the residual."""
     error = of_line(found, found.validation_error) + words.error(response(found), found.validation_error)
     error += _of_stroke(found, found.validation_error)
     runs = validated_on(recorded(found))

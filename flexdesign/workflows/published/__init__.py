@@ -1,4 +1,4 @@
-"""Mechanisms whose numbers are published: theirs beside ours, and the effect that closes each gap."""
+"""Mechanisms whose numbers are published: theirs and ours, and the effect that closes each gap."""
 
 from flexdesign.workflows.published.compare_published import Compared, Mechanism, PublishedMechanisms, run
 from flexdesign.workflows.published.folder import find

@@ -45,7 +45,7 @@ class Closing:
 
 
 def model_of(design: Design) -> StaticModel | None:
-    """Return the compliance model with all that the drawing tells; None where the design is no frame."""
+    """Return the compliance model with all effects of the drawing; None where the design is no frame."""
     try:
         return static_model.of_design(design)
     except InputError:
@@ -58,7 +58,7 @@ def neglected(model: StaticModel, number: PublishedNumber) -> dict[str, float]:
     Parameters
     ----------
     model
-        Of the design, with all that the drawing tells.
+        Of the design, with all effects of the drawing.
     number
         The published number.
 
@@ -82,7 +82,7 @@ def closing(model: StaticModel, number: PublishedNumber, ratio: float, allowed: 
     Parameters
     ----------
     model
-        Of the design, with all that the drawing tells.
+        Of the design, with all effects of the drawing.
     number
         The published number.
     ratio

@@ -1,4 +1,4 @@
-"""Solve every published mechanism, and set its published numbers beside ours."""
+"""Solve every published mechanism, and compare its published numbers with ours."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ VERDICTS: dict[Verdict, str] = {
 
 @dataclass(frozen=True)
 class Compared:
-    """A published number beside ours.
+    """A published number compared with ours.
 
     Parameters
     ----------

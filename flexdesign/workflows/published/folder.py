@@ -47,7 +47,7 @@ class PublishedNumber:
     kind
         One of `KINDS`.
     neglects
-        Static effects that it leaves out, as far as that is known.
+        Static effects that it leaves out, where known.
     line
         Of its file.
     note
@@ -167,7 +167,7 @@ def _number(table: Path, line: int, cells: Sequence[str], head: Sequence[str]) -
     neglects = tuple(row["neglects"].split())
     for name in neglects:
         if name not in statics.BY_DRAWING:
-            remedy = f"is no effect that a drawing tells{suggest(name, statics.BY_DRAWING)}"
+            remedy = f"is no effect of a drawing{suggest(name, statics.BY_DRAWING)}"
             raise InputError(table, f"line {line}, column neglects", name, remedy)
     unit = row["unit"] if row["unit"] != "1" else ""
     _require_number(table, line, row)

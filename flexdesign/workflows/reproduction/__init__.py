@@ -1,4 +1,4 @@
-"""A publication reproduced: every printed number beside ours, with a verdict."""
+"""A publication reproduced: every printed number and ours, with a verdict."""
 
 from flexdesign.workflows.reproduction.course import Reproduction, reproduce
 from flexdesign.workflows.reproduction.items import VERDICTS, Item

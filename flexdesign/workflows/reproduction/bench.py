@@ -1,4 +1,4 @@
-"""Equations (26) to (34) and Figures 7 to 19: experiments on the simulated stage, beside what is printed."""
+"""Equations (26) to (34) and Figures 7 to 19: experiments on the simulated stage, compared with what is printed."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def _tuning(paper: Publication) -> Iterator[Item]:
             "P15", f"Kp of {label} by Ziegler and Nichols on (31)", "eq (34)", kp.text, units.significant(own.kp, 4),
             "cannot be both",
             f"(31) has real poles, damping ratio {plant.damping_ratio:.3f}; (34) belongs to a plant that rings: "
-            f"{text}. Added mass and loop delay cannot be told apart by it",
+            f"{text}. It does not distinguish added mass from loop delay",
             uses,
         )  # fmt: skip
         ratio = 4 * pid.td / pid.ti
@@ -231,7 +231,7 @@ def _square(paper: Publication, found: Simulation) -> Iterator[Item]:
 
 
 def _implied(system: str, label: str, error: Printed, share: Printed, travel: Printed) -> Item:
-    """Return the range that an error and its share of it imply, beside the motion that is printed."""
+    """Return the range that an error and its share of it imply, for the motion that is printed."""
     span = error.value("m") / share.value("1")
     numbers = [(error, "m"), (share, "1"), (travel, "m")]
     why = f"{error.text} are {share.text} of {1e6 * span:.3g} um"

@@ -23,7 +23,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Reproduction:
-    """A publication beside ours.
+    """A publication compared with ours.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class Reproduction:
 def reproduce(
     name: str | Path, cache: Cache, progress: Progress = lambda _: None, overrides: Sequence[str] = ()
 ) -> Reproduction:
-    """Set every number that a publication prints beside ours.
+    """Compare every number that a publication prints with ours.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One printed number, or one statement, beside ours, and how the verdict on the two is found."""
+"""One printed number, or one statement, compared with ours, and how the verdict on the two is found."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def compare(
     why: str = "",
     also: Sequence[Printed] = (),
 ) -> Item:
-    """Return a printed number beside ours, with the verdict that both have.
+    """Return a printed number and ours, with the verdict.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Equations (1) to (25) and Table 1: the stage by formulas and by finite elements, beside what is printed."""
+"""Equations (1) to (25) and Table 1: the stage by formulas and by finite elements, compared with what is printed."""
 
 from __future__ import annotations
 
@@ -147,11 +147,11 @@ def _ceiling(paper: Publication, found: StageValidation) -> str:
         for name, k in (("own", own), ("left", load))
     }  # fmt: skip
     k_out, k_in = paper(FEA, "K_out_xy"), paper(FEA, "K_in_xy")
-    body, beside = (units.to_text(k, k_out.unit, digits, si="N/m") for k, digits in ((own, 3), (load, 2)))
-    at_body, at_beside = (units.to_text(k, k_in.unit, 4, si="N/m") for k in (at["own"], at["left"]))
+    body, rest = (units.to_text(k, k_out.unit, digits, si="N/m") for k, digits in ((own, 3), (load, 2)))
+    at_body, at_rest = (units.to_text(k, k_in.unit, 4, si="N/m") for k in (at["own"], at["left"]))
     return (
         f"K_in rises with what the output pushes against. (17) makes it {at_body} against K_b = {body}. A stage of "
-        f"K_out = {k_out.text} leaves {beside} beside the amplifier, against which (17) makes it {at_beside}; "
+        f"K_out = {k_out.text} leaves {rest} in addition to the amplifier, against which (17) makes it {at_rest}; "
         f"elasticity that (17) leaves out only softens it. No stage of this kind has {k_in.text}"
     )
 
@@ -204,7 +204,7 @@ def _couplings(paper: Publication, found: StageValidation) -> Iterator[Item]:
 def motion_known(paper: Publication, motion: float) -> float:
     """Return how well a measured motion is known [m]: the sensor's resolution, and the slope of its nonlinearity.
 
-    A parabola through both ends of the range that is as high as the linearity has slopes up to 4 linearity / range.
+    A parabola through both ends of the range that is as high as the linearity has gradients up to 4 linearity / range.
     """
     span = paper("section 4.1", "sensor_range").value("m")
     resolution = paper("section 4.1", "sensor_resolution").value("1") * span

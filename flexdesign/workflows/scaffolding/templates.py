@@ -34,8 +34,8 @@ class {name}:
         l, t, w = 1e3 * self.length, 1e3 * self.thickness, 1e3 * self.width
         plate = cq.Workplane("XY").box(30, l + 20, w)
         between = cq.Workplane("XY").rect(20 - t, l).extrude(w, both=True)
-        beside = cq.Workplane("XY").pushPoints([(-15, 0), (15, 0)]).rect(10 - t, l).extrude(w, both=True)
-        return plate.cut(between).cut(beside).val()
+        sides = cq.Workplane("XY").pushPoints([(-15, 0), (15, 0)]).rect(10 - t, l).extrude(w, both=True)
+        return plate.cut(between).cut(sides).val()
 
     def ports(self):  # a point on each face and its outward normal
         y = self.length / 2 + 5e-3
@@ -82,7 +82,7 @@ EFFECT = Effect(
 STUDY = """# How a design is solved. Every key has a default; see flexdesign validate --help.
 format = 1
 title = "My study"
-design = "bridge_amplifier"     # or a file beside this one: "my_design.toml"
+design = "bridge_amplifier"     # or a file next to this one: "my_design.toml"
 
 [mesh]
 accuracy = "1 %"                # refined until the estimated error is smaller

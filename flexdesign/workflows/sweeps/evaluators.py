@@ -31,7 +31,7 @@ from flexdesign.workflows.sweeps.results import CaseResult, Results
 from flexdesign.workflows.sweeps.sampling import Case
 from flexdesign.workflows.sweeps.simulating import Bench
 
-#: What finite elements tell without modes.
+#: What finite elements give without modes.
 DIRECT = ("K_in", "lambda", "K_out", "stroke", "blocked_force", "actuator_force")
 #: What a part calls the models that are asked.
 MODELS = {"pseudo-rigid": "PRB", "analytic": "compliance"}
@@ -52,7 +52,7 @@ class EvaluationRequest:
     evaluator, mesh
         Who answers, and for finite elements the mesh settings as a study has them.
     modes
-        How many modes of each symmetry class finite elements find; without any they tell input and output alone.
+        How many modes of each symmetry class finite elements find; without any they give input and output alone.
     middle
         Overrides of the design about which the cases lie, from which finite elements learn how coarse meshes err.
     correction
@@ -187,7 +187,7 @@ def by_formulas(design: Design, model: str) -> list[Quantity]:
 
 
 def _with_effects(design: Design) -> list[Quantity]:
-    """Return what the compliance model says, with all that the drawing tells and the effects of the design."""
+    """Return what the compliance model says, with the effects of the drawing and of the design."""
     try:
         model = StaticModel(design, {**static_model.nominal_effects(design), **design.effects}).compliance({})
         found = list(model.quantities().values())

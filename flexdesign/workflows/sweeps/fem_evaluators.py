@@ -74,7 +74,8 @@ def fast_solid(mesh: MeshSettings, modes: int = 0, anchors: Sequence[Design] = (
 def by_elements(design: Design, mesh: MeshSettings, solid: FastSolid) -> list[Quantity]:
     """Return what finite elements say of a part or a stage.
 
-    Extruded parts are asked of `solid`; other parts, and where `mesh` asks for wild meshes, as a validation does it.
+    Extruded parts are asked of `solid`; other parts, and where `mesh` asks for unstructured meshes, as a validation
+    does it.
 
     Raises
     ------
@@ -113,7 +114,7 @@ def stage_model(design: Design, mesh: MeshSettings) -> tuple[StageModel, list[Qu
 
 
 def further_quantities(design: Design, mesh: MeshSettings, found: Sequence[Quantity]) -> list[Quantity]:
-    """Return stress, safety and frequency of a part or a stage, as far as they are known of it.
+    """Return stress, safety and frequency of a part or a stage, where they are known.
 
     Parameters
     ----------
@@ -122,7 +123,7 @@ def further_quantities(design: Design, mesh: MeshSettings, found: Sequence[Quant
     mesh
         How to mesh.
     found
-        What `by_elements` returned; a part that was extruded is solved on two coarse meshes beside.
+        What `by_elements` returned; a part that was extruded is also solved on two coarse meshes.
 
     Raises
     ------

@@ -1,9 +1,10 @@
 """The best dimensions: an optimiser on the formulas, corrected by finite elements until these agree.
 
-Formulas are cheap and a few percent off, finite elements dear and right. What is optimised is therefore the formulas'
-quantities times what finite elements found over formulas at the last optimum, which is exact there and nearly so
-around it (output space mapping: Bandler et al. 2004, IEEE Transactions on Microwave Theory and Techniques 52, 337-361).
-Within a round sequential quadratic programming (Kraft 1988, as implemented by scipy) starts from the best of a sample.
+Formulas are cheap and a few percent off, finite elements expensive and accurate. What is optimised is therefore the
+formulas' quantities times what finite elements found over formulas at the last optimum, which is exact there and nearly
+so around it (output space mapping: Bandler et al. 2004, IEEE Transactions on Microwave Theory and Techniques 52,
+337-361). Within a round sequential quadratic programming (Kraft 1988, as implemented by scipy) starts from the best of
+a sample.
 """
 
 from __future__ import annotations
@@ -157,7 +158,7 @@ def optimise(plan: SweepPlan, *, check: bool = True, progress: Progress = lambda
 
 
 def _refuse_unknown(plan: SweepPlan) -> None:
-    """Refuse what the formulas do not tell, by those of the design itself."""
+    """Refuse what the formulas do not give for the design itself."""
     known = list(_by_formulas(plan, {}))
     named = {"aim": plan.aims[0].quantity} | {f"limits.{limit.quantity}": limit.quantity for limit in plan.limits}
     for place, quantity in named.items():

@@ -145,7 +145,7 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> SweepPlan:
 def _bench(checked: _File, path: Path) -> Bench | None:
     """Return what is simulated; None if nothing is. Refuse what does not go together."""
     if bool(checked.design) == bool(checked.stage_model):
-        why = "stands beside a design; name one of them" if checked.design else None
+        why = "conflicts with a design; name one of them" if checked.design else None
         missing = "is missing; name the design that varies, or a stage_model to simulate"
         raise InputError(path, "stage_model" if why else "design", checked.stage_model or None, why or missing)
     if checked.evaluator != SIMULATION:
@@ -158,7 +158,7 @@ def _bench(checked: _File, path: Path) -> Bench | None:
 
 
 def _lying(name: str, path: Path, find: Callable[[str], Path]) -> Path:
-    """Return a file that lies beside a sweep, or else is found by its name."""
+    """Return a file next to a sweep, or else is found by its name."""
     beside = path.parent / name
     return beside if is_file(beside) else find(name)
 

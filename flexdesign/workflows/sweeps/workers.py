@@ -106,7 +106,7 @@ def _pool(jobs: int) -> ProcessPoolExecutor:
 
 def _begin() -> None:
     subprocess_call.end_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the sweep itself is told, and ends its processes
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the sweep itself gets the signal, and ends its processes
     threadpool_limits(1)
 
 

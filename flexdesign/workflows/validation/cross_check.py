@@ -1,8 +1,8 @@
 """One part solved in every way that it allows, the answers side by side.
 
 Two ways may differ in how the domain is meshed, and in whether it is the fundamental domain, whose mirror images make
-the whole, or the whole itself. All of them share the elements and the ports: a cross-check tells of meshes and of
-symmetry, not of elasticity.
+the whole, or the whole itself. All of them share the elements and the ports: a cross-check tests meshes and
+symmetry, not elasticity.
 """
 
 from __future__ import annotations

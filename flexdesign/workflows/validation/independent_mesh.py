@@ -86,7 +86,7 @@ class IndependentCheck:
 def run(
     study: Study, part: Part, body: Domain, reported: Mapping[str, Quantity], cache: Cache, progress: Progress
 ) -> IndependentCheck:
-    """Mesh a domain by pytetwild, solve, and set the answer beside the reported one; a failure is an answer, too.
+    """Mesh a domain by pytetwild, solve, and compare the result with the reported one; a failure is an answer, too.
 
     Parameters
     ----------

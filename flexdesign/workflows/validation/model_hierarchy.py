@@ -60,7 +60,7 @@ class Ladder:
     Parameters
     ----------
     rungs
-        From the pseudo-rigid model, or the first that can move, to all that the drawing tells.
+        From the pseudo-rigid model, or the first that can move, to all effects of the drawing.
     tolerances
         Twice the standard deviation that tolerances of dimensions and modulus give a quantity, relative, by its key.
     """
@@ -70,7 +70,7 @@ class Ladder:
 
 
 def model_hierarchy(design: Design, fem: Mapping[str, Quantity]) -> Ladder | None:
-    """Return the ladder of a design beside what FEM found; None where it is no frame, or no formula is beside it."""
+    """Return the model hierarchy of a design compared with FEM; None where it is no frame, or has no formula."""
     try:
         model = of_design(design, bare=True)
     except InputError:

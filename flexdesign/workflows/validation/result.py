@@ -53,7 +53,7 @@ class Validation:
     domain, method, levels
         The fundamental domain, how it was meshed, and its meshes, coarse to fine.
     comparisons
-        Table 1: FEM beside the analytic models.
+        Table 1: FEM and the analytic models.
     further
         Quantities only FEM gives: stroke, load line, modes, coupling, stress.
     shares

@@ -35,8 +35,8 @@ def stage_model(
     What large displacements do comes as `effects`, with their values.
 
     The main mode is the one that carries most of the response to the actuator. The mass is lumped: with all of the
-    stiffness it gives that mode its frequency. A second mode that carries a fair part of the response goes in beside
-    it; what other modes carry follows with the main one, whose share is the remainder.
+    stiffness it gives that mode its frequency. A second mode that carries a fair part of the response is added;
+    what other modes carry follows with the main one, whose share is the remainder.
     """
     actuator = design.actuator
     if actuator is None:
@@ -120,7 +120,7 @@ def _sources(
     """Return where the numbers of a stage model come from, and what they leave out."""
     left = 1 - share - sum(mode.share for mode in modes)
     sources = {
-        "damping_ratio": "placeholder, typical of monolithic metal flexures: geometry does not tell; identify it",
+        "damping_ratio": "placeholder, typical of monolithic metal flexures; identify it",
         "mass": f"stiffness / (2 pi f)^2; the main mode itself carries {100 * share:.3g} % of the static response to "
         f"the actuator, and the {100 * left:.2g} % of modes that are not listed here go with it",
     }

@@ -80,7 +80,7 @@ def _axis(design: Design, axis: str, count: int, found: Mapping[str, Quantity]) 
         uncertainty={name: float(f"{value:.2g}") for name, value in relative.items()} | {"damping_ratio": 1.0},
         assumed=("damping_ratio",),
         sources={
-            "damping_ratio": "placeholder, typical of monolithic metal flexures: geometry does not tell; identify it",
+            "damping_ratio": "placeholder, typical of monolithic metal flexures; identify it",
             "mass": f"stiffness / (2 pi f)^2; the mode carries {100 * share:.3g} % of the static response to the "
             "actuators, and what others carry goes with it",
             "gain": "all actuators of the axis over the whole voltage range, opposite ones against each other",

@@ -49,13 +49,13 @@ class StageValidation:
     levels
         The parts, on meshes from coarse to fine.
     comparisons
-        Stiffness, amplification and coupling: FEM beside the analytic models and published numbers.
+        Stiffness, amplification and coupling: FEM, the analytic models and published numbers.
     further
         Quantities only FEM gives.
     motions
         Each axis driven through large displacements on the coarsest mesh; empty where those were not asked for.
     at_full_stroke
-        The same with inputs that part as far as a free actuator extends; empty without an actuator.
+        The same with inputs that part by the free extension of the actuator; empty without an actuator.
     causes
         Of coupling of first order.
     springs, chains
@@ -198,7 +198,7 @@ def compare(
     motions: Sequence[CrossMotion],
     published: Mapping[str, Mapping[str, Quantity]],
 ) -> tuple[list[Comparison], list[Quantity]]:
-    """Set FEM beside formulas and published numbers where there are any; the rest stands for itself."""
+    """Compare FEM with formulas and published numbers where there are any; the rest is reported alone."""
     design = study.design
     actuator = design.actuator.installed_stiffness if design.actuator else None
     models: dict[str, Mapping[str, Quantity]] = {
