@@ -56,7 +56,7 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Confronted(residual_comparison.ModelResiduals):
-    """A model with some effects beside the runs.
+    """A model with some effects, compared with the runs.
 
     Parameters
     ----------

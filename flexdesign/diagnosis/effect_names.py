@@ -41,7 +41,7 @@ def known_effect(name: str, field: str, catalogue: ModuleType = effects) -> str:
 
 
 def own_effects(names: Sequence[str], catalogue: ModuleType = effects) -> list[str]:
-    """Return effects beside those of the catalogue, as `diagnose` takes them.
+    """Return effects in addition to those of the catalogue, as `diagnose` takes them.
 
     Parameters
     ----------

@@ -195,7 +195,7 @@ def misfit(matches: Sequence[RunComparison]) -> tuple[float, int]:
 
 
 def exceeds_noise(matches: Sequence[RunComparison], noise: NoiseFloor) -> bool:
-    """Tell whether the residual of the fitted runs is larger than their noise explains; of a guess nothing is told."""
+    """Tell whether the residual of the fitted runs is larger than their noise explains; never for a guessed noise."""
     ratio, count = misfit(matches)
     return noise.known and ratio**2 - 1 > noise.allowed_excess(count)
 

@@ -118,7 +118,7 @@ def diagnose(
                 short, case_of_parts, dynamics, partial(catalogue, short, dynamics, more=more), seed
             )
         task, history = search(data, task, dynamics, partial(catalogue, data, dynamics, more=more), seed, preliminary)
-        # Errors of simulation matter where they are not small beside those of the fitted numbers.
+        # Errors of simulation matter where they are not small compared with those of the fitted parameters.
         samples = history.final.solution.problem.dataset.samples
         if history.final.effects and EXACT**2 * samples > history.final.discrepancy:
             progress("fitting once more, simulated more exactly")
@@ -158,7 +158,7 @@ def catalogue(
     data, dynamics, fit
         What is diagnosed, the model of the axis, and the calibrated fit, whose residual may show frequencies.
     more
-        Paths of effects beside those of the catalogue.
+        Paths of effects in addition to those of the catalogue.
     """
     return candidates(
         dynamics,
@@ -263,7 +263,7 @@ def search(
 ) -> tuple[EstimationTask, SelectionHistory]:
     """Calibrate and select effects; return the case as calibrated, and the course of the selection.
 
-    Which effects are tried, and at what values, may follow from the residual of the calibration: `effects` tells.
+    Which effects are tried, and at what values, may follow from the residual of the calibration: `effects` decides.
     Effects that a search `preliminary` found in a part of the runs are fitted first.
     """
     begun = calibrate_task(data, task, dynamics, seed, preliminary)

@@ -20,7 +20,7 @@ Which = Literal["calibrated", "found"]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModelResiduals:
-    """A model beside the runs: what a diagnosis, an addition and a confrontation have in common.
+    """A model compared with the runs: what a diagnosis, an addition and a confrontation have in common.
 
     Parameters
     ----------

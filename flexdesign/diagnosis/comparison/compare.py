@@ -222,7 +222,7 @@ def compare(
 
 
 def compared(dynamics: AxisDynamics, run: Run, noise_floor: float, stroke: float | None = None) -> RunComparison:
-    """Return a run beside what a model predicts of it, the offset of the sensor taken out, where both compare.
+    """Compare a run with the prediction of a model, the offset of the sensor removed, where both compare.
 
     Parameters
     ----------
