@@ -55,7 +55,7 @@ def test_ways_agree_within_their_combined_estimate(k_in: float, agrees: bool) ->
     assert check.agrees == agrees
     told = cross_check_words.verdict(check)
     assert ("do NOT agree" in told) != agrees
-    assert told.startswith("Cross-check: 3 ways") and "input stiffness K_in, wild meshes of the whole part" in told
+    assert told.startswith("Cross-check: 3 ways") and "K_in, unstructured meshes of the whole part" in told
     assert cross_check_words.result(check)["agrees"] == agrees  # type: ignore[index]
 
 
@@ -64,7 +64,7 @@ def test_a_way_without_an_answer_is_told_and_agrees_with_nothing() -> None:
     assert not check.agrees
     section = cross_check_words.section(check)
     assert "nothing could be cross-checked" in section.paragraphs[0]
-    assert "Wild meshes of the whole part gave no answer: too little memory." in section.paragraphs
+    assert "Unstructured meshes of the whole part gave no answer: too little memory." in section.paragraphs
     assert len(section.tables[0].rows) == 1 and not section.tables[1].rows
 
 

@@ -205,7 +205,7 @@ def test_what_cannot_be_told_apart_comes_with_the_experiment_that_would() -> Non
     assert best.over_noise > 3
     assert best.difference == pytest.approx(best.over_noise * found.noise_floor)
     said = diagnosis_words.apart(GROUP, (told,))
-    assert said.startswith("These runs cannot tell stress stiffening from quadratic stiffness.")
+    assert said.startswith("These runs do not distinguish stress stiffening from quadratic stiffness.")
     assert f"{best.command.name.replace('_', ' ')} " in said
     result = diagnosis_result.result(found, (told,))
     assert result["confusable"] == [list(GROUP)]

@@ -148,7 +148,7 @@ STUDIES: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "controllers for a command": (
         COMMAND, f'{COMMAND}\ncontrollers = ["mine"]', ("experiment 2", "controllers, which need a reference"),
     ),
-    "kp without unit": ('kp = "0.01 V/um"', "kp = 0.01", ("controllers.mine.axis.x.kp = 0.01", "plant_gain beside it")),
+    "kp without unit": ('kp = "0.01 V/um"', "kp = 0.01", ("controllers.mine.axis.x.kp = 0.01", "needs plant_gain")),
     "kp with unit and plant": (
         'kp = "0.01 V/um"', 'kp = "0.01 V/um"\nplant_gain = 6', ("axis.x.kp = 0.01 V/um", "leave one of them out"),
     ),

@@ -166,7 +166,7 @@ def test_the_report_is_whole(folder: Path) -> None:
         ET.parse(folder / picture)
     assert len(list(folder.glob("*.svg"))) == 5
     assert not re.search(r"\b(nan|inf|None)\b", text)
-    for fact in ("Kp = 0.7413", "Certain:", "Confusable:", "What would tell:"):
+    for fact in ("Kp = 0.7413", "Certain:", "Confusable:", "What would distinguish them:"):
         assert fact in text
     assert "<svg" not in text and "data:image/svg+xml" in (folder / "report.html").read_text(encoding="utf-8")
 

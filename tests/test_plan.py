@@ -321,7 +321,7 @@ def test_the_command_resolves(tmp_path: Path, command_line: Run) -> None:
         "--sensor-noise", "20 nm", "--slew", "none", "--out", "bench",
     )  # fmt: skip
     assert ended.code == 0
-    assert "Added mass tells payload_mass from stiffness_loss best" in " ".join(ended.stdout.split())
+    assert "Added mass distinguishes payload_mass from stiffness_loss best" in " ".join(ended.stdout.split())
     assert "17_" not in {path.name[:3] for path in (tmp_path / "bench" / "commands").iterdir()}
     assert any("added_mass" in path.name for path in (tmp_path / "bench" / "commands").iterdir())
 

@@ -278,5 +278,5 @@ def test_an_isotropic_crystal_is_the_isotropic_body() -> None:
 
 
 def test_a_part_that_does_not_know_its_inside_is_refused(hinge: Superelement) -> None:
-    with pytest.raises(ValueError, match="condense it anew"):
+    with pytest.raises(ValueError, match="condense it again"):
         of(dataclasses.replace(hinge, interior=None))

@@ -140,7 +140,7 @@ def test_another_material_with_the_same_poisson_ratio_scales(hinge: Superelement
     scaled = hinge.made_of(other)
     assert scaled.stiffness == pytest.approx(anew.stiffness, rel=1e-6, abs=1e-9 * np.abs(anew.stiffness).max())
     assert scaled.mass == pytest.approx(anew.mass, rel=1e-6, abs=1e-9 * np.abs(anew.mass).max())
-    with pytest.raises(ValueError, match="condense it anew"):
+    with pytest.raises(ValueError, match="condense it again"):
         hinge.made_of(Material("third", 90e9, 0.3, 3540.0, None))
 
 

@@ -136,7 +136,7 @@ def test_what_cannot_vary_is_refused_before_anything_runs(
     ("old", "new", "said"),
     [
         ('stage_model = "stage.toml"', "", "design: is missing"),
-        ('stage_model = "stage.toml"', 'stage_model = "stage.toml"\ndesign = "bridge_amplifier"', "beside a design"),
+        ('stage_model = "stage.toml"', 'stage_model = "stage.toml"\ndesign = "bridge_amplifier"', "with a design"),
         ('evaluator = "simulation"', 'evaluator = "fem"', "stage_model = .*evaluator"),
     ],
 )

@@ -74,7 +74,7 @@ class Gains(Table):
     def _has_a_plant(cls, kp: Any, others: ValidationInfo) -> Any:
         has_plant = others.data.get("plant_gain") is not None
         if isinstance(kp, tuple) and not has_plant:
-            raise ValueError('without a unit it also needs plant_gain; or write for example kp = "0.05 V/um"')
+            raise ValueError('without a unit it needs plant_gain; or write for example kp = "0.05 V/um"')
         if not isinstance(kp, tuple) and has_plant:
             raise ValueError("has a unit, so that plant_gain means nothing; leave one of them out")
         return kp

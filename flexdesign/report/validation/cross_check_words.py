@@ -12,6 +12,8 @@ from flexdesign.workflows.validation.cross_check import KEYS
 
 #: How the quantities are headed.
 HEADS = ("K_in", "λ", "K_out")
+#: Names of methods in the text.
+METHODS = {"wild": "unstructured"}
 
 
 def section(check: CrossCheck | None) -> Section:
@@ -86,7 +88,8 @@ def _differences(check: CrossCheck) -> Table:
 
 
 def _cells(way: Way, check: CrossCheck) -> list[str]:
-    return [f"{way.method} (chosen)" if way is check.chosen else way.method, _domain(way)]
+    method = METHODS.get(way.method, way.method)
+    return [f"{method} (chosen)" if way is check.chosen else method, _domain(way)]
 
 
 def _domain(way: Way) -> str:
@@ -94,4 +97,4 @@ def _domain(way: Way) -> str:
 
 
 def _named(way: Way) -> str:
-    return f"{way.method.capitalize()} meshes of the {_domain(way)}"
+    return f"{METHODS.get(way.method, way.method).capitalize()} meshes of the {_domain(way)}"
