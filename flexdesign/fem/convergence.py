@@ -81,7 +81,7 @@ def extrapolate(
     sizes: Sequence[float],
     orders: tuple[float, float] = ORDERS,
     scatter: MeshNoise = SCATTER,
-    beside: Sequence[float] | None = None,
+    remaining_errors: Sequence[float] | None = None,
 ) -> Extrapolated:
     """Extrapolate the values found on two or more meshes, coarse to fine.
 
@@ -96,7 +96,7 @@ def extrapolate(
         higher, up to `SMOOTH`.
     scatter
         Of the values over meshes made alike.
-    beside
+    remaining_errors
         The remaining error of each mesh, relative, in the stiffnesses of the same hinges. In a ratio, such as an
         amplification, the regular part of their errors cancels, and its own values show little; the scatter stays, as
         each root is irregular by itself.
@@ -116,7 +116,7 @@ def extrapolate(
         doubts.append(abs(value - before) / 4)
     coarse, fine = (
         math.hypot(scatter.relative / 2 * abs(value), scatter.share * max(abs(value - found), abs(value) * other))
-        for found, other in zip(values[-2:], beside[-2:] if beside else (0.0, 0.0), strict=True)
+        for found, other in zip(values[-2:], remaining_errors[-2:] if remaining_errors else (0.0, 0.0), strict=True)
     )
     noise = math.hypot((1 + weight) * fine, weight * coarse)
     gci = 1.25 * abs(low - values[-1]) / abs(values[-1]) if values[-1] else 0.0

@@ -287,20 +287,20 @@ def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scat
     scatter
         Of the mesher.
     """
-    beside = _left_open(found, sizes)
+    errors = _remaining_errors(found, sizes)
     extrapolated = []
     for key, quantity in found[0].items():
         known = [i for i, there in enumerate(found) if key in there]
         values = [found[i][key].value for i in known]
         limit = convergence.extrapolate(
-            values, [sizes[i] for i in known], scatter=scatter, beside=[beside[i] for i in known]
+            values, [sizes[i] for i in known], scatter=scatter, remaining_errors=[errors[i] for i in known]
         )
         extrapolated.append(replace(quantity, value=limit.value, half_width=limit.error))
     return extrapolated
 
 
-def _left_open(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float]) -> list[float]:
-    """Return what each mesh leaves open, relative, in the input stiffness."""
+def _remaining_errors(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float]) -> list[float]:
+    """Return the remaining error of each mesh, relative, in the input stiffness."""
     names = [key for key, quantity in found[0].items() if quantity.name == "K_in"]
     names = names or [key for key, quantity in found[0].items() if quantity.name.startswith("k_")]
     series = [[there[key].value for there in found] for key in names]

@@ -130,7 +130,7 @@ def test_error_bar_of_a_ratio_knows_of_what_cancels() -> None:
     """Two meshes that agree by chance say nothing; a quarter of the 2 % and 1 % beside them does: sizes 2 and 1."""
     scatter = MeshNoise(0.0, 0.25)
     assert extrapolate([3.0, 3.0], [2.0, 1.0], (1.0, 1.0), scatter).error == 0.0
-    found = extrapolate([3.0, 3.0], [2.0, 1.0], (1.0, 1.0), scatter, beside=[0.02, 0.01])
+    found = extrapolate([3.0, 3.0], [2.0, 1.0], (1.0, 1.0), scatter, remaining_errors=[0.02, 0.01])
     assert found.error == pytest.approx(3 * 0.25 * math.hypot(2 * 0.01, 0.02))  # value = 2 f_fine - f_coarse
 
 

@@ -298,9 +298,9 @@ class FastSolid:
             sizes.append(method.size(mesh, coarseness))
         stiff = np.array(found)[:, 0]
         limit = convergence.extrapolate(stiff.tolist(), sizes, scatter=method.scatter).value
-        beside = np.abs(stiff / limit - 1).tolist()
+        errors = np.abs(stiff / limit - 1).tolist()
         all_limits = [
-            convergence.extrapolate(values.tolist(), sizes, scatter=method.scatter, beside=beside)
+            convergence.extrapolate(values.tolist(), sizes, scatter=method.scatter, remaining_errors=errors)
             for values in np.array(found).T
         ]
         values = np.array([each.value for each in all_limits])
