@@ -7,6 +7,7 @@ import os
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -309,6 +310,20 @@ def test_a_full_temporary_folder_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr("tempfile.TemporaryDirectory", full)
     error = refusal(lambda: subprocess_call.call(abs, -1))
     assert error.field == "TMPDIR" and "No space left on device" in error.remedy
+
+
+def test_a_disk_that_is_full_where_a_library_writes_is_told(
+    monkeypatch: pytest.MonkeyPatch, command_line: Callable[..., Any]
+) -> None:
+    """Numba keeps what it compiles, Matplotlib its list of fonts."""
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("flexdesign.report.catalogue.material_pages.catalogue", full)
+    ended = command_line("materials")
+    assert (ended.code, ended.stdout) == (2, "")
+    assert ended.stderr.startswith("flexdesign: a file of") and "No space left on device); free space" in ended.stderr
 
 
 # --- names that mean something to others

@@ -86,6 +86,15 @@ def test_memory_of_a_container(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert (solver.available_memory() or 10**12) > 2_000_000
 
 
+def test_memory_of_a_process() -> None:
+    """`ulimit -v` counts; a process of its own, as a limit once lowered stays."""
+    resource = pytest.importorskip("resource")
+    limit = f"import resource; resource.setrlimit(resource.RLIMIT_AS, (2**31, {resource.RLIM_INFINITY}))"
+    asked = f"from flexdesign.fem.solving import solver; {limit}; print(solver.available_memory())"
+    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
+    assert 0 < int(done.stdout) < 2**31
+
+
 def test_from_python(tmp_path: Path) -> None:
     found = fd.doctor(tmp_path)
     assert found["cache"] == "ok" and "extra design" in str(found)

@@ -1,7 +1,8 @@
 """Tutorial, how-to pages and the first half hour of CONTRIBUTING do what they say: every block runs, in its order.
 
 A block of ``sh`` runs in bash and must end well. A block ``LANGUAGE file=NAME`` is written to that file. A block of
-``python`` runs as a script. A block of ``text`` behind a block of ``sh`` is what that printed, with ``...`` for more.
+``python`` runs as a script. A block of ``bash`` is for other machines, and does not run. A block of ``text`` behind a
+block of ``sh`` is what that printed, with ``...`` for more.
 """
 
 from __future__ import annotations

@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flexdesign.api.changing import overrides
 from flexdesign.api.result import Result
 from flexdesign.core.result_cache import open_cache
-from flexdesign.workflows import reproduction, sweeps
-from flexdesign.workflows.reproduction import Reproduction
+from flexdesign.workflows import sweeps
 from flexdesign.workflows.sweeps import Sweep, SweepPlan, optimising
 from flexdesign.workflows.sweeps.optimising import Optimum
 from flexdesign.workflows.sweeps.store import Store
+
+if TYPE_CHECKING:
+    from flexdesign.workflows.reproduction import Reproduction
 
 Progress = Callable[[str], None]
 
@@ -147,6 +149,7 @@ def reproduce(
         If anything cannot be used.
     """
     from flexdesign.report.validation import reproduction_report
+    from flexdesign.workflows import reproduction
 
     store = open_cache(cache)
     found = reproduction.reproduce(str(publication), store, progress, changes)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import sys
 from typing import Annotated
 
@@ -41,6 +43,8 @@ from flexdesign.cli import workbench as workbench
 NO_CODE = "--no-code"
 #: The exit code after Ctrl-C, by convention of the shell.
 INTERRUPTED = 130
+#: Errors of a disk that is full, also from where libraries write by themselves.
+FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def _version(wanted: bool) -> None:
@@ -89,6 +93,13 @@ def main() -> None:
         sys.exit(code)
     except InputError as error:
         typer.echo(f"flexdesign: {' '.join(str(error).split())}", err=True)
+        sys.exit(2)
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        place = printable(str(error.filename or "a file of a library's cache or of TMPDIR"))
+        remedy = f"cannot be written ({os.strerror(error.errno)}); free space"
+        typer.echo(f"flexdesign: {place}: {remedy}", err=True)
         sys.exit(2)
     except (typer.Abort, KeyboardInterrupt):
         typer.echo("flexdesign: interrupted; what was finished is cached, the same command resumes", err=True)

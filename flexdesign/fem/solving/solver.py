@@ -155,18 +155,41 @@ class SuperLU:
 
 
 def available_memory() -> int | None:
+<<<<<<< HEAD
     """Return how much memory a program may still take [bytes], or None where the system does not state it."""
+=======
+    """Return how much memory a program may still take [bytes], or None where the system does not tell."""
+    known = [_of_the_machine(), _of_the_container(), _of_the_process()]
+    return min((free for free in known if free is not None), default=None)
+
+
+def _of_the_machine() -> int | None:
+>>>>>>> 09a9f7f (A full disk of a library's cache ends in one message; ulimit counts as memory; blocks for other machines are no output)
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
     except OSError:
         return None
-    free = next((1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")), None)
-    try:  # a container may have less than its machine
+    return next((1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")), None)
+
+
+def _of_the_container() -> int | None:
+    try:
         most, taken = (Path(CONTAINER, name).read_text(encoding="ascii") for name in ("memory.max", "memory.current"))
-        left = int(most) - int(taken)
+        return int(most) - int(taken)
     except (OSError, ValueError):
-        return free
-    return left if free is None else min(left, free)
+        return None
+
+
+def _of_the_process() -> int | None:
+    """Return what `ulimit -v` leaves, which clusters set for each job."""
+    try:
+        import resource
+
+        most, _ = resource.getrlimit(resource.RLIMIT_AS)
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    except (ImportError, OSError):  # no Unix, or no Linux
+        return None
+    return None if most == resource.RLIM_INFINITY else most - pages * resource.getpagesize()
 
 
 def factorize(upper: sp.csr_matrix) -> Factor:
