@@ -155,16 +155,12 @@ class SuperLU:
 
 
 def available_memory() -> int | None:
-<<<<<<< HEAD
     """Return how much memory a program may still take [bytes], or None where the system does not state it."""
-=======
-    """Return how much memory a program may still take [bytes], or None where the system does not tell."""
     known = [_of_the_machine(), _of_the_container(), _of_the_process()]
     return min((free for free in known if free is not None), default=None)
 
 
 def _of_the_machine() -> int | None:
->>>>>>> 09a9f7f (A full disk of a library's cache ends in one message; ulimit counts as memory; blocks for other machines are no output)
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
     except OSError:
