@@ -9,6 +9,7 @@ from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.dynamics.experiments import AS_MODELLED
 from flexdesign.dynamics.experiments.simulation import Case, Compared, Simulation
+from flexdesign.report.comparison_words import listed
 from flexdesign.report.document import Section, Table
 
 #: Measures in words, in the order of tables.
@@ -34,6 +35,8 @@ WORDS = {
 
 #: Names of fractions that a table of measures lists next to their totals.
 ALONE = {"loop_width_relative": "loop width per span", "max_error_relative": "largest error per range"}
+#: Verdicts on numbers that say nothing about the model.
+SET, NOT_COMPARABLE, NOT_MEASURED = "none: the stage was set to it", "not to be compared", "not measured"
 #: What settling means: the motion stays within this share of the step.
 BAND = 0.02
 
@@ -49,6 +52,22 @@ def table(simulation: Simulation) -> Table:
             rows.append([experiment.name, what, who(case), _printed(c), ours, _verdict(simulation, case, c), note])
     head = ["experiment", "what", "run", "published", "ours", "difference", "place and note"]
     return Table(head, rows, "Published numbers, with the uncertainty of their sensor where one is known")
+
+
+def counted(simulation: Simulation) -> str:
+    """Say how many published numbers agree with ours; nothing where the study has none."""
+    column = [row[5] for row in table(simulation).rows]
+    if not column:
+        return ""
+    set_, open_ = column.count(SET), sum(column.count(text) for text in (NOT_COMPARABLE, NOT_MEASURED))
+    agreeing = sum("within" in text for text in column)
+    parts = {
+        "agree with ours": agreeing,
+        "differ": len(column) - agreeing - set_ - open_,
+        "were used to set the model": set_,
+        "cannot be compared": open_,
+    }
+    return f"Of {len(column)} published numbers {listed([f'{n} {text}' for text, n in parts.items() if n])}."
 
 
 def section(simulation: Simulation) -> Section:
@@ -75,11 +94,11 @@ def _printed(compared: Compared) -> str:
 def _verdict(simulation: Simulation, case: Case, compared: Compared) -> str:
     published, ours = compared.published, compared.ours
     if not published.comparable:
-        return "not to be compared"
+        return NOT_COMPARABLE
     if ours is None:
-        return "not measured"
+        return NOT_MEASURED
     if published.measure in _fitted(simulation, case, compared.axis):
-        return "none: the stage was set to it"
+        return SET
     if not math.isfinite(ours.value):
         return "never settles"
     cause = _cause(case, compared.axis)

@@ -106,10 +106,11 @@ def _sections(simulation: Simulation) -> list[Section]:
 def _summary(simulation: Simulation) -> list[str]:
     cases = simulation.cases
     unstable = [case for case in cases if case.response.diverged is not None]
+    answer = published_rows.counted(simulation) or _best_tracking(simulation)
     text = f"{len(simulation.plan.experiments)} experiments, {len(cases)} runs"
     worst = max((case.response.error for case in cases if case.response.diverged is None), default=math.nan)
     text += f"; the largest estimated integration error is {worst:.0e} of a run's span."
-    paragraphs = [text, simulation.plan.note, *grouped(validity(simulation.model))]
+    paragraphs = [answer, text, simulation.plan.note, *grouped(validity(simulation.model))]
     if simulation.skipped:
         names = ", ".join(f"{s.experiment.name} ({s.controller}, {s.variant})" for s in simulation.skipped)
         paragraphs.append(f"Not run, as no controller was found: {names}.")
@@ -117,6 +118,21 @@ def _summary(simulation: Simulation) -> list[str]:
         names = ", ".join(f"{case.experiment.name} ({case.controller}, {case.variant})" for case in unstable)
         paragraphs.append(f"Unstable: {names}.")
     return [paragraph for paragraph in paragraphs if paragraph]
+
+
+def _best_tracking(simulation: Simulation) -> str:
+    """Say which controller follows a reference best, and how the open loop does; nothing if nothing is followed."""
+    for experiment in simulation.plan.experiments:
+        axis = experiment.axes[0]
+        errors = {who(case): q for case in simulation.of(experiment) if (q := case.measure(axis, "max_error"))}
+        if len(errors) > 1:
+            best = min(errors, key=lambda name: errors[name].value)
+            rest = ", ".join(f"{_text(q)} with {name}" for name, q in errors.items() if name == "open loop" != best)
+            return (
+                f"{experiment.name}: the largest error of {axis} is {_text(errors[best])} with {best}"
+                f"{rest and f', {rest}'}."
+            )
+    return ""
 
 
 def digest(simulation: Simulation) -> Table:
