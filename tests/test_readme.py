@@ -113,6 +113,21 @@ def test_the_demo_misses_by_what_is_said() -> None:
     assert f"the model misses the recordings by {ratio} times the noise" in words_of(page("diagnosis"))
 
 
+def test_explanations_are_of_the_example() -> None:
+    found = {(q["name"], q["boundary"]): q for q in EXAMPLE["quantities"]}
+
+    def pseudo_rigid(name: str, boundary: str) -> float:
+        return float(found[name, boundary]["analytic"]["PRB"]["error"])
+
+    text = words_of(page("explanation/what_formulas_leave_out"))
+    assert f"its input stiffness is {100 * pseudo_rigid('K_in', 'output free'):.0f} % too high" in text
+    assert f"is {1 + pseudo_rigid('K_out', 'input held'):.1f} times as high as that of finite elements" in text
+    stiffer, larger = (found[f"{name}_change", "full drive, output free"]["value"] for name in ("K_in", "lambda"))
+    assert f"the input gets {stiffer:.0f} % stiffer" in words_of(page("explanation/large_displacement"))
+    both = f"gets {stiffer:.0f} % stiffer and its amplification {larger:.0f} % larger"
+    assert both in words_of(page("validation"))
+
+
 def test_distances_from_fem_are_those_of_the_example() -> None:
     designs = json.loads((EXAMPLES / "theory_against_fem" / "result.json").read_text())["designs"]
     assert len(designs) == 200
