@@ -10,6 +10,8 @@ import pytest
 
 import flexdesign as fd
 from flexdesign.api.confrontation import Confrontation
+from flexdesign.diagnosis.confronted import Confronted
+from flexdesign.workbench import charts
 
 ROOT = Path(__file__).parent.parent
 DEMO = ROOT / "studies" / "hidden_effect_demo"
@@ -17,8 +19,15 @@ HIDDEN = "stress_stiffening"
 
 
 @pytest.fixture(scope="module")
-def session() -> Confrontation:
-    return fd.confront(DEMO / "model.toml", DEMO / "runs")
+def begun() -> tuple[Confrontation, Confronted]:
+    """A session, and the first answer to a tick in it."""
+    made = fd.confront(DEMO / "model.toml", DEMO / "runs")
+    return made, made.fit([HIDDEN], roughly=True)
+
+
+@pytest.fixture(scope="module")
+def session(begun: tuple[Confrontation, Confronted]) -> Confrontation:
+    return begun[0]
 
 
 def test_the_effect_that_was_hidden_brings_the_error_to_the_noise(session: Confrontation) -> None:
@@ -32,6 +41,40 @@ def test_the_effect_that_was_hidden_brings_the_error_to_the_noise(session: Confr
     stated = float(truth["effects"][HIDDEN]["cubic"])
     half = (value.interval[1] - value.interval[0]) / 2
     assert abs(value.value - stated) < 2 * half  # 95 % of fits are within one
+
+
+def test_a_rough_fit_comes_first_and_is_carried_to_its_end(begun: tuple[Confrontation, Confronted]) -> None:
+    """It explains the residual already, with a larger chi^2; a fit to the end is kept."""
+    session, rough = begun
+    assert HIDDEN in [offer.name for offer in session.offers() if offer.share is None]
+    found = session.fit([HIDDEN])
+    assert rough.is_rough and not found.is_rough and rough.ratio < 1.15
+    assert sum(squares(rough)) > sum(squares(found))
+    assert not session.fit([HIDDEN], roughly=True).is_rough
+
+
+def squares(found: Confronted) -> list[float]:
+    """Return the mean square residual of each fitted run over that of its noise."""
+    return [run.ratio**2 for run in found.compared_runs if run.role == "identify"]
+
+
+def test_a_long_curve_keeps_the_largest_and_the_least_of_each_stretch() -> None:
+    rng = np.random.default_rng(3)
+    time, values = np.arange(10_007) * 1e-4, rng.normal(size=10_007)
+    values[2000:2600] = np.nan
+    shown = charts._points(time, values)
+    assert len(shown) <= charts.POINTS
+    kept = np.array([np.nan if v is None else v for _, v in shown])
+    stretch = 17  # ceil(10007 / 600)
+    for begin in range(0, len(values), stretch):
+        part, there = values[begin : begin + stretch], time[begin : begin + stretch]
+        inside = kept[[there[0] - 1e-9 <= t <= there[-1] + 1e-9 for t, _ in shown]]
+        if np.isfinite(part).any():
+            ends = np.nanmin(part), np.nanmax(part)
+            assert (np.nanmin(inside), np.nanmax(inside)) == pytest.approx(ends, abs=1e-4)  # five digits
+        else:
+            assert np.isnan(inside).all()
+    assert [t for t, _ in shown] == sorted(t for t, _ in shown)
 
 
 def test_taking_an_effect_out_brings_the_model_back(session: Confrontation) -> None:

@@ -19,7 +19,7 @@ from flexdesign.core.errors import InputError, suggest
 from flexdesign.diagnosis import add_effect as additions
 from flexdesign.diagnosis import confrontation
 from flexdesign.diagnosis.add_effect import InTheLoop
-from flexdesign.diagnosis.confronted import Confronted, Evidence
+from flexdesign.diagnosis.confronted import Confronted
 from flexdesign.diagnosis.effect_names import own_effects
 from flexdesign.dynamics.stage_model import StageModel, edit
 from flexdesign.report import comparison_words
@@ -72,14 +72,14 @@ class EffectOffer:
     name, called
         Its name, and what it is called in a sentence.
     share
-        Of the unexplained misfit that it removes, 0 to 1, before it is fitted to the end.
+        Of the unexplained misfit that it removes, 0 to 1, before it is fitted to the end; None before that is known.
     physics, remedy
         What it is, and what to do about it.
     """
 
     name: str
     called: str
-    share: float
+    share: float | None
     physics: str
     remedy: str
 
@@ -104,13 +104,17 @@ class Confrontation:
         """Compare the model as designed with the runs; only their initial conditions are fitted."""
         return self.engine.designed()
 
-    def fit(self, effects: Sequence[str] = (), *, progress: Progress = lambda _: None) -> Confronted:
+    def fit(
+        self, effects: Sequence[str] = (), *, roughly: bool = False, progress: Progress = lambda _: None
+    ) -> Confronted:
         """Return the model with its own numbers fitted, and with some effects.
 
         Parameters
         ----------
         effects
             Names of the effects, in the order in which they are added; without any, the model is recalibrated alone.
+        roughly
+            Whether a rough fit of the last effect will do: a third of the time. What is there already is returned.
         progress
             Receives the progress; what it raises ends the fit.
 
@@ -119,7 +123,11 @@ class Confrontation:
         InputError
             If an effect cannot be added.
         """
-        return self.engine.with_effects(effects, progress)
+        return self.engine.with_effects(effects, progress, roughly=roughly)
+
+    def offers(self, effects: Sequence[str] = ()) -> tuple[EffectOffer, ...]:
+        """Return what may be added beside some effects, before anything is known of what each explains."""
+        return tuple(_offer(name, None) for name in sorted(self.engine.offered(effects)))
 
     def evidence(self, effects: Sequence[str] = (), *, progress: Progress = lambda _: None) -> tuple[EffectOffer, ...]:
         """Return the effects that may be added to some others, the largest explained share first.
@@ -131,7 +139,7 @@ class Confrontation:
         progress
             Receives the progress; what it raises ends the search.
         """
-        return tuple(map(_offer, self.engine.evidence(effects, progress)))
+        return tuple(_offer(each.name, each.share) for each in self.engine.evidence(effects, progress))
 
     def simulate(self, effects: Sequence[str], values: Mapping[str, float]) -> Confronted:
         """Return a fitted model with numbers set by hand; nothing is fitted anew.
@@ -148,23 +156,21 @@ class Confrontation:
         InputError
             If a number is unknown or not finite, or the model grows without bound.
         """
-        known = [setting.parameter.name for setting in self.engine.with_effects(effects).settings]
         for name, value in values.items():
-            if name not in known:
-                raise InputError("command line", name, value, f"is no number of this model{suggest(name, known)}")
             if not np.isfinite(value):
                 raise InputError("command line", name, value, "is not finite; give a number")
         return self.engine.simulate(effects, values)
 
     def traces(self, found: Confronted, run: str) -> Traces:
         """Return measured against modelled in one run; raise KeyError if there is none of this name."""
-        runs = {each.name: each for each in found.comparison.runs}
+        runs = {each.name: each for each in found.compared_runs}
         if run not in runs:
             raise KeyError(f"{run}{suggest(run, list(runs))}")
-        large, small = comparison_words.units_of(found.comparison.response)
-        if runs[run].noise_floor < 0.1 * units.factor(small, found.comparison.response):
+        response = diagnosis_words.response(found)
+        large, small = comparison_words.units_of(response)
+        if runs[run].noise_floor < 0.1 * units.factor(small, response):
             small = comparison_words.FINER.get(small, small)
-        its, scale, fine = runs[run], *(units.factor(unit, found.comparison.response) for unit in (large, small))
+        its, scale, fine = runs[run], *(units.factor(unit, response) for unit in (large, small))
         there = np.where(np.isfinite(its.measured), 1.0, np.nan)
         return Traces(
             run, its.role, its.time, its.command, its.measured / scale, its.predicted * there / scale,
@@ -199,7 +205,11 @@ class Confrontation:
         )
 
     def result(self, found: Confronted) -> Result[Confronted]:
-        """Return a comparison as a result, which prints itself and writes its report and its model."""
+        """Return a comparison as a result, which prints itself and writes its report and its model.
+
+        A rough fit is carried to its end.
+        """
+        found = self.fit(found.effects) if found.is_rough else found
         values = self.engine.values(found.effects)
         better = additions.with_knowledge(found.model, found.axis, values, (*found.runs, *found.responses))
         return Result(
@@ -218,11 +228,9 @@ class Confrontation:
         return [(str(row[0]), str(row[1]), ratio) for row, ratio in zip(rows, ratios, strict=False)]
 
 
-def _offer(evidence: Evidence) -> EffectOffer:
-    effect = catalogue.find(evidence.name)
-    return EffectOffer(
-        evidence.name, diagnosis_words.effect_name(evidence.name), evidence.share, effect.physics, effect.remedy
-    )
+def _offer(name: str, share: float | None) -> EffectOffer:
+    effect = catalogue.find(name)
+    return EffectOffer(name, diagnosis_words.effect_name(name), share, effect.physics, effect.remedy)
 
 
 def confront(

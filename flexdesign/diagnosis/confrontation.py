@@ -15,9 +15,9 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController, threadpool_limits
 
-from flexdesign.core.errors import InputError
+from flexdesign.core.errors import InputError, suggest
 from flexdesign.diagnosis import procedure, verdict
 from flexdesign.diagnosis.confronted import Confronted, Evidence, settings_of
 from flexdesign.diagnosis.effect_selection import estimation_setup
@@ -28,7 +28,7 @@ from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.least_squares.parallel_map import ParallelMap
 from flexdesign.estimation.model_selection.calibration import evaluate_design
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
-from flexdesign.estimation.model_selection.fitted_model import FittedModel, predict_tests
+from flexdesign.estimation.model_selection.fitted_model import FittedModel, evaluate_fit, predict_tests
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.stepwise_selection import (
     Entry,
@@ -51,10 +51,11 @@ def _silent(_: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Kept:
-    """A fit, its error, and why its last effect is not needed."""
+    """A fit, its error, why its last effect is not needed, and whether it is fitted roughly only."""
 
     fit: FittedModel
     reason: str = ""
+    is_rough: bool = False
 
 
 class Confrontation:
@@ -118,6 +119,8 @@ class Confrontation:
         self._calibrated: CalibratedTask | None = None
         self._kept: dict[tuple[str, ...], _Kept] = {}
         self._screened: dict[tuple[str, ...], tuple[float, list[Entry]]] = {}
+        self._entered: dict[tuple[str, ...], tuple[float, Entry | None]] = {}
+        self._libraries = ThreadpoolController()  # to find them again takes as long as to simulate
 
     @property
     def _begun(self) -> CalibratedTask:
@@ -147,7 +150,9 @@ class Confrontation:
         """Return the model as designed; only the initial conditions of the runs are fitted."""
         return self._confronted((), _Kept(self._nominal), is_designed=True)
 
-    def with_effects(self, names: Sequence[str] = (), progress: Progress = _silent) -> Confronted:
+    def with_effects(
+        self, names: Sequence[str] = (), progress: Progress = _silent, *, roughly: bool = False
+    ) -> Confronted:
         """Return the model with its own numbers fitted and some effects, in the order in which they are added.
 
         Parameters
@@ -156,6 +161,8 @@ class Confrontation:
             Of the effects; without any, the model is recalibrated alone.
         progress
             Told what is being done, with an empty text that it goes on; what it raises ends the fit.
+        roughly
+            Whether a rough fit of the last effect will do, if there is none to the end.
 
         Raises
         ------
@@ -163,13 +170,19 @@ class Confrontation:
             If an effect is unknown, is in the model already or cannot be simulated.
         """
         chosen = tuple(names)
-        with self._turn, threadpool_limits(1):
+        with self._turn, self._libraries.limit(limits=1):
             self._progress = progress
             assert self._begun  # calibrates when it is first asked
             for count in range(1, len(chosen) + 1):
-                if chosen[:count] not in self._kept:
-                    self._kept[chosen[:count]] = self._added(chosen[:count])
+                kept, rough_will_do = self._kept.get(chosen[:count]), roughly and count == len(chosen)
+                if kept is None or (kept.is_rough and not rough_will_do):
+                    self._kept[chosen[:count]] = self._added(chosen[:count], rough_will_do)
             return self._confronted(chosen, self._kept[chosen])
+
+    def offered(self, names: Sequence[str] = ()) -> tuple[str, ...]:
+        """Return the names of the effects that may be added beside some effects."""
+        with self._turn:
+            return tuple(c.name for c in self.catalogue if c.name not in names and c.after in ("", *names))
 
     def evidence(self, names: Sequence[str] = (), progress: Progress = _silent) -> tuple[Evidence, ...]:
         """Return what the residual of a model with some effects says for each further one, most first.
@@ -182,7 +195,7 @@ class Confrontation:
             Told what is being done; what it raises ends the search.
         """
         chosen = tuple(names)
-        with self._turn, threadpool_limits(1):
+        with self._turn, self._libraries.limit(limits=1):
             self._progress = progress
             self.with_effects(chosen, progress)
             fit = self._kept[chosen].fit
@@ -191,9 +204,8 @@ class Confrontation:
         unexplained = max(fit.cost - samples, 1e-300)
         singles = {entry.names[0]: entry.solution.cost for entry in entries if len(entry.names) == 1}
         found = [
-            Evidence(c.name, float(np.clip((fit.cost - singles.get(c.name, fit.cost)) / unexplained, 0.0, 1.0)))
-            for c in self.catalogue
-            if c.name not in chosen and c.after in ("", *chosen)
+            Evidence(name, float(np.clip((fit.cost - singles.get(name, fit.cost)) / unexplained, 0.0, 1.0)))
+            for name in self.offered(chosen)
         ]
         return tuple(sorted(found, key=lambda each: -each.share))
 
@@ -207,24 +219,32 @@ class Confrontation:
             self._screened[chosen] = score, [*rough, *(entry for entry in quick if entry.names not in fitted)]
         return self._screened[chosen]
 
-    def _added(self, chosen: tuple[str, ...]) -> _Kept:
-        """Fit the last of some effects in addition to the others."""
+    def _added(self, chosen: tuple[str, ...], roughly: bool) -> _Kept:
+        """Fit the last of some effects in addition to the others, roughly or to the end."""
         *others, name = chosen
         candidate = self._candidate(name, others)
         fit = self._kept[tuple(others)].fit
-        if tuple(others) in self._screened:
-            score, entries = self._screened[tuple(others)]
-        else:
-            origins = () if others else self._begun.origins
-            score, quick = screen(self.task, fit, [candidate], origins)
-            entries = fit_roughly(self.task, fit, quick)
-        entry = next((entry for entry in entries if entry.names == (name,)), None)
+        score, entry = self._entry(chosen, candidate)
+        if entry is not None and roughly and (rough := evaluate_fit(self.task, entry.solution, entry.start.effects)):
+            return _Kept(predict_tests(self.task, rough), is_rough=True)
         trial = None if entry is None else finish(self.task, fit, entry, score)
         if trial is not None:
             return _Kept(predict_tests(self.task, trial.fit), trial.reason)
         # It promises nothing; its value then says how large it may be at most.
-        made = fit_candidate(self.task, fit, candidate)
-        return _Kept(predict_tests(self.task, made), "no more than chance gives")
+        made = predict_tests(self.task, fit_candidate(self.task, fit, candidate, roughly=roughly))
+        return _Kept(made, "" if roughly else "no more than chance gives", roughly)
+
+    def _entry(self, chosen: tuple[str, ...], candidate: Candidate) -> tuple[float, Entry | None]:
+        """Return the critical value of scores, and a rough fit with the last effect; None if it promises nothing."""
+        others = chosen[:-1]
+        if others in self._screened:
+            score, entries = self._screened[others]
+            return score, next((entry for entry in entries if entry.names == (candidate.name,)), None)
+        if chosen not in self._entered:
+            fit, origins = self._kept[others].fit, () if others else self._begun.origins
+            score, quick = screen(self.task, fit, [candidate], origins)
+            self._entered[chosen] = score, next(iter(fit_roughly(self.task, fit, quick)), None)
+        return self._entered[chosen]
 
     def _candidate(self, name: str, others: Sequence[str]) -> Candidate:
         found = next((each for each in self.catalogue if each.name == name), None)
@@ -241,21 +261,27 @@ class Confrontation:
         Parameters
         ----------
         names
-            Its effects, fitted before.
+            Its effects.
         values
             Numbers by name, SI.
 
         Raises
         ------
         InputError
-            If the model grows without bound at these values.
+            If a number is unknown, or the model grows without bound at these values.
         """
         chosen = tuple(names)
+        if chosen not in self._kept:
+            self.with_effects(chosen)
         kept = self._kept[chosen]
+        known = [parameter.name for parameter in kept.fit.solution.problem.where.parameters if not parameter.run]
+        for name, value in values.items():
+            if name not in known:
+                raise InputError("command line", name, value, f"is no number of this model{suggest(name, known)}")
         # Coarse steps serve: what is shown is seen, not fitted.
         model = self.task.coarse(kept.fit.model.replace(dict(values)))
         pairs = [(d, r) for d in (self.task.identify, self.task.validate, self.task.test) if d for r in d.records]
-        with self._turn, threadpool_limits(1):
+        with self._turn, self._libraries.limit(limits=1):
             self._progress = _silent
             found = self.task.each(lambda pair: pair[0].remainder(pair[1], model.predict(pair[1].observation)), pairs)
         if not all(np.isfinite(rest[record.present]).all() for rest, (_, record) in zip(found, pairs, strict=True)):
@@ -266,8 +292,8 @@ class Confrontation:
 
     def values(self, names: Sequence[str] = ()) -> tuple[Value, ...]:
         """Return the numbers of a model that was fitted, its own first, with their 95 % intervals."""
-        with self._turn, threadpool_limits(1):
-            self._progress = _silent
+        with self._turn, self._libraries.limit(limits=1):
+            self.with_effects(names)  # the intervals are those of a fit to its end
             fit = self._kept[tuple(names)].fit
             return tuple(verdict.values_of(fit, is_fitted=False).values())  # at the values that are shown
 
@@ -302,4 +328,5 @@ class Confrontation:
             noise=data.noise,
             lines=data.lines,
             residuals_by_run={"found": fit.residuals_by_run},
+            is_rough=kept.is_rough,
         )

@@ -9,7 +9,7 @@ from functools import cached_property
 
 from flexdesign.core.model import Parameter
 from flexdesign.diagnosis import residual_comparison
-from flexdesign.diagnosis.comparison import Comparison
+from flexdesign.diagnosis.comparison import Comparison, RunComparison
 from flexdesign.diagnosis.result import ErrorStep
 from flexdesign.estimation.model_selection.fitted_model import FittedModel
 
@@ -69,7 +69,9 @@ class Confronted(residual_comparison.ModelResiduals):
     settings
         The numbers that were fitted.
     reason
-        Why the effect that was added last is not needed; empty if it is.
+        Why the effect that was added last is not needed; empty if it is, or if the fit is rough.
+    is_rough
+        Whether the effect that was added last is fitted roughly only.
     """
 
     effects: tuple[str, ...]
@@ -77,6 +79,7 @@ class Confronted(residual_comparison.ModelResiduals):
     noise_floor: float
     settings: tuple[Setting, ...]
     reason: str
+    is_rough: bool = False
 
     @property
     def error(self) -> float:
@@ -89,8 +92,13 @@ class Confronted(residual_comparison.ModelResiduals):
         return self.error / self.noise_floor
 
     @cached_property
+    def compared_runs(self) -> tuple[RunComparison, ...]:
+        """Measured against modelled, run by run."""
+        return residual_comparison.compared_runs(self, "found")
+
+    @cached_property
     def comparison(self) -> Comparison:
-        """Measured against modelled, run by run, and where the model fails."""
+        """The same, and where the model fails."""
         return residual_comparison.compared(self, "found")
 
 

@@ -62,31 +62,39 @@ def compared(found: ModelResiduals, which: Which) -> Comparison:
     responses = joined(found.responses, left, found.lines) if found.responses else ()
     if not found.runs:
         return Comparison(model, found.axis, (), found.noise, (), (), 0.0, responses)
+    runs = compared_runs(found, which)
+    residuals, predicted = ({run.name: getattr(run, of) for run in runs} for of in ("residual", "predicted"))
+    return Comparison(
+        model=model,
+        axis=found.axis,
+        runs=runs,
+        noise=found.noise,
+        where=where(residuals, found.runs, predicted, found.noise),
+        observed=tuple(found.runs),
+        seconds=0.0,
+        responses=responses,
+    )
+
+
+def compared_runs(found: ModelResiduals, which: Which) -> tuple[RunComparison, ...]:
+    """Return measured and predicted of each run beside one of the two models, see `compared`."""
+    if not found.runs:
+        return ()
+    left = cast("Mapping[str, Array]", found.residuals_by_run[which])
     stroke = max(float(np.nanmax(run.measured()) - np.nanmin(run.measured())) for run in found.runs)
-    predicted = {run.name: _without_gaps(run.measured() - left[run.name]) for run in found.runs}
-    runs = tuple(
+    return tuple(
         RunComparison(
             name=run.name,
             role=run.role,
             time=run.time,
             command=run.command(),
             measured=np.where(np.isfinite(left[run.name]), run.measured(), np.nan),
-            predicted=predicted[run.name],
+            predicted=_without_gaps(run.measured() - left[run.name]),
             noise_floor=found.noise.rms[run.name],
             stroke=stroke,
             remarks=tuple(run.remarks),
         )
         for run in found.runs
-    )
-    return Comparison(
-        model=model,
-        axis=found.axis,
-        runs=runs,
-        noise=found.noise,
-        where=where({run.name: run.residual for run in runs}, found.runs, predicted, found.noise),
-        observed=tuple(found.runs),
-        seconds=0.0,
-        responses=responses,
     )
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from flexdesign.api.confrontation import Traces
 
+Array = NDArray[np.float64]
 #: Colours with a contrast of at least 4.5 on white (WCAG AA): measured, modelled; residual within three times the
 #: noise, within ten times, and beyond.
 MEASURED, MODELLED, NOISE, SOME, LARGE = "#1b1b1b", "#0b5fa5", "#5f6368", "#9a5b00", "#b3261e"
@@ -62,8 +65,8 @@ def trace_options(traces: Traces) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def trace_series(traces: Traces) -> list[dict[str, Any]]:
-    """Return the three curves of that chart; given to it again, they replace those that it has."""
+def trace_series(traces: Traces, names: Sequence[str] = ("measured", "modelled", "residual")) -> list[dict[str, Any]]:
+    """Return curves of that chart by name; given to it again, they replace those that it has."""
     common = {"type": "line", "showSymbol": False, "connectNulls": False}
     lines: list[tuple[str, Any, int, dict[str, Any]]] = [
         ("measured", traces.measured, 0, {"color": MEASURED, "width": 1.5}),
@@ -82,6 +85,7 @@ def trace_series(traces: Traces) -> list[dict[str, Any]]:
             "data": _points(traces.time, values),
         }
         for name, values, place, style in lines
+        if name in names
     ]
 
 
@@ -93,21 +97,26 @@ def spoken(traces: Traces) -> str:
     )
 
 
-def _points(time: Any, values: Any) -> list[list[float | None]]:
+def _points(time: Array, values: Array) -> list[list[float | None]]:
     """Return points of a curve; of a long one the least and the largest value of each stretch, in their order."""
     if len(time) > POINTS:
         stretch = -(-len(time) // (POINTS // 2))
-        places = list[int]()
-        for begin in range(0, len(time), stretch):
-            part = values[begin : begin + stretch]
-            if np.isfinite(part).any():
-                places += sorted({begin + int(np.nanargmin(part)), begin + int(np.nanargmax(part))})
-            else:
-                places.append(begin)
+        count = -(-len(time) // stretch)
+        parts = np.append(values, np.full(count * stretch - len(values), np.nan)).reshape(count, stretch)
+        least = np.where(np.isfinite(parts), parts, np.inf).argmin(axis=1)
+        largest = np.where(np.isfinite(parts), parts, -np.inf).argmax(axis=1)
+        places = np.unique(stretch * np.arange(count) + np.array([least, largest]))
         time, values = time[places], values[places]
-    return [
-        [float(f"{t:.6g}"), float(f"{v:.5g}") if np.isfinite(v) else None] for t, v in zip(time, values, strict=True)
-    ]
+    points: list[list[float | None]] = np.column_stack([_rounded(time, 6), _rounded(values, 5)]).tolist()
+    for place in np.flatnonzero(~np.isfinite(values)):
+        points[place][1] = None
+    return points
+
+
+def _rounded(values: Array, digits: int) -> Array:
+    """Return values with the decimals that give the largest of them so many digits: what a chart can show."""
+    largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
+    return np.round(values, digits - 1 - math.floor(math.log10(largest))) if largest else values
 
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:

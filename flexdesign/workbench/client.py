@@ -37,7 +37,7 @@ class Client:
     """
 
     def __init__(self) -> None:
-        self.work = Work()
+        self.work, self._tab = Work(), ui.context.client
         self.folder = Path(tempfile.mkdtemp(prefix="flexdesign-workbench-"))
         self.address = f"/files/{secrets.token_urlsafe(16)}"
         app.add_static_files(self.address, self.folder)
@@ -73,11 +73,22 @@ class Client:
     def remember(self, **state: str) -> None:
         """Write the inputs into the address of the page, which then opens as it is now."""
         self._remembered |= state
-        ui.run_javascript(
+        self.run_javascript(
             "const q = new URLSearchParams(window.location.search);"
             f"for (const [k, v] of Object.entries({json.dumps(self._remembered)})) q.set(k, v);"
             "history.replaceState(null, '', '?' + q.toString());"
         )
+
+    def run_javascript(self, code: str) -> None:
+        """Run a script in the tab, wherever in the page it was asked for: that place may be gone by now."""
+        self._tab.run_javascript(code)
+
+    async def is_free(self) -> bool:
+        """Tell whether something may begin; say so if not."""
+        if await self.work.is_free():
+            return True
+        self.notice("Something is being done; cancel it first, or wait.")
+        return False
 
     def new_folder(self, name: str) -> Path:
         """Return an empty folder for a report."""

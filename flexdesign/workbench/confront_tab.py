@@ -14,22 +14,23 @@ import flexdesign as fd
 from flexdesign.api.static_tables import is_design
 from flexdesign.workbench import charts
 from flexdesign.workbench.client import Client, field_error
+from flexdesign.workbench.effect_list import EffectList
 from flexdesign.workbench.loop_and_plan import LoopAndPlan
 from flexdesign.workbench.static_tables import StaticTables
 from flexdesign.workbench.work import Cancelled
 
 if TYPE_CHECKING:
-    from flexdesign.api.confrontation import Confrontation, EffectOffer
+    from flexdesign.api.confrontation import Confrontation
     from flexdesign.diagnosis.confronted import Confronted, Setting
 
 #: The demo of `make demo`.
 DEMO = ("studies/hidden_effect_demo/model.toml", "studies/hidden_effect_demo/runs")
 #: How the names of files with recordings end.
 RECORDED = (".csv", ".toml", ".parquet")
-#: Effects that are listed at once; the others are one click away.
-LISTED = 8
 #: Steps of a slider over its range.
 STEPS = 400
+#: Seconds after the last move of a slider until the sentences follow, and until the work goes on that it ended.
+SETTLED, PAUSE = 0.15, 1.0
 
 
 class ConfrontTab:
@@ -46,12 +47,11 @@ class ConfrontTab:
         self.session: Confrontation | None = None
         self.shown: Confronted | None = None
         self.ticked: list[str] = []
-        self.offers: list[EffectOffer] = []
+        self.effects = EffectList(client, self._tick)
         self.own: list[str] = []
         self.run = ""
-        self._weighed: tuple[str, ...] | None = None
         self._asked: dict[str, float] | None = None
-        self._simulating = False
+        self._simulating, self._slides = False, 0
 
     # --- the page -------------------------------------------------------------------------------------------------
 
@@ -89,8 +89,7 @@ class ConfrontTab:
 
     async def load(self, ticked: Sequence[str] = ()) -> None:
         """Confront the model with the recordings that the fields name."""
-        if not await self.client.work.is_free():
-            self.client.notice("Something is being done; cancel it first, or wait.")
+        if not await self.client.is_free():
             return
         field_error(self.model, "")
         field_error(self.runs, "")
@@ -121,7 +120,7 @@ class ConfrontTab:
         if model is None or self.shown is None:  # the server shuts down
             return
         self.run = max(self.shown.comparison.runs, key=lambda each: each.rms).name if self.shown.runs else ""
-        self.ticked, self.offers, self._weighed = [], [], None
+        self.ticked, self.effects.offers, self.effects.weighed = [], (), None
         with self.body:
             self._lay_out(model.title or model.name)
         self._show()
@@ -134,29 +133,36 @@ class ConfrontTab:
 
         async def weigh() -> None:
             for count in range(len(ticked) + 1):
-                self.shown = await self.client.work.in_thread(
-                    "fitting the numbers of the model", session.fit, ticked[:count]
-                )
-                self.ticked = list(ticked[:count])
+                said = "fitting the numbers of the model"
+                self.shown = await self.client.work.in_thread(said, session.fit, ticked[:count], roughly=True)
+                self.ticked[:] = ticked[:count]
                 self._show()
+            self.effects.offers = await run.io_bound(session.offers, self.ticked) or ()
 
         await self._guarded(weigh)
         await self._ask()
 
     async def _ask(self) -> None:
-        """Ask what each further effect would explain; anything that the user asks for ends that."""
-        session, ticked = self.session, tuple(self.ticked)
-        if session is None or self.client.work.is_busy:
+        """End a rough fit, and ask what each further effect would explain; whatever the user asks for ends that."""
+        session, ticked, work = self.session, tuple(self.ticked), self.client.work
+        if session is None or work.is_busy or self.effects.weighed == ticked:
             return
         try:
+            if self.shown is not None and self.shown.is_rough:
+                self.shown = await work.in_thread("carrying the fit to its end", session.fit, ticked, yields=True)
+                self._show()
+            self.effects.is_weighing = True
+            self.effects.refresh()
             said = "asking each effect what it explains"
-            self.offers = list(await self.client.work.in_thread(said, session.evidence, ticked, yields=True))
-            self._weighed = ticked
+            self.effects.offers = await work.in_thread(said, session.evidence, ticked, yields=True)
+            self.effects.weighed = ticked
         except Cancelled:
             pass
         except fd.InputError as error:
             field_error(self.problem, str(error))
-        self._show_effects()
+        finally:
+            self.effects.is_weighing = False
+        self.effects.refresh()
 
     async def _guarded(self, action: Callable[[], Awaitable[None]]) -> None:
         """Do something long; show what stops it."""
@@ -185,8 +191,7 @@ class ConfrontTab:
                 ui.label("Error ladder").classes("text-subtitle1").props("role=heading aria-level=3")
                 self.ladder = ui.html("", sanitize=False).classes("w-full fd-scroll")
             with ui.column().classes("w-full"):
-                ui.label("Effects").classes("text-subtitle1").props("role=heading aria-level=3")
-                self.effects = ui.column().classes("w-full gap-1").mark("effects")
+                self.effects.build()
                 ui.label("Numbers of the model").classes("text-subtitle1").props("role=heading aria-level=3")
                 self.numbers = ui.column().classes("w-full gap-1")
                 with ui.row():
@@ -223,40 +228,15 @@ class ConfrontTab:
             self.chart.options.update(charts.trace_options(traces))
             self.chart.update()
         else:
-            self.chart.run_chart_method("setOption", {"series": charts.trace_series(traces)[1:]})
+            moved = charts.trace_series(traces, ("modelled", "residual"))
+            self.chart.run_chart_method("setOption", {"series": moved})
 
     def _choose_run(self, event: Any) -> None:
         self.run = event.value
         self._show_curves(whole=True)
 
     def _show_effects(self) -> None:
-        self.effects.clear()
-        listed = [each for each in self.offers if each.name not in self.ticked]
-        with self.effects:
-            for name in self.ticked:
-                ui.checkbox(name.replace("_", " "), value=True, on_change=partial(self._tick, name)).classes(
-                    "font-medium"
-                )
-            if self.shown is not None and self.shown.reason:
-                ui.label(f"Not needed: {self.shown.reason}.").classes("text-caption")
-            if not self.offers:
-                ui.label("Each effect is being asked how much of the residual it explains." if self.client.work.is_busy
-                         else "No effect has been asked yet.").classes("text-caption")  # fmt: skip
-            for offer in listed[:LISTED]:
-                self._offer(offer)
-            if listed[LISTED:]:
-                with ui.expansion(f"{len(listed) - LISTED} more").classes("w-full"):
-                    for offer in listed[LISTED:]:
-                        self._offer(offer)
-
-    def _offer(self, offer: EffectOffer) -> None:
-        share = f"explains {100 * offer.share:.0f} %" if offer.share >= 0.005 else "not significant"
-        if self._weighed != tuple(self.ticked):  # a result with other effects does not apply here
-            share = "being asked"
-        with ui.row().classes("w-full items-center no-wrap justify-between"):
-            box = ui.checkbox(offer.called, on_change=partial(self._tick, offer.name))
-            box.tooltip(offer.physics)
-            ui.label(share).classes("text-caption")
+        self.effects.show(self.ticked, self.shown.reason if self.shown else "")
 
     def _show_numbers(self) -> None:
         self.numbers.clear()
@@ -278,18 +258,16 @@ class ConfrontTab:
 
     # --- what is done ---------------------------------------------------------------------------------------------
 
-    async def _tick(self, name: str, event: Any) -> None:
-        """Add an effect, or take it out."""
+    async def _tick(self, wanted: list[str]) -> None:
+        """Fit the model with the effects that are ticked."""
         session = self.session
-        if session is None or not await self.client.work.is_free():
+        if session is None or not await self.client.is_free():
             self._show_effects()
             return
-        wanted = [*self.ticked, name] if event.value else [each for each in self.ticked if each != name]
 
         async def fit() -> None:
-            self.shown = await self.client.work.in_thread(
-                f"fitting {' and '.join(wanted) or 'the model'}", session.fit, wanted
-            )
+            said = f"fitting {' and '.join(wanted) or 'the model'}"
+            self.shown = await self.client.work.in_thread(said, session.fit, wanted, roughly=True)
             self.ticked[:] = wanted
             self.client.remember(effects=",".join(wanted))
             self._show()
@@ -304,6 +282,7 @@ class ConfrontTab:
         shown.set_text(f"{event.args:.4g}")
         present = {each.parameter.name: each.value for each in self.shown.settings}
         self._asked = {**(self._asked or present), name: float(event.args) * factor}
+        self._slides += 1
         if self._simulating:
             return
         self._simulating = True
@@ -314,16 +293,23 @@ class ConfrontTab:
                 field_error(self.problem, "")
                 self._show_curves()
                 await asyncio.sleep(0)
-            self._show_sentences()
         except fd.InputError as error:
             field_error(self.problem, str(error))
         finally:
             self._simulating = False
+        slides = self._slides
+        await asyncio.sleep(SETTLED)
+        if slides != self._slides:
+            return
+        self._show_sentences()
+        await asyncio.sleep(PAUSE)
+        if slides == self._slides:
+            await self._ask()
 
     async def _report(self) -> Path | None:
         """Write the report of the model as it stands; None if that fails."""
         session, shown, folder = self.session, self.shown, self.client.new_folder("confronted")
-        if session is None or shown is None or not await self.client.work.is_free():
+        if session is None or shown is None or not await self.client.is_free():
             return None
 
         def write(progress: Callable[[str], None]) -> Path:

@@ -186,8 +186,7 @@ class DesignTab:
     async def _in_process(self, verb: str, argument: str, options: dict[str, Any], place: ui.column) -> None:
         """Run a command in a process, and show its answer and its report."""
         field_error(self.problem, "")
-        if not await self.client.work.is_free():
-            self.client.notice("Something is being done; cancel it first, or wait.")
+        if not await self.client.is_free():
             return
         place.clear()
         folder = self.client.new_folder(verb)

@@ -50,8 +50,7 @@ class LoopAndPlan:
     async def _plan(self) -> None:
         for each in (self.slew, self.noise, self.apart):
             field_error(each, "")
-        if not await self.client.work.is_free():
-            self.client.notice("Something is being done; cancel it first, or wait.")
+        if not await self.client.is_free():
             return
         options: dict[str, object] = {"slew": f"{self.slew.value} V/s", "sensor_noise": f"{self.noise.value} nm"}
         if names := [each.strip().replace(" ", "_") for each in str(self.apart.value or "").split(",") if each.strip()]:
@@ -72,7 +71,7 @@ class LoopAndPlan:
 
     async def _loop(self) -> None:
         session = self.session
-        if session is None or not await self.client.work.is_free():
+        if session is None or not await self.client.is_free():
             return
         self.looped.clear()
         with self.looped:

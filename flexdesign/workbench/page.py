@@ -54,7 +54,10 @@ async def page(model: str = "", runs: str = "", effects: str = "") -> None:
             design.build()
     confront.model.value, confront.runs.value = model, runs
     await ui.context.client.connected(timeout=30.0)
-    before = await ui.run_javascript(WHICH % json.dumps(SERVER), timeout=10.0)
+    try:
+        before = await ui.run_javascript(WHICH % json.dumps(SERVER), timeout=10.0)
+    except TimeoutError:  # the tab was closed, or left for another page
+        return
     if before not in (None, SERVER):
         client.notice("The server was restarted: work that was going on has ended. The inputs are loaded anew.")
     if model and runs:

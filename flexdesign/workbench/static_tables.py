@@ -49,8 +49,7 @@ class StaticTables:
     async def _ask(self, verb: str, *between: str, **options: Any) -> None:
         field_error(self.problem, "")
         field_error(self.effect, "")
-        if not await self.client.work.is_free():
-            self.client.notice("Something is being done; cancel it first, or wait.")
+        if not await self.client.is_free():
             return
         folder = self.client.new_folder(verb)
         try:

@@ -16,7 +16,7 @@ from scipy.special import chdtri
 
 from flexdesign.core.errors import InputError
 from flexdesign.estimation.criterion import LEVEL, SHARE, critical_value, large_share
-from flexdesign.estimation.least_squares.levenberg_marquardt import QUICK, ROUGH, Solution
+from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, QUICK, ROUGH, Solution
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import (
@@ -257,17 +257,22 @@ def _escaped(task: EstimationTask, fit: FittedModel, trial: Trial) -> Trial:
     return trial if better is trial.fit else compare(task, fit, better, trial.names, trial.score)
 
 
-def fit_candidate(task: EstimationTask, fit: FittedModel, candidate: Candidate) -> FittedModel:
+def fit_candidate(
+    task: EstimationTask, fit: FittedModel, candidate: Candidate, *, roughly: bool = False
+) -> FittedModel:
     """Return the best fit with an effect that promises nothing: its value then says how large it may be at most.
+
+    A rough fit is one of coarse simulations.
 
     Raises
     ------
     InputError
         If the effect cannot be simulated at any of its first values.
     """
-    model = task.fine(candidate.add(fit.model))
+    simulated, effort = (task.coarse, ROUGH) if roughly else (task.fine, FULL)
+    model, effects = simulated(candidate.add(fit.model)), (*fit.effects, candidate)
     starts = [model.replace(values) for values in candidate.trials[:ROUGHLY]]
-    made = [found for start in starts if (found := fit_model(task, start, (*fit.effects, candidate)))]
+    made = [found for start in starts if (found := fit_model(task, start, effects, effort=effort))]
     if not made:
         raise InputError(
             "command line", "EFFECT", candidate.name, "cannot be simulated on this axis at any of its values"
