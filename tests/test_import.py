@@ -74,7 +74,8 @@ def test_matlab_5(tmp_path: Path) -> None:
     path = matlab(tmp_path / "rig.mat")
     seen = importing.read_contents([path])
     shapes = {name: variable.shape for name, variable in seen.variables.items()}
-    assert shapes == {"rig.u": (1, N), "rig.y": (N, 2), "rig.info.gain": (1, 1), "fs": (1, 1)}
+    arrays = {"rig.u": (1, N), "rig.y": (N, 2)}
+    assert shapes == {**arrays, "rig.info.gain": (1, 1), "fs": (1, 1), "cells{1}": (1, 1)}
     x = 'variable = "rig.y"\nunit = "um"\nchannel = 1'
     top = f'rate = "{RATE} Hz"\naxes = ["sample", "channel"]'
     check(mapped(tmp_path, two_columns('variable = "rig.u"\nunit = "V"', x, top), path))
@@ -520,3 +521,26 @@ def test_steering_mirror(tmp_path: Path) -> None:
         assert run.remarks == ()
         periods = np.concatenate([y[:, :, k, 0], y[:, :, k, 1]]).T
         assert run.measured() == pytest.approx(periods, rel=1e-11, abs=1e-18)
+
+
+def test_a_file_with_gaps_in_its_command_is_several_recordings(tmp_path: Path) -> None:
+    """A logger that waits for a trigger: nobody knows the command meanwhile, but each part is a good recording."""
+    taken = np.concatenate([np.arange(100), np.arange(150, 250), np.arange(300, 305)])
+    t, u = taken / RATE, np.sin(0.3 * taken)
+    lines = [f"{a:.6f},{b:.9f},{2 * b:.9f}" for a, b in zip(t, u, strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(["t [s],u [V],x [um]", *lines]) + "\n")
+    text = "[[run]]\n" + "".join(f'[run.columns.{c}]\nvariable = "{c}"\n' for c in "tux")
+    (tmp_path / "map.toml").write_text(text)
+    found = importing.bring_in([tmp_path / "log.csv"], tmp_path / "map.toml", tmp_path / "out").runs
+    assert [(run.name, len(run.time)) for run in found] == [("log_1", 100), ("log_2", 100)]
+    assert found[1].command() == pytest.approx(u[100:200], abs=1e-8)
+    assert "2 recordings; 1 of fewer than 10 samples left out" in " ".join(found[0].remarks)
+
+
+def test_counts_are_no_unit_but_have_a_size(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("t [s],u [V],theta\n" + "".join(f"{0.01 * k},1,{k}\n" for k in range(20)))
+    columns = '[run.columns.t]\nvariable = "t"\n[run.columns.u]\nvariable = "u"\n'
+    text = f'[[run]]\n{columns}[run.columns.x]\nvariable = "theta"\nunit = "count"\n'
+    (tmp_path / "map.toml").write_text(text)
+    with pytest.raises(InputError, match=r'counts state the size of one: unit = "um", scale'):
+        importing.bring_in([tmp_path / "log.csv"], tmp_path / "map.toml", tmp_path / "out")

@@ -13,6 +13,7 @@ import pytest
 import flexdesign as fd
 from flexdesign.core import units
 from flexdesign.measurements.importing import header_cells, roles
+from flexdesign.measurements.importing.readers import read_contents
 from flexdesign.measurements.recordings import FrequencyResponse, Run, read_recordings, read_runs
 
 RATE, N = 2000.0, 120
@@ -122,6 +123,45 @@ def test_a_clock_that_began_in_1970_keeps_its_steps(tmp_path: Path, command_line
     run = imported(tmp_path, command_line, "time [s],command [V],position [um]\n" + lines)
     assert run.period == pytest.approx(1 / RATE, rel=1e-4)
     assert run.time[0] == 0
+
+
+@pytest.mark.parametrize(
+    "signals",
+    [
+        [("Sensor", "um", "Model Root/ADC_C5", X), ("Command", "V", "Model Root/DAC_C1", U)],
+        [("DAC", "V", "Model Root/DS1104DAC_C1", U), ("ADC", "um", "Model Root/DS1104ADC_C5", X)],
+    ],
+)
+def test_signals_of_control_desk(
+    signals: Sequence[tuple[Any, ...]], tmp_path: Path, command_line: Callable[..., Any]
+) -> None:
+    """dSPACE writes one structure named as the file: X.Data is the time, the array Y holds signals with names."""
+    from scipy.io import savemat
+
+    fields = [(name, object) for name in ("Name", "Unit", "Path", "Data", "XIndex")]
+    y = np.array([[(name, unit, path, values, 1) for name, unit, path, values in signals]], dtype=fields)
+    for stem in ("run_1", "run_2"):
+        savemat(tmp_path / f"{stem}.mat", {stem: {"X": {"Data": T, "Type": 4}, "Y": y}})
+    ended = command_line("import", "run_1.mat", "run_2.mat", "-o", "out")
+    assert (ended.code, ended.stderr) == (0, ""), ended.stderr
+    runs = read_runs([tmp_path / "out"])
+    assert [run.name for run in runs] == ["run_1", "run_2"]
+    for run in runs:
+        assert run.command() == pytest.approx(U, rel=1e-8)
+        assert run.measured() == pytest.approx(1e-6 * X, rel=1e-8)
+        assert run.period == pytest.approx(1 / RATE, rel=1e-6)
+
+
+def test_structure_arrays_and_cells_are_named_as_in_matlab(tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    signals = np.array([[(U,), (X,)]], dtype=[("values", object)])
+    cells = np.empty((1, 2), dtype=object)
+    cells[0, 0], cells[0, 1] = T, "a note"
+    savemat(tmp_path / "scope.mat", {"out": {"signals": signals}, "cells": cells})
+    found = read_contents([tmp_path / "scope.mat"]).variables
+    assert list(found) == ["out.signals(1).values", "out.signals(2).values", "cells{1}"]
+    assert np.ravel(found["out.signals(2).values"].values()) == pytest.approx(X)
 
 
 def test_a_rate_above_the_table_is_read(tmp_path: Path, command_line: Callable[..., Any]) -> None:

@@ -13,7 +13,9 @@ from flexdesign.core.arithmetic import Formula
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.measurements.importing.contents import Array, Contents, Numbers
 from flexdesign.measurements.importing.mapping import RESPONSE, Map, RunColumns, RunMap, VariableTable
+from flexdesign.measurements.recordings import COMMANDS, FEWEST
 from flexdesign.measurements.recordings.frequency_response import FREQUENCY
+from flexdesign.measurements.recordings.gap_filling import recordings_apart
 
 #: Times from a rate that differ by less than this, relative, are one.
 ALIKE = 1e-9
@@ -110,7 +112,8 @@ class _Maker:
             else:
                 time = rows.pop("t") if "t" in rows else self._period(parts) * np.arange(length)
                 cells = {f"{column} [{parts[column].unit}]": np.real(values) for column, values in rows.items()}
-                made.append(_in_time(Recording(called, self.number, cells, np.real(time))))
+                commands = [np.real(values) for column, values in rows.items() if column in COMMANDS]
+                made += _in_time(Recording(called, self.number, cells, np.real(time)), commands)
         return made
 
     def _part(self, name: str) -> _Part:
@@ -223,8 +226,27 @@ class _Maker:
         return stated[0]
 
 
-def _in_time(recording: Recording) -> Recording:
-    """Return a run in time; where its clock began long before, time counts from the first sample: no digit is lost."""
+def _in_time(recording: Recording, commands: Sequence[Array]) -> list[Recording]:
+    """Return a run in time; or several, if it has gaps in which a command may have done anything."""
+    time = recording.time
+    assert time is not None
+    every = recordings_apart(time, commands)
+    rows = [each for each in every if each.stop - each.start >= FEWEST] if len(every) > 1 else every
+    if len(every) == 1 or not rows:
+        return [_from_first_sample(recording)]
+    parts = []
+    for number, each in enumerate(rows, start=1):
+        cells = {cell: values[each] for cell, values in recording.recorded.items()}
+        part = replace(recording, name=f"{recording.name}_{number}", recorded=cells, time=time[each])
+        parts.append(_from_first_sample(part))
+    said = f"{recording.name} has gaps in which its command is unknown: {len(rows)} recordings"
+    short = len(every) - len(rows)
+    said += f"; {short} of fewer than {FEWEST} samples left out" if short else ""
+    return [replace(parts[0], remarks=(*parts[0].remarks, said)), *parts[1:]]
+
+
+def _from_first_sample(recording: Recording) -> Recording:
+    """Return a run; where its clock began long before, time counts from the first sample: no digit is lost."""
     time = recording.time
     assert time is not None
     start, period = float(time[0]), float(np.median(np.diff(time))) if len(time) > 1 else 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,10 @@ from flexdesign.measurements.importing.contents import Variable, is_numeric, lib
 
 #: Attributes under which programs keep a unit, in small letters.
 UNITS = ("unit", "units", "unit_string", "ni_unitdescription")
+#: Fields of a structure, in small letters: the numbers of a signal, what it is called, and where it comes from.
+DATA = ("data", "value", "values")
+LABELS = ("name", "label", "title")
+PLACES = ("description", "path", "blockname")
 #: Functions of a data set 58: a response in time, and a frequency response.
 TIME_RESPONSE, FREQUENCY_RESPONSE = 1, 4
 #: How MATLAB names both parts of a complex number in an HDF5 file.
@@ -21,7 +26,10 @@ PARTS = ("real", "imag")
 
 
 def matlab(path: Path) -> dict[str, Variable]:
-    """Read a .mat file: versions 4 to 7 with SciPy, 7.3 as the HDF5 file that it is; structures as ``outer.inner``."""
+    """Read a .mat file: versions 4 to 7 with SciPy, 7.3 as the HDF5 file that it is; structures as ``outer.inner``.
+
+    A single structure that is named as the file is left out of the names.
+    """
     from scipy.io import loadmat
 
     try:
@@ -32,17 +40,45 @@ def matlab(path: Path) -> dict[str, Variable]:
     for name, value in content.items():
         if not name.startswith("__"):
             found |= dict(_fields(name, value))
+    prefix = f"{path.stem}."
+    if all(name.startswith(prefix) for name in found):  # one structure, named as its file: one map serves many files
+        found = {name.removeprefix(prefix): variable for name, variable in found.items()}
     return found
 
 
 def _fields(name: str, value: Any) -> Iterator[tuple[str, Variable]]:
-    if isinstance(value, np.ndarray) and value.dtype == object and value.size == 1:
-        value = value.item()
+    """Yield the numeric arrays in a value, named as in MATLAB: ``log.Y(2).Data`` of a structure array."""
     if hasattr(value, "_fieldnames"):
-        for field in value._fieldnames:
-            yield from _fields(f"{name}.{field}", getattr(value, field))
+        yield from _structure(name, value)
+    elif isinstance(value, np.ndarray) and value.dtype == object:
+        elements = value.ravel(order="F")
+        is_cell = not all(hasattr(element, "_fieldnames") for element in elements)
+        for number, element in enumerate(elements, start=1):
+            index = "" if len(elements) == 1 else f"{{{number}}}" if is_cell else f"({number})"
+            yield from _fields(f"{name}{index}", element)
     elif isinstance(value, np.ndarray) and is_numeric(value.dtype) and value.size:
         yield name, stored(value)
+
+
+def _structure(name: str, structure: Any) -> Iterator[tuple[str, Variable]]:
+    """Yield the arrays of a structure; those of a signal have its name and its unit."""
+    fields = {field: getattr(structure, field) for field in structure._fieldnames}
+    texts = {field.lower(): str(value.item()).strip() for field, value in fields.items() if _is_text(value)}
+    unit = next((texts[key] for key in UNITS if key in texts), "")
+    label = next((texts[key] for key in LABELS if key in texts), "")
+    note = "; ".join(dict.fromkeys(texts[key] for key in (*LABELS, *PLACES) if texts.get(key)))
+    is_control_desk = {"X", "Y"} <= fields.keys()  # time and signals, as dSPACE's ControlDesk writes them
+    for field, value in fields.items():
+        for path, variable in _fields(f"{name}.{field}", value):
+            if path == f"{name}.{field}" and field.lower() in DATA:
+                variable = replace(variable, unit=unit, label=label, note=note)
+            if is_control_desk and field == "X" and path.endswith(".Data"):
+                variable = replace(variable, unit=variable.unit or "s", label="time", note="time")
+            yield path, variable
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype.kind == "U" and value.size == 1
 
 
 def hdf5(path: Path, of_matlab: bool = False) -> dict[str, Variable]:

@@ -37,6 +37,8 @@ class Variable:
         What else helps to recognise it.
     is_complex
         Whether its numbers are complex.
+    label
+        What the file calls it, if its name only says where it is: ``log.Y(2).Data``.
     """
 
     shape: tuple[int, ...]
@@ -45,6 +47,7 @@ class Variable:
     step: float | None = None
     note: str = ""
     is_complex: bool = False
+    label: str = ""
 
     @property
     def size(self) -> int:

@@ -101,12 +101,17 @@ def guess(contents: Contents) -> Guess:
     is_complex = [name for name, variable in arrays.items() if variable.is_complex]
     if is_complex:
         return _complex_response(contents, arrays, is_complex[0])
-    lines = {name: roles.line_of(_short(name), header_cells.si_of(v.unit)) for name, v in arrays.items()}
+    lines = {name: roles.line_of(_called(name, v), header_cells.si_of(v.unit)) for name, v in arrays.items()}
     shapes = ({"f", "magnitude", "phase"}, {"f", "re", "im"})
     remark = set(lines.values())
     if any(shape <= remark for shape in shapes) and not {"t", "u"} & {_role(n, v).column for n, v in arrays.items()}:
         return _real_response(contents, arrays, lines)
     return _run(contents, arrays)
+
+
+def _called(name: str, variable: Variable) -> str:
+    """Return what a file calls a variable."""
+    return variable.label or _short(name)
 
 
 def _short(name: str) -> str:
@@ -115,7 +120,7 @@ def _short(name: str) -> str:
 
 
 def _role(name: str, variable: Variable) -> Role:
-    return roles.role_of(_short(name), header_cells.si_of(variable.unit))
+    return roles.role_of(_called(name, variable), header_cells.si_of(variable.unit))
 
 
 def _run(contents: Contents, arrays: Mapping[str, Variable]) -> Guess:
@@ -175,7 +180,7 @@ def _time(arrays: Mapping[str, Variable], found: Mapping[str, Role]) -> str:
         return next((name for _, name in named if rising[name]), named[0][1])
     if any(variable.step for variable in arrays.values()):
         return ""
-    unknown = [n for n, v in arrays.items() if not v.unit and "count" not in roles.classes(_short(n)) and _rises(v)]
+    unknown = [n for n, v in arrays.items() if not v.unit and "count" not in roles.classes(_called(n, v)) and _rises(v)]
     is_only = len(arrays) > 2 and len(unknown) == 1
     return unknown[0] if is_only and not _counts(arrays[unknown[0]]) else ""
 
@@ -271,7 +276,7 @@ def _complex_response(contents: Contents, arrays: Mapping[str, Variable], name: 
     questions: list[str] = []
     columns = []
     lines = {
-        each: roles.line_of(_short(each), header_cells.si_of(v.unit)) for each, v in arrays.items() if each != name
+        each: roles.line_of(_called(each, v), header_cells.si_of(v.unit)) for each, v in arrays.items() if each != name
     }
     frequency = next((each for each, what in lines.items() if what == "f"), "")
     columns.append(_frequency(frequency, arrays, questions))
@@ -295,7 +300,7 @@ def _frequency(name: str, arrays: Mapping[str, Variable], questions: list[str]) 
     if not name:
         questions.append("which variable is the frequency f")
         return Column("f", "", "?")
-    if "angular" in roles.classes(_short(name)) and not arrays[name].unit and name.isidentifier():
+    if "angular" in roles.classes(_called(name, arrays[name])) and not arrays[name].unit and name.isidentifier():
         remark = "an angular frequency, by its name"
         return Column("f", "", "Hz", f"{name} / (2 * pi)", variables={name: "rad/s"}, remark=remark)
     if arrays[name].unit:

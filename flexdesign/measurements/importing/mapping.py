@@ -76,6 +76,9 @@ LONGEST = 100
 AXES = ("sample", "frequency", "channel", "input", "realisation", "period")
 #: Keys of a map that are not passed on to ``measurements.toml``.
 OWN = ("rate", "axes", "per_file", "text", "constants", "variables", "run", "name", "files", "columns")
+#: Words for readings of a converter, which are no unit; and the unit that is proposed for their size.
+COUNTS = ("count", "counts", "cts", "bit", "bits", "digit", "digits", "lsb", "inc", "tick", "ticks", "1", "")
+USUAL = {"t": "s", "u": "V", "v": "V", "i": "A", "f": "N", "T": "degC"}
 #: The column of a frequency response in complex numbers.
 RESPONSE = "response"
 #: Which SI units the columns of a frequency response may have.
@@ -187,7 +190,9 @@ class RunColumns:
         try:
             return unit_tables.si_of(unit, (OF_RESPONSES if self.is_response else ALLOWED).get(name, unit_tables.ANY))
         except ValueError as error:
-            raise InputError(file, field, unit, str(error)) from error
+            size = f'; of counts state the size of one: unit = "{USUAL.get(name[:1], "um")}", scale = ...'
+            remedy = f"{error}{size if unit.lower() in COUNTS else ''}"
+            raise InputError(file, field, unit, remedy) from error
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ drive: u ux uy uz input in vin uin dac ao drive driver excitation stimulus anreg
 voltage: voltage volt volts v spannung tension tensione voltaje tensao piezo piezospannung actuator aktor aktuator
     actionneur stack amplifier verstaerker verstarker hv 電圧 电压 напряжение
 monitor: monitor mon vmon readback
-position: x y z position pos posn displacement displ disp weg auslenkung verschiebung verlagerung hub deplacement
+position: x y z theta position pos posn displacement displ disp weg auslenkung verschiebung verlagerung hub deplacement
     posizione spostamento posicion desplazamiento posicao deslocamento distance abstand distanz stroke extension
     elongation dehnung deflection deflexion travel motion stage tisch tip angle winkel tilt kippwinkel 位移 位置 変位
     положение перемещение

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 
 from flexdesign.core.unit_tables import Sheet
 from flexdesign.measurements.recordings.run import COMMANDS, Array, Between
+from flexdesign.measurements.recordings.time_base import fit_grid
 
 #: A gap of this number of samples is bridged for any command.
 SHORT = 3
+#: A command stands still if it varies by no more than this share of its range: one that was recorded has noise.
+STILL = 0.01
 
 
 def bridged(
@@ -52,4 +58,37 @@ def bridged(
 def _stands(values: Array, first: int, last: int) -> bool:
     """Tell whether a command stands at one value as long before as after the gap that begins at `first`."""
     around = np.concatenate([values[max(first - (last - first), 0) : first], values[last : last + (last - first)]])
-    return len(around) == 2 * (last - first) and float(np.ptp(around)) == 0
+    if len(around) < 2 * (last - first) or not np.isfinite(around).all():
+        return False
+    return float(np.ptp(around)) <= STILL * float(np.nanmax(values) - np.nanmin(values))
+
+
+def recordings_apart(time: Array, commands: Sequence[Array]) -> list[slice]:
+    """Return the rows of each recording in a file, which ends at a gap that no command can be bridged over.
+
+    Data loggers that wait for a trigger, or pass their buffer on, write such files.
+
+    Parameters
+    ----------
+    time
+        n moments, increasing [s].
+    commands
+        n values of each command.
+
+    >>> moments = np.concatenate([np.arange(50), np.arange(90, 140)]) * 1e-3
+    >>> recordings_apart(moments, [np.sin(700 * moments)]), recordings_apart(moments, [np.zeros(100)])
+    ([slice(0, 50, None), slice(50, 100, None)], [slice(0, 100, None)])
+    """
+    steps = np.diff(time)
+    if not len(steps) or not (steps > 0).all():
+        return [slice(0, len(time))]
+    # Rows at odd times are resampled; then up to as many samples lie between two rows as there are periods.
+    missing = np.rint(steps / np.median(steps)) - (fit_grid(time) is not None)
+    ends = [0]
+    for row in (np.flatnonzero(missing > SHORT) + 1).tolist():
+        count = int(missing[row - 1])
+        # The gap takes up no rows; as many as are missing before and after it are to stand still.
+        padded = (np.insert(values, row, np.full(min(count, len(values)), np.nan)) for values in commands)
+        if not all(_stands(values, row, row + min(count, len(time))) for values in padded):
+            ends.append(row)
+    return [slice(first, last) for first, last in pairwise([*ends, len(time)])]
