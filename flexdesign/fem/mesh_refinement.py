@@ -23,6 +23,7 @@ from flexdesign.fem import analysis, convergence, quantities
 from flexdesign.fem.analysis import Solution
 from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.meshing import local_thickness, methods, resolution_gate
+from flexdesign.fem.meshing.conforming import NoMesh
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.local_thickness import LocalThickness
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
@@ -212,7 +213,7 @@ def meshed(
 ) -> tuple[TaggedMesh, list[HingeCheck]]:
     """Return a mesh that passes the gate, and what that measured; one mesher is not deterministic and may try again.
 
-    Only a mesh that passes is kept.
+    Where Netgen makes no mesh, pytetwild does, and the mesh says so. Only a mesh that passes is kept.
 
     Raises
     ------
@@ -223,7 +224,7 @@ def meshed(
     question = content_key(engine(), body.fingerprint, *asked, versions.installed(LIBRARIES))
     stored = cache.load("mesh", question)
     if stored is not None:
-        tagged = TaggedMesh(**stored[0])
+        tagged = TaggedMesh(**stored[0], mesher=str(stored[1].get("mesher", "")))
         return tagged, _checked(method, tagged, body, hinges)
     method.require_room(coarseness)
     for left in reversed(range(method.tries)):
@@ -232,11 +233,17 @@ def meshed(
             tagged = method.mesh(coarseness)
             checks = _checked(method, tagged, body, hinges)
             break
+        except NoMesh as error:
+            if not isinstance(method, LocalThickness):
+                raise
+            progress(f"{error}: pytetwild makes one instead")
+            tagged, checks = meshed(method.instead, body, coarseness, hinges, cache, progress)
+            break
         except MeshError as error:
             if not left:
                 raise
             progress(f"meshing again: {error}")
-    cache.store("mesh", question, tagged.arrays(), {})
+    cache.store("mesh", question, tagged.arrays(), {"mesher": tagged.mesher})
     return tagged, checks
 
 

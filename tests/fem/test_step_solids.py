@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cadquery as cq
@@ -13,8 +14,9 @@ from flexdesign.core.result_cache import Cache
 from flexdesign.design import part as parts
 from flexdesign.design import study as studies
 from flexdesign.fem import analysis, convergence, mesh_refinement
-from flexdesign.fem.meshing import domain, methods, thin_regions
+from flexdesign.fem.meshing import conforming, domain, local_thickness, methods, thin_regions
 from flexdesign.fem.meshing.local_thickness import LocalThickness
+from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
 from flexdesign.fem.meshing.methods import Extruded, Grading
 from flexdesign.fem.quantities.port_stiffness import matrices, port_stiffness
 from tests.fem.solids import notched
@@ -75,6 +77,57 @@ def test_a_neck_is_found_on_its_solid() -> None:
     assert not found.is_sharp
 
 
+def test_places_lie_all_along_a_long_neck() -> None:
+    """Surfaces are strips of triangles from end to end: necks fell to pieces where all had places at one station."""
+    found = thin_regions.find(notched((14, 14, 20), 0.25).val())  # the neck, and walls behind the notches
+    assert found.hinges[0].thickness == pytest.approx(0.25e-3, rel=0.02)
+    for hinge in found.hinges:
+        assert hinge.width == pytest.approx(20e-3, rel=0.03)
+    assert np.diff(np.sort(found.points[found.chosen[0], 2])).max() < found.hinges[0].thickness
+
+
+@pytest.fixture(scope="module")
+def netgen(tmp_path_factory: pytest.TempPathFactory) -> tuple[domain.Domain, LocalThickness, TaggedMesh]:
+    """Domain and method of the leaf, and a coarse mesh."""
+    folder = tmp_path_factory.mktemp("leaf")
+    cq.exporters.export(cq.Workplane(leaf().solid()), str(folder / "leaf.step"))
+    study = study_of(folder, "rigid")
+    part = study.design.part()
+    body = domain.of_part(part, chord=domain.chord(part))
+    method = mesh_refinement.method_of(study, part, body)
+    assert isinstance(method, LocalThickness)
+    return body, method, method.mesh(4.0)
+
+
+def test_where_netgen_makes_no_mesh_it_is_said_that_pytetwild_did(
+    netgen: tuple[domain.Domain, LocalThickness, TaggedMesh], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    body, method, made = netgen
+    assert made.mesher == "Netgen"
+
+    def fails(*_: object) -> None:
+        raise conforming.NoMesh("Netgen made no mesh of the solid")
+
+    monkeypatch.setattr(conforming, "tetrahedralize", fails)
+    monkeypatch.setattr(local_thickness, "tetrahedralize", lambda *_: replace(made, mesher="pytetwild"))
+    cache, said = Cache(tmp_path / "cache"), list[str]()
+    for _ in range(2):
+        mesh, _ = mesh_refinement.meshed(method, body, 4.0, [], cache, said.append)
+        assert mesh.mesher == "pytetwild"
+    assert said.count("Netgen made no mesh of the solid: pytetwild makes one instead") == 1
+
+
+def test_a_mesh_of_netgen_that_the_gate_refuses_is_made_once(
+    netgen: tuple[domain.Domain, LocalThickness, TaggedMesh], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    body, method, made = netgen
+    monkeypatch.setattr(conforming, "tetrahedralize", lambda *_: replace(made, points=0.9 * made.points))
+    said = list[str]()
+    with pytest.raises(MeshError, match="thin_1"):
+        mesh_refinement.meshed(method, body, 4.0, [], Cache(tmp_path / "cache"), said.append)
+    assert len(said) == 1 and said[0].startswith("meshing with")
+
+
 @pytest.mark.slow
 def test_a_coarse_neck_converges_to_a_fine_one(tmp_path: Path) -> None:
     """Bending of a notch, on a mesh as coarse as the gate allows, is off by less than 1 %, and by half on a finer."""
@@ -85,9 +138,9 @@ def test_a_coarse_neck_converges_to_a_fine_one(tmp_path: Path) -> None:
     method = mesh_refinement.method_of(study, part, body)
     assert isinstance(method, LocalThickness)
     bending, across = [], []
-    for coarseness in (0.7, 1.0, 1.4):
+    for coarseness in (0.5, 1.0, 2.0):
         mesh = method.mesh(coarseness)
-        assert mesh.volume == pytest.approx(body.volume, rel=1e-3)
+        assert mesh.volume == pytest.approx(body.volume, rel=1e-3 * max(coarseness, 1.0) ** 2)
         (neck,) = method.check(mesh)
         across.append(neck.across)
         solution = analysis.solve(part, study.design.material, body, mesh)
@@ -105,6 +158,51 @@ def test_netgen_and_the_wild_mesher_agree(folder: Path) -> None:
     netgen = solved(study, 2.0)
     one, other = ({q.key: q.value for q in port_stiffness(each.compliance)} for each in (netgen, wild))
     assert one == pytest.approx(other, rel=0.03)
+
+
+#: The cardan joint of a hexapod (tdehaeze/stewart-simscape), which is not kept with the project.
+SHARED = Path(os.environ.get("FLEXDESIGN_RECORDINGS", Path(__file__).parents[3] / "shared" / "data"))
+CARDAN = SHARED / "step-parts" / "flexor_025.step"
+JOINT = """format = 1
+part = "{part}"
+
+[material]
+name = "stainless steel"
+youngs_modulus = "193 GPa"
+poissons_ratio = 0.31
+density = "7750 kg/m^3"
+yield_strength = "207 MPa"
+
+[ports.ground]
+point = ["0 mm", "0 mm", "-7 mm"]
+normal = [0, 0, -1]
+
+[ports.output]
+point = ["0 mm", "0 mm", "7 mm"]
+normal = [0, 0, 1]
+interface = "rigid"
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not CARDAN.exists(), reason="the file of the cardan joint is not here")
+def test_the_coarsest_mesh_of_a_cardan_joint_passes_the_gate(tmp_path: Path) -> None:
+    """Four crossed necks of 0.25 mm. ANSYS, as published: bending 4.828 and 4.832 N m/rad, mass 29.22 g."""
+    (tmp_path / "joint.toml").write_text(JOINT.format(part=CARDAN))
+    study = studies.read(tmp_path / "joint.toml")
+    part = study.design.part()
+    body = domain.of_part(part, chord=domain.chord(part))
+    assert body.volume * study.design.material.density == pytest.approx(29.22e-3, rel=1e-3)
+    method = mesh_refinement.method_of(study, part, body)
+    assert isinstance(method, LocalThickness)
+    mesh = method.mesh(study.mesh.refinement ** (study.mesh.levels - 1))
+    necks = [check for check in method.check(mesh) if np.isfinite(check.across)]
+    assert [check.hinge.thickness for check in necks[:4]] == pytest.approx([0.25e-3] * 4, rel=1e-3)
+    assert min(check.across for check in necks) > 2.0
+    solution = analysis.solve(part, study.design.material, body, mesh)
+    found = {q.key: q.value for q in port_stiffness(solution.compliance)}
+    bending = [found[f"k_r{axis}_other_motions_free"] for axis in "xy"]
+    assert bending == pytest.approx([4.828, 4.832], rel=0.03)
 
 
 def test_a_block_has_no_thin_region() -> None:

@@ -20,13 +20,18 @@ from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, boundary, signed_
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-#: Edges per radius on faces that bend where no place asks for finer ones; on cylinders the chord error, in diagonals of
-#: the solid: volume and mass are then off by about a thousandth.
+#: Edges per radius on faces that bend where no place asks for finer ones; on cylinders the chord error of the finest
+#: mesh, in diagonals of the solid: volume and mass are then off by about a thousandth. It falls with the square of the
+#: edge length, as chords do.
 PER_RADIUS, CHORD = 1.5, 3e-4
 #: Growth of the edge length per distance, at most, tried in turn: with more, Netgen failed on crossed round notches.
 GROWTHS = (0.3, 0.2)
 #: Vertices of a plane face lie in its plane within this length [m].
 ON_PLANE = 1e-8
+
+
+class NoMesh(MeshError):
+    """Netgen made no mesh, or none whose faces are those of the solid."""
 
 
 class PlacedSizes(Protocol):
@@ -49,7 +54,7 @@ class PlacedSizes(Protocol):
         """The largest edge length [m]."""
 
 
-def tetrahedralize(domain: Domain, sizing: PlacedSizes) -> TaggedMesh:
+def tetrahedralize(domain: Domain, sizing: PlacedSizes, coarseness: float = 1.0) -> TaggedMesh:
     """Fill the domain with tetrahedra whose boundary vertices lie on the CAD faces.
 
     Parameters
@@ -58,15 +63,17 @@ def tetrahedralize(domain: Domain, sizing: PlacedSizes) -> TaggedMesh:
         What to fill; it holds the solid's boundary representation.
     sizing
         The target edge length.
+    coarseness
+        Edge length over that of the finest mesh.
 
     Raises
     ------
-    MeshError
+    NoMesh
         If Netgen makes no mesh, or one whose faces are not those of the domain.
     """
-    points, tets, facets, faces, count = _made(domain, sizing)
+    points, tets, facets, faces, count = _made(domain, sizing, CHORD * coarseness**2)
     if not len(tets) or count != len(domain.faces):
-        raise MeshError(f"Netgen's mesh has {len(tets)} tetrahedra and {count} faces for {len(domain.faces)}")
+        raise NoMesh(f"Netgen's mesh has {len(tets)} tetrahedra and {count} faces for {len(domain.faces)}")
     points *= MM
     negative = signed_volumes(points, tets) < 0
     tets[negative] = tets[negative][:, [0, 1, 3, 2]]
@@ -80,28 +87,28 @@ def tetrahedralize(domain: Domain, sizing: PlacedSizes) -> TaggedMesh:
     try:
         found = np.array([order[tuple(corners)] for corners in np.sort(outer, axis=1).tolist()])
     except KeyError:
-        raise MeshError("the boundary of Netgen's mesh is not that of its surface") from None
+        raise NoMesh("the boundary of Netgen's mesh is not that of its surface") from None
     _require_planes(points, outer, found, domain)
-    return TaggedMesh(points, tets, outer, np.array(domain.joined)[found])
+    return TaggedMesh(points, tets, outer, np.array(domain.joined)[found], mesher="Netgen")
 
 
-def _made(domain: Domain, sizing: PlacedSizes) -> tuple[FloatArray, IntArray, IntArray, IntArray, int]:
+def _made(domain: Domain, sizing: PlacedSizes, chord: float) -> tuple[FloatArray, IntArray, IntArray, IntArray, int]:
     """Return what `_fill` does, with the first growth that Netgen can mesh with."""
     cause: Exception | None = None
-    places, sizes = _with_cylinders(domain, sizing)
+    places, sizes = _with_cylinders(domain, sizing, chord)
     for growth in GROWTHS:
         asked = (places / MM, sizes / MM, min(sizing.growth, growth), sizing.largest / MM)
         try:
             return subprocess_call.call(_fill, domain.brep, *asked)
         except (subprocess_call.ProcessDied, RuntimeError) as error:
             cause = error
-    raise MeshError("Netgen made no mesh of the solid") from cause
+    raise NoMesh("Netgen made no mesh of the solid") from cause
 
 
-def _with_cylinders(domain: Domain, sizing: PlacedSizes) -> tuple[FloatArray, FloatArray]:
-    """Return the places and edge lengths [m] of a field, and those that keep the chord error of cylinders small."""
+def _with_cylinders(domain: Domain, sizing: PlacedSizes, share: float) -> tuple[FloatArray, FloatArray]:
+    """Return the places and edge lengths [m] of a field, and those by which chords of cylinders err by a share."""
     corners = np.vstack([face.points for face in domain.faces])
-    chord = CHORD * float(np.linalg.norm(np.ptp(corners, axis=0)))
+    chord = share * float(np.linalg.norm(np.ptp(corners, axis=0)))
     round_ = [face for face in domain.faces if face.axis is not None]
     places = [sizing.places, *(face.points for face in round_)]
     sizes = [sizing.sizes, *(np.full(len(face.points), np.sqrt(8 * face.radius * chord)) for face in round_)]
@@ -146,10 +153,10 @@ def _fill(
 
 
 def _require_planes(points: FloatArray, facets: IntArray, faces: IntArray, domain: Domain) -> None:
-    """Raise MeshError if facets of a plane face do not lie in it: faces are numbered in another order."""
+    """Raise NoMesh if facets of a plane face do not lie in it: faces are numbered in another order."""
     for index, face in enumerate(domain.faces):
         if face.normal is None:
             continue
         corners = points[facets[faces == index]].reshape(-1, 3)
         if len(corners) == 0 or np.abs(corners @ face.normal - face.offset).max() > ON_PLANE:
-            raise MeshError(f"face {index + 1} of Netgen's mesh is not that of the solid")
+            raise NoMesh(f"face {index + 1} of Netgen's mesh is not that of the solid")

@@ -57,6 +57,8 @@ class TaggedMesh:
         Index of the CAD face each facet lies on, shape (k,).
     loose
         Vertices on the boundary that lie on their CAD faces within the mesher's envelope alone, by index.
+    mesher
+        Which program made it; empty for layers of prisms.
     """
 
     points: FloatArray
@@ -64,6 +66,7 @@ class TaggedMesh:
     facets: IntArray
     faces: IntArray
     loose: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    mesher: str = ""
 
     @property
     def volume(self) -> float:
@@ -128,7 +131,7 @@ def tetrahedralize(domain: Domain, sizing: Size, envelope: float, passes: int = 
     if len(tets) == 0:
         raise MeshError("the mesher returned no tetrahedra; check that the solid is closed")
     mesh = tag(vertices, tets, domain, (points, triangles, owners))
-    return snap(mesh, domain, envelope)
+    return replace(snap(mesh, domain, envelope), mesher="pytetwild")
 
 
 def _fill(

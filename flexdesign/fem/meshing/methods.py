@@ -70,8 +70,10 @@ class Method(Protocol):
     name: ClassVar[str]
     scatter: ClassVar[MeshNoise]
     """Of results over meshes made alike."""
-    tries: ClassVar[int]
-    """How often a mesh that cannot be used is made again: more than once where no two are alike."""
+
+    @property
+    def tries(self) -> int:
+        """How often a mesh that cannot be used is made again: more than once where no two are alike."""
 
     def question(self, coarseness: float) -> tuple[object, ...]:
         """Return what the mesh depends on besides the domain, for the cache."""

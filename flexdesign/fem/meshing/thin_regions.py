@@ -213,9 +213,11 @@ def _places(surface: Surface, wanted: FloatArray) -> tuple[FloatArray, IntArray]
     count = np.maximum(np.ceil(area / wanted**2), 1.0)
     count = np.maximum(np.round(count * min(1.0, MOST / count.sum())), 1).astype(np.int64)
     owners = np.repeat(np.arange(len(corners)), count)
-    order = np.arange(len(owners)) - np.repeat(np.cumsum(count) - count, count)
-    # A low-discrepancy sequence (Roberts' R2), folded into the triangle; the first place is its middle.
-    u, v = (np.modf(1 / 3 + order * step)[0] for step in (0.7548776662466927, 0.5698402909980532))
+    # A low-discrepancy sequence (Roberts' R2), folded into the triangle. It runs on from triangle to triangle: begun
+    # anew, a strip of many long triangles would have places at a few stations alone.
+    order = np.arange(len(owners))
+    u, v = (np.modf(order * step)[0] for step in (0.7548776662466927, 0.5698402909980532))
+    u, v = (np.where(count[owners] == 1, 1 / 3, each) for each in (u, v))
     over = u + v > 1
     u, v = np.where(over, 1 - u, u), np.where(over, 1 - v, v)
     a, b, c = np.moveaxis(corners[owners], 1, 0)

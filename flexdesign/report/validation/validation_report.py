@@ -304,7 +304,7 @@ def _mesh(validation: Validation) -> Section:
     planes = ", ".join(f"{plane.axis} = 0" for plane in validation.domain.planes) or "none"
     text = (
         f"Quadratic tetrahedra with straight edges on the fundamental domain (symmetry planes: {planes}), "
-        f"{METHODS[validation.method.name]}, solved by "
+        f"{METHODS[validation.method.name]}{_meshers(validation)}, solved by "
         f"{validation.finest.solution.facts['solver']}{_memory(validation)}. Unknowns are those of "
         f"the domain; the whole part has {validation.domain.copies} times as many. {validation.extrapolation} "
         f"{_index(validation)}{_loose(validation)}"
@@ -319,6 +319,15 @@ def _mesh(validation: Validation) -> Section:
         Table(["hinge", "drawn", "deviation", "allowed"], hinges, "Mesh gate: thickness measured on the finest mesh"),
     ]
     return Section("Meshes and checks", [text], tables)
+
+
+def _meshers(validation: Validation) -> str:
+    """Say which program made isotropic meshes, and which stood in for it."""
+    made = [level.mesh.mesher for level in validation.levels if level.mesh.mesher]
+    if len(set(made)) < 2:
+        return f", by {made[0]}" if made else ""
+    texts = [f"{made.count(name)} by {name}" for name in dict.fromkeys(made)]
+    return f", {' and '.join(texts)}, as Netgen made no mesh"
 
 
 def _memory(validation: Validation) -> str:
