@@ -37,8 +37,8 @@ test: $(VENV)/.ready ## Run the tests
 coverage: $(VENV)/.ready ## Run the tests, and list the lines that none of them runs
 	$(PYTEST) --cov $(SIDE_BY_SIDE)
 
-benchmark: $(VENV)/.ready ## Time the dynamics engine and SciPy at equal accuracy; a few minutes
-	$(BIN)/python -m studies.benchmarks.dynamics
+benchmark: $(VENV)/.ready ## Measure the performance table: each task and its peer, as ratios; half an hour
+	OMP_NUM_THREADS=1 $(BIN)/python -m studies.benchmarks
 
 peers: $(VENV)/.ready ## Time the finite elements, NGSolve, gmsh with scikit-fem, and CalculiX; several minutes
 	$(BIN)/python -m studies.benchmarks.fem_peers

@@ -106,7 +106,7 @@ def beside_the_peer(seconds: float) -> None:
     for chain_name, chain in CHAINS.items():
         for command in ("multisine",) if "loop" in chain else COMMANDS:
             right = dynamics_peer.reference(chain_name, MEASURED, command)
-            steps, wrong = _fewest_steps(chain_name, command, right)
+            steps, wrong = fewest_steps(chain_name, command, right)
             run = prepared(chain_name, seconds, command)
             way = dynamics_peer.best(chain_name, command, TOLERANCE, MEASURED)
             odeint = dynamics_peer.best(chain_name, command, TOLERANCE, MEASURED, ("odeint",))
@@ -127,7 +127,7 @@ def beside_the_peer(seconds: float) -> None:
             )
 
 
-def _fewest_steps(chain_name: str, command: str, right: Any) -> tuple[int, float]:
+def fewest_steps(chain_name: str, command: str, right: Any) -> tuple[int, float]:
     """Return the smallest power of two of steps that reaches the tolerance, and its error."""
     steps, run = 1, prepared(chain_name, MEASURED, command)
     while (wrong := dynamics_peer.error(run(substeps=steps).motion, right)) > TOLERANCE:

@@ -161,13 +161,19 @@ def everything(case: Case, truth: float) -> list[Entry]:
     return entries
 
 
-def at(accuracy: float, entries: Sequence[Entry], case: Case, truth: float) -> dict[str, float]:
-    """Print the fastest settings of each program that reach an accuracy, run anew in turns; return their times [s]."""
-    print(f"\nK_in to {100 * accuracy:g} %, the best of {1 + TURNS} runs\n{HEAD}")
+def cheapest(accuracy: float, entries: Sequence[Entry]) -> dict[str, Entry]:
+    """Return of each program the entry that reaches an accuracy in the least processor time."""
     chosen: dict[str, Entry] = {}
     for entry in sorted(entries, key=lambda entry: entry.run.cpu):  # other load disturbs it less than the wall time
         if abs(entry.error) <= accuracy:
             chosen.setdefault(entry.program, entry)
+    return chosen
+
+
+def at(accuracy: float, entries: Sequence[Entry], case: Case, truth: float) -> dict[str, float]:
+    """Print the fastest settings of each program that reach an accuracy, run anew in turns; return their times [s]."""
+    print(f"\nK_in to {100 * accuracy:g} %, the best of {1 + TURNS} runs\n{HEAD}")
+    chosen = cheapest(accuracy, entries)
     again = [tried(name, case, entry.settings, truth) for _ in range(TURNS) for name, entry in chosen.items()]
     again += chosen.values()
     walls: dict[str, float] = {}

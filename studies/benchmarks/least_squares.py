@@ -6,7 +6,7 @@
 Of every case the calibration is solved, and the fit with the hidden effect. Both methods begin at the same point, have
 the same bounds and the same Jacobian, found by the same differences record by record, and stop where a step lowers the
 cost by the same share. SciPy's is `least_squares` with `method="trf"`, coordinates scaled by the Jacobian. A simulation
-is one of all fitted runs. Every solver runs twice, in turn, in one process; the shorter time counts.
+is one of all fitted runs. Every solver runs twice, in turn, in one process; the shorter processor time counts.
 
 Fits are made as the diagnosis makes them: to the end, with a Jacobian found there for the intervals; and roughly, as
 most of its fits are, which begin with the Jacobian of the calibration and need none at the end.
@@ -166,9 +166,9 @@ def compared(task: Task, manner: Manner) -> dict[str, Ended]:
     for _ in range(REPEATS):
         for name, solver in SOLVERS.items():
             problem = task.make()
-            began = time.perf_counter()
+            began = time.process_time()
             cost = solver(problem, manner, task.old if manner.begins else {})
-            seconds = time.perf_counter() - began
+            seconds = time.process_time() - began
             before = found[name].seconds if name in found else math.inf
             simulations = problem.evaluations / len(problem.dataset.records)
             found[name] = Ended(cost, simulations, min(seconds, before))

@@ -1,0 +1,186 @@
+"""The performance table: flexdesign beside its peers, as ratios measured in one run::
+
+    python -m studies.benchmarks                      # half an hour on an idle machine
+    python -m studies.benchmarks simulation fits      # some of the tasks
+
+Both sides of a row solve the same task to the same accuracy, one after the other. A ratio is that of processor times,
+which other load disturbs less than wall times: how many times as long the peer takes as flexdesign. Peers that are not
+installed are named, and left out. Each module of this folder measures one task in more detail.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from flexdesign.core import subprocess_call, units
+from flexdesign.core.versions import installed
+from flexdesign.design import design
+from flexdesign.dynamics.simulate import TOLERANCE
+from flexdesign.fem.multifidelity import FastSolid
+from flexdesign.report import render
+from flexdesign.report.document import Document, Section, Table
+from flexdesign.report.terminal import plain
+from studies.benchmarks import dynamics, dynamics_peer, fem_peers, least_squares, stage_monolithic, sweep_evaluators
+from studies.benchmarks.fem_peer_case import Case
+
+#: Signal chains, of `dynamics_peer.CHAINS`, and how long they are simulated [s].
+CHAINS, SIGNAL = ("full", "full, closed loop", "three axes, closed loop"), 2.0
+#: Designs of a sweep, and how many of them are also solved one by one.
+DESIGNS, ANEW = 100, 4
+#: Cases of the trial whose fits are solved: friction, a delay, statics, a slow effect, and none.
+CASES = (10002, 20004, 20300, 21101, 22101)
+HEADS = ("task", "at equal", "peer", "flexdesign", "peer / flexdesign")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One comparison.
+
+    Parameters
+    ----------
+    task, equal
+        What both sides do, and the accuracy that both reach.
+    peer
+        The other program or method.
+    own, other
+        Processor time of flexdesign and of the peer [s].
+    """
+
+    task: str
+    equal: str
+    peer: str
+    own: float
+    other: float
+
+    @property
+    def ratio(self) -> float:
+        """How many times as long the peer takes."""
+        return self.other / self.own
+
+    def cells(self) -> list[str]:
+        """Return the row of the table."""
+        ratio = float(f"{self.ratio:.2g}")  # no digit of a time beyond the second is repeated
+        return [self.task, self.equal, self.peer, f"{units.significant(self.own, 2)} s", f"{ratio:g}"]
+
+
+def processor_time() -> float:
+    """Return the processor time of this process and of those that it has ended [s]."""
+    subprocess_call._helper.end()  # the mesher's process counts once it has ended
+    return sum(os.times()[:4])
+
+
+def taken(action: Callable[[], object], clock: Callable[[], float] = time.process_time) -> float:
+    """Return the processor time of something [s]."""
+    begin = clock()
+    action()
+    return clock() - begin
+
+
+def finite_elements() -> Iterator[Row]:
+    """Yield, for each accuracy of K_in, the peer that takes least."""
+    name = "bridge_amplifier"
+    case, truth = Case.of(design.read(design.find(name))), fem_peers.reference(name)
+    entries = fem_peers.everything(case, truth)
+    for accuracy in fem_peers.ACCURACIES:
+        chosen = {program: entry.run.cpu for program, entry in fem_peers.cheapest(accuracy, entries).items()}
+        own = chosen.pop("flexdesign", math.nan)
+        for program, other in sorted(chosen.items(), key=lambda item: item[1]):
+            yield Row("finite elements, K_in", f"{100 * accuracy:g} % of its limit", program, own, other)
+
+
+def sweep() -> Iterator[Row]:
+    """Yield a sweep by finite elements beside designs that are meshed and solved one by one."""
+    designs, fast = sweep_evaluators.sample(DESIGNS, 1), FastSolid(sweep_evaluators.ACCURACY)
+    own = taken(lambda: [fast.evaluate(given) for given in designs], processor_time)
+    chosen = [designs[i] for i in np.linspace(0, DESIGNS - 1, ANEW).astype(int)]
+    one_by_one = partial(sweep_evaluators.lean, coarsenesses=sweep_evaluators.STEPS, accuracy=sweep_evaluators.ACCURACY)
+    other = taken(lambda: [one_by_one(given) for given in chosen], processor_time) * DESIGNS / ANEW
+    equal = f"{100 * sweep_evaluators.ACCURACY:g} % estimated error"
+    yield Row(f"sweep, {DESIGNS} designs", equal, "each meshed and solved anew", own, other)
+
+
+def simulation() -> Iterator[Row]:
+    """Yield chains beside SciPy's fastest method with a compiled right-hand side."""
+    for name in CHAINS:
+        right = dynamics_peer.reference(name, dynamics.MEASURED)
+        steps, _ = dynamics.fewest_steps(name, "multisine", right)
+        run = partial(dynamics.prepared(name, SIGNAL), substeps=steps)
+        way = dynamics_peer.best(name, wanted=TOLERANCE, seconds=dynamics.MEASURED)
+        options = {key: value for key, value in way.items() if key not in ("error", "wall")}
+        own, other = [], []
+        for _ in range(dynamics.TURNS):
+            own.append(taken(run))
+            other.append(taken(partial(dynamics_peer.solve, name, SIGNAL, **options)))
+        peer = f"SciPy {way['method']}, compiled"
+        yield Row(f"simulation: {name}, {SIGNAL:g} s", f"{TOLERANCE:g} of the stroke", peer, min(own), min(other))
+
+
+def fits() -> Iterator[Row]:
+    """Yield the fits of a diagnosis beside SciPy's trust-region method, where both reach the same cost."""
+    manner, pairs = least_squares.MANNERS["to the end"], []
+    for number in CASES:
+        for task in least_squares.of_case(number, least_squares.cases.SEED):
+            found = least_squares.compared(task, manner)
+            own, other = found["own"], found["SciPy"]
+            if not least_squares.is_lower(own, other) and not least_squares.is_lower(other, own):
+                pairs.append((own.seconds, other.seconds))
+            print(f"  {task.name}: {own.cost:.2f}, SciPy {other.cost:.2f}", flush=True)
+    own, other = np.sum(pairs, axis=0)
+    yield Row(f"diagnosis: {len(pairs)} fits", "sum of squares", "SciPy least_squares (trf)", own, other)
+
+
+def superelements() -> Iterator[Row]:
+    """Yield the stage of condensed parts beside the stage in one piece."""
+    own, other = stage_monolithic.main()
+    yield Row("stage, statics and six modes", "mesh of the parts", "the stage in one piece", own, other)
+
+
+TASKS: Mapping[str, Callable[[], Iterator[Row]]] = {
+    "finite_elements": finite_elements,
+    "sweep": sweep,
+    "simulation": simulation,
+    "fits": fits,
+    "superelements": superelements,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, print the table, and write it."""
+    parser = argparse.ArgumentParser(prog="python -m studies.benchmarks", description="flexdesign beside its peers")
+    parser.add_argument("tasks", nargs="*", metavar="TASK", help=f"of {', '.join(TASKS)} [default: all]")
+    parser.add_argument("--out", type=Path, default=Path("reports/benchmarks"), help="folder of the report")
+    given = parser.parse_args(arguments)
+    if unknown := [name for name in given.tasks if name not in TASKS]:
+        parser.error(f"{unknown[0]} is none of {', '.join(TASKS)}")
+    render.prepare(given.out)
+    rows = list[Row]()
+    for name in given.tasks or TASKS:
+        for row in TASKS[name]():
+            rows.append(row)
+            print(*row.cells(), sep=" | ", flush=True)
+    table = Table(HEADS, [row.cells() for row in rows])
+    text = [
+        "Processor time on the machine of this run, and how many times as long the peer takes.",
+        f"{os.cpu_count()} processors; load before the end of the run: {os.getloadavg()[0]:.1f}.",
+    ]
+    result = {
+        "rows": [{**vars(row), "ratio": row.ratio} for row in rows],
+        "versions": installed(["numpy", "scipy", "numba", "scikit-fem", "ngsolve", "gmsh"]),
+    }
+    render.write(given.out, Document("Performance beside peers", text, [Section("Ratios", (), [table])]), result, {})
+    print(plain(table), given.out / "report.html", sep="\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

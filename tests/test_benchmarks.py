@@ -1,0 +1,39 @@
+"""The performance table: what a row says, and which entry of a program counts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from studies.benchmarks import __main__ as table
+from studies.benchmarks.fem_peer_case import Answer
+from studies.benchmarks.fem_peers import Entry, Run, cheapest
+
+
+def entry(program: str, error: float, cpu: float) -> Entry:
+    return Entry(program, {}, Run({}, 1.0, cpu, 0), Answer(1.0, 1, 0.0, 0.0), error)
+
+
+def test_of_each_program_the_cheapest_that_is_right_counts() -> None:
+    entries = [entry("a", 0.02, 1.0), entry("a", -0.009, 3.0), entry("a", 0.001, 5.0), entry("b", 0.05, 0.1)]
+    assert {name: each.run.cpu for name, each in cheapest(0.01, entries).items()} == {"a": 3.0}
+
+
+def test_rows_are_printed_and_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [table.Row("task", "1 %", "peer", 2.0, 492.0)]
+    monkeypatch.setattr(table, "TASKS", {"one": lambda: iter(rows)})
+    assert table.main(["--out", str(tmp_path)]) == 0
+    assert "task | 1 % | peer | 2.0 s | 250\n" in capsys.readouterr().out
+    found: dict[str, Any] = json.loads((tmp_path / "result.json").read_text())
+    assert found["rows"][0]["ratio"] == 246.0 and "numpy" in found["versions"]
+
+
+def test_an_unknown_task_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        table.main(["flying"])
+    assert "flying is none of finite_elements, sweep" in capsys.readouterr().err
