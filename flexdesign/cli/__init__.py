@@ -14,29 +14,29 @@ from flexdesign.core import foreign_code, result_cache
 from flexdesign.core.errors import InputError, printable
 from flexdesign.core.versions import __version__
 
-# A verb is one module with a function under @app.command(help=HELP), and one line here; the help has this order:
+# A verb is one module with a function under @app.command, and one line here; the help has this order:
 # from flexdesign.cli import my_verb as my_verb
 # isort: off
-from flexdesign.cli import size as size
 from flexdesign.cli import validate as validate
 from flexdesign.cli import ports as ports
+from flexdesign.cli import size as size
 from flexdesign.cli import sweep as sweep
 from flexdesign.cli import optimize as optimize
 from flexdesign.cli import simulate as simulate
-from flexdesign.cli import reproduce as reproduce
-from flexdesign.cli import published as published
-from flexdesign.cli import identify as identify
+from flexdesign.cli import import_ as import_
+from flexdesign.cli import check as check
 from flexdesign.cli import compare as compare
 from flexdesign.cli import diagnose as diagnose
 from flexdesign.cli import add as add
+from flexdesign.cli import identify as identify
+from flexdesign.cli import plan as plan
+from flexdesign.cli import workbench as workbench
+from flexdesign.cli import reproduce as reproduce
+from flexdesign.cli import published as published
 from flexdesign.cli import effects as effects
 from flexdesign.cli import materials as materials
-from flexdesign.cli import plan as plan
-from flexdesign.cli import import_ as import_
-from flexdesign.cli import check as check
 from flexdesign.cli import init as init
 from flexdesign.cli import doctor as doctor
-from flexdesign.cli import workbench as workbench
 # isort: on
 
 #: The option that forbids code of others, at any place of the command line.

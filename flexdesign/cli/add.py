@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli.shared import (
+    MEASUREMENTS,
     AsJson,
     Noise,
     StageOverrides,
@@ -45,7 +46,7 @@ are static tables (see `flexdesign diagnose --help`); the design with the effect
 """
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=MEASUREMENTS)
 def add(
     model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
     effect: Annotated[str, typer.Argument(help="Effect: a name, or the path of a file.")],

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, app, progress, report_folder, show
+from flexdesign.cli.shared import MEASUREMENTS, AsJson, app, progress, report_folder, show
 
 HELP = """Check recordings before a fit: what they hold, what is suspicious, and which effects they can reveal.
 
@@ -32,7 +32,7 @@ would.
 """
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=MEASUREMENTS)
 def check(
     recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recordings: files or folders.")],
     out: Annotated[

@@ -7,7 +7,18 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, Noise, StageOverrides, app, file_of, listed, progress, report_folder, show
+from flexdesign.cli.shared import (
+    MEASUREMENTS,
+    AsJson,
+    Noise,
+    StageOverrides,
+    app,
+    file_of,
+    listed,
+    progress,
+    report_folder,
+    show,
+)
 
 HELP = """Compare a stage model with recordings: the size and the location of its error.
 
@@ -38,7 +49,7 @@ Displacements `u_x`, `u_y` and `theta_z` under a load in columns `F_x [N]`, `F_y
 """
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=MEASUREMENTS)
 def compare(
     model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
     recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli.shared import (
+    MEASUREMENTS,
     AsJson,
     Noise,
     StageOverrides,
@@ -56,7 +57,7 @@ result is written to design.toml.
 """
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=MEASUREMENTS)
 def diagnose(
     model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
     recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],

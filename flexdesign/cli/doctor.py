@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from flexdesign.cli.shared import AsJson, CacheFolder, app, progress, show
+from flexdesign.cli.shared import INSTALLATION, AsJson, CacheFolder, app, progress, show
 
 HELP = """Say what the installation has and lacks, and how to get it.
 
@@ -21,7 +21,7 @@ free memory; whether cache, working and temporary folder can be written.
 """
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=INSTALLATION)
 def doctor(cache: CacheFolder = None, as_json: AsJson = False) -> None:
     """Look at the installation and print what was found."""
     from flexdesign.api import health

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, StageOverrides, app, print_json, progress
+from flexdesign.cli.shared import CATALOGUES, AsJson, StageOverrides, app, print_json, progress
 
 if TYPE_CHECKING:
     from flexdesign.diagnosis.experiment_design import Signature
@@ -47,7 +47,7 @@ SHOWN = ("axis.{axis}.damping_ratio=0.0242", 'axis.{axis}.sensor.resolution="0 u
 RINGS = ", its damping ratio 0.0242 as its printed gains call for, its sensor without steps"
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=CATALOGUES)
 def effects(
     name: Annotated[str | None, typer.Argument(help="Effect: a name, or the path of a file.")] = None,
     model: Annotated[

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli.shared import (
+    MEASUREMENTS,
     AsJson,
     StageOverrides,
     app,
@@ -46,7 +47,7 @@ alone or together with runs, and writes the model. The intervals of `identify` n
 """
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=MEASUREMENTS)
 def identify(
     model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")],
     recordings: Annotated[list[Path], typer.Argument(metavar="RUNS...", help="Recorded runs: files or folders.")],

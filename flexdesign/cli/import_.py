@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import app
+from flexdesign.cli.shared import MEASUREMENTS, app
 from flexdesign.core.errors import printable
 
 HELP = """Convert recordings of other programs to a folder of runs.
@@ -46,7 +46,7 @@ pi, abs, sqrt, exp, sin, cos, real, imag, conj, angle. Units are checked, and co
 """
 
 
-@app.command(name="import", help=HELP)
+@app.command(name="import", help=HELP, rich_help_panel=MEASUREMENTS)
 def import_(
     recordings: Annotated[list[Path], typer.Argument(metavar="FILES...", help="Recordings, read together.")],
     map_file: Annotated[

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import app
+from flexdesign.cli.shared import INSTALLATION, app
 
 HELP = """Write files to start from.
 
@@ -76,7 +76,7 @@ commands = typer.Typer(
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.add_typer(commands, name="init")
+app.add_typer(commands, name="init", rich_help_panel=INSTALLATION)
 
 
 @commands.command(help=PROJECT)

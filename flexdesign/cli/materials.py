@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, app, print_json
+from flexdesign.cli.shared import CATALOGUES, AsJson, app, print_json
 
 HELP = """Show the material library, or one material with the source of every value.
 
@@ -30,7 +30,7 @@ density, yield_strength and, if known, ultimate_strength, [material.fatigue] and
 """
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=CATALOGUES)
 def materials(
     name: Annotated[str | None, typer.Argument(help="Material: a name, or the path of a file.")] = None,
     as_json: AsJson = False,

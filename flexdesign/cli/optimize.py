@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, app, progress, report_folder, show
+from flexdesign.cli.shared import DESIGN, AsJson, app, progress, report_folder, show
 
 HELP = """Find the best dimensions for one aim within limits, checked by finite elements.
 
@@ -30,7 +30,7 @@ internal error; 130 interrupted.
 """
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=DESIGN)
 def optimize(
     study: Annotated[str, typer.Argument(help="Sweep with limits and one aim: a path, or a bare name.")],
     overrides: Annotated[

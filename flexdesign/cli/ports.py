@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, app, progress, report_folder, show, write_file
+from flexdesign.cli.shared import DESIGN, AsJson, app, progress, report_folder, show, write_file
 
 HELP = """List the faces of a STEP file, and write a design that uses some of them as ports.
 
@@ -34,7 +34,7 @@ joint: its report has the stiffness of the output in six directions.
 """
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=DESIGN)
 def ports(
     step: Annotated[Path, typer.Argument(metavar="STEP", help="The STEP file.")],
     out: Annotated[

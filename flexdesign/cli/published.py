@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, CacheFolder, app, progress, report_folder, show
+from flexdesign.cli.shared import PUBLICATIONS, AsJson, CacheFolder, app, progress, report_folder, show
 
 HELP = """Compare published numbers of mechanisms with finite elements, and name the effect that closes each gap.
 
@@ -30,7 +30,7 @@ what closes each gap.
 """
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=PUBLICATIONS)
 def published(
     mechanisms: Annotated[
         list[str] | None, typer.Argument(metavar="[MECHANISM...]", help="Folders, or their names.", show_default=False)

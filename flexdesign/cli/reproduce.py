@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, CacheFolder, app, progress, report_folder, show
+from flexdesign.cli.shared import PUBLICATIONS, AsJson, CacheFolder, app, progress, report_folder, show
 
 HELP = """Reproduce every printed value of a publication, each with a verdict.
 
@@ -31,7 +31,7 @@ The command takes some minutes; meshes and condensed parts are cached, so that a
 """
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=PUBLICATIONS)
 def reproduce(
     publication: Annotated[str, typer.Argument(help="Printed numbers: a path, or a bare name.")] = "lin2019",
     overrides: Annotated[

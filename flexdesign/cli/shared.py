@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from flexdesign.api.result import Result
     from flexdesign.report.origin import Inputs
 
+#: Groups of commands in the help, in this order.
+DESIGN, SIMULATION, MEASUREMENTS = "Design and validate", "Simulate", "Confront with measurements"
+PUBLICATIONS, CATALOGUES, INSTALLATION = "Publications", "Catalogues", "To begin with"
+
 app = typer.Typer(
     name="flexdesign",
     help="Design piezo-driven flexure stages, simulate them, and fit them to recordings.",

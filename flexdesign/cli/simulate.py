@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, StageOverrides, app, progress, report_folder, show
+from flexdesign.cli.shared import SIMULATION, AsJson, StageOverrides, app, progress, report_folder, show
 
 HELP = """Simulate a stage: hysteresis, feedforward, PID, steps, tracking, lines.
 
@@ -33,7 +33,7 @@ runs/*.csv, recordings that `identify` reads.
 """
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=SIMULATION)
 def simulate(
     model: Annotated[str, typer.Argument(help="Stage model: a path, or a bare name.")] = "lin2019_stage",
     study: Annotated[

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, CacheFolder, app, progress, report_folder, show
+from flexdesign.cli.shared import DESIGN, AsJson, CacheFolder, app, progress, report_folder, show
 
 if TYPE_CHECKING:
     from flexdesign.analytic.dimension_synthesis import Sizing
@@ -45,7 +45,7 @@ and ± is the largest change of a dimension within half a unit of their last dig
 """
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=DESIGN)
 def size(
     targets: Annotated[str, typer.Argument(help="Targets: a path, or a bare name.")],
     overrides: Annotated[

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, app, progress, report_folder, show
+from flexdesign.cli.shared import DESIGN, AsJson, app, progress, report_folder, show
 
 HELP = """Evaluate many versions of a design, save every answer, and find the best.
 
@@ -60,7 +60,7 @@ failed case is recorded with its reason; the sweep continues.
 NAMED = ("report.html", "report.md", "result.json", "cases.csv")
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=DESIGN)
 def sweep(
     study: Annotated[str, typer.Argument(help="Sweep: a path, or a bare name.")],
     overrides: Annotated[

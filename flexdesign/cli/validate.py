@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import AsJson, CacheFolder, app, progress, report_folder, show
+from flexdesign.cli.shared import DESIGN, AsJson, CacheFolder, app, progress, report_folder, show
 
 HELP = """Solve a design with FEM and compare the analytic models with the solution.
 
@@ -53,7 +53,7 @@ resumes.
 NAMED = ("report.html", "report.md", "result.json", "fem.csv", "stage_model.toml")
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=DESIGN)
 def validate(
     study_name: Annotated[
         str, typer.Argument(metavar="STUDY", help="Study or design: a path, or a bare name.")

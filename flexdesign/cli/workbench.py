@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from flexdesign.cli.shared import app
+from flexdesign.cli.shared import MEASUREMENTS, app
 
 HELP = """Open a local page: confront a model with recordings, and change a design.
 
@@ -32,7 +32,7 @@ elsewhere by whoever has the token in the printed address.
 """
 
 
-@app.command(help=HELP)
+@app.command(help=HELP, rich_help_panel=MEASUREMENTS)
 def workbench(
     model: Annotated[str | None, typer.Argument(help="Stage model: a path, or a bare name.")] = None,
     recordings: Annotated[
