@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import flexdesign
-from flexdesign.cli.shared import app
+from flexdesign.cli.shared import CATALOGUES, DESIGN, INSTALLATION, MEASUREMENTS, PUBLICATIONS, SIMULATION, app
 from flexdesign.core.result_cache import Cache
 from flexdesign.design.study import Study
 from flexdesign.dynamics.stage_model import StageModel
@@ -95,8 +95,10 @@ def test_nothing_is_cut_off_on_a_narrow_terminal(wraps: bool, monkeypatch: pytes
 
 def test_verbs_stand_in_the_order_of_the_work() -> None:
     known = [command.name or command.callback.__name__ for command in app.registered_commands if command.callback]
-    asked = ["validate", "simulate", "identify", "effects", "plan"]
+    asked = ["validate", "simulate", "import", "compare", "diagnose", "effects"]
     assert [verb for verb in known if verb in asked] == asked
+    groups = dict.fromkeys(str(command.rich_help_panel) for command in app.registered_commands)
+    assert list(groups) == [DESIGN, SIMULATION, MEASUREMENTS, PUBLICATIONS, CATALOGUES, INSTALLATION]
 
 
 def test_every_verb_has_help_with_examples(command_line: Run) -> None:
