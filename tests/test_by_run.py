@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -40,8 +41,9 @@ def run(number: int, rate: float, wander: Callable[[np.random.Generator], Array]
     return Run(f"run{number}", t, columns, {"u": "V", "x": "m"}, "hold", role, role_is_stated=True)  # type: ignore[arg-type]
 
 
+@cache
 def found_in(
-    rates: Sequence[float], wander: Callable[[np.random.Generator], Array] = lambda _: np.zeros(1)
+    rates: tuple[float, ...], wander: Callable[[np.random.Generator], Array] = lambda _: np.zeros(1)
 ) -> Diagnosis:
     return diagnose(MODEL, [run(k, rate, wander) for k, rate in enumerate(rates)], threads=1)
 
@@ -59,7 +61,7 @@ def rate_of(value: float, rates: Sequence[float]) -> object:
     ],
     ids=["one sign", "both signs"],
 )
-def test_a_drift_whose_rate_differs_is_found_with_the_rate_of_each_run(rates: Sequence[float]) -> None:
+def test_a_drift_whose_rate_differs_is_found_with_the_rate_of_each_run(rates: tuple[float, ...]) -> None:
     found = found_in(rates)
     (drift,) = found.effects
     assert (drift.name, found.verdict) == ("sensor_drift", "effects-found")
@@ -78,7 +80,7 @@ def test_a_drift_whose_rate_differs_is_found_with_the_rate_of_each_run(rates: Se
 
 
 def test_a_drift_with_one_rate_has_one_number() -> None:
-    found = found_in([3e-7] * 6)
+    found = found_in((3e-7,) * 6)
     (drift,) = found.effects
     assert drift.name == "sensor_drift" and not drift.by_run
     low, high = drift.values[0].interval
@@ -87,7 +89,7 @@ def test_a_drift_with_one_rate_has_one_number() -> None:
 
 def test_a_random_walk_is_no_rate_of_each_run() -> None:
     """A line through a random walk explains most of it, and says nothing of how it goes on."""
-    found = found_in([3e-7] * 6, lambda rng: 2e-9 * np.cumsum(rng.standard_normal(SAMPLES)))
+    found = found_in((3e-7,) * 6, lambda rng: 2e-9 * np.cumsum(rng.standard_normal(SAMPLES)))
     assert "sensor_drift" in [named.name for named in found.effects]
     assert not any(named.by_run for named in found.effects)
 
