@@ -79,7 +79,7 @@ def test_many_changes_make_a_name_that_a_folder_can_have() -> None:
     one, other = ([f"axis.x.key_{n}={value}" for n in range(40)] for value in (1, 2))
     assert len(changes.as_name(one)) < 80 and changes.as_name(one) != changes.as_name(other)
     assert re.fullmatch(r"[\w.+-]+", changes.as_name(['output.sensor=["0 mm", "../a"]', "limits.|K|=> 2 N/um"]))
-    assert len(changes.titled("A", one)) < 120
+    assert len(changes.title_with_changes("A", one)) < 120
 
 
 def test_each_stage_model_has_a_folder_of_its_own(tmp_path: Path, command_line: Run) -> None:

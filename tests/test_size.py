@@ -177,7 +177,7 @@ rod_thickness = "4 mm"
     )
     found = dimension_synthesis.size(file)
     assert found.title == "mine"
-    for asked, back in found.returned():
+    for asked, back in found.recomputed_targets():
         assert back.value == pytest.approx(asked.value, rel=1e-12)
     assert found.found.xy.youngs_modulus == pytest.approx(71.7e9)
     assert found.found.xy.amplification() == pytest.approx(7)  # output free

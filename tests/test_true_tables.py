@@ -20,7 +20,7 @@ from flexdesign.core.model import Elastic, Member
 from flexdesign.design import design
 from flexdesign.diagnosis.comparison import static_table as comparison
 from flexdesign.diagnosis.static_tables import diagnose
-from flexdesign.effects.hinge_compliance import beam, roots, slopes
+from flexdesign.effects.hinge_compliance import beam, roots, taper
 from flexdesign.report.diagnosis import table_report, table_words
 from studies.static_trial.cases import STACK, case, references
 
@@ -187,9 +187,9 @@ def test_a_notch_is_as_much_softer_than_its_beam_as_finite_elements_are():
     notch = Member("hinge", "hinge", ("a", "b"), (0.0, 0.0, 0.0), (4e-3, 0.0, 0.0), **shape)
     plane_stress = Elastic(71e9, 0.33)
     assert beam.rotation(notch, plane_stress) == pytest.approx(1 / 6.486, rel=1e-3)
-    slope = slopes.compliance(notch, plane_stress)[2, 2]
+    slope = taper.compliance(notch, plane_stress)[2, 2]
     assert beam.rotation(notch, plane_stress) + slope == pytest.approx(1 / 5.923, rel=3e-3)
-    ends = roots.compliance(roots.guessed(notch), plane_stress)[2, 2]
+    ends = roots.compliance(roots.with_guessed_roots(notch), plane_stress)[2, 2]
     assert 0 < ends < 5e-3 / 5.923
 
 

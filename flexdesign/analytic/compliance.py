@@ -151,12 +151,12 @@ class ComplianceModel:
         grounds = [self.linkage.ports[port.name] for port in self.ports if port.role == "ground"]
         linkage, tensions = replace(self.linkage, members=self.members), None
         if self.base["force"]:
-            linkage, tensions = self._loaded(linkage, compliances, grounds, loads[0])
+            linkage, tensions = self._deform(linkage, compliances, grounds, loads[0])
         solutions = frame.solve(linkage, compliances, grounds, loads, tensions)
-        found = [[sum(float(pull[n] @ answer.motions[n]) for n in pull) for answer in solutions] for pull in loads]
+        found = [[sum(float(pull[n] @ result.motions[n]) for n in pull) for result in solutions] for pull in loads]
         return np.array(found) + np.diag([0.0, self.base["base_compliance"]])
 
-    def _loaded(
+    def _deform(
         self, linkage: Linkage, compliances: Mapping[str, Array], grounds: Sequence[str], pull: Mapping[str, Array]
     ) -> tuple[Linkage, dict[str, float]]:
         """Return the linkage as the actuator's force has moved it, and the tensions then, by steps of the midpoint."""
@@ -182,11 +182,11 @@ class ComplianceModel:
                 node = self.linkage.ports[port.name]
                 way = -1.0 if role == "input" else 1.0
                 force = (way * port.normal[0], way * port.normal[1])
-                at_node = frame.carried_to(self.linkage.nodes[node], port.point, force)
+                at_node = frame.transfer_force(self.linkage.nodes[node], port.point, force)
                 pull[node] = pull.get(node, np.zeros(3)) + at_node
         return pull
 
-    def between(self, first: Port, second: Port) -> Array:
+    def compliance_between(self, first: Port, second: Port) -> Array:
         """Return what the piece gives way between two ports, the first held, 7 by 7, SI.
 
         Rows: motions of the second port's point along x, y and z and about them, and the actuator's extension; columns:
@@ -195,20 +195,20 @@ class ComplianceModel:
         held, node = [self.linkage.ports[first.name]], self.linkage.ports[second.name]
         place, found = self.linkage.nodes[node], np.zeros((7, 7))
         linkage = replace(self.linkage, members=self.members)
-        in_plane, beside = [0, 1, 5, 6], [2, 3, 4]
+        in_plane, out_of_plane = [0, 1, 5, 6], [2, 3, 4]
         dx, dy = second.point[0] - place[0], second.point[1] - place[1]
         to_point = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
         loads = [{node: force} for force in to_point] + [self._pull("input")]
         solutions = frame.solve(linkage, self._compliances(), held, loads)
         found[np.ix_(in_plane, in_plane)] = [
-            [float(sum(load[n] @ answer.motions[n] for n in load)) for answer in solutions] for load in loads
+            [float(sum(load[n] @ result.motions[n] for n in load)) for result in solutions] for load in loads
         ]
         compliances = self._compliances(out_of_plane=True)
         if any(compliance.any() for compliance in compliances.values()):
             to_point = np.array([[1.0, dy, -dx], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
             loads = [{node: force} for force in to_point]
             solutions = frame.solve(linkage, compliances, held, loads, out_of_plane=True)
-            found[np.ix_(beside, beside)] = [
+            found[np.ix_(out_of_plane, out_of_plane)] = [
                 [float(row @ answer.motions[node]) for answer in solutions] for row in to_point
             ]
         return found
@@ -217,12 +217,12 @@ class ComplianceModel:
 
     def input_stiffness(self, output_load: float = 0.0) -> float:
         """K_in with a spring at the output [N/m]; an infinite one holds it. Infinite where nothing gives way."""
-        extension = self._driven(output_load)[0]
+        extension = self._drive(output_load)[0]
         return 1 / extension if extension > 0 else math.inf
 
     def amplification(self, output_load: float = 0.0) -> float:
         """Amplification with a spring at the output, signed along the output's normal; NaN where nothing gives way."""
-        extension, travel = self._driven(output_load)
+        extension, travel = self._drive(output_load)
         return travel / extension if extension > 0 else math.nan
 
     def output_stiffness(self, input_stiffness: float = 0.0) -> float:
@@ -235,7 +235,7 @@ class ComplianceModel:
         left = c22 - c12 * c21 / series if series > 0 else c22
         return float(1 / left) if left > 1e-12 * abs(c22) else math.inf
 
-    def _driven(self, output_load: float) -> tuple[float, float]:
+    def _drive(self, output_load: float) -> tuple[float, float]:
         """Return extension and travel per force of the actuator, with a spring at the output."""
         (c11, c12), (c21, c22) = self.port_compliance
         load = output_load + self.base["output_load"]

@@ -109,7 +109,7 @@ class _File(Table):
 # --- what is found
 
 
-class Given(NamedTuple):
+class InputNumber(NamedTuple):
     """A number of the file, as it was written, and where it comes from."""
 
     name: str
@@ -138,13 +138,17 @@ class Sizing:
     name: str
     title: str
     material: str
-    given: tuple[Given, ...]
+    given: tuple[InputNumber, ...]
     found: Reconstruction
     quantities: tuple[Quantity, ...]
 
-    def returned(self) -> list[tuple[Quantity, Quantity]]:
+    def recomputed_targets(self) -> list[tuple[Quantity, Quantity]]:
         """Return each target and what the equations give for the dimensions, which is circular by construction."""
-        return list(zip(_asked(self.found.targets), _asked(self.found.returned()), strict=True))
+        return list(
+            zip(
+                _target_quantities(self.found.targets), _target_quantities(self.found.recomputed_targets()), strict=True
+            )
+        )
 
     def topologies(self) -> list[tuple[str, Topology, Quantity]]:
         """Return ways to put the same elements together in X/Y: the targets' own and others, with the stiffness."""
@@ -173,7 +177,9 @@ class Sizing:
             "given": [given._asdict() for given in self.given],
             "quantities": [quantity.to_json() for quantity in self.quantities],
             "topologies": [{**k.to_json(), "topology": name, **asdict(t)} for name, t, k in self.topologies()],
-            "returned": [{**back.to_json(), "target": asked.to_json()["value"]} for asked, back in self.returned()],
+            "returned": [
+                {**back.to_json(), "target": asked.to_json()["value"]} for asked, back in self.recomputed_targets()
+            ],
         }
 
 
@@ -206,15 +212,15 @@ def size(name: str | Path, overrides: Sequence[str] = ()) -> Sizing:
     """
     path = find(name)
     content = toml_files.read_toml(path)
-    with toml_files.attributed(overrides):
+    with toml_files.attribute_overrides(overrides):
         content = _without_rivals(toml_files.overlay(content, overrides), overrides)
         checked = toml_files.check(_File, content, path)
         material = materials.find(checked.material, path)
         written = _written(content)
-        given = _given(checked.sources, written, overrides, path)
+        given = _input_numbers(checked.sources, written, overrides, path)
         problem = _Problem(checked, Choices(material.youngs_modulus, **checked.choices.model_dump()), written, path)
         found = problem.solve({})
-        values = problem.named(found)
+        values = problem.dimension_quantities(found)
         if checked.rounded:
             values = [replace(q, half_width=half) for q, half in zip(values, problem.half_widths(), strict=True)]
     title = checked.title or path.stem.replace("_", " ")
@@ -242,7 +248,7 @@ class _Problem:
             counts = (Topology(**each.model_dump()) for each in (self.checked.topology.xy, self.checked.topology.z))
             return reconstruct(Targets(xy, z, coupling, *counts), self.choices)
         except Contradiction as error:
-            raise self._refusal(error) from None
+            raise self._contradiction(error) from None
 
     def _axis(self, key: str, axis: _Axis, changes: Mapping[str, float]) -> AxisTargets:
         numbers = _with_changes(axis, f"targets.{key}", changes)
@@ -251,7 +257,7 @@ class _Problem:
             numbers["amplification"] = amplification_from_gain(k_in, k, gain)
         return AxisTargets(**numbers)
 
-    def _refusal(self, error: Contradiction) -> InputError:
+    def _contradiction(self, error: Contradiction) -> InputError:
         """Return the contradiction with its place in the file."""
         table = "" if error.field.startswith("topology") else "targets." if "." in error.field else "choices."
         field = table + error.field.replace("topology_", "topology.")
@@ -259,18 +265,20 @@ class _Problem:
             field = field.replace(".amplification", ".gain")
         return InputError(self.path, field, toml_files.as_written(self.written.get(field)), error.remedy)
 
-    def named(self, found: Reconstruction) -> list[Quantity]:
+    def dimension_quantities(self, found: Reconstruction) -> list[Quantity]:
         """Return the dimensions as quantities."""
         return list(_quantities(found, {k: "stated" if axis.gain is None else EQ30 for k, axis in self.axes.items()}))
 
     def half_widths(self) -> list[float]:
         """Return for each quantity how far half a unit of the targets' last digits moves it, all together at worst."""
-        total = np.zeros(len(self.named(self.solve({}))))
+        total = np.zeros(len(self.dimension_quantities(self.solve({}))))
         for key, given in self.written.items():
             if (half := _half_unit(given, key, self.checked)) is None:
                 continue
             try:
-                ends = [[q.value for q in self.named(self.solve({key: sign * half}))] for sign in (-1, 1)]
+                ends = [
+                    [q.value for q in self.dimension_quantities(self.solve({key: sign * half}))] for sign in (-1, 1)
+                ]
             except InputError as error:
                 remedy = f"half a unit of its last digit contradicts the other targets already ({error.remedy})"
                 raise InputError(self.path, key, toml_files.as_written(given), remedy) from None
@@ -288,9 +296,9 @@ def _written(content: Mapping[str, Any]) -> dict[str, object]:
     return written
 
 
-def _given(
+def _input_numbers(
     sources: Mapping[str, object], written: Mapping[str, object], overrides: Sequence[str], path: Path
-) -> tuple[Given, ...]:
+) -> tuple[InputNumber, ...]:
     """Return the numbers with their sources; what was overridden no longer comes from where the file says."""
     for name, source in sources.items():
         if not isinstance(source, str):
@@ -299,7 +307,7 @@ def _given(
             remedy = f"is the source of no number of this file{suggest(name, list(written))}"
             raise InputError(path, f"sources.{name}", toml_files.as_written(source), remedy)
     known = {**sources, **{override.partition("=")[0].strip(): "command line" for override in overrides}}
-    return tuple(Given(name, str(text), str(known.get(name, "not stated"))) for name, text in written.items())
+    return tuple(InputNumber(name, str(text), str(known.get(name, "not stated"))) for name, text in written.items())
 
 
 def _without_rivals(content: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
@@ -350,7 +358,7 @@ def _quantities(found: Reconstruction, origins: Mapping[str, str]) -> Iterator[Q
         yield Quantity("l_1", bridge.rod_length, "m", "mm", AXES[key], f"{EQ15}, w and l_3 chosen")
 
 
-def _asked(targets: Targets) -> Iterator[Quantity]:
+def _target_quantities(targets: Targets) -> Iterator[Quantity]:
     """Yield targets as quantities, with the equations that give them forwards."""
     for name, axis in (("X/Y", targets.xy), ("Z", targets.z)):
         yield Quantity("K", axis.output_stiffness, "N/m", "N/mm", name, EQ21)
@@ -371,7 +379,7 @@ def _lines(sizing: Sizing) -> Iterator[str]:
     """Yield the file of dimensions, line by line."""
 
     def length(name: str, value: float, meaning: str) -> str:
-        return toml_writing.commented(f'{name} = "{value / units.factor("mm", "m"):.6g} mm"', meaning, 32)
+        return toml_writing.with_comment(f'{name} = "{value / units.factor("mm", "m"):.6g} mm"', meaning, 32)
 
     found = sizing.found
     yield f"# Dimensions by flexdesign size from the targets {sizing.name}. They are no whole design: the targets say"

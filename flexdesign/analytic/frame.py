@@ -107,7 +107,7 @@ def solve(
         for node, force in load.items():
             if node in place:
                 right[forces + place[node] : forces + place[node] + 3, column] += force
-    found = _solved(system, right)
+    found = _solve_scaled(system, right)
     passed, displacements, still = found[:forces], found[forces:], np.zeros(3)
     return [
         FrameSolution(
@@ -141,18 +141,18 @@ def displace(linkage: Linkage, motions: Mapping[str, Array]) -> Linkage:
     return Linkage(nodes, members, linkage.ports)
 
 
-def _solved(system: Array, right: Array) -> Array:
+def _solve_scaled(system: Array, right: Array) -> Array:
     """Return the solution; rows and columns are scaled, as forces and motions differ by many powers of ten."""
     scale = np.sqrt(np.abs(system).max(axis=1))
     scale = 1 / np.where(scale > 0, scale, 1.0)
     scaled = scale[:, None] * system * scale
     try:
-        answer = scale[:, None] * np.linalg.solve(scaled, scale[:, None] * right)
+        solution = scale[:, None] * np.linalg.solve(scaled, scale[:, None] * right)
     except np.linalg.LinAlgError as error:
         raise Mechanism("the members leave something free to move, or hold it twice without giving way") from error
-    if not np.isfinite(answer).all():
+    if not np.isfinite(solution).all():
         raise Mechanism("the members leave something free to move")
-    return np.asarray(answer)
+    return np.asarray(solution)
 
 
 def _at(point: Vector, member: Member, node: Vector) -> Array:
@@ -171,7 +171,7 @@ def _at_out_of_plane(point: Vector, member: Member, node: Vector) -> Array:
     return np.array([[1.0, dy, -dx], [0.0, ax, ay], [0.0, -ay, ax]])
 
 
-def carried_to(node: Vector, point: Vector, force: Sequence[float]) -> Array:
+def transfer_force(node: Vector, point: Vector, force: Sequence[float]) -> Array:
     """Return a force in the plane at a point as force and moment at a node."""
     fx, fy = force
     dx, dy = point[0] - node[0], point[1] - node[1]

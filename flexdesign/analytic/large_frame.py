@@ -72,7 +72,7 @@ class LargeFrame:
         self._angle = np.array([angle for *_, angle, _ in rows])
         self._compliance = np.array([c for *_, c in rows])
         parted = (self._at + self._arms)[:, 1] - (self._at + self._arms)[:, 0]
-        self._rest = np.einsum("mji,mj->mi", _turned(self._angle), parted)
+        self._rest = np.einsum("mji,mj->mi", _rotations(self._angle), parted)
         output = next(port for port in model.ports if port.role == "output")
         self._output = index[linkage.ports[output.name]]
         lever = np.array(output.point[:2]) - np.array(places[linkage.ports[output.name]])
@@ -147,16 +147,16 @@ class LargeFrame:
         count, free = len(self._ends), len(self.free)
         padded = np.vstack([motions, np.zeros(3)])[self._ends]  # (m, 2, 3); -1 is what is held
         theta = padded[..., 2]
-        frame = np.swapaxes(_turned(self._angle + theta.mean(axis=1)), 1, 2)  # R^T
-        arms = np.einsum("mkij,mkj->mki", _turned(theta), self._arms)
+        frame = np.swapaxes(_rotations(self._angle + theta.mean(axis=1)), 1, 2)  # R^T
+        arms = np.einsum("mkij,mkj->mki", _rotations(theta), self._arms)
         ends = self._at + padded[..., :2] + arms
         parted = np.einsum("mij,mj->mi", frame, ends[:, 1] - ends[:, 0])  # R^T (p_b - p_a)
-        slopes = np.einsum("mij,mkj->mki", frame, arms @ J.T)  # R^T J arm
+        gradients = np.einsum("mij,mkj->mki", frame, arms @ J.T)  # R^T J arm
         local = np.einsum("mij,mkj->mki", frame, arms)
         b = np.zeros((count, 3, 6))
         b[:, :2, 0:2], b[:, :2, 3:5] = -frame, frame
         turned = parted @ J.T
-        b[:, :2, 2], b[:, :2, 5] = -slopes[:, 0] - turned / 2, slopes[:, 1] - turned / 2
+        b[:, :2, 2], b[:, :2, 5] = -gradients[:, 0] - turned / 2, gradients[:, 1] - turned / 2
         b[:, 2, 2], b[:, 2, 5] = -1.0, 1.0
         first = np.concatenate([parted - self._rest, (theta[:, 1] - theta[:, 0])[:, None]], axis=1)
         first -= np.einsum("mij,mj->mi", self._compliance, forces)
@@ -166,7 +166,7 @@ class LargeFrame:
         for angle in (2, 5):
             g[:, angle, 0:2] = g[:, 0:2, angle] = -mixed
             g[:, angle, 3:5] = g[:, 3:5, angle] = mixed
-        js = slopes @ J.T
+        js = gradients @ J.T
         g[:, 2, 2] = np.einsum("mi,mi->m", pull, local[:, 0] + js[:, 0] - parted / 4)
         g[:, 5, 5] = np.einsum("mi,mi->m", pull, -local[:, 1] - js[:, 1] - parted / 4)
         g[:, 2, 5] = g[:, 5, 2] = np.einsum("mi,mi->m", pull, (js[:, 0] - js[:, 1]) / 2 - parted / 4)
@@ -181,10 +181,10 @@ class LargeFrame:
         np.add.at(system, (dofs[:, :, None], dofs[:, None, :]), g)
         residual[:m3] = first.ravel()
         np.add.at(residual, dofs, np.einsum("mij,mi->mj", b, forces))
-        self._pushed(motions, load, m3, residual, system)
+        self._subtract_load(motions, load, m3, residual, system)
         return residual[:size], system[:size, :size]
 
-    def _pushed(self, motions: Array, load: Array, m3: int, residual: Array, system: Array) -> None:
+    def _subtract_load(self, motions: Array, load: Array, m3: int, residual: Array, system: Array) -> None:
         """Subtract the load at the output's point, which moves on its lever as the body turns."""
         at = m3 + 3 * self._output
         lever = _rotation(motions[self._output, 2]) @ self._lever
@@ -198,7 +198,7 @@ def _rotation(angle: float) -> Array:
     return np.array([[c, -s], [s, c]])
 
 
-def _turned(angles: Array) -> Array:
+def _rotations(angles: Array) -> Array:
     """Return rotation matrices (..., 2, 2)."""
     c, s = np.cos(angles), np.sin(angles)
     return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)

@@ -31,7 +31,7 @@ and no equation numbers are given. Where no text is named, form and name are as 
 not found either. Formulas fitted to finite elements are not this module's business.
 
 **What beams neglect.** Sections that do not stay plane between sloping sides
-(`flexdesign.effects.hinge_compliance.slopes`), blocks that give way around the notch, and a width too large to
+(`flexdesign.effects.hinge_compliance.taper`), blocks that give way around the notch, and a width too large to
 contract. In plane stress finite elements have the notch R 2 mm, t 0.5 mm, b 10 mm, E 71 GPa at 5923 N mm/rad: the
 integral is 9.5 % above it, the simplified formula 6.0 %, its two errors being of opposite signs.
 
@@ -145,19 +145,19 @@ def beam_integral(
     return EndCompliance(rotation, cross, transverse, integral(0, 1) / axial)
 
 
-def circular_height(radius: float, thickness: float) -> Callable[[float], float]:
+def circular_thickness(radius: float, thickness: float) -> Callable[[float], float]:
     """Return t(x) of a right-circular notch, 0 <= x <= 2 R; lengths in m."""
-    return filleted_height(2 * radius, radius, thickness)
+    return filleted_thickness(2 * radius, radius, thickness)
 
 
-def filleted_height(length: float, fillet: float, thickness: float) -> Callable[[float], float]:
+def filleted_thickness(length: float, fillet: float, thickness: float) -> Callable[[float], float]:
     """Return t(x) of a leaf with quarter circles of radius `fillet` at its ends, which count to its length; in m."""
 
-    def height(x: float) -> float:
+    def thickness_at(x: float) -> float:
         into = max(0.0, fillet - min(x, length - x))
         return thickness + 2 * (fillet - math.sqrt((fillet - into) * (fillet + into)))
 
-    return height
+    return thickness_at
 
 
 # --- closed forms

@@ -11,8 +11,8 @@ motion along X. One step follows from the other::
 These are determined. How a hinge becomes as stiff as K_r, and a rod as compliant, is a choice: with modulus, width and
 the thicknesses of hinge and rod chosen, their lengths follow.
 
-**Circular by construction.** The equations forwards (`Reconstruction.returned`) give back the targets. That says that
-they were solved, and nothing about a real stage.
+**Circular by construction.** The equations forwards (`Reconstruction.recomputed_targets`) give back the targets. That
+says that they were solved, and nothing about a real stage.
 
 **The load.** (17) holds for an output that pushes against a spring; `load_ratio` is its stiffness over the amplifier's
 own K_out: 1 in the paper, 0 for a free output.
@@ -329,7 +329,7 @@ class Reconstruction:
         elements = Elements(self.xy.output_stiffness, self.xy.hinge_stiffness, self.chain_length_y)
         return axis(name, topology, elements)
 
-    def driven(self) -> tuple[DrivenAxis, DrivenAxis]:
+    def axes_under_load(self) -> tuple[DrivenAxis, DrivenAxis]:
         """Return X/Y and Z as the dimensions make them, each with its amplifier under its load."""
         t = self.targets
         return (
@@ -337,9 +337,9 @@ class Reconstruction:
             DrivenAxis(self.axis("Z", t.topology_z), self.z, t.z.load_ratio * self.z.output_stiffness),
         )
 
-    def returned(self) -> Targets:
+    def recomputed_targets(self) -> Targets:
         """Return what the equations, forwards, give for these dimensions: the targets, by construction."""
-        t, (x, z) = self.targets, self.driven()
+        t, (x, z) = self.targets, self.axes_under_load()
         travel = x.amplification * t.coupling.input_stroke
         y_from_x, z_from_x = (coupling.coupling_ratio(l, travel) for l in (self.chain_length_y, self.chain_length_z))
         return replace(

@@ -1,8 +1,8 @@
 """The compliance model of a whole stage: its parts' compliance models between rigid bodies, effect by effect.
 
-It is put together as the condensed stage of finite elements is (`fem.superelements`), each part giving way
-between its two bonded ports by the 7 by 7 compliance of its own frame (`ComplianceModel.between`): with f the six
-forces that part e passes on, a its actuator's force, p its parting and x its actuator's extension,
+It is put together as the condensed stage of finite elements is (`fem.superelements`), each part giving way between its
+two bonded ports by the 7 by 7 compliance of its own frame (`ComplianceModel.compliance_between`): with f the six forces
+that part e passes on, a its actuator's force, p its parting and x its actuator's extension,
 
     p = C f + c a,     x = c' f + d a,     p = B u,     sum_e B^T f = F,
 
@@ -134,7 +134,7 @@ class StageCompliance:
 
     def _motion(self, body: str, point: Array) -> Array:
         """Return how a point of a body moves and turns by its unknowns, shape (6, k)."""
-        return _carried(point - self._centres[body])[:, : len(self._places.get(body, ()))]
+        return _arm_motion(point - self._centres[body])[:, : len(self._places.get(body, ()))]
 
     def _parting(self, element: Element) -> tuple[list[int], Array]:
         """Return B, how the second port parts from the first, in the part's frame at the second: unknowns, (6, k)."""
@@ -153,7 +153,7 @@ class StageCompliance:
         for element in self.assembly.elements:
             model = self.models[element.name]
             if id(model) not in found_once:
-                found_once[id(model)] = _condensed(model.having(self.effects), element)
+                found_once[id(model)] = _condense(model.having(self.effects), element)
             built.append(_Built(element, *self._parting(element), *found_once[id(model)]))
         return built
 
@@ -170,8 +170,8 @@ class StageCompliance:
         loads[:, count:] = table.T
         for column, built in enumerate(driven):
             loads[built.places, column] = built.parting.T @ built.split.stiffness @ built.whole[:6, 6]
-        left = self._left()
-        displacements = left @ _solved(left.T @ stiffness @ left, left.T @ loads)
+        left = self._free_motions()
+        displacements = left @ _solve(left.T @ stiffness @ left, left.T @ loads)
         found = np.zeros((count + 3, count + 3))
         found[count:] = table @ displacements
         for row, built in enumerate(driven):
@@ -181,7 +181,7 @@ class StageCompliance:
             found[row, row] += built.whole[6, 6]
         return found
 
-    def _left(self) -> Array:
+    def _free_motions(self) -> Array:
         """Return Z, a basis of the motions that rigid parts leave, shape (size, m)."""
         ties = [(built.places, built.split.rigid.T @ built.parting) for built in self._elements]
         whole = np.zeros((sum(len(tie) for _, tie in ties), self._size))
@@ -211,7 +211,7 @@ class StageCompliance:
 
     # --- quantities -------------------------------------------------------------------------------------------
 
-    def installed(self, stiffness: float) -> Array:
+    def with_input_springs(self, stiffness: float) -> Array:
         """Return that compliance with a spring [N/m] between the inputs of every actuated part; infinite holds them."""
         hold = stiffness + self.base["input_restraint"] if stiffness == 0 else stiffness
         if hold == 0:
@@ -223,18 +223,18 @@ class StageCompliance:
 
     def input_stiffness(self, axis: str) -> float:
         """K_in of one actuator as all of an axis push or draw at once, the table free [N/m]."""
-        return float(np.abs(self._signs(axis)).sum()) / self._driven(axis)[0]
+        return float(np.abs(self._signs(axis)).sum()) / self._drive(axis)[0]
 
     def amplification(self, axis: str) -> float:
         """Travel of the table along an axis over the extension of one of its actuators."""
-        extension, travel = self._driven(axis)
+        extension, travel = self._drive(axis)
         return float(np.abs(self._signs(axis)).sum()) * travel / extension
 
     def output_stiffness(self, axis: str, input_stiffness: float = 0.0) -> float:
         """K_out along an axis with springs between all inputs [N/m]: 0 leaves them free, infinite holds them."""
         along = self._along(axis)
         free = float(along @ self.free @ along)
-        given = float(along @ self.installed(input_stiffness) @ along) + self.base["base_compliance"]
+        given = float(along @ self.with_input_springs(input_stiffness) @ along) + self.base["base_compliance"]
         return 1 / given if given > 1e-12 * free else math.inf
 
     def stroke(self, axis: str, free_stroke: float) -> float:
@@ -243,9 +243,11 @@ class StageCompliance:
         Each pushes with its stiffness times its free stroke, and its stiffness stands between the inputs.
         """
         stiffness = self.actuator_stiffness or 0.0
-        return float(self._along(axis) @ self.installed(stiffness) @ (stiffness * free_stroke * self._signs(axis)))
+        return float(
+            self._along(axis) @ self.with_input_springs(stiffness) @ (stiffness * free_stroke * self._signs(axis))
+        )
 
-    def _driven(self, axis: str) -> tuple[float, float]:
+    def _drive(self, axis: str) -> tuple[float, float]:
         """Return extensions, added up, and travel per force of each actuator, against what loads the table."""
         signs, along, load = self._signs(axis), self._along(axis), self.base["output_load"]
         c11, c12 = signs @ self.free @ signs, signs @ self.free @ along
@@ -327,7 +329,7 @@ def _ends(element: Element) -> tuple[Port, Port]:
     return first, second
 
 
-def _carried(arm: Array) -> Array:
+def _arm_motion(arm: Array) -> Array:
     """Return the motion at the end of an arm per motion of a body, 6 by 6, rotations in units of 1 / `ARM`."""
     x, y, z = arm / ARM
     whole = np.eye(6)
@@ -335,7 +337,7 @@ def _carried(arm: Array) -> Array:
     return whole
 
 
-def _condensed(model: ComplianceModel, element: Element) -> tuple[Array, _Split]:
+def _condense(model: ComplianceModel, element: Element) -> tuple[Array, _Split]:
     """Return a part's compliance between its ports, in units of `ARM`, and split.
 
     Raises
@@ -344,7 +346,7 @@ def _condensed(model: ComplianceModel, element: Element) -> tuple[Array, _Split]
         If its actuator moves what does not give way.
     """
     scale = np.array([1.0, 1.0, 1.0, ARM, ARM, ARM, 1.0])
-    whole = scale[:, None] * model.between(*_ends(element)) * scale
+    whole = scale[:, None] * model.compliance_between(*_ends(element)) * scale
     left, sizes, right = np.linalg.svd(whole[:6, :6])
     gives = sizes > RIGID * sizes[0]
     rigid = left[:, ~gives]
@@ -354,7 +356,7 @@ def _condensed(model: ComplianceModel, element: Element) -> tuple[Array, _Split]
     return whole, _Split(stiffness, rigid)
 
 
-def _solved(stiffness: Array, loads: Array) -> Array:
+def _solve(stiffness: Array, loads: Array) -> Array:
     """Return the motions under loads."""
     try:
         found = np.linalg.solve(stiffness, loads)

@@ -90,7 +90,7 @@ def _document(found: Sizing) -> Document:
         ["", "of", "target", "returned", "equation"],
         [
             [asked.name, asked.boundary, asked.formatted(), back.formatted(), _place(back)]
-            for asked, back in found.returned()
+            for asked, back in found.recomputed_targets()
         ],
     )
     builds = Table(
@@ -119,7 +119,7 @@ def _circular() -> str:
 def _summary(found: Sizing) -> list[str]:
     """Return the summary: the dimensions, and contradictions between the targets; every value is of this run."""
     text = [f"The dimensions are reconstructed: they follow from the targets, and are one realisation. {_circular()}"]
-    x, _ = found.found.driven()
+    x, _ = found.found.axes_under_load()
     if x.load:
         text.append(
             f"K_in and lambda of X/Y hold for an output that pushes against {x.load / 1e3:.4g} N/mm. With its output "

@@ -133,7 +133,7 @@ def _names(node: ast.expr) -> Iterator[str]:
         case ast.Name(id="pi"):
             return
         case ast.Name() | ast.Attribute():
-            yield _dotted(node)
+            yield _dotted_name(node)
         case ast.UnaryOp(op=sign) if type(sign) in _SIGNS:
             yield from _names(node.operand)
         case ast.BinOp(op=sign) if type(sign) in _OPERATORS:
@@ -145,12 +145,12 @@ def _names(node: ast.expr) -> Iterator[str]:
             raise ValueError(f"has {ast.unparse(node)[:40]!r} in it; a formula has numbers, names, {_known()}")
 
 
-def _dotted(node: ast.expr) -> str:
+def _dotted_name(node: ast.expr) -> str:
     """Return a name, or the name of a field of a structure: ``rig.u``."""
     if isinstance(node, ast.Name):
         return node.id
     if isinstance(node, ast.Attribute):
-        return f"{_dotted(node.value)}.{node.attr}"
+        return f"{_dotted_name(node.value)}.{node.attr}"
     raise ValueError(f"has {ast.unparse(node)[:40]!r} in it; a formula has numbers, names, {_known()}")
 
 
@@ -161,15 +161,15 @@ def _value(node: ast.expr, known: Mapping[str, Any]) -> Any:
         case ast.Name(id="pi"):
             return units.quantity(np.pi, "1")
         case ast.Name() | ast.Attribute():
-            return known[_dotted(node)]
+            return known[_dotted_name(node)]
         case ast.UnaryOp():
             return _SIGNS[type(node.op)](_value(node.operand, known))
         case ast.BinOp():
             left, right = _value(node.left, known), _value(node.right, known)
-            return _applied(node, lambda: _OPERATORS[type(node.op)](left, right), left, right)
+            return _evaluate(node, lambda: _OPERATORS[type(node.op)](left, right), left, right)
         case ast.Call(func=ast.Name(id=name)):
             argument = _value(node.args[0], known)
-            return _applied(node, lambda: FUNCTIONS[name](argument), argument)
+            return _evaluate(node, lambda: FUNCTIONS[name](argument), argument)
     raise AssertionError("a formula was parsed and not understood")  # `_names` refuses it
 
 
@@ -180,7 +180,7 @@ def _number(node: ast.expr, known: Mapping[str, float]) -> float:
         case ast.Name(id="pi"):
             return math.pi
         case ast.Name() | ast.Attribute():
-            return known[_dotted(node)]
+            return known[_dotted_name(node)]
         case ast.UnaryOp():
             return float(_SIGNS[type(node.op)](_number(node.operand, known)))
         case ast.BinOp():
@@ -191,7 +191,7 @@ def _number(node: ast.expr, known: Mapping[str, float]) -> float:
     raise ValueError("is no formula of real numbers")
 
 
-def _applied(node: ast.expr, apply: Callable[[], Any], *operands: Any) -> Any:
+def _evaluate(node: ast.expr, apply: Callable[[], Any], *operands: Any) -> Any:
     """Return what an operator or a function gives, or say why it cannot."""
     import pint
 

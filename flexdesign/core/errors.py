@@ -40,7 +40,7 @@ class InputError(Exception):
     def __str__(self) -> str:
         file, name = printable(self.file), printable(Path(self.file).name)
         field = f": {shortened(printable(self.field), FIELD)}" if self.field else ""
-        value = "" if self.value is None else f" = {_shown(self.value)}"
+        value = "" if self.value is None else f" = {_value_text(self.value)}"
         words = " ".join(shortened(word, WORD) for word in printable(self.remedy).split())
         room = MESSAGE - len(f"{name}{field}{value}: ")
         return f"{file}{field}{value}: {shortened(words, max(room, WORD))}"
@@ -83,12 +83,12 @@ def printable(text: str) -> str:
 def suggest(name: str, known: Sequence[str]) -> str:
     """Return the end of a remedy: the known names nearest to `name`, or all of them."""
     known = [shortened(each, NAME) for each in known]
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5) if len(name) <= NAME else []
-    if not near:
+    closest = difflib.get_close_matches(name, known, n=3, cutoff=0.5) if len(name) <= NAME else []
+    if not closest:
         return f"; known: {_listed(known)}" if known else ""
-    if difflib.SequenceMatcher(None, name, near[0]).ratio() > 0.75:
-        near = near[:1]
-    return f"; did you mean {' or '.join(near)}?"
+    if difflib.SequenceMatcher(None, name, closest[0]).ratio() > 0.75:
+        closest = closest[:1]
+    return f"; did you mean {' or '.join(closest)}?"
 
 
 def _listed(names: Sequence[str], longest: int = 160) -> str:
@@ -98,7 +98,7 @@ def _listed(names: Sequence[str], longest: int = 160) -> str:
     return ", ".join(names[:room]) + (f" and {more} more" if more else "")
 
 
-def _shown(value: object) -> str:
+def _value_text(value: object) -> str:
     try:
         text = value if isinstance(value, str) else repr(value)
     except ValueError:  # a whole number of thousands of digits

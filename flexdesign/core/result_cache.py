@@ -143,7 +143,7 @@ class Cache:
                 pass
             _clear(self.folder)
         except OSError as error:
-            raise self._refusal(error) from error
+            raise self._input_error(error) from error
 
     def store(self, stage: str, key: str, arrays: Mapping[str, NDArray[Any]], table: Mapping[str, Any]) -> None:
         """Keep arrays and a JSON-ready table under `key`.
@@ -167,10 +167,10 @@ class Cache:
             if temporary:
                 Path(temporary).unlink(missing_ok=True)
             if isinstance(error, OSError):
-                raise self._refusal(error) from error
+                raise self._input_error(error) from error
             raise
 
-    def _refusal(self, error: OSError) -> InputError:
+    def _input_error(self, error: OSError) -> InputError:
         why = "it is a file" if isinstance(error, FileExistsError) else error.strerror or error
         remedy = f"cannot keep results here ({why}); free space, or choose another folder with --cache"
         return InputError("cache", "folder", str(self.folder), remedy)

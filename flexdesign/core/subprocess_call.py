@@ -45,7 +45,7 @@ def call(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         If the process ended without an answer.
     """
     with _scratch() as place:
-        with _kept():
+        with _no_file_remedy():
             (place / FOLDER).mkdir()
             (place / GIVEN).write_bytes(pickle.dumps((function, args, kwargs)))
         paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
@@ -55,10 +55,10 @@ def call(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
             raise KeyboardInterrupt
         if not (place / ANSWER).is_file():
             raise ProcessDied(f"{getattr(function, '__name__', function)} ended without an answer")
-        is_error, answer = pickle.loads((place / ANSWER).read_bytes())
+        is_error, outcome = pickle.loads((place / ANSWER).read_bytes())
     if is_error:
-        raise answer
-    return answer
+        raise outcome
+    return outcome
 
 
 class _Helper:
@@ -68,7 +68,7 @@ class _Helper:
         self._process: subprocess.Popen[bytes] | None = None
         self._turn = threading.Lock()
 
-    def ask(self, seconds: float, question: bytes) -> tuple[bool, object]:
+    def ask(self, seconds: float, request: bytes) -> tuple[bool, object]:
         """Return whether the answer is an error, and the answer; None of a process that died or took too long."""
         with self._turn:
             process = self._running()
@@ -76,9 +76,9 @@ class _Helper:
             late = threading.Timer(seconds, process.kill)
             late.start()
             try:
-                process.stdin.write(question)
+                process.stdin.write(request)
                 process.stdin.flush()
-                answer: tuple[bool, object] = pickle.load(process.stdout)
+                outcome: tuple[bool, object] = pickle.load(process.stdout)
             except (EOFError, OSError, pickle.UnpicklingError):
                 self.end()
                 return True, ProcessDied()
@@ -87,7 +87,7 @@ class _Helper:
                 raise
             finally:
                 late.cancel()
-            return answer
+            return outcome
 
     def _running(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._process.poll() is not None:
@@ -122,24 +122,24 @@ def ask(seconds: float, function: Callable[P, T], *args: P.args, **kwargs: P.kwa
     ProcessDied
         If the process ended without an answer, or exceeded the time limit and was stopped.
     """
-    is_error, answer = _helper.ask(seconds, pickle.dumps((function, args, kwargs)))
+    is_error, outcome = _helper.ask(seconds, pickle.dumps((function, args, kwargs)))
     if is_error:
-        assert isinstance(answer, BaseException)
-        raise answer
-    return answer  # type: ignore[return-value]
+        assert isinstance(outcome, BaseException)
+        raise outcome
+    return outcome  # type: ignore[return-value]
 
 
-def _answered(question: tuple[Callable[..., object], tuple[object, ...], dict[str, object]]) -> bytes:
+def _outcome(request: tuple[Callable[..., object], tuple[object, ...], dict[str, object]]) -> bytes:
     """Return whether a call raises, and what it returns or raises."""
-    function, args, kwargs = question
+    function, args, kwargs = request
     try:
         return pickle.dumps((False, function(*args, **kwargs)))
     except Exception as error:
         try:
-            pickle.loads(answer := pickle.dumps((True, error)))
+            pickle.loads(outcome := pickle.dumps((True, error)))
         except Exception:  # some errors do not travel
             return pickle.dumps((True, RuntimeError(str(error))))
-        return answer
+        return outcome
 
 
 def _help(asked: IO[bytes], replies: IO[bytes]) -> None:
@@ -148,12 +148,12 @@ def _help(asked: IO[bytes], replies: IO[bytes]) -> None:
     warnings.simplefilter("ignore")
     with contextlib.suppress(EOFError):
         while True:
-            replies.write(_answered(pickle.load(asked)))
+            replies.write(_outcome(pickle.load(asked)))
             replies.flush()
 
 
 @contextlib.contextmanager
-def _kept() -> Iterator[None]:
+def _no_file_remedy() -> Iterator[None]:
     """Say what to do where no file can be kept for a while."""
     try:
         yield
@@ -167,7 +167,7 @@ def _kept() -> Iterator[None]:
 @contextlib.contextmanager
 def _scratch() -> Iterator[Path]:
     """Make a folder, and remove it."""
-    with _kept():
+    with _no_file_remedy():
         folder = tempfile.TemporaryDirectory(prefix="flexdesign-")
     with folder as name:
         yield Path(name)
@@ -178,11 +178,11 @@ def _serve(place: Path) -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     function, args, kwargs = pickle.loads((place / GIVEN).read_bytes())
     try:
-        answer = pickle.dumps((False, function(*args, **kwargs)))
+        outcome = pickle.dumps((False, function(*args, **kwargs)))
     except Exception as error:
-        answer = pickle.dumps((True, error))
+        outcome = pickle.dumps((True, error))
     unfinished = place / "unfinished"
-    unfinished.write_bytes(answer)
+    unfinished.write_bytes(outcome)
     unfinished.replace(place / ANSWER)
 
 

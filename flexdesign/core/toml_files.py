@@ -214,7 +214,7 @@ def _multiple(value: object, factor: object) -> object:
 
 
 @contextmanager
-def attributed(overrides: Sequence[str]) -> Iterator[None]:
+def attribute_overrides(overrides: Sequence[str]) -> Iterator[None]:
     """Let an InputError about an overridden field name the command line, not the file it was laid over."""
     try:
         yield
@@ -309,7 +309,7 @@ def check(schema: type[Schema], content: Mapping[str, Any], path: Path, table: s
             "list_type": f'expected a list: {written}["...", "..."]',
             "bool_parsing": f"expected true or false: {written}true",
             "bool_type": f"expected true or false: {written}true",
-        }.get(first["type"], _in_words(first["msg"]))
+        }.get(first["type"], _plain_message(first["msg"]))
         value = None if first["type"] == "missing" else as_written(first["input"])
         raise InputError(path, field, value, remedy) from None
 
@@ -327,7 +327,7 @@ def _field(schema: type[BaseModel], place: Sequence[str]) -> tuple[type[BaseMode
     return schema, schema.model_fields.get(last)
 
 
-def _in_words(message: str) -> str:
+def _plain_message(message: str) -> str:
     """Return what pydantic says of a value in the words of a file.
 
     >>> _in_words("Input should be a valid dictionary"), _in_words("Value error, is empty")

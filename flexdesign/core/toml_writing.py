@@ -10,7 +10,7 @@ from tomlkit.items import InlineTable, Item, Table
 from tomlkit.toml_document import TOMLDocument
 
 
-def commented(line: str, comment: str, column: int = 40) -> str:
+def with_comment(line: str, comment: str, column: int = 40) -> str:
     """Return a line of TOML with a comment that begins at a column.
 
     >>> commented('gain = "1 um/V"', "measured", 20)

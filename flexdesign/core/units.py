@@ -96,7 +96,7 @@ def _is_short(unit: str) -> bool:
     return len(unit) <= LONGEST and known and math.prod(max(float(a or b), 1.0) for a, b in powers) <= HIGHEST
 
 
-def _parsed(unit: str) -> Any:
+def _parse(unit: str) -> Any:
     pint = _import_pint()
 
     if not _is_short(unit):
@@ -122,7 +122,7 @@ def factor(unit: str, si: str) -> float:
     """
     pint = _import_pint()
 
-    parsed = _parsed(unit)
+    parsed = _parse(unit)
     try:
         zero, one = (float(_registry().Quantity(number, parsed).to(si).magnitude) for number in (0.0, 1.0))
     except pint.DimensionalityError as error:
@@ -171,7 +171,7 @@ def quantity(values: Any, unit: str) -> Any:
     >>> (3 * quantity(2.0, "V") / quantity(0.5, "V/mm")).to("mm").magnitude
     12.0
     """
-    parsed = _parsed(unit or "1")
+    parsed = _parse(unit or "1")
     if _registry().Quantity(0.0, parsed).to_base_units().magnitude != 0:
         raise ValueError(f"{unit!r} does not count from zero; use {_si_of(unit)!r}")
     return _registry().Quantity(values, parsed)

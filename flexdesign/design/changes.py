@@ -12,7 +12,7 @@ from flexdesign.core.errors import shortened
 TITLE, NAME = 100, 60
 
 
-def in_words(overrides: Sequence[str]) -> str:
+def describe(overrides: Sequence[str]) -> str:
     """Return what overrides change.
 
     >>> in_words(['dimensions.hinge_thickness="0.4 mm"', "axis.x.mass*=1.1"])
@@ -21,14 +21,14 @@ def in_words(overrides: Sequence[str]) -> str:
     return shortened(", ".join(f"{key} {times}{value}" for key, times, value in map(_pieces, overrides)), TITLE)
 
 
-def titled(title: str, overrides: Sequence[str]) -> str:
+def title_with_changes(title: str, overrides: Sequence[str]) -> str:
     """Return the title of something with its changes.
 
     >>> titled("Bridge amplifier", ["dimensions.width=12 mm"]), titled("Bridge amplifier", ["title=Mine"])
     ('Bridge amplifier (width 12 mm)', 'Bridge amplifier')
     """
     listed = [override for override in overrides if _pieces(override)[0] != "title"]
-    return f"{title} ({in_words(listed)})" if listed else title
+    return f"{title} ({describe(listed)})" if listed else title
 
 
 def as_name(overrides: Sequence[str]) -> str:

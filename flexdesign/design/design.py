@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field
 
 from flexdesign.core import data_files, toml_files, toml_writing
 from flexdesign.core.errors import InputError, suggest
-from flexdesign.core.toml_files import Bounds, Table, as_written, attributed, check, in_si, read_toml
+from flexdesign.core.toml_files import Bounds, Table, as_written, attribute_overrides, check, in_si, read_toml
 from flexdesign.design import changes, materials, part, sketch, step_part
 from flexdesign.design.assembly import Stage
 from flexdesign.design.materials import Material
@@ -186,8 +186,10 @@ def find(name: str | Path) -> Path:
             "command line", "STUDY", as_written(str(name)), f"{error.strerror}{suggest('', known)}"
         ) from error
     if path.suffix == ".toml" or len(path.parts) > 1:
-        near = suggest(path.stem, known).replace("; known", "; check the path, or give one of the names that are known")
-        raise InputError(path, "", None, f"no such file{near}")
+        closest = suggest(path.stem, known).replace(
+            "; known", "; check the path, or give one of the names that are known"
+        )
+        raise InputError(path, "", None, f"no such file{closest}")
     for folder in folders:
         if toml_files.is_file(folder / f"{name}.toml"):
             return folder / f"{name}.toml"
@@ -203,7 +205,7 @@ def read(path: Path, overrides: Sequence[str] = ()) -> Design:
     InputError
         If anything in it cannot be used.
     """
-    with attributed(overrides):
+    with attribute_overrides(overrides):
         return _read(path, overrides)
 
 
@@ -217,7 +219,7 @@ def _read(path: Path, overrides: Sequence[str]) -> Design:
     dimensions = _dimensions(part_class, checked.dimensions, path)
     design = Design(
         name=path.stem,
-        title=changes.titled(checked.title or path.stem.replace("_", " "), overrides),
+        title=changes.title_with_changes(checked.title or path.stem.replace("_", " "), overrides),
         provenance=_still(checked.provenance, overrides),
         file=path,
         part_class=part_class,
@@ -288,7 +290,7 @@ def _effects(given: Mapping[str, Mapping[str, Any]], path: Path) -> dict[str, di
     found: dict[str, dict[str, float]] = {}
     for name, values in given.items():
         try:
-            whole = statics.beside(name, path.parent)
+            whole = statics.resolve_name(name, path.parent)
         except ValueError as error:
             raise InputError(path, f"effects.{name}", None, str(error)) from None
         if whole in found:

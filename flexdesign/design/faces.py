@@ -133,14 +133,14 @@ def find(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size:
         If there is none, or it is not plane; it names the nearest face.
     """
     if query.names:
-        found = [face for name in query.names for face in _named(name, query, faces, where)]
+        found = [face for name in query.names for face in _find_by_name(name, query, faces, where)]
         text: object = ", ".join(query.names)
     elif query.colour:
-        found, text = _coloured(query.colour, faces, where), query.colour
+        found, text = _find_by_colour(query.colour, faces, where), query.colour
     elif query.plane:
         found, text = _in_plane(query.plane, faces, where, size), query.plane
     else:
-        found, text = [_near(query, faces, where, size)], None
+        found, text = [_find_by_position(query, faces, where, size)], None
     for face in found:
         if face.kind != "plane":
             remedy = f"{face.label} is no plane but a {face.kind}; a port must be plane{_nearest_plane(face, faces)}"
@@ -153,31 +153,31 @@ def find(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size:
     return tuple(found)
 
 
-def _named(name: str, query: Query, faces: Sequence[SolidFace], where: tuple[Any, str]) -> list[SolidFace]:
+def _find_by_name(name: str, query: Query, faces: Sequence[SolidFace], where: tuple[Any, str]) -> list[SolidFace]:
     found = [face for face in faces if face.name == name]
     if found:
         return found
     known = [face.name for face in faces if face.name]
     if query.point is not None:
         nearest = min(faces, key=lambda face: _away(face, query))
-        near = f"; nearest to where it was is {nearest.label}, {nearest.place}: {how_to_name(nearest)}"
+        candidates = f"; nearest to where it was is {nearest.label}, {nearest.place}: {how_to_name(nearest)}"
     elif close := difflib.get_close_matches(name, known, n=1, cutoff=0.5):
         nearest = next(face for face in faces if face.name == close[0])
-        near = f"; the nearest name is {nearest.name}, {nearest.place}"
+        candidates = f"; the nearest name is {nearest.name}, {nearest.place}"
     elif known:
-        near = suggest(name, known)
+        candidates = suggest(name, known)
     else:
         largest = max((face for face in faces if face.kind == "plane"), key=lambda f: f.area, default=faces[0])
-        near = f"; the file names no face; `flexdesign ports` lists them, the largest is {largest.place}"
-    raise InputError(*where, name, f"no face has this name{near}")
+        candidates = f"; the file names no face; `flexdesign ports` lists them, the largest is {largest.place}"
+    raise InputError(*where, name, f"no face has this name{candidates}")
 
 
-def _coloured(colour: str, faces: Sequence[SolidFace], where: tuple[Any, str]) -> list[SolidFace]:
+def _find_by_colour(colour: str, faces: Sequence[SolidFace], where: tuple[Any, str]) -> list[SolidFace]:
     found = [face for face in faces if face.colour == colour.lower()]
     if not found:
         known = sorted({face.colour for face in faces if face.colour})
-        near = f"; the file has {', '.join(known[:6])}" if known else "; the file gives faces no colours"
-        raise InputError(*where, colour, f"no face has this colour{near}")
+        candidates = f"; the file has {', '.join(known[:6])}" if known else "; the file gives faces no colours"
+        raise InputError(*where, colour, f"no face has this colour{candidates}")
     return found
 
 
@@ -213,7 +213,7 @@ def _plane(text: str, where: tuple[Any, str]) -> tuple[int, str | float]:
         raise InputError(*where, text, remedy) from None
 
 
-def _near(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size: float) -> SolidFace:
+def _find_by_position(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size: float) -> SolidFace:
     if query.point is None or query.normal is None:
         raise InputError(*where, None, 'names no face; give face, colour, plane = "z = max", or point and normal')
     fitting = [face for face in faces if np.dot(face.normal, query.normal) > DIRECTION]

@@ -222,7 +222,7 @@ def load(name: str, folder: Path | None = None, methods: Sequence[str] = METHODS
     for method in (*methods, "prismatic", "outline"):
         function = inspect.getattr_static(cls, method, None)
         if inspect.isfunction(function):
-            setattr(cls, method, _guarded(function, f"{cls.__name__}.{method}()", path))
+            setattr(cls, method, _guard(function, f"{cls.__name__}.{method}()", path))
     return cls
 
 
@@ -234,8 +234,8 @@ def states(part: Piece, method: str) -> bool:
 def _require_no_misspelling(cls: type[Any], method: str, path: Path) -> None:
     """Raise InputError if a part lacks an optional method and has one of nearly its name."""
     others = [name for name in vars(cls) if name not in METHODS and not name.startswith("_")]
-    if near := difflib.get_close_matches(method, others, n=1, cutoff=0.75):
-        raise InputError(path, cls.__name__, None, f"the part lacks {method}(); rename {near[0]} if it is meant")
+    if closest := difflib.get_close_matches(method, others, n=1, cutoff=0.75):
+        raise InputError(path, cls.__name__, None, f"the part lacks {method}(); rename {closest[0]} if it is meant")
 
 
 def is_stage(cls: type[Any]) -> bool:
@@ -310,10 +310,10 @@ def file_of(part: type[Any]) -> Path:
 
 def source_hash(part: type[Piece]) -> str:
     """Return the hash of the file a part came from, and of what its design draws of it; it travels with results."""
-    return hashlib.sha256(file_of(part).read_bytes() + drawn_by_design(part).encode()).hexdigest()[:16]
+    return hashlib.sha256(file_of(part).read_bytes() + sketch_text(part).encode()).hexdigest()[:16]
 
 
-def drawn_by_design(part: type[Any]) -> str:
+def sketch_text(part: type[Any]) -> str:
     """Return what a design draws of its part itself, as text; empty for a part that its file describes completely."""
     return str(getattr(part, "drawn_as", ""))
 
@@ -329,7 +329,7 @@ def reason(error: BaseException, path: Path) -> str:
     return f"{type(error).__name__}: {' '.join(text.split())}".removesuffix(": ") + place
 
 
-def _guarded(function: Callable[..., Any], field: str, path: Path) -> Callable[..., Any]:
+def _guard(function: Callable[..., Any], field: str, path: Path) -> Callable[..., Any]:
     """Return a method whose failure is an InputError; of `solid`, whose answer is a shape."""
 
     @functools.wraps(function)

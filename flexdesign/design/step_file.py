@@ -249,7 +249,7 @@ def _one_solid(shapes: Sequence[Any], path: Path) -> tuple[Any, list[str]]:
     if len(solids) == 1:
         return solids[0], []
     if solids:
-        return _bonded(solids, path), [f"The file holds {len(solids)} solids that touch; they are bonded to one."]
+        return _fuse(solids, path), [f"The file holds {len(solids)} solids that touch; they are bonded to one."]
     shells = [shell for shape in shapes for shell in shape.Shells()]
     faces = [face for shape in shapes for face in shape.Faces()]
     if not faces:
@@ -279,7 +279,7 @@ def _sewn(faces: Sequence[Any]) -> tuple[Any, int]:
     return cq.Solid.makeSolid(shells[0]).fix(), 0
 
 
-def _bonded(solids: Sequence[Any], path: Path) -> Any:
+def _fuse(solids: Sequence[Any], path: Path) -> Any:
     """Fuse solids that touch.
 
     Raises

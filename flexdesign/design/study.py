@@ -154,10 +154,10 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> Study:
         If anything in either file or in the overrides cannot be used.
     """
     path = designs.find(name)
-    of_design, of_study = _sorted(overrides)
+    of_design, of_study = _split_overrides(overrides)
     content = toml_files.read_toml(path)
     is_design = "design" not in content and any(key in content for key in DESIGN_KEYS)
-    with toml_files.attributed(of_study):
+    with toml_files.attribute_overrides(of_study):
         if is_design:
             remedy = f'belongs to a study, which is a file with design = "{path.stem}" and tables such as this one'
             _refuse(content, ("mesh", "modes", "output"), path, remedy)
@@ -167,10 +167,10 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> Study:
         checked = toml_files.check(_StudyFile, toml_files.overlay(content, of_study), path)
         if is_design and checked.design != path.name:
             raise InputError(path, "design", checked.design, f"{path.name} is a design itself; name the other instead")
-        design_path = path if is_design else _beside(path, checked.design)
+        design_path = path if is_design else _find_design(path, checked.design)
     design = designs.read(design_path, of_design)
     if checked.title:
-        design = replace(design, title=changes.titled(checked.title, of_design))
+        design = replace(design, title=changes.title_with_changes(checked.title, of_design))
     variants = {label: designs.read(design_path, [*of_design, *theirs]) for label, theirs in checked.variants.items()}
     return Study(
         path,
@@ -193,18 +193,18 @@ def of_design(design: Design, overrides: Sequence[str] = ()) -> Study:
     InputError
         If an override cannot be used, or belongs to the design.
     """
-    of_design, of_study = _sorted(overrides)
+    of_design, of_study = _split_overrides(overrides)
     if of_design:
         raise InputError("command line", of_design[0], None, "belongs to the design; give it to read_design")
     content = {"format": toml_files.FORMAT, "design": design.file.name}
-    with toml_files.attributed(of_study):
+    with toml_files.attribute_overrides(of_study):
         checked = toml_files.check(_StudyFile, toml_files.overlay(content, of_study), design.file)
     return Study(
         design.file, design.name, design, checked.mesh, checked.modes, checked.output, checked.stage, checked.published
     )
 
 
-def _sorted(overrides: Sequence[str]) -> tuple[list[str], list[str]]:
+def _split_overrides(overrides: Sequence[str]) -> tuple[list[str], list[str]]:
     """Tell overrides of the design from those of the study."""
     of_design, of_study = [], []
     known = [*DESIGN_KEYS, *_StudyFile.model_fields]
@@ -228,13 +228,13 @@ def _refuse(content: Mapping[str, Any], keys: Iterable[str], path: Path, remedy:
             raise InputError(path, key, toml_files.as_written(content[key]), remedy)
 
 
-def _beside(path: Path, design: str) -> Path:
+def _find_design(path: Path, design: str) -> Path:
     """Find the design that a study names: next to the study, or as `designs.find` does."""
-    beside = path.parent / design
-    if is_file(beside):
-        if beside.samefile(path):
+    design_file = path.parent / design
+    if is_file(design_file):
+        if design_file.samefile(path):
             raise InputError(path, "design", design, "a study cannot be its own design; name the design's file")
-        return beside
+        return design_file
     try:
         return designs.find(design)
     except InputError as error:

@@ -41,7 +41,7 @@ def _own() -> frozenset[str]:
 
 @cache
 def _added() -> dict[str, EntryPoint]:
-    return _finding.added(GROUP, _own())
+    return _finding.entry_points_by_name(GROUP, _own())
 
 
 def find(name: str) -> Effect:
@@ -83,7 +83,7 @@ def _shipped(name: str) -> Effect:
     return cast(Effect, importlib.import_module(f"{__name__}.{name}").EFFECT)
 
 
-def beside(name: str, folder: Path) -> str:
+def resolve_name(name: str, folder: Path) -> str:
     """Return the name under which `find` has an effect from everywhere: that of a file is its absolute path.
 
     Parameters
@@ -98,7 +98,7 @@ def beside(name: str, folder: Path) -> str:
     ValueError
         If there is no such file; the message says what was tried.
     """
-    return _finding.beside(name, folder, names())
+    return _finding.resolve_name(name, folder, names())
 
 
 class _Catalogue(ModuleType):

@@ -14,7 +14,7 @@ from flexdesign.core.model import Effect
 from flexdesign.core.toml_files import is_file
 
 
-def added(group: str, own: Collection[str]) -> dict[str, EntryPoint]:
+def entry_points_by_name(group: str, own: Collection[str]) -> dict[str, EntryPoint]:
     """Return the entry points of installed packages by the names of their effects; none takes the place of our own."""
     return {entry.name: entry for entry in entry_points(group=group) if entry.name not in own}
 
@@ -51,7 +51,7 @@ def foreign(name: str, entries: Mapping[str, EntryPoint], known: Collection[str]
     return found
 
 
-def beside(name: str, folder: Path, known: Collection[str]) -> str:
+def resolve_name(name: str, folder: Path, known: Collection[str]) -> str:
     """Return the name under which an effect is found from everywhere: that of a file is its absolute path.
 
     Parameters
@@ -70,11 +70,11 @@ def beside(name: str, folder: Path, known: Collection[str]) -> str:
     """
     if name in known or not name.endswith(".py"):
         return name
-    tried = list(dict.fromkeys(base.resolve() / name for base in (folder, Path())))
-    for path in tried:
+    candidates = list(dict.fromkeys(base.resolve() / name for base in (folder, Path())))
+    for path in candidates:
         if is_file(path):
             return str(path.resolve())
-    raise ValueError(f"is no Python file; tried {' and '.join(map(str, tried))}")
+    raise ValueError(f"is no Python file; tried {' and '.join(map(str, candidates))}")
 
 
 @cache

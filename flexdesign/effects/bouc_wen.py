@@ -50,16 +50,16 @@ def advance(h: float, start: float, end: float, a: float, b: float, c: float, n:
 def _first_order(h: float, travel: float, slope: float, b: float, c: float, sign: float) -> float:
     """Advance the exponentials of n = 1: dh/dp = sign a - (b - c) h towards zero, - (b + c) h away from it."""
     if h * sign < 0.0:
-        end = _relaxed(h, travel, slope, b - c)
+        end = _relax(h, travel, slope, b - c)
         if end * sign <= 0.0:
             return end
         x = (b - c) * h / (slope - (b - c) * h)
         travel += h / (slope - (b - c) * h) * (math.log1p(x) / x if abs(x) > 1e-12 else 1.0)
         h = 0.0
-    return _relaxed(h, travel, slope, b + c)
+    return _relax(h, travel, slope, b + c)
 
 
-def _relaxed(h: float, travel: float, slope: float, rate: float) -> float:
+def _relax(h: float, travel: float, slope: float, rate: float) -> float:
     """Return h after a stretch of dh/dp = slope - rate h."""
     x = -rate * travel
     if abs(x) > 0.02:

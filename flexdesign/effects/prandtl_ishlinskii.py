@@ -32,7 +32,7 @@ def constants(values: Values, step: float) -> tuple[float, ...]:
     return tuple(numbers)
 
 
-def behind(v: float, state: Floats, constants: Floats) -> float:
+def hysteresis_lag(v: float, state: Floats, constants: Floats) -> float:
     """Return how much lags behind at a voltage, counted from rest; states are the plays' positions, and the voltage."""
     total = 0.0
     for i in range(PLAYS):
@@ -74,14 +74,14 @@ def move(path: Floats, out: Floats, state: Floats, constants: Floats) -> None:
         turn, bend = -1.0, 0.0
     elif first != was:  # a jump takes no time
         follow(was, first, 0.0, state, constants)
-    at, v, lagging, mean = 0.0, first, behind(first, state, constants), 0.0
+    at, v, lagging, mean = 0.0, first, hysteresis_lag(first, state, constants), 0.0
     held = lagging
     for node in range(1, 3):
         for _ in range(2):  # to the turn, if it is on the way, then to the node
             until = turn if at < turn < 0.5 * node else 0.5 * node
             to = path[0] + 0.5 * slope * turn if until == turn else path[node]
             more = follow(v, to, bend * (until - at) ** 2 / 6.0, state, constants)
-            reached = behind(to, state, constants)
+            reached = hysteresis_lag(to, state, constants)
             mean += (until - at) * (0.5 * (lagging + reached) + more)
             at, v, lagging = until, to, reached
             if until == 0.5 * node:

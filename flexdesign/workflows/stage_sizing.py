@@ -226,7 +226,7 @@ def rows_of(name: str | Path, design: Design, computed: Mapping[str, Quantity]) 
 
 def _read(name: str | Path, overrides: Sequence[str] = ()) -> _Problem:
     path = dimension_synthesis.find(name)
-    with toml_files.attributed(overrides):
+    with toml_files.attribute_overrides(overrides):
         checked = toml_files.check(_File, toml_files.overlay(toml_files.read_toml(path), overrides), path)
     start = tuple(f"dimensions.{key}={json.dumps(value)}" for key, value in checked.start.items())
     if not studies.read(checked.design).design.is_stage:
@@ -397,4 +397,4 @@ def _lines(found: StageSizing) -> Iterator[str]:
         number = f"{value / units.factor(parameter.unit or '1', parameter.si):.6g}"
         written = f'"{number} {parameter.unit}"' if parameter.unit else f"{value:g}"
         comment = ", ".join(filter(None, ["found" if name in found.free else "start", parameter.symbol]))
-        yield toml_writing.commented(f"{name} = {written}", comment, 36)
+        yield toml_writing.with_comment(f"{name} = {written}", comment, 36)

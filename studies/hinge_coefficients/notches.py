@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.model import Elastic, Member, Notch
-from flexdesign.effects.hinge_compliance import beam, slopes
+from flexdesign.effects.hinge_compliance import beam, taper
 from studies.hinge_coefficients import planar
 
 Array = NDArray[np.float64]
@@ -31,4 +31,4 @@ def compliances(shape: Notch, neck: float) -> tuple[Array, Array, Array]:
     member = Member("notch", "hinge", ("a", "b"), *ends, neck, 1.0, notch=shape)
     sway = beam.sway(member, elastic) + beam.shear(member, elastic)
     beams = np.diag([beam.stretch(member, elastic), sway, beam.rotation(member, elastic)])
-    return planar.notch(shape, neck), beams, beams + slopes.compliance(member, elastic)
+    return planar.notch(shape, neck), beams, beams + taper.compliance(member, elastic)

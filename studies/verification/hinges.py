@@ -57,7 +57,7 @@ def plane_stress(material: Material) -> Material:
 
 def euler_bernoulli() -> float:
     """Return the stiffness of the circular hinge as a beam of varying height, by quadrature [N m/rad]."""
-    height = notch.circular_height(RADIUS, THICKNESS)
+    height = notch.circular_thickness(RADIUS, THICKNESS)
     beam = notch.beam_integral(METAL.youngs_modulus, WIDTH, height, 2 * RADIUS, RADIUS)
     return beam.rotational_stiffness
 

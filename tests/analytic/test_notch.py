@@ -59,7 +59,7 @@ def test_quadrature_on_a_leaf() -> None:
 
 
 def test_heights_are_the_neck_in_the_middle_and_the_block_at_the_ends() -> None:
-    circle, fillets = notch.circular_height(2.0, 0.5), notch.filleted_height(10.0, 1.0, 0.5)
+    circle, fillets = notch.circular_thickness(2.0, 0.5), notch.filleted_thickness(10.0, 1.0, 0.5)
     assert [circle(x) for x in (0.0, 2.0, 4.0)] == [4.5, 0.5, 4.5]
     assert circle(1.0) == pytest.approx(0.5 + 2 * (2 - math.sqrt(3)), rel=1e-15)  # 60 degrees of arc
     assert [fillets(x) for x in (0.0, 1.0, 5.0, 9.0, 10.0)] == [2.5, 0.5, 0.5, 0.5, 2.5]
@@ -71,14 +71,14 @@ def test_heights_are_the_neck_in_the_middle_and_the_block_at_the_ends() -> None:
 @pytest.mark.parametrize("neck", NECKS)
 def test_lobontiu_circular_is_the_integral(neck: float) -> None:
     thickness = neck * RADIUS
-    height = notch.circular_height(RADIUS, thickness)
+    height = notch.circular_thickness(RADIUS, thickness)
     expected = notch.beam_integral(YOUNG, WIDTH, height, 2 * RADIUS, RADIUS)
     assert_close(notch.lobontiu_circular(YOUNG, WIDTH, thickness, RADIUS), expected, CLOSED)
 
 
 @pytest.mark.parametrize(("length", "fillet", "thickness"), FILLETED)
 def test_lobontiu_corner_filleted_is_the_integral(length: float, fillet: float, thickness: float) -> None:
-    height = notch.filleted_height(length, fillet, thickness)
+    height = notch.filleted_thickness(length, fillet, thickness)
     expected = notch.beam_integral(YOUNG, WIDTH, height, length, fillet, length - fillet)
     assert_close(notch.lobontiu_corner_filleted(YOUNG, WIDTH, thickness, length, fillet), expected, CLOSED)
 
@@ -265,7 +265,7 @@ def test_scaling(
 @given(SIZES)
 def test_a_moment_is_a_moment_about_the_middle(neck: float) -> None:
     """Both ends are alike, so that the deflection per moment is half the length of the rotation; and K_s > 0."""
-    found = notch.beam_integral(1.0, 1.0, notch.filleted_height(3.0, 1.0, neck), 3.0, 1.0, 2.0)
+    found = notch.beam_integral(1.0, 1.0, notch.filleted_thickness(3.0, 1.0, neck), 3.0, 1.0, 2.0)
     assert found.cross / found.rotation == pytest.approx(1.5, rel=1e-9)  # quadrature
     assert found.sway_stiffness > 0
 

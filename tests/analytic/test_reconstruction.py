@@ -73,14 +73,14 @@ def test_dimensions_of_the_paper_s_stage(name: str, found: float, expected: floa
 
 def test_table_1_comes_back_to_the_printed_figures() -> None:
     """18.3 / 25.6 N/mm, 1.8 / 2.6 N/um, 0.089 / 0.045 %, (31)'s gains: circular, to half of the last digit printed."""
-    back = FOUND.returned()
+    back = FOUND.recomputed_targets()
     assert abs(back.xy.output_stiffness - 18.3e3) <= 0.05e3
     assert abs(back.z.output_stiffness - 25.6e3) <= 0.05e3
     assert abs(back.xy.input_stiffness - 1.8e6) <= 0.05e6
     assert abs(back.z.input_stiffness - 2.6e6) <= 0.05e6
     assert abs(back.coupling.y_from_x - 0.089e-2) <= 0.0005e-2
     assert abs(back.coupling.z_from_x - 0.045e-2) <= 0.0005e-2
-    assert [driven.gain for driven in FOUND.driven()] == pytest.approx(GAINS, abs=0.00005)
+    assert [driven.gain for driven in FOUND.axes_under_load()] == pytest.approx(GAINS, abs=0.00005)
 
 
 def test_the_rounded_dimensions_are_the_ones_in_use() -> None:
@@ -128,7 +128,7 @@ def possible_targets(draw: st.DrawFn) -> Targets:
 @given(possible_targets(), between(1e9, 4e11), between(1e-3, 0.1), between(5e-4, 2e-2))
 def test_targets_come_back(targets: Targets, modulus: float, width: float, rod: float) -> None:
     # So thin that hinges are shorter than arms, whatever these are.
-    back = reconstruct(targets, Choices(modulus, width, 1e-8, rod)).returned()
+    back = reconstruct(targets, Choices(modulus, width, 1e-8, rod)).recomputed_targets()
     for part in ("xy", "z", "coupling"):
         asked, given_back = (dataclasses.astuple(getattr(each, part)) for each in (targets, back))
         # Rods that are a thousandth of the compliance are a difference that has lost three digits, and 1e-16 goes to

@@ -246,7 +246,7 @@ def test_a_leaf_gives_way_as_by_finite_elements(thickness, width, height):
     material = Material("AZ31B", 45e9, 0.35, 1770.0, None)
     first, second = piece.ports()
     effects = {name: {"share": 1.0} for name in (*statics.BY_DRAWING, "out_of_plane")}
-    found = ComplianceModel.of_part(piece, material).having(effects).between(first, second)
+    found = ComplianceModel.of_part(piece, material).having(effects).compliance_between(first, second)
     body = domain.of_part(piece, chord=domain.chord(piece))
     grading = methods.Grading(body, piece.linkage().members, *methods.EXTRUDED_GRADING, None)
     part = superelement.condense(piece, material, body, methods.Extruded(grading).mesh(1.0), degree=1, mode_count=0)

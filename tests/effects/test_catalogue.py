@@ -204,7 +204,7 @@ def test_an_installed_package_adds_effects(installed: Path) -> None:
     assert set(effects.names()) == {*NAMES, "steps", "other_name", "gone", "no_effect"}
     assert effects.find("steps").name == "steps"
     assert effects.find("creep").parameters[0].name == "per_decade"  # ours stays
-    assert effects.beside("steps", installed) == "steps"
+    assert effects.resolve_name("steps", installed) == "steps"
     coarse = {"step": 1e-6}
     assert np.array_equal(reading({"steps": coarse}), reading({"quantisation": coarse}))
     with pytest.raises(ValueError, match="is called steps by itself"):

@@ -195,7 +195,11 @@ def test_bending_of_a_notch_is_what_paros_and_weisbord_say_of_its_moment(solved:
     part, material = asked.design.part(), asked.design.material
     shares = quantities.compliance_shares(material, method.grading.domain, levels[-1].solution)["K_in_output_free"]
     hinge = notch.beam_integral(
-        material.youngs_modulus, part.width, notch.circular_height(part.radius, part.neck), 2 * part.radius, part.radius
+        material.youngs_modulus,
+        part.width,
+        notch.circular_thickness(part.radius, part.neck),
+        2 * part.radius,
+        part.radius,
     )
     rotation, _ = notch.paros_weisbord(material.youngs_modulus, part.width, part.neck, part.radius)
     sway = 1 / hinge.sway_stiffness

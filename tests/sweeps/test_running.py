@@ -351,7 +351,7 @@ def test_a_whole_stage_is_answered_for_by_its_formulas(tmp_path: Path) -> None:
     for axis, row in (("x", 0), ("z", 2)):
         push = np.array([assembly.axes[axis].drives.get(e.name, 0.0) for e in assembly.elements if _has_inputs(e)])
         table = len(push) + row  # actuators that push with k times their free stroke, springs k beside them
-        travel = model.installed(k)[table, : len(push)] @ (k * actuator.free_stroke * push)
+        travel = model.with_input_springs(k)[table, : len(push)] @ (k * actuator.free_stroke * push)
         assert found.column(f"stroke_{axis}_table_free")[1] == pytest.approx(travel, rel=1e-6)
         assert found.column(f"K_in_{axis}_table_free")[1] == pytest.approx(model.input_stiffness(axis), rel=1e-9)
 

@@ -36,7 +36,8 @@ class StaticModel:
     made_larger
         By how much every part is larger than drawn, in some dimensions [m].
     guessed
-        Whether what its linkage does not state of hinges and rods is guessed (`hinge_compliance.roots.guessed`).
+        Whether what its linkage does not state of hinges and rods is guessed
+        (`hinge_compliance.roots.with_guessed_roots`).
     """
 
     design: Design
@@ -52,7 +53,7 @@ class StaticModel:
         built = self.compliance({})
         parts = built.models.values() if isinstance(built, StageCompliance) else [built]
         members = [member for part in parts for member in part.linkage.members]
-        return tuple(dict.fromkeys(member.name for member in members if roots.guessed(member) != member))
+        return tuple(dict.fromkeys(member.name for member in members if roots.with_guessed_roots(member) != member))
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the parameters of its effects, named ``effect.parameter``."""
@@ -166,7 +167,7 @@ def nominal_effects(design: Design) -> dict[str, dict[str, float]]:
 
 
 def _guessed(part: ComplianceModel) -> ComplianceModel:
-    members = tuple(roots.guessed(member) for member in part.linkage.members)
+    members = tuple(roots.with_guessed_roots(member) for member in part.linkage.members)
     return replace(part, linkage=replace(part.linkage, members=members))
 
 

@@ -8,10 +8,10 @@ still differ together, which the sum of squares shows. Comparison and diagnosis 
 
 What the linkage of a part does not state, its model lacks. Without roots the two hundred amplifiers of
 `studies.theory_against_fem` are off finite elements by 15 % in K_in, 16 % in K_out and 20 % in K_out with held inputs
-(rms). Nearly all of that is what hinges give way at roots of a typical shape (`hinge_compliance.roots.guessed`): with
-these it is 3.2, 0.5 and 5.5 %, and 2.7 % in lambda. So the difference between the model with and without a guess is one
-standard deviation, alike in all rows, and the spread about the guess is that of a model in which all is stated, times
-`SPREAD`.
+(rms). Nearly all of that is what hinges give way at roots of a typical shape
+(`hinge_compliance.roots.with_guessed_roots`): with these it is 3.2, 0.5 and 5.5 %, and 2.7 % in lambda. So the
+difference between the model with and without a guess is one standard deviation, alike in all rows, and the spread about
+the guess is that of a model in which all is stated, times `SPREAD`.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ class Placement:
         """Return places of the part's frame (..., 3) [m] in the stage's."""
         return np.asarray(np.array(self.origin) + places @ self.matrix.T)
 
-    def inside(self, places: FloatArray) -> FloatArray:
+    def to_part_frame(self, places: FloatArray) -> FloatArray:
         """Return places of the stage's frame (..., 3) [m] in the part's."""
         return np.asarray((places - np.array(self.origin)) @ self.matrix)
 

@@ -119,7 +119,7 @@ class _CrystalTable(_MaterialTable):
 @cache
 def library() -> Mapping[str, Material]:
     """Return the materials of the library, by name."""
-    return {name: _checked({"name": name, **table}, LIBRARY, name) for name, table in _tables().items()}
+    return {name: _check({"name": name, **table}, LIBRARY, name) for name, table in _tables().items()}
 
 
 @cache
@@ -163,10 +163,10 @@ def find(given: object, path: Path) -> Material:
         raise InputError(path, "material", as_written(given), remedy)
     if given.endswith(".toml"):
         return read(path.parent / given if is_file(path.parent / given) else Path(given))
-    return _named(given, path, "material")
+    return _find_by_name(given, path, "material")
 
 
-def _named(name: str, path: Path, field: str) -> Material:
+def _find_by_name(name: str, path: Path, field: str) -> Material:
     known = library()
     if name not in known:
         remedy = f"is not in the library{suggest(name, list(known))} (or give a file or a [material] table)"
@@ -178,21 +178,21 @@ def _of_table(given: Mapping[str, Any], path: Path, field: str) -> Material:
     """Check a table, laid over the library's if it is like one of them."""
     prefix = f"{field}." if field else ""
     if "like" not in given:
-        return _checked(given, path, field)
+        return _check(given, path, field)
     like = given["like"]
     if not isinstance(like, str):
         raise InputError(path, f"{prefix}like", as_written(like), 'expected a name of the library, such as "Si"')
-    base = _tables()[_named(like, path, f"{prefix}like").name]
+    base = _tables()[_find_by_name(like, path, f"{prefix}like").name]
     own = {key: value for key, value in given.items() if key != "like"}
     # A number of its own does not come from the library's source.
     sources = {key: source for key, source in base.get("sources", {}).items() if key not in own}
     laid = {"name": f"{like}, changed", **base, **own}
     if isinstance(own.get("sources", {}), Mapping):
         laid["sources"] = {**sources, **own.get("sources", {})}
-    return _checked(laid, path, field)
+    return _check(laid, path, field)
 
 
-def _checked(table: Mapping[str, Any], path: Path, field: str) -> Material:
+def _check(table: Mapping[str, Any], path: Path, field: str) -> Material:
     if any(key in table for key in CRYSTAL):
         return check(_CrystalTable, table, path, field).material()
     return check(_MetalTable, table, path, field).material()

@@ -175,7 +175,7 @@ class Drawing:
         field = f"flexure.{flexure.name}"
         if flexure.thickness <= 0:
             raise InputError("design", f"{field}.thickness", _mm(flexure.thickness), "must be more than 0 mm")
-        if flexure.length <= 10 * polygons.NEAR:
+        if flexure.length <= 10 * polygons.TOLERANCE:
             raise InputError("design", field, _mm(flexure.length), "its two ends coincide; move one of them")
         _require_notch(flexure, field)
         if flexure.profile != "v" and (flexure.fillet < 0 or flexure.fillet > 0.45 * flexure.length):
@@ -185,7 +185,7 @@ class Drawing:
             corners = self.bodies[name].corners
             if polygons.on_boundary(corners, point):
                 continue
-            if not polygons.inside(corners, point):
+            if not polygons.contains(corners, point):
                 remedy = f"ends outside the body {name}; let it end on the body's boundary"
                 raise InputError("design", field, _at(point), remedy)
             if flexure.kind == "hinge":
@@ -279,7 +279,7 @@ def _require_notch(flexure: Flexure, field: str) -> None:
 def _require_simple(body: Body) -> None:
     field = f"body.{body.name}"
     gaps = np.linalg.norm(body.corners - np.roll(body.corners, 1, axis=0), axis=1)
-    if (gaps < 10 * polygons.NEAR).any():
+    if (gaps < 10 * polygons.TOLERANCE).any():
         at = body.corners[int(gaps.argmin())]
         raise InputError("design", field, _at(at), "two neighbouring corners coincide; the body has no size there")
     if polygons.crosses_itself(body.corners):

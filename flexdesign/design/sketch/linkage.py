@@ -43,7 +43,7 @@ def linkage(section: Section) -> Linkage:
         for flexure, _, _ in drawing.attached.get(body.name, []):
             own = f"{body.name}:{flexure.name}"
             places[body.name, flexure.name] = own if own in nodes else body.name
-    thin = [_flexed(flexure, section, places) for flexure in drawing.flexures.values()]
+    thin = [_flexure_member(flexure, section, places) for flexure in drawing.flexures.values()]
     ports = {port.name: drawing.carriers[port.name] for port in drawing.ports}
     return Linkage(nodes, (*thin, *stout), ports)
 
@@ -63,7 +63,7 @@ def _arm(body: Body, drawing: Drawing) -> Member | None:
     length = math.dist(start, end)
     thickness = polygons.area_moments(body.corners)[0] / length if length > 0 else math.inf
     between = [start + share * (end - start) for share in np.linspace(0, 1, STEPS + 2)[1:-1]]
-    if thickness >= length or not all(polygons.inside(body.corners, point) for point in between):
+    if thickness >= length or not all(polygons.contains(body.corners, point) for point in between):
         return None
     names = (f"{body.name}:{one.name}", f"{body.name}:{two.name}")
     return Member(body.name, "arm", names, _space(start), _space(end), thickness, drawing.thickness)
@@ -92,7 +92,7 @@ def _halves(body: Body, drawing: Drawing) -> list[Member]:
     ]  # fmt: skip
 
 
-def _flexed(flexure: Flexure, section: Section, places: dict[tuple[str, str], str]) -> Member:
+def _flexure_member(flexure: Flexure, section: Section, places: dict[tuple[str, str], str]) -> Member:
     """Return a flexure as a member with its roots."""
     drawing = section.drawing
     first, second = (places[body, flexure.name] for body in flexure.bodies)
@@ -118,15 +118,15 @@ def _root(flexure: Flexure, number: int, section: Section) -> Root | None:
     """
     name, point, way = flexure.ends[number]
     corners = section.drawing.bodies[name].corners
-    if polygons.inside(corners, point):
+    if polygons.contains(corners, point):
         return None
-    begin = point + polygons.NEAR * way
-    depth = polygons.distance(polygons.sides(corners), begin, way) + polygons.NEAR
+    begin = point + polygons.TOLERANCE * way
+    depth = polygons.distance(polygons.sides(corners), begin, way) + polygons.TOLERANCE
     left, right = (polygons.distance(section.segments, begin, sign * flexure.normal) for sign in (1, -1))
     overhang, side = min(left, right), 1 if left < right else -1
     behind = [
         other for other, at, inward in section.drawing.attached[name]
-        if inward @ way < -1 + 1e-9 and math.dist(at, point + depth * way) < 1e3 * polygons.NEAR
+        if inward @ way < -1 + 1e-9 and math.dist(at, point + depth * way) < 1e3 * polygons.TOLERANCE
         and other.kind == flexure.kind
     ]  # fmt: skip
     slender = _arm(section.drawing.bodies[name], section.drawing) is not None
@@ -140,7 +140,7 @@ def _root(flexure: Flexure, number: int, section: Section) -> Root | None:
         abs(float((at - point) @ flexure.normal))
         for other in section.drawing.flexures.values() if other is not flexure
         for _, at, inward in other.ends
-        if inward @ way > 1 - 1e-9 and abs(float((at - point) @ way)) < 1e3 * polygons.NEAR
+        if inward @ way > 1 - 1e-9 and abs(float((at - point) @ way)) < 1e3 * polygons.TOLERANCE
     ]  # fmt: skip
     height = min(twins) / 2 if twins and min(twins) < max(left, right) else max(left, right)
     return Root("flank", depth, overhang, side, height)  # type: ignore[arg-type]

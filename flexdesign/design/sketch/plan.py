@@ -177,7 +177,7 @@ def _image(bodies: Mapping[str, Body], name: str, turn: Array, where: str) -> st
     if name not in bodies:
         raise InputError("design", where, name, f"is not a body{suggest(name, list(bodies))}")
     corners = bodies[name].corners @ turn.T
-    found = next((each for each, body in bodies.items() if polygons.alike(body.corners, corners)), None)
+    found = next((each for each, body in bodies.items() if polygons.have_same_corners(body.corners, corners)), None)
     if found is None:
         remedy = "the image of this body is no body; mirror or repeat the body too, or give this piece for one place"
         raise InputError("design", where, name, remedy)
@@ -194,7 +194,7 @@ def _side(corners: Array, way: Array, where: str, side: str) -> Array:
     """Return the middle of a body's outermost side in a direction."""
     ends = polygons.sides(corners)
     reach = (corners @ way).max()
-    outer = ends[(np.abs(ends @ way - reach) < 10 * polygons.NEAR).all(axis=1)]
+    outer = ends[(np.abs(ends @ way - reach) < 10 * polygons.TOLERANCE).all(axis=1)]
     if len(outer) != 1:
         remedy = "the body has no one straight side there; give it one that looks this way and lies outermost"
         raise InputError("design", where, side, remedy)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 #: Lengths below this are none [m]; the CAD kernel takes points nearer than 1e-7 mm as one.
-NEAR = 1e-9
+TOLERANCE = 1e-9
 
 
 def area_moments(corners: Array) -> tuple[float, Array, float]:
@@ -46,10 +46,10 @@ def on_boundary(corners: Array, point: Array) -> bool:
     way = ends[:, 1] - ends[:, 0]
     share = ((point - ends[:, 0]) * way).sum(axis=1) / (way * way).sum(axis=1)
     feet = ends[:, 0] + np.clip(share, 0.0, 1.0)[:, None] * way
-    return bool((np.linalg.norm(feet - point, axis=1) < 10 * NEAR).any())
+    return bool((np.linalg.norm(feet - point, axis=1) < 10 * TOLERANCE).any())
 
 
-def inside(corners: Array, point: Array) -> bool:
+def contains(corners: Array, point: Array) -> bool:
     """Tell whether a point lies within the boundary, not on it."""
     if on_boundary(corners, point):
         return False
@@ -74,7 +74,7 @@ def overlap(one: Array, two: Array) -> bool:
     first, second = sides(one), sides(two)
     if _crossing(first, second):
         return True
-    return any(inside(two, p) for p in _witnesses(one)) or any(inside(one, p) for p in _witnesses(two))
+    return any(contains(two, p) for p in _witnesses(one)) or any(contains(one, p) for p in _witnesses(two))
 
 
 def touch(one: Array, two: Array) -> bool:
@@ -85,24 +85,26 @@ def touch(one: Array, two: Array) -> bool:
         way = (b - a) / np.linalg.norm(b - a)
         normal = np.array([-way[1], way[0]])
         for c, d in sides(two):
-            if abs((c - a) @ normal) < 10 * NEAR and abs((d - a) @ normal) < 10 * NEAR:
+            if abs((c - a) @ normal) < 10 * TOLERANCE and abs((d - a) @ normal) < 10 * TOLERANCE:
                 low, high = sorted((float((c - a) @ way), float((d - a) @ way)))
-                if min(high, float(np.linalg.norm(b - a))) - max(low, 0.0) > 10 * NEAR:
+                if min(high, float(np.linalg.norm(b - a))) - max(low, 0.0) > 10 * TOLERANCE:
                     return True
     return False
 
 
 def _boxes_meet(one: Array, two: Array) -> bool:
     """Tell whether the boxes about two polygons meet, which sorts out most pairs at once."""
-    return bool((one.max(axis=0) + NEAR > two.min(axis=0)).all() and (two.max(axis=0) + NEAR > one.min(axis=0)).all())
+    return bool(
+        (one.max(axis=0) + TOLERANCE > two.min(axis=0)).all() and (two.max(axis=0) + TOLERANCE > one.min(axis=0)).all()
+    )
 
 
-def alike(one: Array, two: Array) -> bool:
+def have_same_corners(one: Array, two: Array) -> bool:
     """Tell whether two polygons have the same corners."""
     if len(one) != len(two):
         return False
     gaps = np.linalg.norm(one[:, None] - two[None], axis=2)
-    return bool((gaps.min(axis=1) < 10 * NEAR).all())
+    return bool((gaps.min(axis=1) < 10 * TOLERANCE).all())
 
 
 def distance(segments: Array, start: Array, way: Array) -> float:
@@ -113,7 +115,7 @@ def distance(segments: Array, start: Array, way: Array) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = (from_start[:, 0] * along[:, 1] - from_start[:, 1] * along[:, 0]) / det
         share = (from_start[:, 0] * way[1] - from_start[:, 1] * way[0]) / det
-    hit = (np.abs(det) > 1e-15) & (reach > NEAR / 10) & (share > -1e-9) & (share < 1 + 1e-9)
+    hit = (np.abs(det) > 1e-15) & (reach > TOLERANCE / 10) & (share > -1e-9) & (share < 1 + 1e-9)
     return float(reach[hit].min()) if hit.any() else math.inf
 
 
@@ -123,8 +125,8 @@ def _witnesses(corners: Array) -> Array:
     middles = ends.mean(axis=1)
     way = ends[:, 1] - ends[:, 0]
     normals = np.column_stack([-way[:, 1], way[:, 0]]) / np.linalg.norm(way, axis=1)[:, None]
-    near = [m + sign * 100 * NEAR * n for m, n in zip(middles, normals, strict=True) for sign in (1, -1)]
-    return np.array([p for p in (*corners, *middles, *near) if on_boundary(corners, p) or inside(corners, p)])
+    near = [m + sign * 100 * TOLERANCE * n for m, n in zip(middles, normals, strict=True) for sign in (1, -1)]
+    return np.array([p for p in (*corners, *middles, *near) if on_boundary(corners, p) or contains(corners, p)])
 
 
 def _crossing(first: Array, second: Array) -> bool:
@@ -137,5 +139,5 @@ def _crossing(first: Array, second: Array) -> bool:
 
     apart = np.ones(np.broadcast_shapes(a.shape, c.shape)[:2], dtype=bool)
     for one, two in ((side(a, b, c), side(a, b, d)), (side(c, d, a), side(c, d, b))):
-        apart &= (one * two < 0) & (np.abs(one) > 10 * NEAR) & (np.abs(two) > 10 * NEAR)
+        apart &= (one * two < 0) & (np.abs(one) > 10 * TOLERANCE) & (np.abs(two) > 10 * TOLERANCE)
     return bool(apart.any())

@@ -40,7 +40,7 @@ class Section:
         import cadquery as cq
 
         pieces = [_polygon(body.corners) for body in self.drawing.bodies.values()]
-        pieces += [_outlined(flexure) for flexure in self.drawing.flexures.values()]
+        pieces += [_outline_of(flexure) for flexure in self.drawing.flexures.values()]
         first, *others = [cq.Face.makeFromWires(wire) for wire in pieces]
         whole = first.fuse(*others).clean() if others else first
         faces = whole.Faces()
@@ -91,7 +91,7 @@ class Section:
     def _roots(self, flexure: Flexure) -> Iterator[Array]:
         """Yield the corners at which a flexure meets its bodies [m]."""
         for name, point, _ in flexure.ends:
-            if not polygons.inside(self.drawing.bodies[name].corners, point):
+            if not polygons.contains(self.drawing.bodies[name].corners, point):
                 for side in (1, -1):
                     yield point + side * flexure.thickness / 2 * flexure.normal
 
@@ -106,20 +106,20 @@ class Section:
         for port in self.drawing.ports:
             point, normal = np.array(port.point) * flip, np.array(port.normal) * flip
             image = next((p for p in self.drawing.ports if p.role == port.role
-                          and np.allclose(p.point, point, rtol=0, atol=10 * polygons.NEAR)
+                          and np.allclose(p.point, point, rtol=0, atol=10 * polygons.TOLERANCE)
                           and np.allclose(p.normal, normal, rtol=0, atol=1e-9)), None)  # fmt: skip
             if image is None or (image is not port and port.role != "input"):
                 return None
             if image is not port and port.point[index] < 0:
                 swaps[port.name] = image.name
-        places = np.array([self._described(edge) for edge in self.edges])
+        places = np.array([self._edge_points(edge) for edge in self.edges])
         images = places * np.tile(flip[:2], 3)
         images = np.concatenate([images, images[:, [2, 3, 0, 1, 4, 5]]])  # an image may run the other way
         gaps = np.abs(places[:, None] - images[None]).max(axis=2).min(axis=1)
-        return SymmetryPlane("xyz"[index], swaps) if (gaps < 10 * polygons.NEAR).all() else None  # type: ignore[arg-type]
+        return SymmetryPlane("xyz"[index], swaps) if (gaps < 10 * polygons.TOLERANCE).all() else None  # type: ignore[arg-type]
 
     @staticmethod
-    def _described(edge: Any) -> tuple[float, ...]:
+    def _edge_points(edge: Any) -> tuple[float, ...]:
         """Return start, end and middle of an edge [m]."""
         places = (edge.startPoint(), edge.endPoint(), edge.positionAt(0.5))
         return tuple(1e-3 * value for place in places for value in place.toTuple()[:2])
@@ -133,7 +133,7 @@ def _polygon(corners: Array) -> Any:
     return cq.Wire.makePolygon([cq.Vector(*map(float, 1e3 * corner), 0.0) for corner in corners], close=True)
 
 
-def _outlined(flexure: Flexure) -> Any:
+def _outline_of(flexure: Flexure) -> Any:
     """Return the outline of a flexure; sides of notches are arcs, half ellipses, parabolas or lines and an arc."""
     import cadquery as cq
 
@@ -143,13 +143,13 @@ def _outlined(flexure: Flexure) -> Any:
     half, high = notch.half_length, flexure.end_thickness / 2
     lower, upper = _side(flexure, notch, 1.0), _side(flexure, notch, -1.0)
     right, left = (
-        cq.Edge.makeLine(_placed(flexure, way * half, -way * high), _placed(flexure, way * half, way * high))
+        cq.Edge.makeLine(_point_at(flexure, way * half, -way * high), _point_at(flexure, way * half, way * high))
         for way in (1, -1)
     )
     return cq.Wire.assembleEdges([*lower, right, *upper, left])
 
 
-def _placed(flexure: Flexure, along: float, up: float) -> Any:
+def _point_at(flexure: Flexure, along: float, up: float) -> Any:
     """Return a point by its distances from a flexure's middle along it and to its left [m], as a vector [mm]."""
     import cadquery as cq
 
@@ -162,7 +162,7 @@ def _side(flexure: Flexure, notch: Notch, turn: float) -> list[Any]:
     import cadquery as cq
 
     def place(along: float, rise: float) -> Any:
-        return _placed(flexure, turn * along, -turn * (flexure.thickness / 2 + rise))
+        return _point_at(flexure, turn * along, -turn * (flexure.thickness / 2 + rise))
 
     half, depth = notch.half_length, notch.depth
     first, last = place(-half, depth), place(half, depth)

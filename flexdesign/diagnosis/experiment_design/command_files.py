@@ -7,7 +7,7 @@ from pathlib import Path
 
 from flexdesign.core import unit_tables, units
 from flexdesign.core.toml_files import FORMAT, quoted
-from flexdesign.core.toml_writing import commented
+from flexdesign.core.toml_writing import with_comment
 from flexdesign.diagnosis.experiment_design.commands import Command
 from flexdesign.diagnosis.experiment_design.experiments import ADDED_MASS
 from flexdesign.diagnosis.experiment_design.limits import Limits
@@ -78,9 +78,9 @@ def description(
         f"format = {FORMAT}",
         f"title = {quoted(title)}",
         f'axis = "{axis}"',
-        commented('command_is = "dac"', "what u is: dac (what was sent), stack or monitor", _COLUMN),
+        with_comment('command_is = "dac"', "what u is: dac (what was sent), stack or monitor", _COLUMN),
         f'limits = ["{limits.low:g} V", "{limits.high:g} V"]',
-        commented('between_samples = "hold"', "what the command does between its samples", _COLUMN),
+        with_comment('between_samples = "hold"', "what the command does between its samples", _COLUMN),
         "closed_loop = false",
         "",
         f"[sensors.{axis}]",
@@ -101,9 +101,9 @@ def _sensor(axis: str, model: AxisModel, noise: float | None) -> list[str]:
         low, high = (units.to_text(end, large, 6, model.response) for end in model.sensor.range)
         span = f'range = ["{low}", "{high}"]'
     return [
-        commented(remarks, "standard deviation of a reading at rest", _COLUMN),
+        with_comment(remarks, "standard deviation of a reading at rest", _COLUMN),
         span,
-        commented('# point = ["... mm", "... mm", "... mm"]', "where on the table it looks", _COLUMN),
+        with_comment('# point = ["... mm", "... mm", "... mm"]', "where on the table it looks", _COLUMN),
         f"direction = {along}",
     ]
 
@@ -114,4 +114,4 @@ def _conditions(command: Command, model: AxisModel) -> list[str]:
     if model.mass is None:
         return ["# weigh the mass, and write it here:", '# conditions = { payload = "... g" }']
     mass = units.to_text(ADDED_MASS * model.mass, "g", 2, "kg")
-    return [commented(f'conditions = {{ payload = "{mass}" }}', "suggested; write what you weighed", _COLUMN)]
+    return [with_comment(f'conditions = {{ payload = "{mass}" }}', "suggested; write what you weighed", _COLUMN)]

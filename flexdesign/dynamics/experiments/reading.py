@@ -56,7 +56,7 @@ def read(name: str | Path, axes: Sequence[str], overrides: Sequence[str] = ()) -
     """
     path = find(name)
     content = toml_files.read_toml(path)
-    with toml_files.attributed(overrides):
+    with toml_files.attribute_overrides(overrides):
         found = toml_files.check(_File, toml_files.overlay(content, overrides), path)
     if not isinstance(found.experiment, list) or not found.experiment:
         raise InputError(path, "experiment", None, "expected one table or more: [[experiment]]")

@@ -124,9 +124,11 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> StageModel:
     path = find(name)
     content = toml_files.read_toml(path)
     _same_axes(content.get("axis"), overrides)
-    with toml_files.attributed(overrides):
+    with toml_files.attribute_overrides(overrides):
         stage = from_content(toml_files.overlay(content, overrides), path)
-    return replace(stage, title=changes.titled(stage.title or stage.name, overrides)) if overrides else stage
+    return (
+        replace(stage, title=changes.title_with_changes(stage.title or stage.name, overrides)) if overrides else stage
+    )
 
 
 def changed(model: StageModel, overrides: Sequence[str]) -> StageModel:
@@ -141,9 +143,9 @@ def changed(model: StageModel, overrides: Sequence[str]) -> StageModel:
         return model
     content = tomllib.loads(to_toml(model))
     _same_axes(content["axis"], overrides)
-    with toml_files.attributed(overrides):
+    with toml_files.attribute_overrides(overrides):
         made = from_content(toml_files.overlay(content, overrides), Path(f"{model.name}.toml"))
-    return replace(made, name=model.name, title=changes.titled(made.title or model.name, overrides))
+    return replace(made, name=model.name, title=changes.title_with_changes(made.title or model.name, overrides))
 
 
 def _same_axes(axes: object, overrides: Sequence[str]) -> None:
@@ -339,7 +341,7 @@ def _whole(name: str, place: _Place) -> str:
             number = f"{place.name.removesuffix('.effects')}.{number}"
         raise place.at(name).refused(None, f"has its own place in the file; write {number} instead")
     try:
-        return effects.beside(name, place.file.parent)
+        return effects.resolve_name(name, place.file.parent)
     except ValueError as error:
         raise place.at(name).refused(None, str(error)) from None
 

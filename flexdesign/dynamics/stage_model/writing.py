@@ -9,7 +9,7 @@ from pathlib import Path
 
 from flexdesign.core import toml_files, units
 from flexdesign.core.toml_files import FORMAT
-from flexdesign.core.toml_writing import commented
+from flexdesign.core.toml_writing import with_comment
 from flexdesign.dynamics.stage_model import fields
 from flexdesign.dynamics.stage_model.axis import AxisModel, lumped_frequency
 from flexdesign.dynamics.stage_model.model import Coupling, StageModel
@@ -72,9 +72,9 @@ def _axis(place: str, axis: AxisModel, ways: Mapping[str, str]) -> Iterator[str]
         yield f"unit = {_TEXT.write(axis.unit)}"
     for name, text in _numbers(axis):
         comment = "assumed: neither computed nor measured" if name in axis.assumed else _comment(name, axis)
-        yield commented(f"{name} = {text}", comment) if comment else f"{name} = {text}"
+        yield with_comment(f"{name} = {text}", comment) if comment else f"{name} = {text}"
     if math.isnan(axis.gain):
-        yield commented(f"# gain = {gain.example()}", "an example: the gain is not known; see its source below")
+        yield with_comment(f"# gain = {gain.example()}", "an example: the gain is not known; see its source below")
     if "bouc_wen" in axis.effects:
         values = _effect("bouc_wen", axis.effects["bouc_wen"], axis.response)
         if not axis.effects["bouc_wen"].get("rest"):  # a stage that was never driven, as is understood

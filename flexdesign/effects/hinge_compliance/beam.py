@@ -117,14 +117,14 @@ class Sides:
         Distances from the centre, and the length that each point represents [m].
     thicknesses
         Thickness there [m].
-    slopes
+    gradients
         Slope of either side.
     """
 
     s: Array
     lengths: Array
     thicknesses: Array
-    slopes: Array
+    gradients: Array
 
 
 def straight_half(member: Member) -> float:
@@ -144,13 +144,13 @@ def sides(member: Member) -> Sides:
         last = math.asin(min(reach / axis, 1.0))
         into, lengths = axis * np.sin(last * unit), last * axis * weights * np.cos(last * unit)
         s = half - member.root_radius + into if notch is None else into
-        slopes = np.tan(last * unit) if notch is None else notch.slope(s)
+        gradients = np.tan(last * unit) if notch is None else notch.slope(s)
     elif notch.shape == "parabolic":
         # s / neck is the tangent of an angle, neck being where the thickness is twice that of the neck.
         neck = half * math.sqrt(thin / (2 * notch.depth))
         last = math.atan(half / neck)
         s, lengths = neck * np.tan(last * unit), last * neck * weights / np.cos(last * unit) ** 2
-        slopes = notch.slope(s)
+        gradients = notch.slope(s)
     else:
         # The arc by its angle, the flank by the logarithm of its thickness.
         angle, bend = notch.flank_angle, notch.arc_half
@@ -162,8 +162,8 @@ def sides(member: Member) -> Sides:
         lengths = np.concatenate(
             [angle * notch.radius * weights * np.cos(angle * unit), math.log(ratio) * weights * flank / rising]
         )
-        slopes = notch.slope(s)
-    return Sides(s, lengths, member.thicknesses(s), slopes)
+        gradients = notch.slope(s)
+    return Sides(s, lengths, member.thicknesses(s), gradients)
 
 
 @cache

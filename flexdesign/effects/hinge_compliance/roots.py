@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.model import Elastic, Member, Root
-from flexdesign.effects.hinge_compliance import slopes, width
+from flexdesign.effects.hinge_compliance import taper, width
 from flexdesign.effects.hinge_compliance.beam import from_place
 
 Array = NDArray[np.float64]
@@ -83,7 +83,7 @@ def compliance(member: Member, elastic: Elastic) -> Array:
     return total
 
 
-def guessed(member: Member) -> Member:
+def with_guessed_roots(member: Member) -> Member:
     """Return a hinge or rod with a guess of what its linkage does not state of its ends; any other as it is.
 
     A rod that states one root has none at the other end.
@@ -96,7 +96,7 @@ def guessed(member: Member) -> Member:
 
 def _at_its_ends(member: Member) -> Member:
     """Return a notch, or a leaf with long fillets, as a leaf as thick as it is at its roots; any other as it is."""
-    if not slopes.counts(member):
+    if not taper.counts(member):
         return member
     thick = member.thickness_at(member.length / 2)
     return replace(member, thickness=thick, root_radius=0.0, curvature_radius=math.inf, notch=None)

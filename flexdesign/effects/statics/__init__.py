@@ -54,7 +54,7 @@ def _own() -> frozenset[str]:
 
 @cache
 def _added() -> dict[str, EntryPoint]:
-    return _finding.added(GROUP, _own())
+    return _finding.entry_points_by_name(GROUP, _own())
 
 
 def find(name: str) -> Effect:
@@ -80,6 +80,6 @@ def _found(name: str) -> Effect:
     return effect
 
 
-def beside(name: str, folder: Path) -> str:
-    """Return the name under which `find` has a static effect from everywhere, as `flexdesign.effects.beside` does."""
-    return _finding.beside(name, folder, names())
+def resolve_name(name: str, folder: Path) -> str:
+    """Return the name under which `find` has a static effect from everywhere, as `flexdesign.effects.resolve_name` does."""
+    return _finding.resolve_name(name, folder, names())

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from flexdesign.core.model import Effect, Elastic, Member, Parameter, Term
 from flexdesign.core.model.effect import Floats, Values
-from flexdesign.effects.hinge_compliance import slopes
+from flexdesign.effects.hinge_compliance import taper
 
 
 def compliance(member: Member, elastic: Elastic, values: Values) -> Floats:
     """Return what the slope of a hinge's sides adds to the beam that it is."""
-    return values["share"] * slopes.compliance(member, elastic)
+    return values["share"] * taper.compliance(member, elastic)
 
 
 EFFECT = Effect(
@@ -25,7 +25,7 @@ EFFECT = Effect(
     reference=(
         "Y. K. Yong, T.-F. Lu and D. C. Handley, Review of circular flexure hinge design equations and derivation of "
         "empirical formulations, Precis. Eng. 32 (2008), for its size; the expansion stands in "
-        "flexdesign.effects.hinge_compliance.slopes"
+        "flexdesign.effects.hinge_compliance.taper"
     ),
     parameters=(Parameter("share", "1", "", "how much of it the notches have", 0.0, 1.0, (0.0, 1.5)),),
     faces=(Term("hinge", compliance),),

@@ -190,7 +190,7 @@ def _root(plan: SweepPlan, overrides: Sequence[str]) -> list[object]:
     except InputError as error:
         return [list(overrides), str(error)]
     drive = design.actuator.model_dump() if design.actuator else {}
-    owner = parts.drawn_by_design(design.part_class)
+    owner = parts.sketch_text(design.part_class)
     return [
         dict(design.dimensions),
         repr(design.material),

@@ -98,7 +98,7 @@ def read(name: str | Path, overrides: Sequence[str] = ()) -> SweepPlan:
     path = designs.find(name)
     of_sweep = [o for o in overrides if toml_files.overridden(o).partition(".")[0] not in SUBJECT_KEYS]
     of_subject = tuple(override for override in overrides if override not in of_sweep)
-    with toml_files.attributed(of_sweep):
+    with toml_files.attribute_overrides(of_sweep):
         content = toml_files.read_toml(path)
         if "vary" not in content:
             remedy = 'is missing; write what shall vary, such as vary."dimensions.width" = ["5 mm", "10 mm"]'

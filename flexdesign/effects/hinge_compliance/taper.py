@@ -32,7 +32,7 @@ def compliance(member: Member, elastic: Elastic) -> Array:
     if not counts(member):
         return np.zeros((3, 3))
     side = beam.sides(member)
-    s, lengths, t, q = side.s, 2 * side.lengths, side.thicknesses, np.arcsinh(side.slopes)
+    s, lengths, t, q = side.s, 2 * side.lengths, side.thicknesses, np.arcsinh(side.gradients)
     bending = width.bending_modulus(member, elastic) * member.width
     stretching = width.stretching_modulus(member, elastic) * member.width
     rotation = 12 * lengths @ (6 / 5 * q**2 / t**3) / bending

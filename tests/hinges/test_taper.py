@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from flexdesign.core.model import Elastic, Member, Notch, Root
-from flexdesign.effects.hinge_compliance import beam, roots, slopes
+from flexdesign.effects.hinge_compliance import beam, roots, taper
 from studies.hinge_coefficients import notches, planar
 
 ELASTIC = Elastic(70e9, 0.33)
@@ -105,7 +105,7 @@ def test_the_addition_to_a_thin_circular_neck_is_two_fifths_of_neck_over_radius(
     """int q^2 / h^3 over int 1 / h^3 with h = t/2 + s^2/2R is t / 3R, times 6/5."""
     for ratio in (1e-3, 1e-4):
         hinge = member(SHAPES["circular"], ratio * A)
-        added = slopes.compliance(hinge, ELASTIC)[2, 2] / beam.rotation(hinge, ELASTIC)
+        added = taper.compliance(hinge, ELASTIC)[2, 2] / beam.rotation(hinge, ELASTIC)
         assert added == pytest.approx(0.4 * ratio, rel=0.02)
 
 
@@ -113,7 +113,7 @@ def test_leaves_have_no_slopes_and_short_fillets_are_the_roots() -> None:
     leaf = Member("l", "hinge", ("a", "b"), (-A, 0.0, 0.0), (A, 0.0, 0.0), T, W)
     for radius in (0.0, 0.5 * T, 1.2 * T):
         hinge = Member(**{**vars(leaf), "root_radius": radius})
-        assert not slopes.compliance(hinge, ELASTIC).any()
+        assert not taper.compliance(hinge, ELASTIC).any()
 
 
 @pytest.mark.parametrize("radius", [1.25, 1.6, 1.9])
@@ -125,7 +125,7 @@ def test_long_fillets_give_way_as_planar_finite_elements_do(radius: float) -> No
         roots=(Root("end", 6.0), Root("end", 6.0)),
     )  # fmt: skip
     elastic = Elastic(1.0, planar.POISSON, constraint=0.0)
-    found = slopes.compliance(leaf, elastic) + roots.compliance(leaf, elastic)
+    found = taper.compliance(leaf, elastic) + roots.compliance(leaf, elastic)
     assert found[2, 2] * 1e3 / 2 == pytest.approx(solved[2, 2], rel=0.04)
 
 
@@ -134,5 +134,5 @@ def test_a_notch_declared_as_two_fillets_gives_way_alike() -> None:
     circle = Member("n", "hinge", ("a", "b"), *ends, T, W, curvature_radius=A)
     fillets = Member("n", "hinge", ("a", "b"), *ends, T, W, root_radius=A)
     # The middle of one quarter circle is the end of the other's integral.
-    assert slopes.compliance(fillets, ELASTIC) == pytest.approx(slopes.compliance(circle, ELASTIC), rel=1e-6)
+    assert taper.compliance(fillets, ELASTIC) == pytest.approx(taper.compliance(circle, ELASTIC), rel=1e-6)
     assert beam.rotation(fillets, ELASTIC) == pytest.approx(beam.rotation(circle, ELASTIC), rel=1e-9)
