@@ -84,7 +84,7 @@ def _shipped(name: str) -> Effect:
 
 
 def resolve_name(name: str, folder: Path) -> str:
-    """Return the name under which `find` has an effect from everywhere: that of a file is its absolute path.
+    """Return the name of an effect that is valid everywhere: that of a file is its absolute path.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ def foreign(name: str, entries: Mapping[str, EntryPoint], known: Collection[str]
 
 
 def resolve_name(name: str, folder: Path, known: Collection[str]) -> str:
-    """Return the name under which an effect is found from everywhere: that of a file is its absolute path.
+    """Return the name of an effect that is valid everywhere: that of a file is its absolute path.
 
     Parameters
     ----------

@@ -81,5 +81,5 @@ def _found(name: str) -> Effect:
 
 
 def resolve_name(name: str, folder: Path) -> str:
-    """Return the name under which `find` has a static effect from everywhere, as `flexdesign.effects.resolve_name` does."""
+    """Return the name of a static effect that is valid everywhere, as `flexdesign.effects.resolve_name` does."""
     return _finding.resolve_name(name, folder, names())
