@@ -114,7 +114,7 @@ def test_axes_are_decoupled_and_lead_back(tmp_path: Path) -> None:
         alone = _single(m, decoupled, drive[m, : SHAPE[0]])
         # What the response misses at the modes, in gain and damping 0.5 %, and noise of 0.3 %; measured: 1.1 %.
         assert share(modal[m, : SHAPE[0]] - alone, modal[m, : SHAPE[0]]) < 0.02
-    back = decoupled.modes.outputs(modal[:, : SHAPE[0]]) + filtered(decoupled.beside(), u[:, :, 0]).T
+    back = decoupled.modes.outputs(modal[:, : SHAPE[0]]) + filtered(decoupled.remainder(), u[:, :, 0]).T
     assert pytest.approx(y[:, :, 0], abs=1e-15) == back.T
     model, place = recordings.write(its, decoupled, tmp_path)
     runs = read_runs([place])

@@ -29,7 +29,7 @@ def known_effect(name: str, field: str, catalogue: ModuleType = effects) -> str:
         If there is none, or it has nothing that a fit could move.
     """
     try:
-        whole = str(catalogue.beside(name, Path()))
+        whole = str(catalogue.resolve_name(name, Path()))
         effect = catalogue.find(whole)
     except ValueError as error:
         raise InputError("command line", field, name, str(error)) from None

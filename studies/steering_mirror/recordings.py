@@ -61,13 +61,13 @@ class Decoupled:
     response: Complex
     modes: Modes
 
-    def beside(self) -> Complex:
+    def remainder(self) -> Complex:
         """Return the linear response without the modes [m/V]."""
         return self.response - self.modes.response(lines_of(self.response))
 
     def modal(self, u: Array, y: Array) -> tuple[Array, Array]:
         """Return modal inputs [V] and coordinates [m] of whole periods, modes x samples, one period after the other."""
-        beside, periods = self.beside(), range(u.shape[2])
+        beside, periods = self.remainder(), range(u.shape[2])
         inputs = [self.modes.inputs(u[:, :, p].T) for p in periods]
         coordinates = [self.modes.coordinates((y[:, :, p] - filtered(beside, u[:, :, p])).T) for p in periods]
         return np.concatenate(inputs, axis=1), np.concatenate(coordinates, axis=1)

@@ -238,10 +238,10 @@ def test_line_waits_at_its_points_and_may_have_one_axis() -> None:
 def test_csv_is_resampled_by_straight_lines_in_si(tmp_path: Path) -> None:
     (tmp_path / "my.csv").write_text("# mine\nt [ms],u [mV],x [um]\n5,0,1\n7,2000,2\n8,1000,4\n")
     table = {"shape": "csv", "file": "my.csv", "column": "u [V]"}
-    volts = Trajectory.model_validate(table).beside(tmp_path)
+    volts = Trajectory.model_validate(table).with_folder(tmp_path)
     assert volts.si == "V" and volts.axes == 1 and volts.duration == pytest.approx(3e-3)
     assert volts.sampled(0.5e-3) == pytest.approx([0, 0.5, 1.0, 1.5, 2.0, 1.5, 1.0])
-    metres = Trajectory.model_validate({**table, "column": ["x [um]", "x [um]"]}).beside(tmp_path)
+    metres = Trajectory.model_validate({**table, "column": ["x [um]", "x [um]"]}).with_folder(tmp_path)
     assert metres.sampled(1e-3) == pytest.approx(np.array([[1, 1.5, 2, 4]] * 2) * 1e-6)
 
 

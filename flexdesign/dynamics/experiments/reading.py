@@ -140,7 +140,9 @@ def _experiment(given: Any, number: int, path: Path) -> Experiment:
 def _placed(experiment: Experiment, folder: Path) -> Experiment:
     """Return an experiment whose files are looked up next to the study."""
     placed = {
-        key: given.beside(folder) for key in ("command", "reference") if (given := getattr(experiment, key)) is not None
+        key: given.with_folder(folder)
+        for key in ("command", "reference")
+        if (given := getattr(experiment, key)) is not None
     }
     return experiment.model_copy(update=placed)
 

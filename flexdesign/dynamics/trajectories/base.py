@@ -148,7 +148,7 @@ class Trajectory(toml_files.Table):
         """Return the highest frequency that samples must follow [Hz]; for a dwell, that of which it is half a cycle."""
         return 0.0
 
-    def beside(self, folder: Path) -> Self:
+    def with_folder(self, folder: Path) -> Self:
         """Return this trajectory with the files it names looked up in `folder`, where they are not absolute."""
         return self
 

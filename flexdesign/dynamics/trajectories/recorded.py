@@ -58,7 +58,7 @@ class Recorded(Trajectory):
         """How many columns are named."""
         return len(self.column)
 
-    def beside(self, folder: Path) -> Self:
+    def with_folder(self, folder: Path) -> Self:
         """Return this trajectory with `file` looked up in `folder`, unless it is absolute."""
         return self.model_copy(update={"file": str(folder / self.file)})
 

@@ -74,7 +74,7 @@ def error_ladder(steps: Sequence[Step], noise_floor: float, floor_text: str, uni
     return svg(figure)
 
 
-def beside(
+def run_traces(
     time: Array, measured: Array, predicted: Sequence[tuple[str, Array]], labels: tuple[str, str], factor: float
 ) -> Traces:
     """Draw a run, what models predict of it, and below what each leaves.

@@ -124,7 +124,7 @@ def run_figures(stands: Sequence[tuple[str, Comparison]]) -> list[Figure]:
         there = np.logical_and.reduce([np.isfinite(each.measured) for each in runs])
         measured = run.measured[there] / scale
         predicted = [(s, each.predicted[there] / scale) for (s, _), each in zip(stands, runs, strict=True)]
-        chart = drawings.beside(run.time[there], measured, predicted, labels, factor)
+        chart = drawings.run_traces(run.time[there], measured, predicted, labels, factor)
         made.append(Figure.of_traces(f"run_{name}.svg", chart, _run_caption(stands, runs)))
     return made
 
