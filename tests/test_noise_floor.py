@@ -219,3 +219,17 @@ def test_what_cannot_be_judged_is_refused() -> None:
         noise_floor([], "x", settling_time=0.1)
     with pytest.raises(InputError, match="no response of axis y"):
         noise_floor([run("a", np.zeros(100), np.zeros(100))], "y", settling_time=0.1)
+
+
+def test_a_command_that_was_read_back_jitters_where_it_stands_still() -> None:
+    """A converter of 10 bits: half of its readings of a held voltage are one step off."""
+    rng = np.random.default_rng(3)
+    u, step = levels(), 0.1
+    read_back = step * np.round(u / step + rng.uniform(-0.4, 0.4, len(u)) + rng.integers(0, 2, len(u)))
+    assert len(np.unique(read_back[:400])) == 2
+    found = noise_floor([run("jumps", read_back, GAIN * u + white(rng, len(u)))], "x", settling_time=0.05)
+    assert found.known and found.source.startswith("quiet stretches")
+    assert found.rms["jumps"] == pytest.approx(LEVEL, rel=3 / math.sqrt(2 * 1000))  # of 1000 samples or more
+    # A command that creeps on from step to step does not stand still.
+    ramp = step * np.round(np.linspace(0, 100, 4000) / step)
+    assert not noise_floor([run("ramp", ramp, GAIN * ramp + white(rng, 4000))], "x", settling_time=0.05).known

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 SHORTEST, FEWEST = 0.15, 24
 #: Time over which a command is looked at [s]; what it may move in it and in a whole stretch, of its span.
 LOOK, STILL, DRIFTED = 0.05, 5e-4, 2e-3
+#: A command jitters if at least this share of its samples differ by little from the one before, and if so many of these
+#: changes go back.
+JITTERS, TURNS = 0.02, 0.5
 #: Two readings of a command are the same if they differ by less than this share of its span; it moves if by more.
 SAME, MOVES = 1e-4, 0.02
 #: How often noise alone may look as if it decayed.
@@ -159,12 +162,29 @@ def _still(run: Run, spans: dict[str, float], window: int) -> NDArray[np.bool_]:
     """Return where no command has moved since `window` samples ago."""
     still = np.ones(len(run.time), dtype=bool)
     for name in run.commands:
-        command, allowed = run.columns[name], STILL * spans[name]
+        command = run.columns[name]
+        allowed = max(STILL * spans[name], 1.05 * _jitter(command, DRIFTED * spans[name]))
         for back in {1, window}:
             still[back:] &= np.abs(command[back:] - command[:-back]) <= allowed
         early = command[:window]
         still[:window] &= np.abs(early - early[0]) <= allowed
     return still
+
+
+def _jitter(command: Array, largest: float) -> float:
+    """Return by how much the readings of a command jitter where it stands still; zero if they do not.
+
+    A command that was read back goes up and down by the noise or the steps of its converter. One that moves in small
+    steps goes on in one direction.
+    """
+    changes = np.diff(command)
+    changes = changes[changes != 0]
+    is_small = np.abs(changes) <= largest
+    turns = np.sign(changes[1:]) != np.sign(changes[:-1])
+    pairs = is_small[1:] & is_small[:-1]
+    if is_small.sum() < JITTERS * len(command) or not pairs.any() or np.mean(turns[pairs]) < TURNS:
+        return 0.0
+    return float(np.quantile(np.abs(changes[is_small]), 0.99))
 
 
 def _settled(run: Run, first: int, values: Array, last_motion: int | None) -> list[Stretch]:
