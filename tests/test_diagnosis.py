@@ -26,7 +26,7 @@ from flexdesign.diagnosis import verdict as judgement
 from flexdesign.diagnosis.effect_selection.basis_functions import BasisFunctions
 from flexdesign.diagnosis.effect_selection.candidates import candidates
 from flexdesign.diagnosis.effect_selection.estimation_setup import case_of
-from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts
+from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, explains
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.periodic_disturbances import frequencies
 from flexdesign.diagnosis.preparation.quantisation_noise import rounded
@@ -511,6 +511,20 @@ def test_jumps_are_no_noise_however_few() -> None:
     assert judged(about, calm, calm).verdict == "nothing-missing"
     found = judged(about, jumping, jumping)
     assert found.verdict == "unknown" and "with 3 sudden jumps" in found.remainder
+
+
+def test_steps_of_readings_are_named_only_where_they_matter() -> None:
+    """Rounding makes step / sqrt(12) rms: it is no answer to a residual far above that, nor below what was asked."""
+    about = data()
+    vars(about)["coarse_step"] = step = 10 * NOISE
+    (steps,) = conflicts(about, fit(about))
+    task: Any = None  # not used: there is nothing to fit
+    with mock.patch.object(DiagnosisData, "known_noise_rms", 0.0):
+        assert explains(about, task, fit(about, kept=(step / NOISE) ** 2 / 12 / (1.1 * LARGE)), steps)
+        assert not explains(about, task, fit(about, kept=(step / NOISE) ** 2 / 12), steps)
+    asked = replace(about, tolerance=step, is_asked=True)
+    vars(asked)["coarse_step"] = step
+    assert conflicts(asked, fit(asked))[0].named is None
 
 
 def test_rounding_of_slow_motion_is_coloured_noise() -> None:

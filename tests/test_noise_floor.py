@@ -233,3 +233,15 @@ def test_a_command_that_was_read_back_jitters_where_it_stands_still() -> None:
     # A command that creeps on from step to step does not stand still.
     ramp = step * np.round(np.linspace(0, 100, 4000) / step)
     assert not noise_floor([run("ramp", ramp, GAIN * ramp + white(rng, 4000))], "x", settling_time=0.05).known
+
+
+def test_a_run_that_stands_on_one_step_has_the_noise_of_the_step() -> None:
+    """Readings in whole steps: one run rests between two of them, the other on one; that one is not without noise."""
+    rng, step = np.random.default_rng(1), 1e-6
+    u = np.concatenate([np.zeros(1500), 100 * np.sin(0.01 * np.arange(1500))])
+    between = step * np.round(GAIN * u / step + rng.normal(0.5, 0.3, 3000))
+    on = step * np.round(GAIN * u / step)
+    found = noise_floor([run("between", u, between), run("on", u, on)], "x", settling_time=0.1)
+    assert found.source.startswith("quiet stretches")
+    # The noise of rounding, Bennett 1948; steps are read to 1e-9 of the span of 200 steps.
+    assert found.rms["on"] >= step / math.sqrt(12) * (1 - 1e-6)

@@ -52,6 +52,8 @@ class Conflict:
         Returns the model with the effect in it and the number back where it was known to be.
     number
         Name of the number; empty if it was read off the recordings.
+    rms
+        Of what it adds to the readings, if it was read off the recordings [response].
     """
 
     words: str
@@ -59,6 +61,7 @@ class Conflict:
     named: IdentifiedEffect | None
     written: Callable[[AxisDynamics], AxisDynamics]
     number: str = ""
+    rms: float = 0.0
 
 
 def conflicts(data: DiagnosisData, fit: FittedModel) -> tuple[Conflict, ...]:
@@ -108,8 +111,9 @@ def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, confli
 
     The fit is made again with the number held where it was known to be.
     """
+    rest = data.error(fit) ** 2 - data.known_noise_rms**2
     if not conflict.number:
-        return True
+        return conflict.rms**2 >= LARGE * rest
     model = cast(AxisDynamics, fit.model)
     if conflict.number == TRIGGER:
         task = replace(task, prior_bound=1.0)
@@ -118,7 +122,6 @@ def explains(data: DiagnosisData, task: EstimationTask, fit: FittedModel, confli
         task = replace(task, free=tuple(name for name in task.free if name != conflict.number))
         held = model.replace({conflict.number: data.known[conflict.number][0]})
     without = fit_model(task, held, fit.effects, effort=STARTED)
-    rest = data.error(fit) ** 2 - data.known_noise_rms**2
     return without is None or data.error(without) ** 2 - data.error(fit) ** 2 >= LARGE * rest
 
 
@@ -219,12 +222,15 @@ def _quantised(data: DiagnosisData) -> Conflict | None:
         return None
     p = effects.find("quantisation").parameters[0]
     error = quantisation_noise.ON_THE_GRID * step / max(_levels(data), 1)
+    rms = step / math.sqrt(12)
+    is_irrelevant = data.is_asked and rms < data.tolerance
     named = IdentifiedEffect("quantisation", (Value(p, step, (step - error, step + error)),), 0.0)
 
     def written(model: AxisDynamics) -> AxisDynamics:
         return replace(model, axis=replace(model.axis, sensor=replace(model.axis.sensor, resolution=step)))
 
-    return Conflict("readings come in whole steps", ("quantisation",), named, written)
+    words = "readings come in whole steps"
+    return Conflict(words, ("quantisation",), None if is_irrelevant else named, written, rms=rms)
 
 
 def _levels(data: DiagnosisData) -> int:

@@ -175,7 +175,7 @@ def _level(source: Source, runs: Sequence[Run], smallest: float, remove_lines: b
         dof += effective
         for name in (name for name, own_period in periods.items() if own_period == period):
             own = [s for s in left if s.run == name]
-            factor = _own_level(process, own) if process.rms > smallest else 1.0
+            factor = max(_own_level(process, own), smallest / process.rms) if process.rms > smallest else 1.0
             processes[name] = replace(process, sigma=process.sigma * factor)
             if factor != 1:
                 remarks.append(f"the noise of {name} is {factor:.2g} times that of all runs together")
