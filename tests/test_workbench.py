@@ -115,6 +115,16 @@ def move(page: Any, name: str) -> None:
     page.keyboard.press("ArrowRight")
 
 
+def uploaded(page: Any, field: str, *files: Path) -> None:
+    """Choose files in a field for uploads."""
+    there = page.locator(".q-uploader", has_text=field)
+    if not there.is_visible():
+        page.get_by_text("Files of your own").click()
+    with page.expect_file_chooser() as chooser:
+        there.locator(".q-uploader__header a, .q-uploader__header button").first.click()
+    chooser.value.set_files(files)
+
+
 @pytest.fixture(scope="module")
 def demo(browser: Any, server: Server) -> Iterator[Any]:
     """The demo, loaded, with every effect asked what it explains."""
@@ -177,12 +187,7 @@ def test_a_bad_file_is_told_beside_its_field(browser: Any, server: Server, tmp_p
     page.get_by_text("no_such_model").and_(page.locator("[role=alert]")).first.wait_for()
     wrong = tmp_path / "wrong.toml"
     wrong.write_text((DEMO / "model.toml").read_text().replace("damping_ratio = 0.03", 'damping_ratio = "3 kg"'))
-    page.get_by_text("Files of your own").click()
-    with page.expect_file_chooser() as chooser:
-        page.locator(".q-uploader", has_text="Stage model").locator(
-            ".q-uploader__header a, .q-uploader__header button"
-        ).first.click()
-    chooser.value.set_files(wrong)
+    uploaded(page, "Stage model", wrong)
     told = page.get_by_text(re.compile("wrong.toml: axis.x.damping_ratio = 3 kg"))
     told.wait_for()
     assert str(server.folder) not in told.inner_text()  # no place of the server is told
@@ -240,18 +245,62 @@ def test_nothing_is_wider_than_the_screen_and_everything_has_a_name(browser: Any
     page.context.close()
 
 
-def test_another_host_needs_the_token(browser: Any, tmp_path: Path) -> None:
-    server = Server(tmp_path, "--host", "0.0.0.0")
-    try:
-        with pytest.raises(urllib.error.HTTPError, match="403"):
-            urllib.request.urlopen(server.url)
-        (token,) = re.findall(r"token=([\w-]+)", server.said())
-        page = opened(browser, server, f"?token={token}")
-        page.get_by_role("tab", name="Design").click()  # the socket has come through, too
-        page.get_by_role("button", name="Open").wait_for()
-        page.context.close()
-    finally:
-        server.kill()
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """A server that others reach, which runs no code of theirs."""
+    made = Server(tmp_path_factory.mktemp("guarded"), "--host", "0.0.0.0", "--no-code")
+    yield made
+    made.kill()
+
+
+def token(server: Server) -> str:
+    return re.findall(r"token=([\w-]+)", server.said())[0]
+
+
+def test_another_host_needs_the_token(browser: Any, guarded: Server) -> None:
+    with pytest.raises(urllib.error.HTTPError, match="403"):
+        urllib.request.urlopen(guarded.url)
+    page = opened(browser, guarded, f"?token={token(guarded)}")
+    page.get_by_role("tab", name="Design").click()  # the socket has come through, too
+    page.get_by_role("button", name="Open").wait_for()
+    page.context.close()
+
+
+def test_no_code_of_others_runs_in_the_page_and_in_its_jobs(browser: Any, guarded: Server, tmp_path: Path) -> None:
+    ran = tmp_path / "ran"
+    effect, part = (tmp_path / f"their_{what}.py" for what in ("effect", "part"))
+    for file in (effect, part):
+        file.write_text(f"open({str(ran)!r}, 'w')\n")
+    model, design = tmp_path / "model.toml", tmp_path / "design.toml"
+    model.write_text((DEMO / "model.toml").read_text() + f'\n[axis.x.effects."{effect}"]\n')
+    ours = (ROOT / "geometry" / "bridge_amplifier.toml").read_text()
+    design.write_text(re.sub(r"^part = .*$", 'part = "their_part.py"', ours, flags=re.MULTILINE))
+    refused = re.compile("--no-code forbids its")
+    page = opened(browser, guarded, f"?token={token(guarded)}")
+    page.get_by_label("Model (path or bare name)").fill(str(model))
+    page.get_by_label("Recordings or static tables").fill(str(DEMO / "runs"))
+    page.get_by_role("button", name="Confront").click()
+    page.get_by_text(refused).wait_for()
+    page.get_by_label("Model (path or bare name)").fill(str(DEMO / "model.toml"))
+    uploaded(page, "An effect of your own", effect)
+    page.get_by_text("their_effect.py is offered").wait_for()
+    page.get_by_role("button", name="Confront").click()
+    page.get_by_text(refused).wait_for()
+    page.get_by_role("tab", name="Design").click()
+    page.get_by_text(refused).wait_for(state="detached")
+    page.get_by_label("Design (path or bare name)").fill(str(design))
+    page.get_by_role("button", name="Open").click()
+    page.get_by_text(refused).wait_for()
+    page.get_by_label("Design (path or bare name)").fill("bridge_amplifier")
+    page.get_by_role("button", name="Open").click()
+    page.get_by_text("Sweep and optimise").click()
+    page.get_by_text(refused).wait_for(state="detached")
+    study = page.get_by_label("Study")
+    study.fill(re.sub('design = ".*"', f'design = "{design}"', study.input_value()))
+    page.get_by_role("button", name="Sweep", exact=True).click()
+    page.get_by_text(refused).wait_for()
+    assert not ran.exists()
+    page.context.close()
 
 
 def test_a_page_of_another_site_is_refused(server: Server) -> None:
@@ -260,18 +309,84 @@ def test_a_page_of_another_site_is_refused(server: Server) -> None:
             urllib.request.urlopen(urllib.request.Request(server.url, headers=header))
 
 
-def test_a_server_that_is_restarted_is_told_and_the_inputs_come_back(browser: Any, tmp_path: Path) -> None:
-    server = Server(tmp_path)
-    try:
-        page = opened(browser, server)
-        page.get_by_role("button", name="Load the demo").click()
-        page.locator("#ladder").get_by_text("as designed").wait_for()  # and the fit goes on
-        server.kill()
-        page.get_by_text("Connection lost").wait_for()
-        server.start()
-        page.get_by_text("The server was restarted").wait_for()
-        assert page.get_by_label("Model (path or bare name)").input_value().endswith("model.toml")
-        page.locator("#ladder").get_by_text("as designed").wait_for()
-        page.context.close()
-    finally:
-        server.kill()
+def with_study(browser: Any, server: Server) -> Any:
+    """A design that is opened, with its study to begin with."""
+    page = opened(browser, server)
+    page.get_by_role("tab", name="Design").click()
+    page.get_by_role("button", name="Open").click()
+    page.get_by_text("Sweep and optimise").click()
+    return page
+
+
+def test_a_sweep_ends_in_its_report(browser: Any, server: Server) -> None:
+    page = with_study(browser, server)
+    page.get_by_role("button", name="Sweep", exact=True).click()
+    page.get_by_role("link", name="report.html").wait_for()
+    page.frame_locator("iframe").get_by_role("heading", level=1).wait_for()
+    study = page.get_by_label("Study")
+    study.fill(study.input_value().replace("hinge_thickness", "hinge_thicknes"))
+    page.get_by_role("button", name="Sweep", exact=True).click()
+    page.get_by_text("did you mean hinge_thickness").wait_for()
+    assert page.outside == []
+    page.context.close()
+
+
+@pytest.mark.slow
+def test_an_optimum_ends_in_its_report(browser: Any, server: Server) -> None:
+    page = with_study(browser, server)
+    page.get_by_role("button", name="Optimise", exact=True).click()
+    page.get_by_role("link", name="report.html").wait_for()
+    page.frame_locator("iframe").get_by_role("heading", level=1).wait_for()
+    assert page.outside == []
+    page.context.close()
+
+
+def test_a_static_table_is_compared_and_an_effect_fitted(browser: Any, server: Server) -> None:
+    """The table was made with over-cut notches: studies/hidden_over_cut."""
+    page = opened(browser, server, "?model=bridge_amplifier&runs=studies/hidden_over_cut/bench.csv")
+    page.get_by_role("link", name="report.html").wait_for()
+    page.get_by_role("button", name="Fit this effect").click()
+    page.get_by_role("cell", name="+ over cut", exact=True).wait_for()
+    page.get_by_label("Static effect (name or path)").fill("over_cutt")
+    page.get_by_role("button", name="Fit this effect").click()
+    page.get_by_text("did you mean over_cut").wait_for()
+    page.context.close()
+
+
+@pytest.mark.slow
+def test_uploaded_model_recordings_and_effect_are_confronted(browser: Any, server: Server, tmp_path: Path) -> None:
+    made = subprocess.run(
+        [sys.executable, "-m", "flexdesign", "init", "effect", "my_effect"], cwd=tmp_path, check=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
+    )  # fmt: skip
+    (effect,) = tmp_path.rglob("my_effect.py")
+    page = opened(browser, server)
+    uploaded(page, "Stage model", DEMO / "model.toml")
+    uploaded(page, "Recordings", *sorted((DEMO / "runs").iterdir()))
+    uploaded(page, "An effect of your own", effect)
+    page.get_by_text("my_effect.py is offered").wait_for()
+    page.get_by_role("button", name="Confront").click()
+    page.locator("#ladder").get_by_text("recalibrated").wait_for()
+    page.get_by_text(re.compile(r"^\d+ more$")).click()
+    page.get_by_role("checkbox", name=re.compile("my.effect")).click()
+    page.locator("#ladder").get_by_text(re.compile(r"\+ .*my.effect")).wait_for()
+    assert page.outside == [], made.stdout
+    page.context.close()
+
+
+def test_the_loop_is_closed_before_and_after(demo: Any) -> None:
+    demo.get_by_role("button", name="Close the loop").click()
+    demo.get_by_role("table").filter(has_text="without").last.wait_for()
+    assert demo.locator(".fd-svg svg").count() >= 1
+
+
+def test_a_server_that_is_restarted_is_told_and_the_inputs_come_back(demo: Any, server: Server) -> None:
+    """The last of the tests with the demo: it stands anew then."""
+    demo.get_by_role("button", name="Export the report").click()
+    demo.get_by_role("button", name="Cancel").wait_for()  # and the work goes on
+    server.kill()
+    demo.get_by_text("Connection lost").wait_for()
+    server.start()
+    demo.get_by_text("The server was restarted").wait_for()
+    assert demo.get_by_label("Model (path or bare name)").input_value().endswith("model.toml")
+    demo.locator("#ladder").get_by_text("as designed").wait_for()

@@ -21,6 +21,7 @@ from flexdesign.diagnosis import confrontation
 from flexdesign.diagnosis.add_effect import InTheLoop
 from flexdesign.diagnosis.confronted import Confronted
 from flexdesign.diagnosis.effect_names import own_effects
+from flexdesign.diagnosis.result import Value
 from flexdesign.dynamics.stage_model import StageModel, edit
 from flexdesign.report import comparison_words
 from flexdesign.report.diagnosis import addition_report, confrontation_report, diagnosis_words
@@ -211,15 +212,26 @@ class Confrontation:
         """
         found = self.fit(found.effects) if found.is_rough else found
         values = self.engine.values(found.effects)
-        better = additions.with_knowledge(found.model, found.axis, values, (*found.runs, *found.responses))
         return Result(
             found,
             confrontation_report.document(found, values),
             confrontation_report.ladder_of(found),
             partial(confrontation_report.result, found, values),
-            lambda folder: {"stage_model.toml": edit(self.model, better, folder)},
+            lambda folder: {"stage_model.toml": self._file(found, values, folder)},
             {run.name: run.rms for run in found.comparison.runs},
         )
+
+    def model_file(self, found: Confronted, folder: Path) -> str:
+        """Return the TOML of a model with the uncertainty of its fitted numbers, for a file in a folder.
+
+        A rough fit is carried to its end.
+        """
+        found = self.fit(found.effects) if found.is_rough else found
+        return self._file(found, self.engine.values(found.effects), folder)
+
+    def _file(self, found: Confronted, values: Sequence[Value], folder: Path) -> str:
+        better = additions.with_knowledge(found.model, found.axis, values, (*found.runs, *found.responses))
+        return edit(self.model, better, folder)
 
     def ladder(self, found: Confronted) -> list[tuple[str, str, float]]:
         """Return the steps of the error ladder: what it is called, the error as text, and over the noise floor."""

@@ -120,6 +120,7 @@ class Confrontation:
         self._kept: dict[tuple[str, ...], _Kept] = {}
         self._screened: dict[tuple[str, ...], tuple[float, list[Entry]]] = {}
         self._entered: dict[tuple[str, ...], tuple[float, Entry | None]] = {}
+        self._values: dict[tuple[str, ...], tuple[Value, ...]] = {}
         self._libraries = ThreadpoolController()  # to find them again takes as long as to simulate
 
     @property
@@ -294,8 +295,11 @@ class Confrontation:
         """Return the numbers of a model that was fitted, its own first, with their 95 % intervals."""
         with self._turn, self._libraries.limit(limits=1):
             self.with_effects(names)  # the intervals are those of a fit to its end
-            fit = self._kept[tuple(names)].fit
-            return tuple(verdict.values_of(fit, is_fitted=False).values())  # at the values that are shown
+            chosen = tuple(names)
+            if chosen not in self._values:
+                found = verdict.values_of(self._kept[chosen].fit, is_fitted=False)  # at the values that are shown
+                self._values[chosen] = tuple(found.values())
+            return self._values[chosen]
 
     # --- what is returned ------------------------------------------------------------------------------------------
 

@@ -306,32 +306,37 @@ class ConfrontTab:
         if slides == self._slides:
             await self._ask()
 
-    async def _report(self) -> Path | None:
-        """Write the report of the model as it stands; None if that fails."""
+    async def _write(self, write: Callable[[Confrontation, Confronted, Path], object]) -> Path | None:
+        """Write something of the model as it stands into a new folder; None if that fails."""
         session, shown, folder = self.session, self.shown, self.client.new_folder("confronted")
         if session is None or shown is None or not await self.client.is_free():
             return None
 
-        def write(progress: Callable[[str], None]) -> Path:
-            progress("writing the report")
-            session.result(shown).report(folder)
+        def written(progress: Callable[[str], None]) -> Path:
+            progress("writing")
+            write(session, shown, folder)
             return folder
 
         try:
-            return await self.client.work.in_thread("finding the intervals", write)
+            return await self.client.work.in_thread("writing", written)
         except Cancelled:
-            self.client.notice("Cancelled: no report was written.")
+            self.client.notice("Cancelled: nothing was written.")
         except fd.InputError as error:
             field_error(self.problem, str(error))
         return None
 
     async def _export(self) -> None:
-        if (folder := await self._report()) is not None:
+        if (folder := await self._write(lambda session, shown, to: session.result(shown).report(to))) is not None:
             self.exported.clear()
             with self.exported:
                 ui.label("The report is written:")
                 self.client.links(folder)
 
     async def _save(self) -> None:
-        if (folder := await self._report()) is not None:
-            ui.download.file(folder / "stage_model.toml")
+        name = "stage_model.toml"
+
+        def write(session: Confrontation, shown: Confronted, to: Path) -> None:
+            (to / name).write_text(session.model_file(shown, to), encoding="utf-8")
+
+        if (folder := await self._write(write)) is not None:
+            ui.download.file(folder / name)

@@ -130,7 +130,7 @@ class DesignTab:
         self.solved = ui.column().classes("w-full").props("aria-live=polite")
         with ui.expansion("Sweep and optimise").classes("w-full"):
             self.study = ui.textarea("Study", value=self._starting_study()).classes("w-full font-mono")
-            self.study.props("outlined autogrow")
+            self.study.props('outlined rows="12"')  # where it is folded away it would not grow with its text
             with ui.row():
                 ui.button("Sweep", on_click=partial(self._study, "sweep")).props("no-caps outline")
                 ui.button("Optimise", on_click=partial(self._study, "optimize")).props("no-caps outline")
@@ -141,7 +141,8 @@ class DesignTab:
         if design is None or not design.part_class.dimensions:
             return ""
         parameters = design.part_class.dimensions
-        parameter = next((p for p in parameters if "thickness" in p.name), parameters[0])
+        thick = [p for p in parameters if "thickness" in p.name and design.dimensions[p.name] > 0]
+        parameter = min(thick, key=lambda p: design.dimensions[p.name], default=parameters[0])  # what bends
         factor = parameter.factor
         value = design.dimensions[parameter.name] / factor
         return STUDY.format(
