@@ -214,7 +214,7 @@ class BridgeAmplifier:
         return outer, ring(self.inner_corners(), self.inner_corners())
 
     def outline(self) -> Outline | None:
-        """Return both contours, drawn out over the width; None with fillets, as only straight sides can be told."""
+        """Return both contours, extruded over the width; None with fillets, as only straight sides can be stated."""
         if self.fillet_radius > 0:
             return None
         return Outline(self._loops(), -self.width / 2, self.width / 2)

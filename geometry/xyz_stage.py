@@ -18,8 +18,8 @@ equal branches lie around it, a quarter turn apart. Seen along y, the branch at 
                 guided along z           frame
 
 *X and Y.* The amplifier at the far end of a branch moves its block along the branch. Two limbs, each with a hinge about
-z at either end, L_1 apart, carry the motion to the table and let it go sideways: a parallel guide. Beside each of these
-hinges is one about the other axis, for the table's way along z. Opposite amplifiers work in push and pull.
+z at either end, L_1 apart, carry the motion to the table and let it go sideways: a parallel guide. Next to each of
+these hinges is one about the other axis, for the table's way along z. Opposite amplifiers work in push and pull.
 
 *Z.* The concave amplifier stands on the frame and lifts the bridge by half the travel when its actuator extends; the
 convex one hangs from the bridge and draws the carrier up by the other half. A strut with hinges about both axes, L_2

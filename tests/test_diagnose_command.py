@@ -66,7 +66,12 @@ def unknown() -> Diagnosis:
     left = {key: diagnosed().residuals_by_run["calibrated"] for key in ("calibrated", "found")}
     said = "9 times the noise remains; of smooth functions these explain most: force: position^3"
     return replace(
-        diagnosed(), verdict="unknown", effects=(), near=("preload_loss",), remainder=said, residuals_by_run=left
+        diagnosed(),
+        verdict="unknown",
+        effects=(),
+        possible_effects=("preload_loss",),
+        remainder=said,
+        residuals_by_run=left,
     )
 
 

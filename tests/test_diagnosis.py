@@ -196,7 +196,7 @@ def verdict_of(
     calibrated = fit(about, first, first)
     last = fit(about, final, final, [creep(about)]) if named else calibrated
     found = judged(about, calibrated, last, left, is_better_smooth=is_better_smooth)
-    return found.verdict, tuple(e.name for e in found.effects), found.near, bool(found.remainder)
+    return found.verdict, tuple(e.name for e in found.effects), found.possible_effects, bool(found.remainder)
 
 
 #: Mean squares, in those of the noise; and smooth functions that explain what is there, or hardly move anything.
@@ -246,11 +246,11 @@ def test_of_two_effects_the_first_is_named_where_the_second_explains_little() ->
     for after, names in ((20.0, 2), (60.0, 1), (99.0, 1)):
         found = concluded(about, course_of(first, second, fit(about, after, after, [one, other])))
         assert (found.verdict, len(found.effects)) == ("effects-found", names)
-        assert found.near == ("creep", "quadratic_stiffness")[names:]
+        assert found.possible_effects == ("creep", "quadratic_stiffness")[names:]
         assert [rung.label for rung in found.error_ladder][2:] == ["+ creep", "+ quadratic_stiffness"][:names]
     second = fit(about, 800.0, 800.0, [one])
     found = concluded(about, course_of(first, second, fit(about, 700.0, 700.0, [one, other])))
-    assert (found.verdict, found.near) == ("unknown", ("creep", "quadratic_stiffness"))
+    assert (found.verdict, found.possible_effects) == ("unknown", ("creep", "quadratic_stiffness"))
 
 
 def test_two_effects_of_one_step_are_named_together() -> None:
@@ -264,7 +264,7 @@ def test_two_effects_of_one_step_are_named_together() -> None:
         assert [level.names for level in levels(course)] == [(), ("creep", "quadratic_stiffness")]
         found = concluded(about, course)
         assert tuple(named.name for named in found.effects) == names
-        assert found.near == (() if names else ("creep", "quadratic_stiffness"))
+        assert found.possible_effects == (() if names else ("creep", "quadratic_stiffness"))
 
 
 def test_an_effect_at_the_end_of_what_is_plausible_is_not_named() -> None:
@@ -707,7 +707,7 @@ def of_noise() -> Diagnosis:
 
 def test_nothing_is_named_in_coloured_noise() -> None:
     found = of_noise()
-    assert (found.verdict, found.effects, found.near, found.remainder) == ("nothing-missing", (), (), "")
+    assert (found.verdict, found.effects, found.possible_effects, found.remainder) == ("nothing-missing", (), (), "")
     assert [rung.label for rung in found.error_ladder] == ["as designed, offsets alone", "as designed", "recalibrated"]
     assert found.error_ladder[2].error < 0.5 * found.error_ladder[1].error
 

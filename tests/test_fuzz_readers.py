@@ -22,7 +22,7 @@ def test_every_reader_reads_a_damaged_file_or_says_in_one_message_what_is_wrong(
     said = list[str]()
 
     def report(finding: Finding, kept: Path) -> None:
-        said.append(f"{finding.cause}\n{finding.told[-1500:]}")
+        said.append(f"{finding.cause}\n{finding.details[-1500:]}")
 
     hunt = Hunt(2026, tmp_path, report)
     hunt.run(name, 0, INPUTS)

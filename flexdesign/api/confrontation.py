@@ -127,7 +127,7 @@ class Confrontation:
         return self.engine.with_effects(effects, progress, roughly=roughly)
 
     def offers(self, effects: Sequence[str] = ()) -> tuple[EffectOffer, ...]:
-        """Return what may be added beside some effects, before anything is known of what each explains."""
+        """Return what may be added in addition to some others, before anything is known of what each explains."""
         return tuple(_offer(name, None) for name in sorted(self.engine.offered(effects)))
 
     def evidence(self, effects: Sequence[str] = (), *, progress: Progress = lambda _: None) -> tuple[EffectOffer, ...]:

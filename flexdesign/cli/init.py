@@ -96,7 +96,7 @@ def part(name: Annotated[str, typer.Argument(help="Of the new files, without end
     """Write the files, and say what comes next."""
     from flexdesign.workflows import scaffolding
 
-    _told(scaffolding.write_part(name), "flexdesign validate {}")
+    _next_steps(scaffolding.write_part(name), "flexdesign validate {}")
 
 
 @commands.command(help=EFFECT)
@@ -104,7 +104,7 @@ def effect(name: Annotated[str, typer.Argument(help="Of the new file, without en
     """Write the file, and say what comes next."""
     from flexdesign.workflows import scaffolding
 
-    _told(scaffolding.write_effect(name), "flexdesign effects {}")
+    _next_steps(scaffolding.write_effect(name), "flexdesign effects {}")
 
 
 @commands.command(help=STUDY)
@@ -112,10 +112,10 @@ def study(name: Annotated[str, typer.Argument(help="Of the new file, without end
     """Write the file, and say what comes next."""
     from flexdesign.workflows import scaffolding
 
-    _told(scaffolding.write_study(name), "flexdesign validate {}")
+    _next_steps(scaffolding.write_study(name), "flexdesign validate {}")
 
 
-def _told(written: list[Path], command: str) -> None:
+def _next_steps(written: list[Path], command: str) -> None:
     for path in written:
         typer.echo(path)
     typer.echo(f"Next: {command.format(written[-1])}", err=True)

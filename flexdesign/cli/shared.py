@@ -103,8 +103,8 @@ class ReportFolder:
         from flexdesign.report import render
 
         found.to_dict()["inputs"] = self.inputs.record
-        beside = {} if model_file else found.files(self.folder)
-        written = render.write(self.folder, found.document, found.to_dict(), beside, links)
+        files = {} if model_file else found.files(self.folder)
+        written = render.write(self.folder, found.document, found.to_dict(), files, links)
         if model_file:
             (text,) = found.files(model_file.parent).values()
             write_file(model_file, str(text))

@@ -1,7 +1,7 @@
 """Python files that a design or a model names: they run with the rights of the user, unless that is forbidden.
 
 `--no-code` on the command line, or ``FLEXDESIGN_NO_CODE=1`` in the environment, forbids it; processes that a sweep
-starts inherit that, and workers of a cluster are told. What comes with flexdesign always runs, as do installed
+starts inherit that, and workers of a cluster receive it. What comes with flexdesign always runs, as do installed
 packages.
 """
 

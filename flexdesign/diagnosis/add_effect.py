@@ -109,7 +109,7 @@ def add(
     seed
         Of the sample of starts.
     progress
-        Told what is being done.
+        Receives the progress as text.
 
     Raises
     ------

@@ -76,7 +76,7 @@ class Confrontation:
     threads
         Simulations at a time.
     progress
-        Told what is being done.
+        Receives the progress as text.
 
     Raises
     ------
@@ -161,7 +161,7 @@ class Confrontation:
         names
             Of the effects; without any, the model is recalibrated alone.
         progress
-            Told what is being done, with an empty text that it goes on; what it raises ends the fit.
+            Receives the progress as text, an empty one as it continues; what it raises ends the fit.
         roughly
             Whether a rough fit of the last effect will do, if there is none to the end.
 
@@ -181,7 +181,7 @@ class Confrontation:
             return self._confronted(chosen, self._kept[chosen])
 
     def offered(self, names: Sequence[str] = ()) -> tuple[str, ...]:
-        """Return the names of the effects that may be added beside some effects."""
+        """Return the names of the effects that may be added in addition to some others."""
         with self._turn:
             return tuple(c.name for c in self.catalogue if c.name not in names and c.after in ("", *names))
 
@@ -193,7 +193,7 @@ class Confrontation:
         names
             Effects that the model has, fitted before.
         progress
-            Told what is being done; what it raises ends the search.
+            Receives the progress as text; what it raises ends the search.
         """
         chosen = tuple(names)
         with self._turn, self._libraries.limit(limits=1):

@@ -42,7 +42,7 @@ def proposals(found: Diagnosis, progress: Callable[[str], None] = lambda _: None
     found
         The diagnosis.
     progress
-        Told what is being done.
+        Receives the progress as text.
     """
     return tuple(_proposal(found, group, progress) for group in found.confusable)
 

@@ -50,7 +50,7 @@ def compare(
     threads
         Simulations at a time.
     progress
-        Told what is being done.
+        Receives the progress as text.
 
     Raises
     ------

@@ -96,7 +96,7 @@ def diagnose(
     seed
         Of the sample of starts.
     progress
-        Told what is being done.
+        Receives the progress as text.
 
     Raises
     ------

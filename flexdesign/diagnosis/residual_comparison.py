@@ -77,7 +77,7 @@ def compared(found: ModelResiduals, which: Which) -> Comparison:
 
 
 def compared_runs(found: ModelResiduals, which: Which) -> tuple[RunComparison, ...]:
-    """Return measured and predicted of each run beside one of the two models, see `compared`."""
+    """Return measurement and prediction of each run by one model, see `compared`."""
     if not found.runs:
         return ()
     left = cast("Mapping[str, Array]", found.residuals_by_run[which])

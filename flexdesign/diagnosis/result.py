@@ -62,7 +62,7 @@ class CandidateRecord:
     ----------
     names
         The effect, or a pair of them.
-    beside
+    present
         The effects that were in the model then.
     error
         Root mean square error on the validation runs [response].
@@ -73,7 +73,7 @@ class CandidateRecord:
     """
 
     names: tuple[str, ...]
-    beside: tuple[str, ...]
+    present: tuple[str, ...]
     error: float
     evidence: float
     outcome: str
@@ -134,7 +134,7 @@ class Diagnosis(ModelResiduals):
         What was named, in the order in which it was added; empty unless effects were found.
     confusable
         Groups of effects that these runs do not distinguish; one of each is among `effects`.
-    near
+    possible_effects
         Effects that are possible, but do not explain enough compared with the residual.
     candidates
         Everything that was fitted.
@@ -165,7 +165,7 @@ class Diagnosis(ModelResiduals):
     verdict: Verdict
     effects: tuple[IdentifiedEffect, ...]
     confusable: tuple[tuple[str, ...], ...]
-    near: tuple[str, ...]
+    possible_effects: tuple[str, ...]
     candidates: tuple[CandidateRecord, ...]
     error_ladder: tuple[ErrorStep, ...]
     calibration: tuple[Value, ...]

@@ -49,7 +49,7 @@ class Remainder:
     allowed
         What counts as none.
     raw
-        What is left above the noise on the runs that judge, rms [response].
+        The residual above the noise on the runs that judge, rms [response].
     jumps
         Sudden changes in the residual, whitened, of the runs that were fitted.
     """
@@ -206,7 +206,7 @@ def reach_verdict(
         model=model_of(model, data, final, values, implied_effects),
         effects=effects,
         confusable=groups,
-        near=tuple(name for name in history.final.names if name not in final.names),
+        possible_effects=tuple(name for name in history.final.names if name not in final.names),
         candidates=_tried(history.steps),
         error_ladder=(*_offset_step(alone), *_error_steps(data, error_ladder)),
         calibration=tuple(values[name] for name in own_numbers(final)),
@@ -335,14 +335,14 @@ def _tried(steps: Sequence[Step]) -> tuple[CandidateRecord, ...]:
     found = []
     for step in steps:
         for trial in step.trials:
-            beside = trial.fit.names[: len(trial.fit.names) - len(trial.names)]
+            present = trial.fit.names[: len(trial.fit.names) - len(trial.names)]
             outcome = (
                 "added"
                 if step.chosen and trial.names == step.chosen.names
                 else trial.reason or _not_chosen(step, trial)
             )
             evidence = trial.gain / trial.critical_gain if trial.critical_gain else 0.0
-            found.append(CandidateRecord(trial.names, beside, trial.error, evidence, outcome))
+            found.append(CandidateRecord(trial.names, present, trial.error, evidence, outcome))
     return tuple(found)
 
 

@@ -259,10 +259,10 @@ class _Inputs:
         self._disturb(disturbances)
         limits = [stage.limits.get(name, (-math.inf, math.inf)) for name in names]
         self.limits = np.array(limits, dtype=np.float64)
-        self.slopes = None
+        self.derivatives = None
         if self.is_smooth:
             within = np.clip(self.given, self.limits[:, :1], self.limits[:, 1:])
-            self.slopes = np.array([derivatives(row) for row in within])
+            self.derivatives = np.array([derivatives(row) for row in within])
 
     @staticmethod
     def _reference(loop: Loop) -> Array:
@@ -321,7 +321,7 @@ class _Inputs:
             self.noise.ctypes.data,
             keep.ints([loop.is_closed for loop in self.ordered]),
             self.limits.ctypes.data,
-            0 if self.slopes is None else self.slopes.ctypes.data,
+            0 if self.derivatives is None else self.derivatives.ctypes.data,
         )
         linear, square = [float(i == j) for i in range(axes) for j in range(axes)], [0.0] * axes**2
         if stage.coupling is not None:

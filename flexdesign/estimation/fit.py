@@ -151,7 +151,7 @@ def fit(
     reveal
         The experiment that would show a parameter, by its name, for the reasons given.
     progress
-        Told what is being done. An exception raised here, or Ctrl-C, ends the fit.
+        Receives the progress as text. An exception raised here, or Ctrl-C, ends the fit.
 
     Raises
     ------

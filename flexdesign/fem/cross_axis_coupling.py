@@ -125,8 +125,8 @@ def causes(stage: AssembledStage, point: FloatArray | None = None) -> list[Cause
     offset = {a: drives[a] + _moved_aside(stage, a) for a in axes}
     pushed = {a: np.array(axes[a].direction) @ _at(stage, a, LOAD_OFFSET)[:3] for a in axes}
     tilted = {a: {b: SENSOR_TILT for b in axes if b != a} for a in axes}
-    beside = place + ABBE_ARM / np.sqrt(3.0)
-    abbe = {a: _aside(stage, a, drives[a], beside) for a in axes}
+    offset_point = place + ABBE_ARM / np.sqrt(3.0)
+    abbe = {a: _aside(stage, a, drives[a], offset_point) for a in axes}
     return [
         Cause("none", "the stage as drawn", {a: _aside(stage, a, drives[a], place) for a in axes}),
         Cause(

@@ -31,7 +31,7 @@ from flexdesign.fem.solving.statics import PortCompliance
 #: Nothing is sought beyond this multiple of the force of linear theory.
 FARTHEST = 3.0
 #: Fraction of full drive from which progress is reported: the first step is tiny.
-TOLD_FROM = 0.01
+REPORTED_FROM = 0.01
 FloatArray = NDArray[np.float64]
 
 
@@ -168,7 +168,7 @@ def follow(
 
     def enough(force: float, extension: float) -> bool:
         share = (force / actuator + extension) / free_stroke
-        if TOLD_FROM < share < 1:
+        if REPORTED_FROM < share < 1:
             left = (perf_counter() - began) * (1 / share - 1)
             progress(f"{100 * share:.0f} % of full drive reached, {left:.0f} s left")
         return share >= 1

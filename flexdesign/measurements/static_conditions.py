@@ -15,7 +15,7 @@ from flexdesign.design.design import Design
 
 #: Conditions that comments state, by names that no user's comment has by chance: what of a design changes it, and how
 #: it is written.
-TOLD: Mapping[str, tuple[str, Callable[[Design], str]]] = {
+STATED_CONDITIONS: Mapping[str, tuple[str, Callable[[Design], str]]] = {
     "computed with the part": ("part", lambda design: design.part_class.__name__),
     "computed with the material": ("material", lambda design: design.material.name),
     "computed with an actuator, seats included, of": (
@@ -27,7 +27,7 @@ TOLD: Mapping[str, tuple[str, Callable[[Design], str]]] = {
 
 def changed(design: Design) -> dict[str, str]:
     """Return what overrides changed of a design in addition to its dimensions, as comments have it."""
-    return {name: write(design) for name, (key, write) in TOLD.items() if key in design.changed}
+    return {name: write(design) for name, (key, write) in STATED_CONDITIONS.items() if key in design.changed}
 
 
 def dimensions(design: Design) -> dict[str, str]:
@@ -52,9 +52,9 @@ def refuse_others(path: Path, text: str, design: Design) -> None:
     """
     for line in text.splitlines():
         name, colon, value = line.strip().removeprefix("#").partition(":")
-        if not (line.strip().startswith("#") and colon and name.strip() in TOLD):
+        if not (line.strip().startswith("#") and colon and name.strip() in STATED_CONDITIONS):
             continue
-        key, write = TOLD[name.strip()]
+        key, write = STATED_CONDITIONS[name.strip()]
         if write(design) != value.strip():
             remedy = f"the design has {write(design)}; read it with the same --set {key}... as the table was made with"
             raise InputError(path, name.strip(), value.strip(), remedy)

@@ -140,18 +140,18 @@ def _axes_in_words(axes: Any) -> str:
     names = (axes.get_title(loc="left") or axes.get_title(), axes.get_ylabel(), axes.get_xlabel())
     title, ylabel, xlabel = (" ".join(name.split()) for name in names)
     shown = " over ".join(each for each in (ylabel, xlabel) if each)
-    told = [f"{title}: {shown}" if title and shown else title or shown]
+    texts = [f"{title}: {shown}" if title and shown else title or shown]
     lines = [line for line in axes.get_lines() if not line.get_label().startswith("_") and len(line.get_ydata())]
     across = _has_names(axes.yaxis)  # the places of rows are no values
-    told += [f"{line.get_label()} {_span(line.get_xdata() if across else line.get_ydata())}" for line in lines]
+    texts += [f"{line.get_label()} {_span(line.get_xdata() if across else line.get_ydata())}" for line in lines]
     bars = [patch for patch in axes.patches if hasattr(patch, "get_height")]
     if not lines and bars:
-        told.append(f"{len(bars)} bars")
+        texts.append(f"{len(bars)} bars")
     named = [label.get_text() for axis in (axes.xaxis, axes.yaxis) for label in _fixed(axis) if label.get_text()]
     if named:
-        told.append(", ".join(" ".join(name.split()) for name in named))
-    told = [text for text in told if text]
-    return f"{'; '.join(told)}." if told else ""
+        texts.append(", ".join(" ".join(name.split()) for name in named))
+    texts = [text for text in texts if text]
+    return f"{'; '.join(texts)}." if texts else ""
 
 
 def _fixed(axis: Any) -> Sequence[Any]:

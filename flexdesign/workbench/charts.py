@@ -114,7 +114,7 @@ def _points(time: Array, values: Array) -> list[list[float | None]]:
 
 
 def _rounded(values: Array, digits: int) -> Array:
-    """Return values with the decimals that give the largest of them so many digits: what a chart can show."""
+    """Return values rounded to the given number of digits of the largest: what a chart can show."""
     largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
     return np.round(values, digits - 1 - math.floor(math.log10(largest))) if largest else values
 

@@ -40,7 +40,7 @@ class EffectList:
         self.client, self._tick = client, tick
         self.ticked: list[str] = []
         self.offers: Sequence[EffectOffer] = ()
-        # Beside which effects the evidence of the others was gathered, and whether that is going on.
+        # The effects in the model for which the evidence of the others was gathered, and whether that is going on.
         self.weighed: tuple[str, ...] | None = None
         self.is_weighing, self._reason, self._changed_last = False, "", ""
 

@@ -40,7 +40,7 @@ Solver = Callable[[Design], Mapping[str, Quantity]]
 
 #: A printed number is not met closer than this, relative, however many digits it has.
 CLOSEST = 2e-3
-#: So many solutions by finite elements at most.
+#: Most solutions by finite elements.
 MOST = 5
 #: A ratio has settled when it changes by less than this share of every tolerance.
 SETTLED = 0.25

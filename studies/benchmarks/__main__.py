@@ -1,4 +1,4 @@
-"""The performance table: flexdesign beside its peers, as ratios measured in one run::
+"""The performance table: flexdesign and its peers, as ratios measured in one run::
 
     python -m studies.benchmarks                      # half an hour on an idle machine
     python -m studies.benchmarks simulation fits      # some of the tasks
@@ -99,7 +99,7 @@ def finite_elements() -> Iterator[Row]:
 
 
 def sweep() -> Iterator[Row]:
-    """Yield a sweep by finite elements beside designs that are meshed and solved one by one."""
+    """Yield a sweep by finite elements and designs that are meshed and solved one by one."""
     designs, fast = sweep_evaluators.sample(DESIGNS, 1), FastSolid(sweep_evaluators.ACCURACY)
     own = taken(lambda: [fast.evaluate(given) for given in designs], processor_time)
     chosen = [designs[i] for i in np.linspace(0, DESIGNS - 1, ANEW).astype(int)]
@@ -110,7 +110,7 @@ def sweep() -> Iterator[Row]:
 
 
 def simulation() -> Iterator[Row]:
-    """Yield chains beside SciPy's fastest method with a compiled right-hand side."""
+    """Yield chains and SciPy's fastest method with a compiled right-hand side."""
     for name in CHAINS:
         right = dynamics_peer.reference(name, dynamics.MEASURED)
         steps, _ = dynamics.fewest_steps(name, "multisine", right)
@@ -126,7 +126,7 @@ def simulation() -> Iterator[Row]:
 
 
 def fits() -> Iterator[Row]:
-    """Yield the fits of a diagnosis beside SciPy's trust-region method, where both reach the same cost."""
+    """Yield the fits of a diagnosis and SciPy's trust-region method, where both reach the same cost."""
     manner, pairs = least_squares.MANNERS["to the end"], []
     for number in CASES:
         for task in least_squares.of_case(number, least_squares.cases.SEED):
@@ -140,7 +140,7 @@ def fits() -> Iterator[Row]:
 
 
 def superelements() -> Iterator[Row]:
-    """Yield the stage of condensed parts beside the stage in one piece."""
+    """Yield the stage of condensed parts and the stage in one piece."""
     own, other = stage_monolithic.main()
     yield Row("stage, statics and six modes", "mesh of the parts", "the stage in one piece", own, other)
 
@@ -156,7 +156,7 @@ TASKS: Mapping[str, Callable[[], Iterator[Row]]] = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the table, and write it."""
-    parser = argparse.ArgumentParser(prog="python -m studies.benchmarks", description="flexdesign beside its peers")
+    parser = argparse.ArgumentParser(prog="python -m studies.benchmarks", description="flexdesign and its peers")
     parser.add_argument("tasks", nargs="*", metavar="TASK", help=f"of {', '.join(TASKS)} [default: all]")
     parser.add_argument("--out", type=Path, default=Path("reports/benchmarks"), help="folder of the report")
     given = parser.parse_args(arguments)
@@ -177,7 +177,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "rows": [{**vars(row), "ratio": row.ratio} for row in rows],
         "versions": installed(["numpy", "scipy", "numba", "scikit-fem", "ngsolve", "gmsh"]),
     }
-    render.write(given.out, Document("Performance beside peers", text, [Section("Ratios", (), [table])]), result, {})
+    render.write(given.out, Document("Performance ratios", text, [Section("Ratios", (), [table])]), result, {})
     print(plain(table), given.out / "report.html", sep="\n")
     return 0
 

@@ -1,7 +1,7 @@
 """flexdesign's other times: ten modes, one iteration under large displacements, and a factor by every solver at hand.
 
-Beside the solvers that flexdesign uses, PARDISO and SciPy's SuperLU, CHOLMOD is tried as kvxopt brings it (GPL), and
-QDLDL. Each runs in a process of its own; `fem_peers` prints the table.
+In addition to the solvers that flexdesign uses, PARDISO and SciPy's SuperLU, CHOLMOD is tried as kvxopt brings it
+(GPL), and QDLDL. Each runs in a process of its own; `fem_peers` prints the table.
 """
 
 from __future__ import annotations

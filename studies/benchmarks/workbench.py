@@ -3,7 +3,7 @@
     python -m studies.benchmarks.workbench [PORT]
 
 Needs the extras `workbench` and `dev`, and Debian's Chromium, on Linux. Each time is the median of several in one run;
-beside it is the processor time of the server, which does not depend on what else the machine does.
+and the processor time of the server, which does not depend on what else the machine does.
 """
 
 from __future__ import annotations

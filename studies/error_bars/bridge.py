@@ -223,8 +223,8 @@ class Roots:
         if not self.r:
             return []
         columns = x + towards * self.depth * self.columns
-        beside = [sheared(columns, y + rows, slope) for rows in (below, above)]
-        return self.fillets(x, y, towards, slope) + beside
+        outside = [sheared(columns, y + rows, slope) for rows in (below, above)]
+        return self.fillets(x, y, towards, slope) + outside
 
 
 def mesh(part: Bridge, fineness: Fineness) -> tuple[Plan, Array]:
@@ -248,8 +248,8 @@ def mesh(part: Bridge, fineness: Fineness) -> tuple[Plan, Array]:
     start, end = xi + half, xo - half
     slope = -part.arm_offset / (end - start)
     x_arm = cut(start + d, end - d, near, near)
-    beside = roots.beyond(a)
-    y_arm = joined(-beside[::-1], roots.core(), beside)
+    outside = roots.beyond(a)
+    y_arm = joined(-outside[::-1], roots.core(), outside)
     x_block = cut(0.0, xi - half - d, bulk, near)
     block_in, block_out = part.input_block
     rods = part.rod_length > 0
@@ -258,41 +258,41 @@ def mesh(part: Bridge, fineness: Fineness) -> tuple[Plan, Array]:
 
     patches: list[Array] = []
     for side, block_height in ((1, part.output_block_height), (-1, part.ground_block_height)):
-        above, below = roots.beyond(block_height - a), -beside[::-1]
+        above, below = roots.beyond(block_height - a), -outside[::-1]
         quarter = [sheared(x_block, yi + joined(below, roots.core(), above))]
         quarter += roots.body(xi - half, yi, -1, 0.0, below, above)
         if x_leaf is not None:
             quarter += [sheared(xi + x_leaf, yi + roots.leaf), sheared(xo + x_leaf, yo + roots.leaf)]
-        quarter += roots.body(start, yi, 1, slope, below, beside)
+        quarter += roots.body(start, yi, 1, slope, below, outside)
         quarter += [sheared(x_arm, yi + slope * d + y_arm, slope)]
-        quarter += roots.body(end, yo, -1, slope, below, beside)
+        quarter += roots.body(end, yo, -1, slope, below, outside)
         if rods:
             below = -roots.beyond(yo - height, foot)[::-1]
-            quarter += roots.body(face, yo, 1, 0.0, below, beside)
-            quarter += [sheared(x_rod, yo + joined(below, roots.core(), beside))]
+            quarter += roots.body(face, yo, 1, 0.0, below, outside)
+            quarter += [sheared(x_rod, yo + joined(below, roots.core(), outside))]
         patches += [patch * (1.0, side) for patch in quarter]
     if rods:
         columns = joined(face + d * roots.columns, x_rod) if roots.r else x_rod
         x = joined(cut(block_in, face, bulk, near), columns, cut(columns[-1], block_out, foot, bulk))
         patches.append(sheared(x, cut(-height, height, foot, foot)))
     else:
-        patches += _block_without_rods(roots, face, yo, x_rod, beside)
+        patches += _block_without_rods(roots, face, yo, x_rod, outside)
     plan = Plan.of(patches)
     _check_area(part, plan)
     return plan, roots.layers(part.width)
 
 
-def _block_without_rods(roots: Roots, face: float, y: float, x: Array, beside: Array) -> list[Array]:
+def _block_without_rods(roots: Roots, face: float, y: float, x: Array, outside: Array) -> list[Array]:
     """Return the patches of an input block that carries both arms itself, from its face at x = `face`."""
     inside = y - roots.reach
     middle = roots.cut(-inside, inside, roots.at_root, roots.at_root)
-    upper = y + joined(roots.core(), beside)
+    upper = y + joined(roots.core(), outside)
     patches = [sheared(x, joined(-upper[::-1], middle, upper))]
     if roots.r:
         columns = face + roots.depth * roots.columns
         patches.append(sheared(columns, middle))
         for side in (1, -1):
-            pieces = [*roots.fillets(face, y, 1, 0.0), sheared(columns, y + beside)]
+            pieces = [*roots.fillets(face, y, 1, 0.0), sheared(columns, y + outside)]
             patches += [patch * (1.0, side) for patch in pieces]
     return patches
 

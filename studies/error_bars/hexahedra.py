@@ -106,13 +106,13 @@ class Plan:
         values, gradients, areas
             Shapes (g, 9), (m, g, 9, 2) [1/m] and (m, g) [m^2], negative where a quadrilateral is inside out.
         """
-        values, slopes, weights = _on_the_square()
-        jacobian = np.einsum("mak,gal->mgkl", self.nodes[self.quads], slopes)
+        values, derivatives, weights = _on_the_square()
+        jacobian = np.einsum("mak,gal->mgkl", self.nodes[self.quads], derivatives)
         (a, b), (c, d) = jacobian[..., 0, :].transpose(2, 0, 1), jacobian[..., 1, :].transpose(2, 0, 1)
         determinant = a * d - b * c
         inverse = np.stack([np.stack([d, -b], axis=-1), np.stack([-c, a], axis=-1)], axis=-2)
         inverse /= determinant[..., None, None]
-        return values, np.einsum("gal,mglk->mgak", slopes, inverse), determinant * weights
+        return values, np.einsum("gal,mglk->mgak", derivatives, inverse), determinant * weights
 
     def area(self) -> float:
         """Return the area of the mesh [m^2]."""
@@ -200,8 +200,10 @@ class Body:
 
     def _plan_integrals(self) -> Array:
         """Integrals of d_k N_a d_n N_b per quad: d_0 = d/dx, d_1 = d/dy, d_2 = 1; shape (3, 3, m, 9, 9)."""
-        values, slopes, areas = self.plan.gradients()
-        operators = np.concatenate([slopes, np.broadcast_to(values[..., None], (*slopes.shape[:3], 1))], axis=3)
+        values, derivatives, areas = self.plan.gradients()
+        operators = np.concatenate(
+            [derivatives, np.broadcast_to(values[..., None], (*derivatives.shape[:3], 1))], axis=3
+        )
         return np.einsum("mg,mgak,mgbn->knmab", np.abs(areas), operators, operators, optimize=True)
 
     def _plan_matrix(self, element: Array) -> sp.csr_array:

@@ -110,8 +110,8 @@ def known(drawn: Drawn, folder: Path, say: Say) -> Known:
     """
     question = content_key(drawn.dimensions, drawn.material, LEVELS, ORDERS, *_of_curved(drawn))
     path = folder / f"{drawn.number:02d}-reference.json"
-    if (told := _kept(path, question)) is not None:
-        return Known(**told)
+    if (stored := _kept(path, question)) is not None:
+        return Known(**stored)
     say("solving by hexahedra")
     design = drawn.study(ACCURACY, "auto").design
     metal, part = design.material, cast(Bridge, design.part())
@@ -169,7 +169,7 @@ def answered(
     """Return what the program says of a design, from its file if there is one; that there is no mesh, too."""
     question = content_key(drawn.dimensions, drawn.material, accuracy, method, *_of_curved(drawn))
     path = folder / f"{drawn.number:02d}-{method}.json"
-    if (told := _kept(path, question)) is not None and (answer := judged_anew(Answered(**told), method, accuracy)):
+    if (stored := _kept(path, question)) is not None and (answer := judged_anew(Answered(**stored), method, accuracy)):
         return answer
     say(f"solving by the program ({method})")
     began = time.perf_counter()
@@ -216,8 +216,8 @@ def forget(folder: Path) -> None:
 def _kept(path: Path, question: str) -> dict[str, Any] | None:
     """Return what a file says, if it is there and answers the question."""
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
-        return dict(told["answer"]) if told["question"] == question else None
+        stored = json.loads(path.read_text(encoding="utf-8"))
+        return dict(stored["answer"]) if stored["question"] == question else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
@@ -226,6 +226,6 @@ def _keep(path: Path, question: str, answer: Mapping[str, Any]) -> None:
     """Write a file whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_suffix(f".{os.getpid()}.new")
-    told = {"question": question, "answer": answer}
-    new.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    stored = {"question": question, "answer": answer}
+    new.write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
     new.replace(path)

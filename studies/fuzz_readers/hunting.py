@@ -49,14 +49,14 @@ class Finding:
         Which input it was.
     cause
         What happened, in words by which the same cause is recognised.
-    told
+    details
         All that is known of it.
     """
 
     reader: str
     number: int
     cause: str
-    told: str
+    details: str
 
 
 @dataclass
@@ -109,15 +109,15 @@ class Hunt:
             shutil.rmtree(kept, ignore_errors=True)
             shutil.copytree(now, kept)
             (kept / "finding.txt").write_text(
-                f"{finding.cause}\n\n{finding.told}\n", encoding="utf-8", errors="replace"
+                f"{finding.cause}\n\n{finding.details}\n", encoding="utf-8", errors="replace"
             )
             self.report(finding, kept)
 
     def _judged(self, name: str, number: int, now: Path, *, must_be_read: bool) -> Finding | None:
         """Read a folder, and return what was wrong with how that ended."""
 
-        def found(cause: str, told: str) -> Finding:
-            return Finding(name, number, cause, told)
+        def found(cause: str, details: str) -> Finding:
+            return Finding(name, number, cause, details)
 
         said, warned = io.StringIO(), list[warnings.WarningMessage]()
         began = time.process_time()

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 from random import Random
 
-#: So many letters no key and no name has.
+#: More letters than any key or name has.
 LONG = 5000
 NUMBERS = (
     "0", "-1", "1", "3", "7.5", "-0.0", "1e-320", "1e-30", "1e9", "1e30", "1e308", "1e400", "-1e400", "nan", "inf",

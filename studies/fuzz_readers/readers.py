@@ -163,9 +163,9 @@ def _text(data: bytes) -> Make:
     return lambda: data
 
 
-def _of(read: Callable[[Path], object], damaged: str, as_what: str, content: Make, **beside: Make) -> Reader:
+def _of(read: Callable[[Path], object], damaged: str, as_what: str, content: Make, **others: Make) -> Reader:
     """Return a reader of one damaged file; those next to it are named without their ending .toml."""
-    return Reader(read, {damaged: content, **{f"{n}.toml": make for n, make in beside.items()}}, {damaged: as_what})
+    return Reader(read, {damaged: content, **{f"{n}.toml": make for n, make in others.items()}}, {damaged: as_what})
 
 
 def _binary(name: str, content: Make, u: str, x: str, channels: tuple[int, int] = (1, 1)) -> Reader:

@@ -36,15 +36,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--out", type=Path, default=trial.OUT, help="folder of what comes of it, with one for each seed"
     )
     given = parser.parse_args(arguments)
-    told, out = trial.settings(), trial.folder_of(given.out, given.seed, given.imperfect)
+    settings, out = trial.settings(), trial.folder_of(given.out, given.seed, given.imperfect)
     try:
         if given.seed < 0 or (given.sample is not None and given.sample < 1):
             raise ValueError("a seed is zero or more, a sample one or more")
-        told = told if given.sample is None else told.sample(given.sample)
+        settings = settings if given.sample is None else settings.sample(given.sample)
         if given.case is not None:
             return _one(given.case, out, given.seed, given.draw)
-        choose = told.imperfect_numbers if given.imperfect else told.numbers
-        numbers = list(told.ci) if given.ci else choose(given.only, given.cases)
+        choose = settings.imperfect_numbers if given.imperfect else settings.numbers
+        numbers = list(settings.ci) if given.ci else choose(given.only, given.cases)
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -56,8 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         known = trial.kept(out, given.seed)
         outcomes = [known[n] for n in numbers if n in known]
     else:
-        jobs = told.jobs if given.jobs is None else given.jobs
-        outcomes = trial.run(numbers, out, jobs, told.seconds, _say, given.fresh, given.seed)
+        jobs = settings.jobs if given.jobs is None else given.jobs
+        outcomes = trial.run(numbers, out, jobs, settings.seconds, _say, given.fresh, given.seed)
     from studies.hidden_effect_trial import imperfect_report, report
 
     write = imperfect_report.write if given.imperfect else report.write

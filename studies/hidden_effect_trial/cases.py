@@ -238,10 +238,10 @@ def draw_believed(rng: np.random.Generator, stage: Stage, names: tuple[str, ...]
     off = {name: 1.0 + rng.uniform(-0.2, 0.2) for name in ("zeta", "gain", "a", "b", "c")}
     off["gain"] = 1.0 + _cut(rng, KNOWN["gain"])
     off["omega"] = math.sqrt((1.0 + _cut(rng, 0.03)) / (1.0 + _cut(rng, 0.02)))
-    told = {name: getattr(stage, name) * factor for name, factor in off.items()}
+    values = {name: getattr(stage, name) * factor for name, factor in off.items()}
     if "bouc_wen" in names:
-        told["a"] = 0.0
-    return replace(stage, **told)
+        values["a"] = 0.0
+    return replace(stage, **values)
 
 
 def draw_poles(rng: np.random.Generator) -> tuple[float, ...]:

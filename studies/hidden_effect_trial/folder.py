@@ -81,14 +81,14 @@ def _title(case: Case) -> str:
 
 def model_text(case: Case) -> str:
     """Return the stage model's file."""
-    told = case.believed
+    stated = case.believed
     omega_known = (
-        [f'mass = "{1e3 * STIFFNESS / told.omega**2:.7g} g"', f'stiffness = "{STIFFNESS / 1e3:.7g} N/mm"']
+        [f'mass = "{1e3 * STIFFNESS / stated.omega**2:.7g} g"', f'stiffness = "{STIFFNESS / 1e3:.7g} N/mm"']
         if case.lumped
-        else [f'natural_frequency = "{told.omega / (2.0 * np.pi):.7g} Hz"']
+        else [f'natural_frequency = "{stated.omega / (2.0 * np.pi):.7g} Hz"']
     )
     sigma = 'mass = "2 %", stiffness = "3 %"' if case.lumped else 'natural_frequency = "1.8 %"'
-    loop = f'a = "{1e6 * told.a:.6g} um/V", b = "{told.b:.6g} 1/V", c = "{told.c:.6g} 1/V", n = 1'
+    loop = f'a = "{1e6 * stated.a:.6g} um/V", b = "{stated.b:.6g} 1/V", c = "{stated.c:.6g} 1/V", n = 1'
     return "\n".join(
         [
             "format = 1",
@@ -96,14 +96,14 @@ def model_text(case: Case) -> str:
             "",
             "[axis.x]",
             *omega_known,
-            f"damping_ratio = {told.zeta:.6g}",
-            f'gain = "{1e6 * told.gain:.6g} um/V"',
-            *([f'hysteresis = {{ model = "bouc-wen", {loop} }}'] if told.a > 0.0 else []),
+            f"damping_ratio = {stated.zeta:.6g}",
+            f'gain = "{1e6 * stated.gain:.6g} um/V"',
+            *([f'hysteresis = {{ model = "bouc-wen", {loop} }}'] if stated.a > 0.0 else []),
             f'uncertainty = {{ {sigma}, gain = "10 %", damping_ratio = "100 %" }}',
             "",
             "[axis.x.actuator]",
-            f'free_stroke = "{1e6 * told.stroke / 5.0:.4g} um"',
-            f'voltage_range = ["0 V", "{told.volts:g} V"]',
+            f'free_stroke = "{1e6 * stated.stroke / 5.0:.4g} um"',
+            f'voltage_range = ["0 V", "{stated.volts:g} V"]',
             "",
             "[controller]",
             f'rate = "{1.0 / PERIOD:g} Hz"',
@@ -151,22 +151,22 @@ def _answer_text(case: Case) -> str:
 
 def read_answer(path: Path) -> Answer:
     """Read the answer of a case."""
-    told: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-    groups = {name: tuple(others) for name, others in told["confusable"].items()}
+    stated: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+    groups = {name: tuple(others) for name, others in stated["confusable"].items()}
     um = 1e-6
-    effects = {name: dict(values) for name, values in told.get("effects", {}).items()}
+    effects = {name: dict(values) for name, values in stated.get("effects", {}).items()}
     if "electrostriction" in effects:  # the package states it as displacement per voltage squared [m/V^2]
-        effects["electrostriction"]["quadratic"] *= told["base"]["gain"]
+        effects["electrostriction"]["quadratic"] *= stated["base"]["gain"]
     return Answer(
-        told["case"],
-        told["kind"],
+        stated["case"],
+        stated["kind"],
         effects,
         groups,
-        told["effect_to_noise"],
-        told["floor"] * um,
-        told["stroke"] * um,
-        told["validation_floor"] * um if "validation_floor" in told else None,
-        told.get("seed", SEED),
-        told.get("fault", ""),
-        told.get("structural", 0.0) * um,
+        stated["effect_to_noise"],
+        stated["floor"] * um,
+        stated["stroke"] * um,
+        stated["validation_floor"] * um if "validation_floor" in stated else None,
+        stated.get("seed", SEED),
+        stated.get("fault", ""),
+        stated.get("structural", 0.0) * um,
     )

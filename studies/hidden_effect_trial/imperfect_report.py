@@ -117,5 +117,5 @@ def _result(outcomes: Sequence[Outcome], rates: Table, seed: int) -> dict[str, A
         }
         for o in outcomes
     ]
-    told = [dict(zip(rates.columns[1:], row[1:], strict=True)) | {"what": row[0]} for row in rates.rows]
-    return {"seed": seed, "rates": told, "cases": each}
+    table = [dict(zip(rates.columns[1:], row[1:], strict=True)) | {"what": row[0]} for row in rates.rows]
+    return {"seed": seed, "rates": table, "cases": each}

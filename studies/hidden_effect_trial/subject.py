@@ -51,10 +51,10 @@ def _test_error(found: Any, names: list[str]) -> float | None:
 
 def _inside(named: Any, truth: Mapping[str, float]) -> dict[str, tuple[bool, float]]:
     """Return for each number of an effect whether its interval holds the truth, and how wide it is."""
-    told = {}
+    coverage = {}
     for each in getattr(named, "values", ()):
         key = each.parameter.name.rpartition(".")[2]
         low, high = each.interval
         if key in truth and truth[key] and math.isfinite(low) and math.isfinite(high):
-            told[f"{named.name}.{key}"] = (low <= truth[key] <= high, 0.5 * (high - low) / abs(truth[key]))
-    return told
+            coverage[f"{named.name}.{key}"] = (low <= truth[key] <= high, 0.5 * (high - low) / abs(truth[key]))
+    return coverage

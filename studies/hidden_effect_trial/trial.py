@@ -112,14 +112,14 @@ class Settings:
 
 def settings(path: Path = SETTINGS) -> Settings:
     """Read the trial's settings."""
-    told = tomllib.loads(path.read_text(encoding="utf-8"))
+    stored = tomllib.loads(path.read_text(encoding="utf-8"))
     return Settings(
-        told["cases"],
-        tuple(told["ci"]["numbers"]),
-        tuple(told["guard"]["numbers"]),
-        told["run"]["jobs"],
-        told["run"]["seconds"],
-        told["imperfect"],
+        stored["cases"],
+        tuple(stored["ci"]["numbers"]),
+        tuple(stored["guard"]["numbers"]),
+        stored["run"]["jobs"],
+        stored["run"]["seconds"],
+        stored["imperfect"],
     )
 
 
@@ -213,19 +213,19 @@ def kept(out: Path, seed: int = cases.SEED) -> dict[int, Outcome]:
     found: dict[int, Outcome | None] = {}
     for line in lines:
         try:
-            told: dict[str, Any] = json.loads(line)
-            found[told["number"]] = _outcome(told) if not told["error"] else None
+            stored: dict[str, Any] = json.loads(line)
+            found[stored["number"]] = _outcome(stored) if not stored["error"] else None
         except (ValueError, KeyError, TypeError):
             continue
     return {number: each for number, each in found.items() if each is not None and each.answer.seed == seed}
 
 
-def _outcome(told: dict[str, Any]) -> Outcome:
-    answer, found = told["answer"], told["found"]
+def _outcome(stored: dict[str, Any]) -> Outcome:
+    answer, found = stored["answer"], stored["found"]
     answer["groups"] = {name: tuple(others) for name, others in answer["groups"].items()}
     found["named"], found["groups"] = tuple(found["named"]), tuple(tuple(group) for group in found["groups"])
     found["inside"] = {name: (bool(hit), float(width)) for name, (hit, width) in found["inside"].items()}
-    return Outcome(told["number"], Answer(**answer), Diagnosed(**found), told["error"], told["source"])
+    return Outcome(stored["number"], Answer(**answer), Diagnosed(**found), stored["error"], stored["source"])
 
 
 def run(
@@ -250,7 +250,7 @@ def run(
     seconds
         A case that takes longer is an error.
     say
-        Told of every case that is done, and of the time left.
+        Receives every finished case, and the time left.
     fresh
         Whether what is done is done again.
     seed

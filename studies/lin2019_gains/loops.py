@@ -204,7 +204,7 @@ def by_experiment(findings: Sequence[Findings]) -> Section:
     text = [
         "The experiment of Ziegler and Nichols, done on the simulated loop: raise the proportional gain until the "
         "oscillation neither grows nor decays. The gain is bracketed to one part in ten thousand, and growth is judged "
-        "from the record alone. Beside it stands the ultimate gain from the closed-loop poles of the same sampled "
+        "from the record alone. It is compared with the ultimate gain from the closed-loop poles of the same sampled "
         "plant. The candidates give the printed Kp back, as they must.",
     ]
     return Section("Ziegler-Nichols by experiment", text, [Table(head, rows)])

@@ -136,7 +136,7 @@ def _candidates(findings: Sequence[Findings]) -> Section:
         f"oscillation, at {hz(1 / xy.axis.target.period)}, lies at most {100 * _detuning(xy.axis):.1f} % above the "
         f"resonance, which therefore is at {hz(low)} or more, for any delay and damping. {_stiffer(xy)}",
         f"The paper's loop ran, and that bounds the delay: above {ms(xy.limit.delay)} in X/Y and "
-        f"{ms(z.limit.delay)} in Z the printed gains are unstable on the plants they belong to. What is left "
+        f"{ms(z.limit.delay)} in Z the printed gains are unstable on the plants they belong to. The remainder "
         f"reaches to {hz(high)} in X/Y. (A whole oscillation later, from about {ms(xy.axis.target.period, 2)} on, "
         "nearly the same plants come again; no loop of this rate is so late.)",
         _gain_in_doubt(xy),
@@ -196,10 +196,10 @@ def _gain_in_doubt(found: Findings) -> str:
     for ratio in (min(ratios), max(ratios)):
         moved = fitted(axis, axis.target, 0.0, _with_gain(near, ratio))
         plants[ratio] = f"{n(moved.damping_ratio, 3)}" if moved else "none"
-    told = " and ".join(f"{damping} with {n(ratio, 3)}" for ratio, damping in plants.items())
+    texts = " and ".join(f"{damping} with {n(ratio, 3)}" for ratio, damping in plants.items())
     return (
         f"All this takes the gain of eq (31), {axis['gain']}, at its word. The damping goes with it: without delay "
-        f"the damping ratio in {axis.name} is {told}, the smallest and the largest amplification above. Light it stays."
+        f"the damping ratio in {axis.name} is {texts}: the smallest and the largest amplification above.."
     )
 
 
@@ -235,9 +235,9 @@ def _coherence(deviation: float) -> float:
 
 
 def _measurement(findings: Sequence[Findings]) -> Section:
-    told = [_proposal(found) for found in findings]
+    texts = [_proposal(found) for found in findings]
     rows, figures = [], []
-    for found, one in zip(findings, told, strict=True):
+    for found, one in zip(findings, texts, strict=True):
         comparison = found.comparison
         rows.append(
             [
@@ -252,7 +252,7 @@ def _measurement(findings: Sequence[Findings]) -> Section:
         figures.append(_bode(found))
     head = ["axis", "farthest apart", "nearest two there", "closest", "a tenth of a sample", "coherence for that"]
     caption = "Phase of the candidates on which the printed gains are stable, up to where one answers less than at rest"
-    smallest = min(one.per_tenth for one in told)
+    smallest = min(one.per_tenth for one in texts)
     period = findings[0].axis["period"]
     text = [
         "The candidates agree where the gains were found: at the frequency of oscillation they have nearly one "
@@ -261,7 +261,7 @@ def _measurement(findings: Sequence[Findings]) -> Section:
         f"({ms(period / 10, 1)}) more delay, the rest of the plant going along, turns the phase by "
         f"{n(smallest, 2)} deg or more. A few degrees decide.",
         f"So large a standard deviation asks for little: after {AVERAGES} averages a coherence of "
-        f"{max(_coherence(one.per_tenth) for one in told):.2f} is enough "
+        f"{max(_coherence(one.per_tenth) for one in texts):.2f} is enough "
         "(sigma^2 = (1 - coherence) / (2 n coherence), coherence as squared; Bendat and Piersol, Random Data, 4th ed. "
         "2010, chapter 9). What counts is the timing.",
         "Record the command that the controller computes and the reading that it uses. An instrument at the actuator's "
@@ -307,12 +307,12 @@ def _conclusions(findings: Sequence[Findings]) -> Section:
         f"{' and '.join(half)}, where it shows mostly the delay, and across the resonance, where it shows stiffness "
         "over mass. A known payload then distinguishes them."
     )
-    told = [f"Certain: {certain}", f"Confusable: {confusable}", f"What would distinguish them: {tell}"]
-    told.append(
+    texts = [f"Certain: {certain}", f"Confusable: {confusable}", f"What would distinguish them: {tell}"]
+    texts.append(
         "All of it presumes what the gains cannot check: one mode, the rule applied to the sampled loop, the printed "
         "static gain."
     )
-    return Section("What is certain, what is confusable, what would distinguish them", told)
+    return Section("What is certain, what is confusable, what would distinguish them", texts)
 
 
 def _inputs() -> Section:

@@ -138,14 +138,17 @@ def outcome(
     groups = {group[0]: group for group in found.confusable}
     named = tuple(" or ".join(groups.get(each.name, (each.name,))) for each in found.effects)
     is_right = len(named) == 1 and name in named[0].split(" or ") if missed >= SEEN else not named
-    told = {v.parameter.name: v for each in found.effects for v in each.values if each.name == name}
-    shared = [key for key in told if key in numbers]
+    estimates = {v.parameter.name: v for each in found.effects for v in each.values if each.name == name}
+    shared = [key for key in estimates if key in numbers]
     holds = None
     if shared:
         holds = all(
-            (interval := told[key].interval) is None or interval[0] <= numbers[key] <= interval[1] for key in shared
+            (interval := estimates[key].interval) is None or interval[0] <= numbers[key] <= interval[1]
+            for key in shared
         )
-    values = "; ".join(f"{key} {numbers[key]:.4g}: {told[key].value:.5g} {told[key].interval}" for key in shared)
+    values = "; ".join(
+        f"{key} {numbers[key]:.4g}: {estimates[key].value:.5g} {estimates[key].interval}" for key in shared
+    )
     return Outcome(name, between, size, missed, found.verdict, named, values, is_right, holds)
 
 

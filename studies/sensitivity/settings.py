@@ -177,7 +177,7 @@ def run(
     seed
         Of the cases.
     say
-        Told of everything that is done, and of the time left.
+        Receives every step, and the time left.
     """
     known = kept(out, trial.source())
     left = [each for each in settings if each not in known]

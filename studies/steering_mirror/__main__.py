@@ -20,8 +20,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m studies.steering_mirror", description="Diagnosis of a fine steering mirror, mode by mode"
     )
-    beside = Path(os.environ.get("FLEXDESIGN_RECORDINGS", ".")) / "steering-mirror"
-    parser.add_argument("recordings", type=Path, nargs="?", default=beside, help="folder of the arrays")
+    default = Path(os.environ.get("FLEXDESIGN_RECORDINGS", ".")) / "steering-mirror"
+    parser.add_argument("recordings", type=Path, nargs="?", default=default, help="folder of the arrays")
     parser.add_argument("--out", type=Path, default=Path("reports/steering_mirror"), help="folder of the report")
     given = parser.parse_args(arguments)
     try:

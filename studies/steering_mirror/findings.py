@@ -1,4 +1,4 @@
-"""What is left of the mirror's outputs: by one linear response, by the modal axes as calibrated, and with effects."""
+"""The residual of the mirror's outputs: by one linear response, by the modal axes as calibrated, and with effects."""
 
 from __future__ import annotations
 

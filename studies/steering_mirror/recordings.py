@@ -67,9 +67,9 @@ class Decoupled:
 
     def modal(self, u: Array, y: Array) -> tuple[Array, Array]:
         """Return modal inputs [V] and coordinates [m] of whole periods, modes x samples, one period after the other."""
-        beside, periods = self.remainder(), range(u.shape[2])
+        remainder, periods = self.remainder(), range(u.shape[2])
         inputs = [self.modes.inputs(u[:, :, p].T) for p in periods]
-        coordinates = [self.modes.coordinates((y[:, :, p] - filtered(beside, u[:, :, p])).T) for p in periods]
+        coordinates = [self.modes.coordinates((y[:, :, p] - filtered(remainder, u[:, :, p])).T) for p in periods]
         return np.concatenate(inputs, axis=1), np.concatenate(coordinates, axis=1)
 
 
@@ -135,7 +135,7 @@ def write(recordings: Recordings, decoupled: Decoupled, folder: Path) -> tuple[P
     model.write_text(model_text(decoupled.modes), encoding="utf-8")
     # The levels are too small to drive piezos: an amplifier follows. The samples hold no more than 94 % of the Nyquist
     # frequency, so that between them the command is smooth.
-    told = ['title = "Fine steering mirror, modal axes"', 'command_is = "dac"', 'between_samples = "smooth"']
+    lines = ['title = "Fine steering mirror, modal axes"', 'command_is = "dac"', 'between_samples = "smooth"']
     for level, realisation, role in runs():
         name = name_of(level, realisation)
         kept = None if role == "validate" and level == LEVELS[0] else KEPT[role]
@@ -143,8 +143,8 @@ def write(recordings: Recordings, decoupled: Decoupled, folder: Path) -> tuple[P
         columns = {f"u{axis} [V]": u[m] for m, axis in enumerate(AXES)}
         columns |= {f"{axis} [um]": y[m] for m, axis in enumerate(AXES)}
         write_run(place / f"{name}.csv", np.arange(u.shape[1]) / RATE, columns)
-        told += ["", "[[run]]", f'file = "{name}.csv"', f'kind = "multisine {level} mV"', f'role = "{role}"']
-    (place / DESCRIPTION).write_text("\n".join([*told, ""]), encoding="utf-8")
+        lines += ["", "[[run]]", f'file = "{name}.csv"', f'kind = "multisine {level} mV"', f'role = "{role}"']
+    (place / DESCRIPTION).write_text("\n".join([*lines, ""]), encoding="utf-8")
     return model, place
 
 

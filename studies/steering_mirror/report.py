@@ -104,16 +104,16 @@ def _outputs(findings: Findings) -> Section:
     text = [
         f"Of realisation {JUDGING + 1} at each level, for validation; the linear response is estimated from "
         f"realisations {' and '.join(str(r + 1) for r in TEACHING)} of all levels, the diagnoses are shown half a "
-        f"period of realisation {SHOWN + 1}. Beside the modes, everything is this linear response, in all stands. The "
+        f"period of realisation {SHOWN + 1}. All but the modes is this linear response, in all fits. The "
         "published models were taught by other realisations, which are not used here, and judged on all three of "
         "these.",
         "A linear response is estimated with equal weight for all levels; a calibration fits metres, so that the "
-        "largest level weighs most. Offsets and what rings as a record begins are fitted, too, and taken out of what "
-        "is left.",
+        "largest level weighs most. Offsets and what rings as a record begins are fitted, too, and removed from "
+        "the residual.",
     ]
     caption = "Root mean square of the residual, in percent of the standard deviation of the output"
     head = ["stand", "level", "channel 1", "channel 2", "channel 3", "mean"]
-    return Section("What is left of the outputs", text, [Table(head, rows, caption)])
+    return Section("Residual of the outputs", text, [Table(head, rows, caption)])
 
 
 def _modes(findings: Findings) -> Section:
@@ -157,7 +157,7 @@ def _lefts(findings: Findings) -> list[tuple[str, Any]]:
 
 
 def _names(found: Diagnosis) -> str:
-    return ", ".join(effect.name for effect in found.effects) or ", ".join(found.near) or "–"
+    return ", ".join(effect.name for effect in found.effects) or ", ".join(found.possible_effects) or "–"
 
 
 def _levels() -> list[str]:

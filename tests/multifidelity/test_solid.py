@@ -140,7 +140,7 @@ def test_other_corners_make_another_family_and_doubt_another_anchor(monkeypatch:
 def test_quantities_inherit_the_errors_of_three_numbers() -> None:
     """K_in = 1 / C11 has the relative error of C11; stroke's follows from two of the numbers, by calculus."""
     numbers, sigma = np.array([1e-6, -5.5, 5e-5]), np.array([0.01, 0.002, 0.03])
-    found = {q.key: q for q in FastSolid()._told(MIDDLE, numbers, sigma, "morphed")}
+    found = {q.key: q for q in FastSolid()._quantities(MIDDLE, numbers, sigma, "morphed")}
     k_in, stroke = found["K_in_output_free"], found["stroke_output_free"]
     assert k_in.half_width == pytest.approx(0.01 * k_in.value, rel=0.02)
     assert MIDDLE.actuator is not None

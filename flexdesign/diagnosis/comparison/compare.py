@@ -177,7 +177,7 @@ def compare(
     axis
         Which one; may be left out where model and runs leave no choice.
     progress
-        Told what is being done.
+        Receives the progress as text.
 
     Raises
     ------
@@ -201,18 +201,18 @@ def compare(
         return Comparison(model, name, (), noise_floor, (), (), perf_counter() - began, responses)
     noise = noise_of_axis(runs_, name, its)
     stroke = max(float(np.nanmax(run.measured()) - np.nanmin(run.measured())) for run in seen)
-    beside, observed = [], []
+    comparisons, observed = [], []
     for run in seen:
         progress(f"predicting {run.name}")
         observed.append(dynamics.comparable(run))
-        beside.append(compared(dynamics, run, noise.rms[run.name], stroke))
+        comparisons.append(compared(dynamics, run, noise.rms[run.name], stroke))
     progress("looking where it fails")
-    residuals = {run.name: run.residual for run in beside}
-    predictions = {run.name: run.predicted for run in beside}
+    residuals = {run.name: run.residual for run in comparisons}
+    predictions = {run.name: run.predicted for run in comparisons}
     return Comparison(
         model=model,
         axis=name,
-        runs=tuple(beside),
+        runs=tuple(comparisons),
         noise=noise,
         where=where(residuals, observed, predictions, noise),
         observed=tuple(observed),

@@ -24,9 +24,9 @@ PLAIN = 3.0
 SHARE = 0.1
 #: Relative change of the damping ratio from which its influence is taken.
 SMALL = 0.01
-#: So many times the damping is corrected.
+#: Number of corrections of the damping.
 TURNS = 3
-#: So many experiments are proposed, one of each kind.
+#: Number of experiments proposed, one of each kind.
 PROPOSED = 3
 #: Without a stated noise of the sensor, this share of the stroke is assumed.
 NOISE = 1e-4
@@ -66,7 +66,7 @@ class Resolved:
     strengths
         At which they are compared, SI.
     alike
-        What is left between them on the standard multisine, rms [response].
+        The remaining difference on the standard multisine, rms [response].
     noise
         Of the sensor, rms [response].
     separations

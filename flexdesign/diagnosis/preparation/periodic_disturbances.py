@@ -1,7 +1,7 @@
 """Frequencies at which something periodic may act: seen in quiet records, or in what a calibrated model leaves.
 
 A quiet record shows mains hum or a floor that moves, unless there is none, or readings come in steps so coarse that
-they hide a sinusoid or show its harmonics instead. What is left of records in motion is rounded at ever other places.
+they hide a sinusoid or show its harmonics instead. The residual of records in motion is rounded at ever other places.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 #: A line in the residual is sought in records of at least this number of samples without a gap.
 FEWEST = 200
-#: So many peaks of what frequency responses leave are frequencies at which modes are tried.
+#: Number of peaks in the residual of frequency responses at which modes are tried.
 PEAKS = 6
 
 

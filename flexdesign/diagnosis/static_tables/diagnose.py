@@ -73,8 +73,10 @@ class TableDiagnosis:
         """Effects that the table does not distinguish, beginning with the one found."""
         groups = []
         for name in self.found.names:
-            beside = {*self.found.names} - {name}
-            others = [o for trial in self.alike if beside <= {*trial.names} for o in trial.names if o not in beside]
+            comparison = {*self.found.names} - {name}
+            others = [
+                o for trial in self.alike if comparison <= {*trial.names} for o in trial.names if o not in comparison
+            ]
             if {*others} - {name}:
                 groups.append(tuple(dict.fromkeys((name, *others))))
         return tuple(groups)
@@ -187,8 +189,8 @@ def _answers(before: Trial, trials: Sequence[Trial], count: int) -> list[Trial]:
 
 def _before(model: StaticModel, table: StaticTable) -> tuple[Trial, tuple[str, ...]]:
     """Return the model without anything fitted, and what a comparison remarks."""
-    beside = compare(model, table)
-    return Trial({}, model, beside.table, beside.uncertainty), beside.remarks
+    comparison = compare(model, table)
+    return Trial({}, model, comparison.table, comparison.uncertainty), comparison.remarks
 
 
 def _contradictions(before: Trial, explanations: Sequence[Trial]) -> tuple[str, ...]:

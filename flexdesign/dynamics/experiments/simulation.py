@@ -146,7 +146,7 @@ def run(model: StageModel, variants: Mapping[str, StageModel], plan: Plan, progr
     plan
         What to run.
     progress
-        Told what is being done.
+        Receives the progress as text.
 
     Raises
     ------

@@ -49,9 +49,8 @@ class Forces(NamedTuple):
     """Forces that depend on the motion: for each axis its first; their hooks, places of states, and constants.
 
     `by_path` holds for each axis the first of those that follow the path of the position (`pull`); those before have
-    rates (`flow`).
-    Beside the states, of which there are `number`, there is room for their trial values, and for their rates at the
-    four stages of a step, one stage after the other.
+    rates (`flow`). In addition to the states, of which there are `number`, there is room for their trial values, and
+    for their rates at the four stages of a step, one stage after the other.
     """
 
     number: int

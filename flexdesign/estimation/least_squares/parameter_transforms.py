@@ -24,7 +24,7 @@ class Coordinates:
     parameters
         The free parameters, in the order of the vector; their `start` is the present value.
     known
-        What was known before, by name: value and standard deviation, SI.
+        The prior by name: value and standard deviation, SI.
     lower, upper
         Bounds of the vector; the plausible ranges, possibly infinite.
     start

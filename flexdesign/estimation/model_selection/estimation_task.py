@@ -41,7 +41,7 @@ class EstimationTask:
     each
         Maps simulations, over threads perhaps; and whole fits that map theirs by it, see `least_squares.parallel_map`.
     progress
-        Told what is being done.
+        Receives the progress as text.
     calibrated_excess
         By how much chi^2 of the fitted runs exceeds the number of samples in the model without effects; see `forward`.
     noise_rms

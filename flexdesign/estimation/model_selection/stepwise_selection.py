@@ -155,7 +155,7 @@ def forward(
         Fits from which additions are tried as well, such as the design where calibration led astray.
     """
     score, entries = screen(task, fit, candidates, expansion_points)
-    # Beside a residual an effect is not named that takes less of what calibration left, and by itself no more than that
+    # With a residual, an effect is not named that takes less of what calibration left, and by itself no more than that
     # can be had from a small one.
     least = min(SHARE * max(task.calibrated_excess, fit.excess), fit.excess)
     singles, pairs = _compete(task, fit, entries, WORTH * least)

@@ -110,17 +110,17 @@ def _cut(a: FloatArray, b: FloatArray, longest: float) -> FloatArray:
 
 def _loops(rim: IntArray) -> list[list[int]]:
     """Return closed loops of vertices from edges (k, 2)."""
-    beside: dict[int, list[int]] = {}
+    neighbours: dict[int, list[int]] = {}
     for a, b in rim.tolist():
-        beside.setdefault(a, []).append(b)
-        beside.setdefault(b, []).append(a)
+        neighbours.setdefault(a, []).append(b)
+        neighbours.setdefault(b, []).append(a)
     left, loops = {tuple(edge) for edge in rim.tolist()}, []
     while left:
         first, here = min(left)
         left.discard((first, here))
         loop = [first, here]
         while here != first:
-            following = next((n for n in beside[here] if (min(here, n), max(here, n)) in left), None)
+            following = next((n for n in neighbours[here] if (min(here, n), max(here, n)) in left), None)
             if following is None:
                 break
             left.discard((min(here, following), max(here, following)))

@@ -296,7 +296,7 @@ class LocalThickness:
 
     @property
     def _curved(self) -> NDArray[np.bool_]:
-        """Which places lie at a neck: beside or across a cylinder that is no fillet, shape (n,)."""
+        """Which places lie at a neck: next to or across a cylinder that is no fillet, shape (n,)."""
         return np.isfinite(self.thin.curved) & (self.thin.curved > self.thin.thickness / 2)
 
     @property

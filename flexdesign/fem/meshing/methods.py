@@ -47,8 +47,8 @@ LEAST_LAYERS = 3.5
 #: The same of parts with curved necks, which no sharp root's error hides that of the layers of: 6, 4 and 3, as 5.3, 3.9
 #: and 2.9 are.
 LEAST_LAYERS_OF_NECKS = 5.3
-#: Largest edge on the finest mesh, in thicknesses of the thinnest arm or rod. Beside necks arms are as high as notches
-#: are deep, and have a larger part of what meshes leave open.
+#: Largest edge on the finest mesh, in thicknesses of the thinnest arm or rod. Next to necks, arms are as high as
+#: notches are deep, and have a larger part of what meshes leave open.
 BESIDE_LEAVES, BESIDE_NECKS = 0.4, 0.25
 #: Edges at curved necks: on the profile and inside, in local thicknesses, and the chord error on the profile, in neck
 #: thicknesses, of the finest mesh. As meshes get coarser, extruded ones shrink those on the profile as at sharp roots,

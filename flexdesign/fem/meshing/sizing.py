@@ -175,7 +175,7 @@ def spaced(places: FloatArray, wanted: FloatArray, pieces: int | None = None) ->
     wanted
         That length, shape (n,) [m].
     pieces
-        So many pieces instead, longer or shorter than wanted by the same factor.
+        A number of pieces instead, longer or shorter than wanted by the same factor.
 
     Returns
     -------

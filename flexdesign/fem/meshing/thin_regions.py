@@ -256,21 +256,21 @@ def _pairs_at_edges(surface: Surface) -> tuple[IntArray, IntArray, IntArray]:
     order = np.lexsort((edges[:, 1], edges[:, 0]))
     edges, triangle = edges[order], triangle[order]
     same = np.flatnonzero(np.all(edges[1:] == edges[:-1], axis=1))
-    beside = np.column_stack([triangle[same], triangle[same + 1]])
-    faces = surface.owners[beside]
+    pairs = np.column_stack([triangle[same], triangle[same + 1]])
+    faces = surface.owners[pairs]
     apart = faces[:, 0] != faces[:, 1]
-    return edges[same][apart], faces[apart], beside[apart]
+    return edges[same][apart], faces[apart], pairs[apart]
 
 
 def _reentrant(surface: Surface, places: FloatArray, thickness: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return places along re-entrant edges, and the thickness of the thin region next to them."""
-    edges, _, beside = _pairs_at_edges(surface)
+    edges, _, pairs = _pairs_at_edges(surface)
     if not len(edges):
         return np.zeros((0, 3)), np.zeros(0)
     outward, corners = surface.outward, surface.corners
-    one, other = outward[beside[:, 0]], outward[beside[:, 1]]
+    one, other = outward[pairs[:, 0]], outward[pairs[:, 1]]
     bend = np.arccos(np.clip(np.einsum("ij,ij->i", one, other), -1.0, 1.0))
-    towards = corners[beside[:, 1]].mean(axis=1) - surface.points[edges[:, 0]]
+    towards = corners[pairs[:, 1]].mean(axis=1) - surface.points[edges[:, 0]]
     concave = np.einsum("ij,ij->i", one, towards) > 0
     edges = edges[concave & (bend > REENTRANT)]
     ends = surface.points[edges]

@@ -215,7 +215,7 @@ class FastSolid:
             sigma = np.hypot(error, changed)
             # An anchor nearer than this would know no better: its own limit is as uncertain.
             if sigma.max() <= max(self.accuracy, 1.2 * error.max()):
-                quantities = self._told(design, fine * np.exp(gap), sigma, MORPHED)
+                quantities = self._quantities(design, fine * np.exp(gap), sigma, MORPHED)
                 return quantities + self._besides(design, part, domain, method, family, quantities, changed)
             return self._anchored(design, part, domain, method, family)
         return self._anchored(design, part, domain, method, None)
@@ -255,7 +255,7 @@ class FastSolid:
         known.anchors.append(anchor)
         if family is None:
             self.families.append(known)
-        quantities = self._told(design, limits, errors, "FEM, anchor: fine meshes, extrapolated")
+        quantities = self._quantities(design, limits, errors, "FEM, anchor: fine meshes, extrapolated")
         return quantities + self._besides(design, part, domain, method, known, quantities, 0.0)
 
     def _besides(
@@ -306,7 +306,7 @@ class FastSolid:
         values = np.array([each.value for each in all_limits])
         return values, np.array([each.error for each in all_limits]) / np.abs(values), meshes, sizes
 
-    def _told(self, design: Design, numbers: FloatArray, sigma: FloatArray, source: str) -> list[Quantity]:
+    def _quantities(self, design: Design, numbers: FloatArray, sigma: FloatArray, source: str) -> list[Quantity]:
         """Return the quantities, their half-widths from those of the three numbers, in quadrature."""
 
         def all_of(these: FloatArray) -> list[Quantity]:

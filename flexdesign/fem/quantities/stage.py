@@ -30,7 +30,7 @@ from flexdesign.fem.superelements.assembled_stage import AssembledStage
 
 FloatArray = NDArray[np.float64]
 #: Number of modes reported, and the number among which those are sought that respond to the drives.
-TOLD, SOUGHT = 6, 40
+REPORTED_MODES, SOUGHT = 6, 40
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,9 @@ def asked(axes: Iterable[str], *, installed: bool) -> list[Quantity]:
                 Quantity("stroke", math.nan, "m", "um", f"{axis}, table free"),
             ]
     for boundary in ("inputs free", "actuators installed") if installed else ("inputs free",):
-        found += [Quantity(f"frequency_{rank}", math.nan, "Hz", "Hz", boundary) for rank in range(1, TOLD + 1)]
+        found += [
+            Quantity(f"frequency_{rank}", math.nan, "Hz", "Hz", boundary) for rank in range(1, REPORTED_MODES + 1)
+        ]
     for axis in axes:
         for boundary in ("inputs free", "actuators installed") if installed else ("inputs free",):
             found.append(Quantity("output_mass", math.nan, "kg", "g", f"{axis}, {boundary}"))
@@ -147,7 +149,7 @@ def _frequencies(stage: AssembledStage, actuator: float) -> dict[str, float]:
     found = _outputs(stage, mode_shares(stage, 0.0, SOUGHT), "inputs_free")
     for stiffness, boundary in ((0.0, "inputs_free"), (actuator, "actuators_installed")):
         if stiffness or boundary == "inputs_free":
-            for rank, mode in enumerate(stage.modes(TOLD, stiffness), 1):
+            for rank, mode in enumerate(stage.modes(REPORTED_MODES, stiffness), 1):
                 found[f"frequency_{rank}_{boundary}"] = mode.frequency
     if actuator:
         modes = mode_shares(stage, actuator, SOUGHT)

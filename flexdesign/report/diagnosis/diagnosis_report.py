@@ -78,7 +78,7 @@ def candidates(found: Diagnosis) -> Table:
     rows = [
         [
             " + ".join(prose.effect_name(name) for name in tried.names),
-            " + ".join(prose.effect_name(name) for name in tried.beside) or "–",
+            " + ".join(prose.effect_name(name) for name in tried.present) or "–",
             words.percent(tried.error / line) if math.isfinite(line) else words.error(si, tried.error),
             units.significant(tried.evidence, 3) if tried.evidence > 0 else "none",
             tried.outcome.replace("_", " "),
@@ -109,7 +109,7 @@ def _sections(found: Diagnosis, proposals: Sequence[Proposal]) -> list[Section]:
     before, after = compared(found, "calibrated"), compared(found, "found")
     changed = any(step_of_ladder.label.startswith("+ ") for step_of_ladder in found.error_ladder)
     stands = [("recalibrated", before), (_stand_name(found), after)] if changed else [("recalibrated", before)]
-    names = [named.name for named in found.effects] or list(found.near)
+    names = [named.name for named in found.effects] or list(found.possible_effects)
     kinds, bars = pictures(names), ladder_figure(found, found.error_ladder, found.noise_floor)
     return [
         Section("The error ladder", _ladder_text(found), [ladder_of(found)], [bars]),
@@ -171,7 +171,7 @@ def by_run_table(by_run: Mapping[str, Value]) -> list[Table]:
 
 def _stand_name(found: Diagnosis) -> str:
     names = [prose.effect_name(named.name) for named in found.effects] or [
-        prose.effect_name(name) for name in found.near
+        prose.effect_name(name) for name in found.possible_effects
     ]
     return f"with {words.listed(names)}"
 

@@ -35,7 +35,7 @@ def result(found: Diagnosis, proposals: Sequence[Proposal]) -> dict[str, Any]:
         "candidates": [_tried(tried, si) for tried in found.candidates],
         "confusable": [list(group) for group in found.confusable],
         "tell_apart": [_proposal(proposal) for proposal in proposals],
-        "near": list(found.near),
+        "near": list(found.possible_effects),
         "ladder": ladder_json(found.error_ladder, si),
         "noise_floor": noise_json(found.noise, found.noise_floor, si),
         "validation_error": _number(found.validation_error, si),
@@ -152,7 +152,7 @@ def _named(found: Diagnosis, named: IdentifiedEffect) -> dict[str, Any]:
 def _tried(tried: CandidateRecord, si: str) -> dict[str, Any]:
     return {
         "effects": list(tried.names),
-        "beside": list(tried.beside),
+        "beside": list(tried.present),
         "error": _number(tried.error, si),
         "evidence": tried.evidence,
         "outcome": tried.outcome,

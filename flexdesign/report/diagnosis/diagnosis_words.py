@@ -70,9 +70,9 @@ def _remains(found: Diagnosis) -> str:
 
 def possible(found: Diagnosis) -> str:
     """Return the effects that may be there without being certain, and how each is fitted."""
-    names = words.listed([effect_name(name) for name in found.near])
-    lines = "; ".join(f"flexdesign add MODEL {name} RUNS" for name in found.near)
-    each = "each of them" if len(found.near) > 1 else "it"
+    names = words.listed([effect_name(name) for name in found.possible_effects])
+    lines = "; ".join(f"flexdesign add MODEL {name} RUNS" for name in found.possible_effects)
+    each = "each of them" if len(found.possible_effects) > 1 else "it"
     return (
         f"Possible, but not certain: {names}. Compared with the residual, {each} explains too little to be named. "
         f"To fit {each} all the same: {lines}."
@@ -98,7 +98,7 @@ def effect(found: Diagnosis, named: IdentifiedEffect) -> str:
     if named.by_run:
         sentences += f", the mean over runs; it differs from run to run, {_between(named)}"
     if named.values:
-        others = _beside(found, named.name)
+        others = _added_together(found, named.name)
         it = f"Together with {words.listed([effect_name(other) for other in others])} it" if others else "It"
         if named.share > 0:  # else recalibration left no more than the noise
             sentences += f". {it} explains {words.percent(named.share)} of what recalibration leaves unexplained"
@@ -156,7 +156,7 @@ def summary(found: Diagnosis, proposals: Sequence[Proposal]) -> list[str]:
     """Return the answer in a few paragraphs."""
     sentences = [*doubts(found.runs), verdict(found), *(effect(found, named) for named in found.effects)]
     sentences += [apart(group, proposals) for group in found.confusable]
-    if found.near:
+    if found.possible_effects:
         sentences.append(possible(found))
     if found.verdict == "unknown" or found.remainder_rms:
         left, mode = compared(found, "found"), found.before.axes[found.axis].natural_frequency
@@ -234,7 +234,7 @@ def _would(resolved: Resolved) -> str:
     return f"What would distinguish {pair}, and by how many times the noise the readings differ: {', '.join(parts)}."
 
 
-def _beside(found: Diagnosis, name: str) -> list[str]:
+def _added_together(found: Diagnosis, name: str) -> list[str]:
     """Return the effects that were added in one step with another."""
     steps = [tried.names for tried in found.candidates if tried.outcome == "added" and name in tried.names]
     return [other for names in steps for other in names if other != name]

@@ -115,7 +115,7 @@ def summary(found: Identification) -> list[str]:
     text = f"{_listed([e.name for e in found.estimates])} fitted to {_listed([run.name for run in seen])}: "
     text += f"the residual is {_range(found, seen)}"
     text += f"; of validation and test runs, {_range(found, validation_runs)}." if validation_runs else "."
-    sentences = [*found.doubts, text, _beside_noise(found)]
+    sentences = [*found.doubts, text, _compare_with_noise(found)]
     if "bouc_wen" not in found.before.axes[found.axis].effects:
         sentences.append("The model has no hysteresis, and none was fitted.")
     if found.held:
@@ -128,7 +128,7 @@ def summary(found: Identification) -> list[str]:
     return sentences
 
 
-def _beside_noise(found: Identification) -> str:
+def _compare_with_noise(found: Identification) -> str:
     """Compare the residual with the noise, and say what follows."""
     rms = [found.noise.rms[run.name] for run in found.runs if run.role == "identify"]
     unit = units_of(found.response)[1]
@@ -138,11 +138,13 @@ def _beside_noise(found: Identification) -> str:
             "The noise of these runs is unknown, so that the residual does not show whether the model lacks physics: "
             "state it in measurements.toml, or record a stretch in which no command moves."
         )
-    beside = f"The residual of the fitted runs is {found.misfit:.3g} times the noise of {level} ({found.noise.source})"
+    comparison = (
+        f"The residual of the fitted runs is {found.misfit:.3g} times the noise of {level} ({found.noise.source})"
+    )
     if not found.is_incomplete:
-        return f"{beside}: nothing in it says that the model lacks something."
+        return f"{comparison}: nothing in it says that the model lacks something."
     return (
-        f"{beside}: the model lacks physics. Values are those that fit best, and no interval is stated, as it would "
+        f"{comparison}: the model lacks physics. Values are the best fit; no interval is stated, as it would "
         "count noise alone. `flexdesign diagnose`, with the same model and runs, finds what is missing."
     )
 

@@ -42,9 +42,9 @@ def _loop(experiment: Experiment, cases: Sequence[Case], name: str, sentences: s
         curves.append(Curve(case.controller, asked if has_command else asked / scale, curve))
     written = f"[{words.sign(unit)}]"
     below = "command [V]" if has_command else f"{axis} asked for {written}"
-    beside = f"{axis} {written}" if has_command else f"motion − reference {written}"
+    label = f"{axis} {written}" if has_command else f"motion − reference {written}"
     what = f"Motion of {axis} over its command" if has_command else f"Error of {axis} over its reference"
-    return Figure.of_traces(f"{name}_loop.svg", Traces([curves], below, [beside], height=3.4), f"{what}{sentences}")
+    return Figure.of_traces(f"{name}_loop.svg", Traces([curves], below, [label], height=3.4), f"{what}{sentences}")
 
 
 def _over_time(experiment: Experiment, cases: Sequence[Case], name: str, sentences: str, unit: str) -> Figure:

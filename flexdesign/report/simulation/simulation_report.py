@@ -169,15 +169,15 @@ def _experiment(simulation: Simulation, experiment: Experiment) -> Section:
 
 def _brief(cases: Sequence[Case]) -> str:
     """Say what a folded experiment found, of its first axis."""
-    told = []
+    texts = []
     for case in cases:
         axis = case.experiment.axes[0]
         found = [
             f"{ALONE.get(q.name) or WORDS[q.name]} {_text(q)}" for q in case.measures.get(axis, ()) if q.name in BRIEF
         ]
         if found:
-            told.append(f"{who(case)}: {', '.join(found)}")
-    return "; ".join(told[:3]) + ("; …" if len(told) > 3 else "")
+            texts.append(f"{who(case)}: {', '.join(found)}")
+    return "; ".join(texts[:3]) + ("; …" if len(texts) > 3 else "")
 
 
 def _gathered(cautions: Sequence[str]) -> list[str]:

@@ -33,7 +33,7 @@ def _sections(found: Optimum) -> list[Section]:
     )
     sections = [
         Section("The optimum", missing, [optimum(found)], pictures),
-        Section("What it gives", [_who(found)], [_quantities(found), *_beside(found)]),
+        Section("What it gives", [_who(found)], [_quantities(found), *_other_quantities(found)]),
     ]
     if len(found.rounds) > 1:
         text = "Each round optimises the formulas times what finite elements found over them in the round before."
@@ -115,7 +115,7 @@ def _name(quantity: Quantity) -> str:
     return f"{name} ({quantity.boundary})" if quantity.boundary else name
 
 
-def _beside(found: Optimum) -> list[Table]:
+def _other_quantities(found: Optimum) -> list[Table]:
     rows = [[quantity.name, quantity.boundary, quantity.formatted()] for quantity in found.further]
     return [Table(["stress, safety, frequency", "holds", "finite elements"], rows)] if rows else []
 

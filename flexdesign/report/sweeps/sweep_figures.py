@@ -19,7 +19,7 @@ from flexdesign.workflows.sweeps.sensitivity import Indices
 Array = NDArray[np.float64]
 #: Most curves of other values in one drawing.
 CURVES = 8
-#: So many points are drawn one by one; more as a picture.
+#: Number of points drawn one by one; more as a picture.
 MANY = 2000
 
 

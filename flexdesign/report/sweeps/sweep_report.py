@@ -25,7 +25,7 @@ from flexdesign.workflows.sweeps.sensitivity import Indices
 
 #: How many designs, reasons of failure and quantities a report has, where nobody says which.
 BEST, REASONS, SHOWN = 10, 8, 4
-#: So many of the best are drawn.
+#: Number of the best designs drawn.
 DRAWN = 4
 #: What everybody asks of an amplifier, in this order.
 DEFAULT_QUANTITIES = (

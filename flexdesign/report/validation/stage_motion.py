@@ -128,12 +128,12 @@ def _coarse(validation: StageValidation) -> list[str]:
     ]
 
 
-def beside_measurements(validation: StageValidation) -> Section:
+def compare_with_measurements(validation: StageValidation) -> Section:
     """Return the section that compares FEM with numbers that have an uncertainty, and says what these can prove."""
     axes = Axes(validation)
     found = [c for c in validation.comparisons if measured(c) and axes.is_listed(c.fem)]
     if not found:
-        return Section("Beside measurements")
+        return Section("Comparison with measurements")
     rows = []
     for comparison in found:
         fem = comparison.fem
@@ -150,7 +150,7 @@ def beside_measurements(validation: StageValidation) -> Section:
         *_amplified(validation, axes, found),
         *_needed(validation, axes, found),
     ]
-    return Section("Beside measurements", text, [Table(columns, rows)])
+    return Section("Comparison with measurements", text, [Table(columns, rows)])
 
 
 def verdict(comparison: Comparison, theirs: Quantity) -> str:

@@ -30,7 +30,7 @@ IntArray = NDArray[np.int64]
 
 #: Exaggerated motions are drawn as large as this fraction of the stage.
 DRAWN = 0.04
-#: So many of the lowest modes are drawn.
+#: Number of the lowest modes drawn.
 DRAWN_MODES = 4
 #: Colours of the table, of other bodies and of hinges, then of kinds of amplifiers.
 TABLE, BODY, HINGE, AMPLIFIERS = "#d9822b", "#a3b3c1", "#41505c", ("#2f7fb5", "#3f9c4d", "#b0529e", "#c9a227")

@@ -34,12 +34,12 @@ def table_1(validation: StageValidation) -> Table:
     for comparison in found:
         fem = comparison.fem
         where = axes.where(fem).removeprefix(f"{axes.label(axis_of(fem))}, ") if axis_of(fem) in axes.head else ""
-        cells = [_beside(validation, comparison, model) for model in models]
+        cells = [_compared(validation, comparison, model) for model in models]
         rows.append([f"{axes.short(fem)}, {where}", formatted(fem), *cells])
     return Table(["", "FEM", *models], rows, "FEM ± estimated discretisation error; in brackets deviations from FEM")
 
 
-def _beside(validation: StageValidation, comparison: Comparison, model: str) -> str:
+def _compared(validation: StageValidation, comparison: Comparison, model: str) -> str:
     """Write a model's number, in the unit of FEM's, and how far it is off."""
     theirs = computed(comparison).get(model)
     if theirs is None:
@@ -75,7 +75,7 @@ def _sections(validation: StageValidation, progress: Progress) -> list[Section]:
         _ladder(validation),
         Section("Shape and deformation", missing, figures=still),
         stage_motion.coupling(validation),
-        stage_motion.beside_measurements(validation),
+        stage_motion.compare_with_measurements(validation),
         stage_motion.tilt(validation),
         stage_motion.modes(validation, vibrating),
         _stage_model(validation),

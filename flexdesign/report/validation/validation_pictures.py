@@ -21,7 +21,7 @@ from flexdesign.workflows.validation import Validation
 
 FloatArray = NDArray[np.float64]
 
-#: So many of the lowest modes are drawn.
+#: Number of the lowest modes drawn.
 DRAWN_MODES = 6
 
 

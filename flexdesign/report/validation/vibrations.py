@@ -13,7 +13,7 @@ from flexdesign.report.document import Figure, Section, Table
 from flexdesign.report.wording import formatted, name_of
 from flexdesign.workflows.validation import Validation
 
-#: So many modes are listed, without the actuator and with it.
+#: Number of modes listed, without the actuator and with it.
 LISTED = 6
 #: The quantities that are extrapolated.
 LIMITS = ("first_frequency", "output_frequency", "output_mass", "output_share")

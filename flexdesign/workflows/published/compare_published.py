@@ -150,15 +150,15 @@ def _solved(folder: PublishedFolder, cache: Cache, progress: Progress) -> Mechan
             remedy = f"{number.boundary}: no such quantity of this design{suggest(number.key, list(ours))}"
             raise InputError(folder.table, f"line {number.line}, column quantity", number.quantity, remedy)
         try:
-            beside = Compared(number, ours[number.key])
-            differs = abs(beside.gap) > beside.allowed
+            row = Compared(number, ours[number.key])
+            differs = abs(row.gap) > row.allowed
         except ValueError as error:
             raise InputError(
                 folder.table, f"line {number.line}, column unit", number.printed.unit, str(error)
             ) from None
         stated = number.kind == "formula" or number.neglects  # a simulation or a part leaves no elasticity out
-        if differs and stated and model is not None and math.isfinite(beside.gap):
-            found_by = closing(model, number, 1 + beside.gap, beside.allowed)
-            beside = replace(beside, closing=found_by, neglected={} if found_by else neglected(model, number))
-        rows.append(beside)
+        if differs and stated and model is not None and math.isfinite(row.gap):
+            found_by = closing(model, number, 1 + row.gap, row.allowed)
+            row = replace(row, closing=found_by, neglected={} if found_by else neglected(model, number))
+        rows.append(row)
     return Mechanism(folder, found, tuple(rows))

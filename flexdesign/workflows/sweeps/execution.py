@@ -112,7 +112,7 @@ def run(
     scheduler
         Address of a Dask scheduler, whose workers see the same files; none uses processes of this machine.
     progress
-        Told what is going on.
+        Receives the progress as text.
 
     Raises
     ------

@@ -116,7 +116,7 @@ def optimise(plan: SweepPlan, *, check: bool = True, progress: Progress = lambda
     check
         Whether finite elements check the optimum and correct the formulas.
     progress
-        Told what is going on.
+        Receives the progress as text.
 
     Raises
     ------

@@ -159,8 +159,8 @@ def _bench(checked: _File, path: Path) -> Bench | None:
 
 def _lying(name: str, path: Path, find: Callable[[str], Path]) -> Path:
     """Return a file next to a sweep, or else is found by its name."""
-    beside = path.parent / name
-    return beside if is_file(beside) else find(name)
+    sibling = path.parent / name
+    return sibling if is_file(sibling) else find(name)
 
 
 def _subject(

@@ -40,7 +40,7 @@ KEYS = ("K_in_output_free", "lambda_output_free", "K_out_input_free")
 COARSENESS = 1.35**2
 #: By how many times the recovered energy a mesh is too stiff at sharp roots, and how well that is known.
 SHORT, DOUBT = 2.0, 1.0
-#: What is left of the doubt in a ratio of two compliances, whose errors mostly cancel.
+#: The remaining error of a ratio of two compliances, whose errors mostly cancel.
 CANCELS = 0.2
 
 

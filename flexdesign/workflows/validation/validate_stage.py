@@ -20,7 +20,7 @@ from flexdesign.fem import cross_axis_coupling, mesh_refinement, stage_condensat
 from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.cross_axis_coupling import Cause, CrossMotion
 from flexdesign.fem.quantities import stage_shares
-from flexdesign.fem.quantities.stage import TOLD
+from flexdesign.fem.quantities.stage import REPORTED_MODES
 from flexdesign.fem.quantities.stage_modes import ModeShares, mode_shares
 from flexdesign.fem.quantities.stage_shares import InputChain, Spring
 from flexdesign.fem.stage_condensation import StageLevel
@@ -181,7 +181,7 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
         causes=cross_axis_coupling.causes(finest),
         springs=stage_shares.springs(finest),
         chains=stage_shares.input_chains(design.stage(), design.material, finest, found[-1]),
-        modes=(mode_shares(finest, 0.0, TOLD), mode_shares(finest, spring, TOLD) if spring else []),
+        modes=(mode_shares(finest, 0.0, REPORTED_MODES), mode_shares(finest, spring, REPORTED_MODES) if spring else []),
         coarsest={**found[0], **_moved(motions)},
         variants={
             label: changed(motions_found, there, sizes[:DRIVEN], by_key(limits)) for label, there in variants.items()
