@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 SHORTEST, FEWEST = 0.15, 24
 #: Time over which a command is looked at [s]; what it may move in it and in a whole stretch, of its span.
 LOOK, STILL, DRIFTED = 0.05, 5e-4, 2e-3
-#: A command jitters if at least this share of its samples differ by little from the one before, and if this share of these
-#: changes go back.
+#: A command jitters if at least this share of its samples differ by little from the one before, and if this share of
+#: these changes go back.
 JITTERS, TURNS = 0.02, 0.5
 #: Two readings of a command are the same if they differ by less than this share of its span; it moves if by more.
 SAME, MOVES = 1e-4, 0.02
