@@ -45,6 +45,29 @@ def test_a_missing_extra(module: str, extra: str, tmp_path: Path, monkeypatch: p
     assert doctor.examine(tmp_path).is_sound
 
 
+@pytest.mark.parametrize(
+    ("arguments", "module", "said"),
+    [
+        (("validate", "bridge_amplifier"), "cadquery", "BridgeAmplifier.solid(): needs cadquery"),
+        (("ports", "a.step"), "OCP.STEPCAFControl", "flexdesign: needs cadquery-ocp"),
+    ],
+)
+def test_a_command_without_its_extra_says_what_to_install(
+    arguments: tuple[str, ...],
+    module: str,
+    said: str,
+    command_line: Callable[..., Any],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The part's own method needs it, or the command itself."""
+    Path("a.step").write_text("ISO-10303-21;")
+    monkeypatch.setitem(sys.modules, module, None)
+    ended = command_line(*arguments)
+    assert ended.code == 2
+    assert ended.stderr.splitlines()[-1].endswith(f"{said}: pip install 'flexdesign[design]'")
+    assert "Traceback" not in ended.stderr
+
+
 def test_no_mkl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     without(monkeypatch, "pypardiso")
     assert item("solver", tmp_path).state == "missing"

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from flexdesign.cli.shared import app
-from flexdesign.core import foreign_code, result_cache
+from flexdesign.core import extras, foreign_code, result_cache
 from flexdesign.core.errors import InputError, printable
 from flexdesign.core.versions import __version__
 
@@ -100,6 +100,11 @@ def main() -> None:
         place = printable(str(error.filename or "a file of a library's cache or of TMPDIR"))
         remedy = f"cannot be written ({os.strerror(error.errno)}); free space"
         typer.echo(f"flexdesign: {place}: {remedy}", err=True)
+        sys.exit(2)
+    except ImportError as error:
+        if not (remedy := extras.remedy(error)):
+            raise
+        typer.echo(f"flexdesign: {remedy}", err=True)
         sys.exit(2)
     except (typer.Abort, KeyboardInterrupt):
         typer.echo("flexdesign: interrupted; what was finished is cached, the same command resumes", err=True)

@@ -19,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Literal, Protocol
 
-from flexdesign.core import data_files, foreign_code
+from flexdesign.core import data_files, extras, foreign_code
 from flexdesign.core.errors import InputError, import_remedy, suggest
 from flexdesign.core.model import Linkage, Parameter, Quantity
 from flexdesign.core.model.linkage import Vector
@@ -339,7 +339,8 @@ def _guard(function: Callable[..., Any], field: str, path: Path) -> Callable[...
         except InputError:
             raise
         except Exception as error:
-            remedy = f"fails with {reason(error, path)}; correct the part, or change the dimensions it fails with"
+            failed = f"fails with {reason(error, path)}; correct the part, or change the dimensions it fails with"
+            remedy = extras.remedy(error) or failed
             raise InputError(path, field, None, remedy) from error
         if function.__name__ == "solid" and not hasattr(answer, "Solids"):
             remedy = "must return a CadQuery shape; the shape of a Workplane is its .val()"
@@ -370,6 +371,6 @@ def _run(path: Path) -> ModuleType:
         del sys.modules[name]
         if isinstance(error, (InputError, KeyboardInterrupt)):
             raise
-        remedy = import_remedy(error) or f"fails with {reason(error, path)}; correct it"
+        remedy = import_remedy(error) or extras.remedy(error) or f"fails with {reason(error, path)}; correct it"
         raise InputError(path, "", None, f"the part file {remedy}") from error
     return module

@@ -16,23 +16,10 @@ from typing import Literal
 
 from flexdesign.core import result_cache, versions
 from flexdesign.core.errors import InputError
+from flexdesign.core.extras import EXTRAS
 from flexdesign.fem.solving.solver import available_memory
 
 State = Literal["ok", "missing", "problem"]
-#: What each extra brings, and its packages: name of the distribution, and of the module.
-EXTRAS: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
-    "design": (
-        "solids, meshes, finite elements and pictures: validate, ports, size, reproduce",
-        (("cadquery", "cadquery"), ("pytetwild", "pytetwild"), ("netgen-mesher", "netgen"),
-         ("scikit-fem", "skfem"), ("meshio", "meshio"), ("pyvista", "pyvista"), ("pillow", "PIL")),
-    ),
-    "import": (
-        "recordings as HDF5, .mat of version 7.3, .tdms, universal files, Parquet",
-        (("h5py", "h5py"), ("npTDMS", "nptdms"), ("pyuff", "pyuff"), ("pyarrow", "pyarrow")),
-    ),
-    "sensitivity": ("Sobol' indices in sweeps", (("SALib", "SALib"),)),
-    "cluster": ("sweeps on several machines", (("dask", "dask"), ("distributed", "distributed"))),
-}  # fmt: skip
 #: Libraries that are always there.
 CORE = ("numpy", "scipy", "numba", "control", "matplotlib", "pint", "pydantic", "typer")
 #: A picture is drawn in a process of its own, which may end without a word; it takes no longer [s].
