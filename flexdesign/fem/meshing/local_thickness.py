@@ -35,11 +35,11 @@ from flexdesign.fem.meshing.thin_regions import Rays, ThinRegions
 FloatArray = NDArray[np.float64]
 
 #: Edges in local thicknesses on the finest mesh, for `at_root` = 0.3: at re-entrant edges, at curved necks, between
-#: planes; and the largest chord error at curved necks in thicknesses of the neck, for every mesh: the gate allows no
-#: more. Netgen's edges at necks are 1.5 times as long as asked; with 0.27 there are two elements across.
+#: planes; and the largest chord error at curved necks in thicknesses of the neck: the gate lets the coarsest of three
+#: pass. Netgen's edges at necks are 1.5 times as long as asked; with 0.27 there are two elements across.
 AT_ROOT = 0.3
 SHARES = {"root": 0.22, "neck": 0.22, "plate": 0.55}
-CHORD = 1.5e-3
+CHORD = 1e-3
 #: Edges at curved necks change with the coarseness to this power.
 NECK_POWER = 1 / 3
 #: Growth of the edge length per distance, and the largest edge in diagonals of the solid.
@@ -215,9 +215,9 @@ class LocalThickness:
         """Return the target edge length."""
         thin, factor = self.thin, self.at_root / AT_ROOT * coarseness
         largest = (self.largest or LARGEST * self._diagonal) * coarseness
-        at_necks = SHARES["neck"] * self.at_root / AT_ROOT * coarseness**NECK_POWER
         chord = np.sqrt(8 * thin.curved * CHORD / self._neck_thickness)
-        shares = np.where(self._curved, np.minimum(at_necks, chord), SHARES["plate"] * factor)
+        at_necks = np.minimum(SHARES["neck"] * self.at_root / AT_ROOT, chord) * coarseness**NECK_POWER
+        shares = np.where(self._curved, at_necks, SHARES["plate"] * factor)
         sizes = shares * thin.thickness
         places = np.vstack([thin.points, thin.points + thin.inward * thin.thickness[:, None] / 2, thin.roots])
         wanted = np.concatenate([sizes, sizes, SHARES["root"] * factor * thin.at_roots])
