@@ -147,11 +147,11 @@ class ConfrontTab:
         session, ticked, work = self.session, tuple(self.ticked), self.client.work
         if session is None or work.is_busy or self.effects.weighed == ticked:
             return
+        self.effects.is_weighing = True
         try:
             if self.shown is not None and self.shown.is_rough:
                 self.shown = await work.in_thread("carrying the fit to its end", session.fit, ticked, yields=True)
                 self._show()
-            self.effects.is_weighing = True
             self.effects.refresh()
             said = "asking each effect what it explains"
             self.effects.offers = await work.in_thread(said, session.evidence, ticked, yields=True)
@@ -198,7 +198,7 @@ class ConfrontTab:
                     ui.button("Export the report", on_click=self._export).props("no-caps outline")
                     ui.button("Save the model", on_click=self._save).props("no-caps outline")
                 self.exported = ui.column().props("aria-live=polite")
-        self.further = LoopAndPlan(self.client, self.session, str(self.model.value), self.ticked)
+        self.further = LoopAndPlan(self.client, self.session, str(self.model.value), self.ticked, self._ask)
         self.further.build()
 
     # --- what is shown --------------------------------------------------------------------------------------------
@@ -331,6 +331,7 @@ class ConfrontTab:
             with self.exported:
                 ui.label("The report is written:")
                 self.client.links(folder)
+        await self._ask()
 
     async def _save(self) -> None:
         name = "stage_model.toml"
@@ -340,3 +341,4 @@ class ConfrontTab:
 
         if (folder := await self._write(write)) is not None:
             ui.download.file(folder / name)
+        await self._ask()

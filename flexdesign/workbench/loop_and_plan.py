@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING
 
 from nicegui import ui
@@ -26,10 +27,19 @@ class LoopAndPlan:
         The confrontation, and what its model was read from.
     ticked
         The effects that are ticked: a list that the tab changes.
+    resume
+        Goes on with the work that this one ended.
     """
 
-    def __init__(self, client: Client, session: Confrontation | None, model: str, ticked: list[str]) -> None:
-        self.client, self.session, self.model, self.ticked = client, session, model, ticked
+    def __init__(
+        self,
+        client: Client,
+        session: Confrontation | None,
+        model: str,
+        ticked: list[str],
+        resume: Callable[[], Awaitable[None]],
+    ) -> None:
+        self.client, self.session, self.model, self.ticked, self.resume = client, session, model, ticked, resume
 
     def build(self) -> None:
         """Lay the cards out."""
@@ -68,20 +78,24 @@ class LoopAndPlan:
         self.planned.clear()
         with self.planned:
             self.client.answer(found, folder)
+        await self.resume()
 
     async def _loop(self) -> None:
         session = self.session
-        if session is None or not await self.client.is_free():
-            return
         self.looped.clear()
         with self.looped:
             if not self.ticked:
                 ui.label("Tick an effect first: the loop is shown without and with it.")
                 return
+        if session is None or not await self.client.is_free():
+            return
         try:
             found = await self.client.work.in_thread("closing the loop", session.loop, self.ticked)
         except Cancelled:
             self.client.notice("Cancelled: no loop was closed.")
+            return
+        except fd.InputError as error:
+            self.client.notice(str(error))
             return
         with self.looped:
             for text in found.document.summary:
@@ -92,3 +106,4 @@ class LoopAndPlan:
             for figure in found.document.figures:
                 ui.html(figure.data.decode(), sanitize=False).classes("w-full fd-svg")
                 ui.label(figure.caption).classes("text-caption")
+        await self.resume()
