@@ -140,7 +140,7 @@ def find(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size:
     elif query.plane:
         found, text = _in_plane(query.plane, faces, where, size), query.plane
     else:
-        found, text = [_find_by_position(query, faces, where, size)], None
+        found, text = _find_by_position(query, faces, where, size), None
     for face in found:
         if face.kind != "plane":
             remedy = f"{face.label} is no plane but a {face.kind}; a port must be plane{_nearest_plane(face, faces)}"
@@ -213,7 +213,8 @@ def _plane(text: str, where: tuple[Any, str]) -> tuple[int, str | float]:
         raise InputError(*where, text, remedy) from None
 
 
-def _find_by_position(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size: float) -> SolidFace:
+def _find_by_position(query: Query, faces: Sequence[SolidFace], where: tuple[Any, str], size: float) -> list[SolidFace]:
+    """Return the nearest face with the normal; of a plane cut in pieces all that meet at the point."""
     if query.point is None or query.normal is None:
         raise InputError(*where, None, 'names no face; give face, colour, plane = "z = max", or point and normal')
     fitting = [face for face in faces if np.dot(face.normal, query.normal) > DIRECTION]
@@ -221,7 +222,10 @@ def _find_by_position(query: Query, faces: Sequence[SolidFace], where: tuple[Any
     if not fitting or _away(nearest, query) > REACH * size:
         remedy = f"no face with this normal is near this point; the nearest is {nearest.label}, {nearest.place}"
         raise InputError(*where, f"({in_mm(query.point)}) mm", remedy)
-    return nearest
+    if nearest.kind != "plane":
+        return [nearest]
+    level = [face for face in fitting if face.kind == "plane" and np.dot(face.normal, nearest.normal) > 1 - 1e-6]
+    return [face for face in level if _away(face, query) < _away(nearest, query) + FLUSH * size]
 
 
 def _away(face: SolidFace, query: Query) -> float:

@@ -156,6 +156,17 @@ def test_faces_in_one_plane_are_one_port(tmp_path: Path) -> None:
     assert len(ports_of(tmp_path)["output"]) == 2
 
 
+@pytest.mark.parametrize(("y", "pieces"), [(0.0, 2), (2.0, 1)])
+def test_a_point_on_the_seam_of_a_plane_means_both_sides(tmp_path: Path, y: float, pieces: int) -> None:
+    """Kernels that mirror a half leave its end face in two pieces."""
+    half = cq.Workplane(origin=(0, 2.5, 0)).box(20, 5, 6).val()
+    exported(half.fuse(half.mirror("XZ")), tmp_path / "part.step", {})
+    query = f'point = ["10 mm", "{y} mm", "0 mm"]\nnormal = [1, 0, 0]'
+    chosen = ports_of(tmp_path, output=query)["output"]
+    areas = [step_file.read(tmp_path / "part.step").solid.Faces()[index].Area() for index in chosen]
+    assert areas == pytest.approx([30.0] * pieces)
+
+
 def test_inches_are_read_as_such(tmp_path: Path) -> None:
     exported(cq.Workplane().box(1, 1, 1).val(), tmp_path / "mm.step", {})
     text = (tmp_path / "mm.step").read_text()
