@@ -142,6 +142,17 @@ def test_unknown_noise_one_size_and_no_validation() -> None:
     assert "u has one size in all runs, 100 V peak to peak" in said(run("a", u, reading(u)), run("b", v, reading(v)))
 
 
+def test_steps_of_several_sizes_are_no_command_of_one_size() -> None:
+    """As pseudo-random steps of random heights, whose whole range is the same in both runs."""
+    heights = [0.0, 100.0, 30.0, 70.0, 20.0, 0.0, 50.0, 90.0]
+    u, v = np.repeat(heights, N // 8), np.repeat(heights[::-1], N // 8)
+    assert "one size" not in said(run("a", u, reading(u)), run("b", v, reading(v)))
+    square = np.repeat([0.0, 100.0] * 4, N // 8)
+    assert "u has one size" in said(run("a", square, reading(square)), run("b", 100 - square, reading(100 - square)))
+    shown = {each.effect for each in coverage.shown(coverage.kinds_of(run("a", u, reading(u)))) if each.kinds}
+    assert {"stress_stiffening", "preload_loss", "driver_bandwidth"} <= shown and "sensor_gain" not in shown
+
+
 def test_too_few_samples_in_a_period() -> None:
     u = multisine(1)
     assert "x rings at about" in said(run("a", u, reading(u, f0=220.0)), clean()[1])

@@ -68,9 +68,14 @@ def shown(kinds: Sequence[str]) -> tuple[Shown, ...]:
     for name in effects.names():
         effect = effects.find(name)
         if effect.acts_in_time:
-            there = tuple(kind for kind in WORDS if kind in kinds and named(effect.reveal, kind))
+            there = tuple(kind for kind in WORDS if kind in kinds and _reveals(kind, effect.reveal))
             found.append(Shown(name, there, "" if there else effect.reveal))
     return tuple(found)
+
+
+def _reveals(kind: str, reveal: str) -> bool:
+    """Tell whether a kind of experiment reveals what the catalogue says: steps, too, make a stage ring."""
+    return named(reveal, kind) or (kind == "steps" and ("resonance" in reveal or "a step recorded" in reveal))
 
 
 def kinds_of(recording: Run | FrequencyResponse) -> tuple[str, ...]:
@@ -154,10 +159,16 @@ def _octaves(values: Array) -> float:
 
 
 def levels_of(runs: Sequence[Run]) -> Mapping[str, tuple[float, float]]:
-    """Return the smallest and the largest span of each command over the runs in which it moves [V]."""
-    spans: dict[str, list[float]] = {}
+    """Return the smallest and the largest size of each command in the runs in which it moves [V].
+
+    Sizes are spans of runs, and jumps between two levels of a staircase.
+    """
+    sizes: dict[str, list[float]] = {}
     for run in runs:
         for name in run.commands:
-            if (span := float(np.ptp(run.columns[name]))) > 0:
-                spans.setdefault(name, []).append(span)
-    return {name: (min(each), max(each)) for name, each in spans.items()}
+            values = run.columns[name]
+            if (span := float(np.ptp(values))) > 0:
+                levels = [float(np.mean(values[first:last])) for first, last in resting(values)]
+                jumps = [size for a, b in pairwise(levels) if (size := abs(b - a)) > STEP * span]
+                sizes.setdefault(name, []).extend([span, *(jumps if len(levels) >= LEVELS else [])])
+    return {name: (min(each), max(each)) for name, each in sizes.items()}

@@ -96,9 +96,13 @@ def _coverage(found: Check) -> list[str]:
         return ["A diagnosis of a static table needs its design: flexdesign diagnose DESIGN TABLE."]
     visible = [each.effect.replace("_", " ") for each in found.shown if each.kinds]
     hidden = [name.replace("_", " ") for name in found.hidden]
-    sentences = [f"A diagnosis can find: {', '.join(visible)}."] if visible else ["These recordings reveal no effect."]
+    sentences = (
+        [f"These recordings can reveal: {', '.join(visible)}."] if visible else ["These recordings reveal no effect."]
+    )
     if hidden:
-        sentences.append(f"It cannot find: {', '.join(hidden)}. flexdesign plan writes commands that reveal effects.")
+        sentences.append(
+            f"No recording here is made to reveal: {', '.join(hidden)}. flexdesign plan writes commands that are."
+        )
     return sentences
 
 
