@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from flexdesign.cli import app
 from flexdesign.core.errors import InputError
 from flexdesign.diagnosis import comparison
-from flexdesign.diagnosis.comparison import Comparison, compare, holds, where
+from flexdesign.diagnosis.comparison import Comparison, compare, holds, reversal, where
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, Driver, StageModel, to_toml
 from flexdesign.estimation.noise.autoregressive import Process
@@ -97,6 +97,19 @@ def test_the_error_of_a_wrong_gain_is_known_beforehand() -> None:
     assert run.r2 == pytest.approx(1 - (run.rms / spread) ** 2, abs=1e-6)
     assert run.of_stroke == pytest.approx(run.rms / np.ptp(run.measured), rel=1e-9)
     assert float(np.mean(run.residual)) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_reversed_sign_is_asked_about() -> None:
+    """A sensor of the other polarity; a wrong gain of the right sign and a still stage are no such thing."""
+    said = [
+        " ".join(comparison_report.summary(compare(model(replace(AXIS, gain=factor * AXIS.gain)), [recorded("a", u)])))
+        for factor, u in ((-1.0, steps()), (0.5, steps()), (-1.0, 0 * steps()))
+    ]
+    assert ["command or of the response reversed" in each for each in said] == [True, False, False]
+    turned, sensed = recorded("a", steps()), recorded("b", steps(), replace(AXIS, gain=-AXIS.gain))
+    residual = sensed.measured() - turned.measured()
+    assert "reversed" in " ".join(reversal.doubts([sensed], {"b": residual}))
+    assert not reversal.doubts([turned], {"a": 0 * residual})
 
 
 def test_every_run_has_an_offset_of_its_own_and_what_to_keep_in_mind() -> None:

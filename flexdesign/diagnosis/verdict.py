@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.diagnosis.comparison import reversal
 from flexdesign.diagnosis.effect_selection.per_run_parameters import ByRun, with_means, with_runs
 from flexdesign.diagnosis.effect_selection.prior_conflicts import Conflict
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData
@@ -248,7 +249,7 @@ def is_adequate(data: DiagnosisData, fit: FittedModel, left: SparseModel) -> boo
 
 def _confidence(data: DiagnosisData, history: SelectionHistory) -> str:
     """Return what weakens the verdict, in words."""
-    remarks = []
+    remarks = reversal.doubts(data.runs, history.nominal.residuals_by_run)
     if not data.noise.known:
         remarks.append(
             "the noise of these runs is unknown: evidence is weighed by the share that is explained, and nothing says "
@@ -283,8 +284,7 @@ def ladder_of(history: SelectionHistory, final: FittedModel) -> list[FittedModel
 
 def _unexplained_on_tests(data: DiagnosisData, fit: FittedModel) -> float:
     """Return the rms residual above the noise of what errors are stated of [response]."""
-    noise_floor = data.noise_rms if data.noise.known else 0.0
-    return math.sqrt(max(data.test_error(fit) ** 2 - noise_floor**2, 0.0))
+    return math.sqrt(max(data.test_error(fit) ** 2 - (data.noise_rms if data.noise.known else 0.0) ** 2, 0.0))
 
 
 def _named(

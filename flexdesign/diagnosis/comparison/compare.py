@@ -14,6 +14,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.diagnosis.axis_noise import noise_of_axis
 from flexdesign.diagnosis.comparison.error_location import Breakdown, where
 from flexdesign.diagnosis.comparison.frequency_response import ResponseComparison, compared_lines
+from flexdesign.diagnosis.comparison.reversal import correlation
 from flexdesign.dynamics.axis import axis_response
 from flexdesign.dynamics.axis.axis_choice import choose_axis
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
@@ -150,6 +151,11 @@ class Comparison:
     def unexplained(self) -> float:
         """Root of the mean square above the noise floor [response]; zero where the error is noise."""
         return math.sqrt(max(self.rms**2 - self.floor**2, 0.0))
+
+    @property
+    def correlation(self) -> float:
+        """Correlation of measured and predicted motion in all runs together; NaN where nothing moves."""
+        return correlation((run.measured, run.predicted) for run in self.runs)
 
     def by(self, what: str) -> Breakdown | None:
         """Return the breakdown by one thing; None if these runs do not show it."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from flexdesign.core import units, versions
 from flexdesign.core.toml_files import FORMAT
-from flexdesign.diagnosis.comparison import Breakdown, Comparison, RunComparison
+from flexdesign.diagnosis.comparison import Breakdown, Comparison, RunComparison, reversal
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.report import comparison_words as words
 from flexdesign.report.comparison_words import units_of
@@ -83,6 +83,8 @@ def summary(found: Comparison) -> list[str]:
         noise = f"the noise ({noise_floor})" if found.noise.known else "no more than what may be noise"
         sentences.append(f"That is {noise}: nothing in these runs says that the model fails.")
         return [*sentences, *lines]
+    if doubt := reversal.question(found.correlation):
+        sentences.append(f"{doubt[0].upper()}{doubt[1:]}?")
     sentences.append(" ".join(words.sentences(found)))
     return [*sentences, *lines]
 
