@@ -148,11 +148,11 @@ class ConfrontTab:
         if session is None or work.is_busy or self.effects.weighed == ticked:
             return
         self.effects.is_weighing = True
+        self.effects.refresh()
         try:
             if self.shown is not None and self.shown.is_rough:
                 self.shown = await work.in_thread("carrying the fit to its end", session.fit, ticked, yields=True)
                 self._show()
-            self.effects.refresh()
             said = "asking each effect what it explains"
             self.effects.offers = await work.in_thread(said, session.evidence, ticked, yields=True)
             self.effects.weighed = ticked
