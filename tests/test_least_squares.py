@@ -68,3 +68,8 @@ def test_only_costs_that_differ_by_more_than_a_last_step_differ() -> None:
     first, second = benchmark.summary(pairs)
     assert "3 problems: both methods reach the same cost in 1; own is lower in 1, SciPy's in 1" in first
     assert "2.00 times the simulations" in second
+
+
+def test_a_case_of_the_trial_is_a_problem() -> None:
+    task = next(benchmark.of_case(20004, benchmark.cases.SEED))
+    assert task.name == "single-20004: calibration" and task.make().dataset.samples > 0

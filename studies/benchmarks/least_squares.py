@@ -182,15 +182,15 @@ def of_case(number: int, seed: int) -> Iterator[Task]:
     """Yield the calibration of a case of the trial, and the fit with what is hidden, if a fit can show it."""
     with tempfile.TemporaryDirectory() as scratch, simulating(1) as each:
         here = Path(scratch)
-        task = cases.make(number, seed)
-        folder.write(task, here, here / "answer.toml")
+        case = cases.make(number, seed)
+        folder.write(case, here, here / "answer.toml")
         model = reading.read(here / folder.MODEL)
         data = prepare(model, recordings.read_runs([here / folder.RUNS]), None, None)
         dynamics, task = case_of(model, data, each, lambda _: None)
         held = undetermined(task, dynamics)
         task = replace(task, free=tuple(name for name in task.free if name not in held))
         start = grid_frequency(task, grid_delay(task, dynamics))
-        yield Task(f"{task.name}: calibration", _making(task, start, ()))
+        yield Task(f"{case.name}: calibration", _making(task, start, ()))
         fit = calibrate(task, start)
         if fit is None:
             return
@@ -198,9 +198,9 @@ def of_case(number: int, seed: int) -> Iterator[Task]:
         if (fit := fit_model(task, fit.model)) is None:
             return
         every = candidates(dynamics, (), periodic_disturbances.frequencies(data, fit))
-        for effect in (each for each in every if each.name in task.effects):
+        for effect in (each for each in every if each.name in case.effects):
             making = _making(task, _begun(task, fit.model, effect), (effect,))
-            yield Task(f"{task.name}: with {effect.name}", making, _known(fit.solution.columns(), making()))
+            yield Task(f"{case.name}: with {effect.name}", making, _known(fit.solution.columns(), making()))
 
 
 def _known(columns: Columns, problem: Problem) -> Columns:
