@@ -536,7 +536,7 @@ def test_formulas_that_cannot_be_used_are_refused_before_anything_is_solved(
     def solved(*_: object) -> None:
         raise AssertionError("it was solved")
 
-    monkeypatch.setattr(mesh_refinement, "refined", solved)
+    monkeypatch.setattr(mesh_refinement, "refine", solved)
     part = changed(PART, FORMULAS, ANSWERS).replace("return {}", f"return {answer}", 1)
     (tmp_path / "leaf.py").write_text(part)
     (tmp_path / "leaf.toml").write_text(USES_PART)
@@ -569,7 +569,7 @@ def test_what_a_method_returns_is_examined_before_anything_is_solved(
     def solved(*_: object) -> None:
         raise AssertionError("it was solved")
 
-    monkeypatch.setattr(mesh_refinement, "refined", solved)
+    monkeypatch.setattr(mesh_refinement, "refine", solved)
     answers = {"formulas": f"{{'PRB': [{QUANTITY}]}}", "formula_shares": "{}", "intermediates": "{}", method: answer}
     part = changed(PART, FORMULAS, ANSWERS)
     for name in answers:

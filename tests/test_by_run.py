@@ -17,7 +17,7 @@ from flexdesign.diagnosis import Diagnosis, add_effect, diagnose
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.measurements.recordings import Run
-from flexdesign.report.diagnosis import diagnosis_report, diagnosis_result, diagnosis_words
+from flexdesign.report.diagnosis import diagnosis_report, diagnosis_result, diagnosis_text
 
 Array = NDArray[np.float64]
 AXIS = AxisModel(118.3, 0.03, 1.98e-6, uncertainty={"natural_frequency": 0.02, "gain": 0.1, "damping_ratio": 1.0})
@@ -102,7 +102,7 @@ def test_the_report_has_the_value_of_each_run() -> None:
     document = diagnosis_report.document(found, [])
     (table,) = (t for section in document.sections for t in section.tables if "run to run" in (t.caption or ""))
     assert [row[0] for row in table.rows] == [f"run{k}" for k in range(6)]
-    assert "differs from run to run, from" in diagnosis_words.effect(found, found.effects[0])
+    assert "differs from run to run, from" in diagnosis_text.effect(found, found.effects[0])
 
 
 def test_an_effect_that_is_added_may_differ_from_run_to_run() -> None:

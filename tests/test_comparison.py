@@ -24,7 +24,7 @@ from flexdesign.estimation.noise.autoregressive import Process
 from flexdesign.estimation.noise.whitening import Coloured
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import Run, write_run
-from flexdesign.report import comparison_words, render
+from flexdesign.report import comparison_text, render
 from flexdesign.report.diagnosis import comparison_report
 
 Array = NDArray[np.float64]
@@ -243,7 +243,7 @@ def test_nothing_above_the_noise_has_no_shares() -> None:
 
 
 def test_sentences_say_where() -> None:
-    said = comparison_words.sentences(creeping())
+    said = comparison_text.sentences(creeping())
     assert len(said) == 3
     assert said[0].startswith("It fails mostly in steps: ")
     assert said[1].startswith("It fails mostly below 0.71 Hz: ")

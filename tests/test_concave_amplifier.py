@@ -243,7 +243,7 @@ def test_error_estimates_contain_the_hexahedra() -> None:
         ([compliance.amplification for compliance in found], known.lambda_output_free),
         ([compliance.output_stiffness(0.0) for compliance in found], known.K_out_input_free),
     ):
-        limit = convergence.extrapolate(values, sizes, scatter=method.scatter)
+        limit = convergence.extrapolate(values, sizes, mesh_noise=method.scatter)
         assert limit.error < 0.02 * limit.value
         assert abs(limit.value - reference) < limit.error + 5e-3 * reference
 

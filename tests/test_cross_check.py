@@ -14,7 +14,7 @@ from flexdesign.core.result_cache import Cache
 from flexdesign.design import study
 from flexdesign.fem import mesh_refinement
 from flexdesign.fem.meshing import methods
-from flexdesign.report.validation import cross_check_words
+from flexdesign.report.validation import cross_check_text
 from flexdesign.workflows.validation import CrossCheck, Validation, Way, validate
 from flexdesign.workflows.validation.cross_check import KEYS
 
@@ -27,8 +27,8 @@ STOUT = (
     "output.large_steps=0",
     "mesh.cross_check=true",
 )
-DEFAULT = {"WILD_GRADING": methods.WILD_GRADING, "EXTRUDED_GRADING": methods.EXTRUDED_GRADING}
-COARSE = {"WILD_GRADING": (0.8, 1.0), "EXTRUDED_GRADING": (0.2, 0.9)}
+DEFAULT = {"UNSTRUCTURED_GRADING": methods.UNSTRUCTURED_GRADING, "EXTRUDED_GRADING": methods.EXTRUDED_GRADING}
+COARSE = {"UNSTRUCTURED_GRADING": (0.8, 1.0), "EXTRUDED_GRADING": (0.2, 0.9)}
 
 
 def way(k_in: float, sigma: float, planes: str = "xz", method: str = "extruded") -> Way:
@@ -53,16 +53,16 @@ def test_a_difference_is_relative_and_in_combined_estimates() -> None:
 def test_ways_agree_within_their_combined_estimate(k_in: float, agrees: bool) -> None:
     check = CrossCheck(way(2000e3, 3e3), (way(2000e3, 1e3, ""), way(k_in, 4e3, "", "wild")))
     assert check.agrees == agrees
-    told = cross_check_words.verdict(check)
+    told = cross_check_text.verdict(check)
     assert ("do NOT agree" in told) != agrees
     assert told.startswith("Cross-check: 3 ways") and "K_in, unstructured meshes of the whole part" in told
-    assert cross_check_words.result(check)["agrees"] == agrees  # type: ignore[index]
+    assert cross_check_text.result(check)["agrees"] == agrees  # type: ignore[index]
 
 
 def test_a_way_without_an_answer_is_told_and_agrees_with_nothing() -> None:
     check = CrossCheck(way(2000e3, 3e3), (Way("wild", "", {}, failure="too little memory"),))
     assert not check.agrees
-    section = cross_check_words.section(check)
+    section = cross_check_text.section(check)
     assert "nothing could be cross-checked" in section.paragraphs[0]
     assert "Unstructured meshes of the whole part gave no answer: too little memory." in section.paragraphs
     assert len(section.tables[0].rows) == 1 and not section.tables[1].rows
@@ -103,7 +103,7 @@ def test_an_amplifier_is_solved_in_four_ways(found: Validation) -> None:
         assert relative != 0 and estimates < 2.0  # meshed anew, not taken over
     for method in ("extruded", "wild"):
         assert by_way[method, ""].unknowns > 2 * by_way[method, "xz"].unknowns
-    told = cross_check_words.result(check)
+    told = cross_check_text.result(check)
     assert told is not None and [w["chosen"] for w in told["ways"]] == [True, False, False, False]
     assert all(len(w["quantities"]) == 3 and w["seconds"] > 0 for w in told["ways"])
 
@@ -117,7 +117,7 @@ def test_four_ways_to_solve_an_amplifier_agree(cache: Cache, monkeypatch: pytest
         study.read("bridge_amplifier", ["output.large_steps=0", "mesh.cross_check=true"]), cache
     ).cross_check
     assert check is not None and len(check.answered) == 3
-    assert check.worst()[2] < 2.0, cross_check_words.verdict(check)
+    assert check.worst()[2] < 2.0, cross_check_text.verdict(check)
     assert all(abs(way.difference(check.chosen, key)[0]) < 0.02 for way in check.others for key in KEYS)
 
 
@@ -135,7 +135,7 @@ def test_a_second_cross_check_comes_from_the_cache(
 def test_a_mesh_that_cannot_be_had_is_an_answer(
     found: Validation, cache: Cache, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solved = mesh_refinement.refined
+    solved = mesh_refinement.refine
 
     def refined(
         asked: study.Study, part: object, body: object, method: object, *others: object, omit: int = 0
@@ -144,7 +144,7 @@ def test_a_mesh_that_cannot_be_had_is_an_answer(
             raise InputError(Path("design.toml"), "mesh", None, "not enough memory")
         return solved(asked, part, body, method, *others, omit=omit)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(mesh_refinement, "refined", refined)
+    monkeypatch.setattr(mesh_refinement, "refine", refined)
     check = validate(study.read("bridge_amplifier", STOUT), cache).cross_check
     assert check is not None and [w.method for w in check.answered] == ["extruded"]
     assert {w.failure for w in check.others} == {"", "not enough memory"}

@@ -32,7 +32,7 @@ from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
 from flexdesign.measurements import recordings as runs
 from flexdesign.measurements.recordings import Run
-from flexdesign.report.diagnosis import diagnosis_charts, diagnosis_report, diagnosis_result, diagnosis_words
+from flexdesign.report.diagnosis import diagnosis_charts, diagnosis_report, diagnosis_result, diagnosis_text
 
 DEMO = Path(__file__).parent.parent / "studies" / "hidden_effect_demo"
 ANSWER = tomllib.loads((DEMO / "answer.toml").read_text())
@@ -131,7 +131,7 @@ def test_where_it_failed_is_where_the_effect_acts() -> None:
 
 
 def test_words_are_those_of_a_mechanical_engineer() -> None:
-    said = " ".join(diagnosis_words.summary(diagnosed(), ()))
+    said = " ".join(diagnosis_text.summary(diagnosed(), ()))
     for part in (
         "Missing: stress stiffening.",
         "1/mm^2 (95 %:",
@@ -160,13 +160,13 @@ def test_the_report_opens_with_ladder_and_has_every_section() -> None:
 def test_effects_beside_a_remainder_are_said_with_it() -> None:
     """In one sentence after the effects: how much, of the noise and of the stroke."""
     found = replace(diagnosed(), remainder_rms=4e-7, stroke=2e-4, noise_floor=4e-8, remainder="the residual is slow")
-    said = diagnosis_words.summary(found, ())
+    said = diagnosis_text.summary(found, ())
     assert said[0].endswith(
         "What remains, 0.400 µm (10 times the noise, 0.20 % of the stroke), is no effect that is known here."
     )
     assert any(part.startswith("What remains looks like this.") and "The residual is slow." in part for part in said)
     unsaid = replace(found, noise=replace(found.noise, known=False))
-    assert diagnosis_words.summary(unsaid, ())[0].endswith(
+    assert diagnosis_text.summary(unsaid, ())[0].endswith(
         "the noise is unknown. What remains, 0.400 µm (0.20 % of the stroke), is no effect that is known here."
     )
     result = diagnosis_result.result(found, ())["remainder"]
@@ -175,9 +175,9 @@ def test_effects_beside_a_remainder_are_said_with_it() -> None:
 
 
 def test_numbers_that_the_runs_do_not_show_are_said() -> None:
-    said = " ".join(diagnosis_words.summary(replace(diagnosed(), undetermined=("natural_frequency",)), ()))
+    said = " ".join(diagnosis_text.summary(replace(diagnosed(), undetermined=("natural_frequency",)), ()))
     assert "These runs do not determine natural frequency" in said
-    assert "do not show" not in " ".join(diagnosis_words.summary(diagnosed(), ()))
+    assert "do not show" not in " ".join(diagnosis_text.summary(diagnosed(), ()))
 
 
 # --- the other verdicts ---------------------------------------------------------------------------------------------
@@ -186,14 +186,14 @@ def test_numbers_that_the_runs_do_not_show_are_said() -> None:
 def test_nothing_missing_names_nothing() -> None:
     found = diagnosed()
     clean = replace(found, verdict="nothing-missing", effects=(), error_ladder=found.error_ladder[:2], candidates=())
-    said = " ".join(diagnosis_words.summary(clean, ()))
+    said = " ".join(diagnosis_text.summary(clean, ()))
     assert said.startswith("Nothing is missing.")
     assert "stiffening" not in said
     assert not any("What it is" in section.title for section in diagnosis_report.document(clean, ()).sections)
 
 
 def test_unknown_says_what_it_looks_like_and_what_comes_near() -> None:
-    said = " ".join(diagnosis_words.summary(unknown(), ()))
+    said = " ".join(diagnosis_text.summary(unknown(), ()))
     assert said.startswith("Something is missing, and no effect known here explains a large and certain share of it.")
     assert "force: position^3" in said
     assert "Possible, but not certain: preload loss." in said and "flexdesign add MODEL preload_loss RUNS" in said
@@ -209,7 +209,7 @@ def test_what_cannot_be_told_apart_comes_with_the_experiment_that_would() -> Non
     # Odd or even in the position: runs about one bias cannot tell, one that reaches far on one side can.
     assert best.over_noise > 3
     assert best.difference == pytest.approx(best.over_noise * found.noise_floor)
-    said = diagnosis_words.apart(GROUP, (told,))
+    said = diagnosis_text.apart(GROUP, (told,))
     assert said.startswith("These runs do not distinguish stress stiffening from quadratic stiffness.")
     assert f"{best.command.name.replace('_', ' ')} " in said
     result = diagnosis_result.result(found, (told,))
@@ -223,7 +223,7 @@ def test_a_stage_without_limits_is_told_what_is_missing_for_experiments() -> Non
     (told,) = discriminating_experiments.proposals(replace(found, model=replace(found.model, axes={"x": bare})))
     assert not told.resolved
     assert told.reason
-    assert told.reason in diagnosis_words.apart(GROUP, (told,))
+    assert told.reason in diagnosis_text.apart(GROUP, (told,))
 
 
 def test_pictures_suit_the_effect() -> None:

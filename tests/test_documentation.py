@@ -276,10 +276,8 @@ def test_code_uses_the_words_of_the_field(folder: str) -> None:
 OLD_REPORTS = {
     "error_bars",
     "bridge_amplifier",
-    "hidden_effect_demo",
     "lin2019",
     "lin2019_experiments",
-    "lin2019_gains",
 }
 
 

@@ -29,7 +29,7 @@ from flexdesign.report.diagnosis import (
     comparison_report,
     diagnosis_report,
     diagnosis_result,
-    diagnosis_words,
+    diagnosis_text,
     response_pages,
 )
 
@@ -147,7 +147,7 @@ def test_a_lag_of_another_law_is_no_lag_without_a_remainder() -> None:
     found = found_in(measured(FAST, GAIN * mode(FAST) / (1 + (1j * FAST / 200.0) ** 0.6)))
     assert found.remainder_rms > 10 * found.noise_floor
     assert {named.name for named in found.effects} <= {"driver_bandwidth", "sensor_bandwidth"}
-    said = diagnosis_words.verdict(found)
+    said = diagnosis_text.verdict(found)
     if found.effects:
         assert "What remains, " in said and "is no effect that is known here" in said
         assert "of the line)" in said and "stroke" not in said
@@ -252,7 +252,7 @@ def test_errors_are_shares_of_the_line() -> None:
     ladder = diagnosis_report.ladder_of(found)
     assert dict(zip(ladder.columns, ladder.rows[0], strict=True))["of the line"] == "4.8 %"
     assert found.validation_error < response_pages.line_size(found)
-    assert "of the line" in diagnosis_words.verdict(found)
+    assert "of the line" in diagnosis_text.verdict(found)
 
 
 def test_the_commands_take_a_file(tmp_path: Path) -> None:

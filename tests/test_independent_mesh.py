@@ -13,10 +13,10 @@ from flexdesign.core.result_cache import Cache
 from flexdesign.design import study as studies
 from flexdesign.fem.meshing import domain
 from flexdesign.fem.meshing.mesh import MeshError
-from flexdesign.fem.meshing.methods import Wild
+from flexdesign.fem.meshing.methods import Unstructured
 from flexdesign.fem.solving.elasticity import Elasticity
 from flexdesign.report.render import to_markdown
-from flexdesign.report.validation import independent_words, validation_report
+from flexdesign.report.validation import independent_text, validation_report
 from flexdesign.workflows.validation import IndependentCheck, Validation, independent_mesh, validate
 
 #: Coarse, and without what takes time elsewhere.
@@ -67,7 +67,7 @@ def test_recovery_is_exact_for_a_uniform_strain(store: Cache) -> None:
     part = study.design.part()
     body = domain.of_part(part, chord=domain.chord(part))
     method = independent_mesh.mesh_refinement.method_of(study, part, body)
-    mesh, _ = independent_mesh.mesh_refinement.meshed(
+    mesh, _ = independent_mesh.mesh_refinement.make_mesh(
         method, body, 2.5, part.linkage().of_kind("hinge"), store, lambda _: None
     )
     elastic = Elasticity(mesh, study.design.material)
@@ -81,9 +81,9 @@ def test_a_report_that_is_off_is_said_to_be(check: IndependentCheck) -> None:
     off = {**check.chosen, key: replace(check.chosen[key], value=1.05 * check.chosen[key].value)}
     other = replace(check, chosen=off)
     assert not other.agrees
-    said = independent_words.verdict(other)
+    said = independent_text.verdict(other)
     assert "does NOT agree" in said and "input stiffness" in said
-    assert independent_words.result(other)["agrees"] is False  # type: ignore[index]
+    assert independent_text.result(other)["agrees"] is False  # type: ignore[index]
 
 
 def test_report_and_result_have_it(found: Validation) -> None:
@@ -119,15 +119,15 @@ def test_a_mesher_that_fails_is_said_and_stops_nothing(
     def refused(*_: object) -> None:
         raise MeshError("no tetrahedra")
 
-    monkeypatch.setattr(Wild, "mesh", refused)
+    monkeypatch.setattr(Unstructured, "mesh", refused)
     empty = Cache(tmp_path / "cache")
     empty.prepare()
     study = found.study
     reported = by_key([c.fem for c in found.comparisons])
     check = independent_mesh.run(study, study.design.part(), found.domain, reported, empty, lambda _: None)
     assert not check.agrees and check.failure == "no tetrahedra"
-    assert "gave no answer: no tetrahedra" in independent_words.verdict(check)
-    assert independent_words.section(check).paragraphs
+    assert "gave no answer: no tetrahedra" in independent_text.verdict(check)
+    assert independent_text.section(check).paragraphs
 
 
 # --- masses of (18) to (22) beside the modes -----------------------------------------------------------------------

@@ -17,7 +17,7 @@ from flexdesign.core.errors import InputError
 from flexdesign.design import materials
 from flexdesign.design.materials import Crystal, Fatigue
 from flexdesign.design.materials.crystal import WAFER, engineering, isotropic, matrix
-from flexdesign.report import strength_words
+from flexdesign.report import strength_text
 from tests.conftest import Ended
 
 LIBRARY = materials.library()
@@ -212,14 +212,14 @@ def test_goodman_s_line_ends_at_the_tensile_strength() -> None:
 
 
 def test_the_report_says_what_is_known_and_what_is_not() -> None:
-    static, fatigue = strength_words.strengths(LIBRARY["Al 7075-T6"])
+    static, fatigue = strength_text.strengths(LIBRARY["Al 7075-T6"])
     assert "503 MPa (ASM Handbook" in static
     assert "amplitude 159 MPa at 5 x 10^8 cycles, stress ratio -1" in fatigue and "tensile strength, 572 MPa" in fatigue
-    static, fatigue = strength_words.strengths(SILICON)
+    static, fatigue = strength_text.strengths(SILICON)
     assert "No yield strength of Si is known" in static and "breaks without yielding" in static
     assert "No fatigue data of Si are known" in fatigue
     sensitive = Fatigue.model_validate({**TESTED, "mean_stress_sensitivity": 0.25})
-    told = strength_words.strengths(dataclasses.replace(LIBRARY["AZ31B"], fatigue=sensitive))[1]
+    told = strength_text.strengths(dataclasses.replace(LIBRARY["AZ31B"], fatigue=sensitive))[1]
     assert "a mean stress takes 0.25 of itself from that" in told
 
 

@@ -15,7 +15,7 @@ from flexdesign.core.model import Quantity
 from flexdesign.diagnosis import initialised_comparison
 from flexdesign.dynamics import stage_model
 from flexdesign.measurements import recordings
-from flexdesign.report import comparison_words as words
+from flexdesign.report import comparison_text as words
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

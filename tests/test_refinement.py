@@ -16,7 +16,7 @@ from flexdesign.fem import mesh_refinement, stage_condensation
 from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.meshing import domain, methods
 from flexdesign.fem.meshing.mesh import MeshError
-from flexdesign.fem.meshing.methods import Extruded, Grading, Wild
+from flexdesign.fem.meshing.methods import Extruded, Grading, Unstructured
 from studies.error_bars.designs import PARTS
 
 SIZES = (2e-5, 1e-5)
@@ -41,7 +41,7 @@ def refined(
     nothing: Any = None
     asked, method = study.read("bridge_amplifier"), SimpleNamespace(require_room=lambda _: None)
     return (
-        mesh_refinement.refined(asked, nothing, nothing, cast(Any, method), Cache(tmp_path), said.append),
+        mesh_refinement.refine(asked, nothing, nothing, cast(Any, method), Cache(tmp_path), said.append),
         said,
         whole,
     )
@@ -78,12 +78,12 @@ def test_a_mesh_that_a_second_try_may_better_is_tried_again_and_only_a_good_one_
     method = Stubborn(Extruded(Grading(body, part.linkage().members, 0.2, 1.2, None)), refused, tries)
     cache, said = Cache(tmp_path), list[str]()
     if refused < tries:
-        _, checks = mesh_refinement.meshed(method, body, 1.0, hinges, cache, said.append)
+        _, checks = mesh_refinement.make_mesh(method, body, 1.0, hinges, cache, said.append)
         assert len(checks) == 4 and all(check.passed for check in checks)
-        mesh_refinement.meshed(method, body, 1.0, hinges, cache, said.append)
+        mesh_refinement.make_mesh(method, body, 1.0, hinges, cache, said.append)
     else:
         with pytest.raises(MeshError, match="upside down"):
-            mesh_refinement.meshed(method, body, 1.0, hinges, cache, said.append)
+            mesh_refinement.make_mesh(method, body, 1.0, hinges, cache, said.append)
     assert method.meshed == meshed
     assert said.count("meshing again: upside down") == min(refused, tries - 1)
 
@@ -92,12 +92,12 @@ def test_a_mesh_that_a_second_try_may_better_is_tried_again_and_only_a_good_one_
 WIDE, NARROW = "40 mm", "4 mm"
 
 
-def wild(changes: list[str]) -> tuple[study.Study, Any, domain.Domain, Wild]:
+def wild(changes: list[str]) -> tuple[study.Study, Any, domain.Domain, Unstructured]:
     asked = study.read(str(PARTS / "notched_lever.toml"), ["mesh.method=wild", *changes])
     part = asked.design.part()
     body = domain.of_part(part, chord=domain.chord(part))
     method = mesh_refinement.method_of(asked, part, body)
-    assert isinstance(method, Wild)
+    assert isinstance(method, Unstructured)
     return asked, part, body, method
 
 
@@ -108,9 +108,9 @@ def test_a_wild_mesh_without_end_is_refused_before_anything_is_meshed(
     asked, part, body, method = wild([f'dimensions.width="{WIDE}"'])
     said = r"about 0\.\d+ million tetrahedra, and 0\.5 million are .* 24 GiB.*\"extruded\", a larger mesh\.at_root"
     with pytest.raises(InputError, match=said):
-        mesh_refinement.refined(asked, part, body, method, Cache(tmp_path), pytest.fail)
+        mesh_refinement.refine(asked, part, body, method, Cache(tmp_path), pytest.fail)
     with pytest.raises(MeshError, match=said):
-        mesh_refinement.meshed(method, body, 1.0, part.linkage().of_kind("hinge"), Cache(tmp_path), pytest.fail)
+        mesh_refinement.make_mesh(method, body, 1.0, part.linkage().of_kind("hinge"), Cache(tmp_path), pytest.fail)
     for changes in ([f'dimensions.width="{NARROW}"'], [f'dimensions.width="{WIDE}"', "mesh.at_root=0.8"]):
         wild(changes)[3].require_room(1.0)
 
@@ -131,11 +131,11 @@ def test_an_accuracy_that_two_meshes_may_reach_asks_for_room_for_these_alone(
     nothing: Any = None
     method: Any = SimpleNamespace(require_room=tried.append, scatter=MeshNoise(0.0))
     monkeypatch.setattr(mesh_refinement, "_level", lambda *_, **__: None)
-    monkeypatch.setattr(mesh_refinement, "gathered", lambda *_: [])
+    monkeypatch.setattr(mesh_refinement, "gather_quantities", lambda *_: [])
     monkeypatch.setattr(mesh_refinement, "is_converged", lambda *_: True)
     for changes in ([], ['mesh.accuracy="1 %"']):
         asked = study.read("bridge_amplifier", changes)
-        mesh_refinement.refined(asked, nothing, nothing, method, Cache(tmp_path), pytest.fail)
+        mesh_refinement.refine(asked, nothing, nothing, method, Cache(tmp_path), pytest.fail)
     assert tried == [1.0, pytest.approx(1.35)]
 
 
@@ -166,15 +166,17 @@ def found(k_in: float, ratio: float) -> dict[str, Quantity]:
 
 def test_an_amplification_that_does_not_move_inherits_the_scatter_of_the_stiffness() -> None:
     meshes = [found(1.02e6, -10.0), found(1.01e6, -10.0)]
-    k_in, ratio = mesh_refinement.limits(meshes, SIZES, MeshNoise(0.0, 0.25))
+    k_in, ratio = mesh_refinement.extrapolate_quantities(meshes, SIZES, MeshNoise(0.0, 0.25))
     assert ratio.value == -10.0 and k_in.half_width is not None and ratio.half_width is not None
     assert 0.0 < ratio.half_width / 10 < k_in.half_width / k_in.value
-    _, alone = mesh_refinement.limits(meshes, SIZES, MeshNoise(1e-4))
+    _, alone = mesh_refinement.extrapolate_quantities(meshes, SIZES, MeshNoise(1e-4))
     assert alone.half_width is not None and alone.half_width / 10 < 1e-3  # a mesher without such scatter
 
 
 def test_the_estimated_error_is_the_largest() -> None:
-    quantities = mesh_refinement.limits([found(1.02e6, -10.0), found(1.01e6, -10.0)], SIZES, MeshNoise(0.0, 0.25))
+    quantities = mesh_refinement.extrapolate_quantities(
+        [found(1.02e6, -10.0), found(1.01e6, -10.0)], SIZES, MeshNoise(0.0, 0.25)
+    )
     assert mesh_refinement.estimated_error(quantities) == pytest.approx(quantities[0].half_width / quantities[0].value)
 
 

@@ -19,7 +19,7 @@ from flexdesign.dynamics import stage_model
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import AxisModel, StageModel, to_toml
 from flexdesign.measurements.recordings import FrequencyResponse
-from flexdesign.report.diagnosis import diagnosis_result, diagnosis_words
+from flexdesign.report.diagnosis import diagnosis_result, diagnosis_text
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -108,7 +108,7 @@ def test_a_further_mode_is_written_and_read_and_comes_after_the_first(tmp_path: 
     assert set(again.effects) == {"second_mode", "second_mode.2"}
     assert again.numbers["second_mode.2.frequency"] == pytest.approx(180.0, rel=1e-3)
     # In words and in numbers both are told apart.
-    assert "another second mode (second_mode.2)" in diagnosis_words.verdict(found)
+    assert "another second mode (second_mode.2)" in diagnosis_text.verdict(found)
     result = diagnosis_result.result(found, [])
     assert [each["name"] for each in result["effects"]] == ["second_mode", "second_mode.2"]
     json.dumps(result, allow_nan=False)

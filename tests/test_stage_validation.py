@@ -34,7 +34,7 @@ from flexdesign.fem.superelements import second_order, superelement
 from flexdesign.fem.superelements.superelement import Superelement
 from flexdesign.report import published_rows
 from flexdesign.report.validation import stage_report
-from flexdesign.report.validation.stage_words import Axes
+from flexdesign.report.validation.stage_text import Axes
 from flexdesign.workflows import stage_sizing
 from flexdesign.workflows.sweeps import fem_evaluators
 from flexdesign.workflows.validation import stage_published, stage_variants
@@ -485,7 +485,7 @@ def test_a_stage_is_refined_until_its_estimate_is_small_enough(
     monkeypatch.setattr(stage_condensation, "condense", condensed)
     study = replace(run.found.study, mesh=run.found.study.mesh.model_copy(update={"accuracy": asked}))
     levels = stage_condensation.refine(study, run.found.assembly, Cache(run.cache))
-    limits = [stage_condensation.gathered(levels[:count]) for count in range(2, len(levels) + 1)]
+    limits = [stage_condensation.gather_quantities(levels[:count]) for count in range(2, len(levels) + 1)]
     errors = [mesh_refinement.estimated_error(limit) for limit in limits]
     assert all(error > asked for error in errors[:-1]) and (errors[-1] <= asked or len(levels) == MOST_LEVELS)
     assert lengths == sorted(lengths, reverse=True) and lengths[0] == study.mesh.refinement
@@ -626,7 +626,9 @@ def test_the_shipped_stage_has_what_it_was_sized_to(tmp_path: Path) -> None:
     store = Cache(tmp_path)
     store.prepare()
     levels = stage_condensation.refine(study, study.design.stage().assembly(), store)
-    rows = stage_sizing.rows_of("lin2019_stage_targets", study.design, by_key(stage_condensation.gathered(levels)))
+    rows = stage_sizing.rows_of(
+        "lin2019_stage_targets", study.design, by_key(stage_condensation.gather_quantities(levels))
+    )
     assert len(rows) == 11
     for row in rows:
         assert row.met or (row.target.kind == "elements" and abs(row.off) < 0.02), row

@@ -21,7 +21,7 @@ from flexdesign.design import design
 from flexdesign.diagnosis.comparison import static_table as comparison
 from flexdesign.diagnosis.static_tables import diagnose
 from flexdesign.effects.hinge_compliance import beam, roots, taper
-from flexdesign.report.diagnosis import table_report, table_words
+from flexdesign.report.diagnosis import table_report, table_text
 from studies.static_trial.cases import STACK, case, references
 
 BRIDGE = design.read(design.find("bridge_amplifier"))
@@ -84,7 +84,7 @@ def test_one_hinge_of_eight_is_named_as_such(hinge, seed):
 def test_the_report_says_which_hinge_it_may_be():
     found = diagnose.diagnose(MODEL, one_hinge("hinge_inner_ur", lambda t: 0.5 * t, noise=0.002))
     assert found.found.names == ("one_member",)
-    said = " ".join(table_words.summary(found))
+    said = " ".join(table_text.summary(found))
     assert "hinge_inner_ur, hinge_inner_ul, hinge_inner_lr or hinge_inner_ll" in said
     assert table_report.diagnosis_result(found)["effects"]["one_member"]["number"]["value"] == 1
 

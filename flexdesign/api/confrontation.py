@@ -23,8 +23,8 @@ from flexdesign.diagnosis.confronted import Confronted
 from flexdesign.diagnosis.effect_names import own_effects
 from flexdesign.diagnosis.result import Value
 from flexdesign.dynamics.stage_model import StageModel, edit
-from flexdesign.report import comparison_words
-from flexdesign.report.diagnosis import addition_report, confrontation_report, diagnosis_words
+from flexdesign.report import comparison_text
+from flexdesign.report.diagnosis import addition_report, confrontation_report, diagnosis_text
 from flexdesign.report.document import Document
 
 Progress = Callable[[str], None]
@@ -167,16 +167,16 @@ class Confrontation:
         runs = {each.name: each for each in found.compared_runs}
         if run not in runs:
             raise KeyError(f"{run}{suggest(run, list(runs))}")
-        response = diagnosis_words.response(found)
-        large, small = comparison_words.units_of(response)
+        response = diagnosis_text.response(found)
+        large, small = comparison_text.units_of(response)
         if runs[run].noise_floor < 0.1 * units.factor(small, response):
-            small = comparison_words.FINER.get(small, small)
+            small = comparison_text.FINER.get(small, small)
         its, scale, fine = runs[run], *(units.factor(unit, response) for unit in (large, small))
         there = np.where(np.isfinite(its.measured), 1.0, np.nan)
         return Traces(
             run, its.role, its.time, its.command, its.measured / scale, its.predicted * there / scale,
             its.residual / fine, its.noise_floor / fine, its.ratio,
-            comparison_words.sign(large), comparison_words.sign(small),
+            comparison_text.sign(large), comparison_text.sign(small),
         )  # fmt: skip
 
     def where(self, found: Confronted) -> list[str]:
@@ -242,7 +242,7 @@ class Confrontation:
 
 def _offer(name: str, share: float | None) -> EffectOffer:
     effect = catalogue.find(name)
-    return EffectOffer(name, diagnosis_words.effect_name(name), share, effect.physics, effect.remedy)
+    return EffectOffer(name, diagnosis_text.effect_name(name), share, effect.physics, effect.remedy)
 
 
 def confront(

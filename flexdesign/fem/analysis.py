@@ -285,7 +285,7 @@ def _vibrations(
     system: ClassSystem, mass: sp.csr_matrix, space: PortSpace, count: int, actuator: float
 ) -> list[tuple[modes.Mode, ModeRecord]]:
     """Return the lowest modes of a class without the actuator, and with it if there is one."""
-    moving_mass = effective_mass.moved_mass(mass)
+    moving_mass = effective_mass.translated_mass(mass)
     batches = {False: modes.class_modes(system, mass, space, count, 0.0)}
     if actuator:
         felt = np.any(space.projection(system.cls) @ space.extension)

@@ -47,7 +47,7 @@ class MeshNoise:
 
 
 #: That of a mesher that does not repeat itself: the spread of K_in over runs with the same input.
-SCATTER = MeshNoise(2e-3)
+MESH_NOISE = MeshNoise(2e-3)
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def extrapolate(
     values: Sequence[float],
     sizes: Sequence[float],
     orders: tuple[float, float] = ORDERS,
-    scatter: MeshNoise = SCATTER,
+    mesh_noise: MeshNoise = MESH_NOISE,
     remaining_errors: Sequence[float] | None = None,
 ) -> Extrapolated:
     """Extrapolate the values found on two or more meshes, coarse to fine.
@@ -94,7 +94,7 @@ def extrapolate(
     orders
         Lowest and highest order of convergence. The highest gives way to the one that three meshes show, if that is
         higher, up to `SMOOTH`.
-    scatter
+    mesh_noise
         Of the values over meshes made alike.
     remaining_errors
         The remaining error of each mesh, relative, in the stiffnesses of the same hinges. In a ratio, such as an
@@ -115,7 +115,7 @@ def extrapolate(
         before = sum(_pair(values[-3:-1], sizes[-3:-1], order) for order in orders) / 2
         doubts.append(abs(value - before) / 4)
     coarse, fine = (
-        math.hypot(scatter.relative / 2 * abs(value), scatter.share * max(abs(value - found), abs(value) * other))
+        math.hypot(mesh_noise.relative / 2 * abs(value), mesh_noise.share * max(abs(value - found), abs(value) * other))
         for found, other in zip(values[-2:], remaining_errors[-2:] if remaining_errors else (0.0, 0.0), strict=True)
     )
     noise = math.hypot((1 + weight) * fine, weight * coarse)
@@ -123,15 +123,15 @@ def extrapolate(
     return Extrapolated(value, math.hypot(max(doubts), noise), values[-1], observed, gci)
 
 
-def described(scatter: MeshNoise) -> str:
+def describe(mesh_noise: MeshNoise) -> str:
     """Return in words how limits and their errors are found."""
-    share = f" and of {100 * scatter.share:g} % of what each mesh leaves open" if scatter.share else ""
+    share = f" and of {100 * mesh_noise.share:g} % of what each mesh leaves open" if mesh_noise.share else ""
     return (
         f"The error is taken to fall with the edge length to a power between {ORDERS[0]:.3g} and {ORDERS[1]:.3g} (or "
         f"the higher one that three meshes show, up to {SMOOTH:g}); the value is the middle of the two extrapolations. "
         "The printed error is the larger of half their distance and a quarter of what the coarser pair of meshes "
         "answers otherwise (of two meshes alone: half of what extrapolation changes), and, in quadrature, what a "
-        f"scatter of {100 * scatter.relative:g} %{share} becomes by extrapolation."
+        f"scatter of {100 * mesh_noise.relative:g} %{share} becomes by extrapolation."
     )
 
 

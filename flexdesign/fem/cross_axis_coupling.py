@@ -93,7 +93,7 @@ class CrossMotion:
 
     def quantities(self) -> list[Quantity]:
         """Return what is reported: travel and couplings of even order per travel at this input; 0 for rounding."""
-        travel, *ratios = asked(self.axis, self.extension, self.even)
+        travel, *ratios = requested_quantities(self.axis, self.extension, self.even)
         aside = [abs(even) / self.travel for even in self.even.values()]
         return [
             replace(travel, value=self.travel),
@@ -101,7 +101,7 @@ class CrossMotion:
         ]
 
 
-def asked(axis: str, extension: float, others: Iterable[str]) -> list[Quantity]:
+def requested_quantities(axis: str, extension: float, others: Iterable[str]) -> list[Quantity]:
     """Return the quantities of an axis driven so far [m] that draws others aside, the values not yet known."""
     at = f"{axis}, input of {1e6 * extension:g} um"
     ratios = (Quantity(f"coupling_{other}", math.nan, "1", "%", at) for other in others)
@@ -122,27 +122,27 @@ def causes(stage: AssembledStage, point: FloatArray | None = None) -> list[Cause
     place = np.array(stage.assembly.point) if point is None else point
     drives = {axis: stage.drive(axis) for axis in axes}
     unequal = {a: drives[a] + MISMATCH * _first(stage, a) for a in axes if len(axes[a].drives) > 1}
-    offset = {a: drives[a] + _moved_aside(stage, a) for a in axes}
+    offset = {a: drives[a] + _off_axis_motion(stage, a) for a in axes}
     pushed = {a: np.array(axes[a].direction) @ _at(stage, a, LOAD_OFFSET)[:3] for a in axes}
     tilted = {a: {b: SENSOR_TILT for b in axes if b != a} for a in axes}
     offset_point = place + ABBE_ARM / np.sqrt(3.0)
-    abbe = {a: _aside(stage, a, drives[a], offset_point) for a in axes}
+    abbe = {a: _cross_motion(stage, a, drives[a], offset_point) for a in axes}
     return [
-        Cause("none", "the stage as drawn", {a: _aside(stage, a, drives[a], place) for a in axes}),
+        Cause("none", "the stage as drawn", {a: _cross_motion(stage, a, drives[a], place) for a in axes}),
         Cause(
             "unequal actuators",
             f"one of an axis is {100 * MISMATCH:g} % stronger",
-            {a: _aside(stage, a, load, place) for a, load in unequal.items()},
+            {a: _cross_motion(stage, a, load, place) for a, load in unequal.items()},
         ),
         Cause(
             "actuator off its axis",
             f"one of an axis, by {1e3 * ACTUATOR_OFFSET:g} mm across its amplifier",
-            {a: _aside(stage, a, load, place) for a, load in offset.items()},
+            {a: _cross_motion(stage, a, load, place) for a, load in offset.items()},
         ),
         Cause(
             "eccentric load",
             f"the table pushed along the axis, {1e3 * LOAD_OFFSET:g} mm off its point",
-            {a: _aside(stage, a, load, place) for a, load in pushed.items()},
+            {a: _cross_motion(stage, a, load, place) for a, load in pushed.items()},
         ),
         Cause("tilted sensor", f"of the other axis, by {1e3 * SENSOR_TILT:g} mrad", tilted),
         Cause("Abbe arm", f"sensors look {1e3 * ABBE_ARM:g} mm off the table's point, as far in x as in y and z", abbe),
@@ -190,7 +190,7 @@ def cross_motion(stage: CorotatedStage, linear: AssembledStage, axis: str, exten
     )
 
 
-def _aside(stage: AssembledStage, axis: str, load: FloatArray, point: FloatArray) -> dict[str, float]:
+def _cross_motion(stage: AssembledStage, axis: str, load: FloatArray, point: FloatArray) -> dict[str, float]:
     """Return the other axes' motions at a point per travel of the table's point under a load."""
     answer = np.linalg.solve(stage.stiffness, load)
     axes = stage.assembly.axes
@@ -204,7 +204,7 @@ def _first(stage: AssembledStage, axis: str) -> FloatArray:
     return sign * stage.extension(name)
 
 
-def _moved_aside(stage: AssembledStage, axis: str) -> FloatArray:
+def _off_axis_motion(stage: AssembledStage, axis: str) -> FloatArray:
     """Return what the first actuator of an axis adds when it pushes off its axis, along the part's z and y by turns.
 
     Across the width for an odd cause in the plane, and across the plane; of both the sum is taken.

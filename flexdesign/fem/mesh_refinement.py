@@ -27,7 +27,7 @@ from flexdesign.fem.meshing.conforming import NoMesh
 from flexdesign.fem.meshing.domain import Domain
 from flexdesign.fem.meshing.local_thickness import LocalThickness
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
-from flexdesign.fem.meshing.methods import Extruded, Grading, Method, Wild
+from flexdesign.fem.meshing.methods import Extruded, Grading, Method, Unstructured
 from flexdesign.fem.meshing.resolution_gate import HingeCheck
 from flexdesign.fem.solving.solver import NotEnoughMemory
 
@@ -77,7 +77,7 @@ class Level:
     cached: bool
 
 
-def refined(
+def refine(
     study: Study,
     part: parts.Part,
     body: Domain,
@@ -98,7 +98,7 @@ def refined(
     InputError
         If there are none, one would be too large, or memory does not suffice.
     """
-    require_room(study, method, omit, study.design.file)
+    require_memory(study, method, omit, study.design.file)
     asked, finest = study.mesh.accuracy, MOST_LEVELS - study.mesh.levels if study.mesh.accuracy else 0
     levels: list[Level] = []
     refused: InputError | None = None
@@ -114,14 +114,18 @@ def refined(
             refused = refused or error
             progress(f"passing over this mesh: {error.remedy}")
             continue
-        if asked and len(levels) > 1 and is_converged(asked, gathered(study, levels, method.scatter), progress):
+        if (
+            asked
+            and len(levels) > 1
+            and is_converged(asked, gather_quantities(study, levels, method.scatter), progress)
+        ):
             break
     if refused and len(levels) < 2:
         raise refused
     return levels
 
 
-def require_room(study: Study, method: Method, omit: int, file: Path) -> None:
+def require_memory(study: Study, method: Method, omit: int, file: Path) -> None:
     """Refuse meshes that would be too large before the first is made.
 
     Of as many as an accuracy takes, the first two are always needed.
@@ -172,7 +176,7 @@ def _level(
     design = study.design
     began = perf_counter()
     try:
-        tagged, hinges = meshed(method, body, coarseness, part.linkage().of_kind("hinge"), cache, progress)
+        tagged, hinges = make_mesh(method, body, coarseness, part.linkage().of_kind("hinge"), cache, progress)
     except MeshError as error:
         raise InputError(design.file, "mesh", None, str(error)) from error
     actuator = design.actuator.installed_stiffness if design.actuator else 0.0
@@ -208,7 +212,7 @@ def _level(
     return Level(size, tagged, solution, hinges, seconds, cached=False)
 
 
-def meshed(
+def make_mesh(
     method: Method, body: Domain, coarseness: float, hinges: Sequence[Member], cache: Cache, progress: Progress
 ) -> tuple[TaggedMesh, list[HingeCheck]]:
     """Return a mesh that passes the gate, and what that measured; one mesher is not deterministic and may try again.
@@ -225,19 +229,19 @@ def meshed(
     stored = cache.load("mesh", question)
     if stored is not None:
         tagged = TaggedMesh(**stored[0], mesher=str(stored[1].get("mesher", "")))
-        return tagged, _checked(method, tagged, body, hinges)
+        return tagged, _check_mesh(method, tagged, body, hinges)
     method.require_room(coarseness)
     for left in reversed(range(method.tries)):
         progress(f"meshing with {method.finest_edge(coarseness) * 1e3:.3g} mm at the hinge roots ({method.name})")
         try:
             tagged = method.mesh(coarseness)
-            checks = _checked(method, tagged, body, hinges)
+            checks = _check_mesh(method, tagged, body, hinges)
             break
         except NoMesh as error:
             if not isinstance(method, LocalThickness):
                 raise
             progress(f"{error}: pytetwild makes one instead")
-            tagged, checks = meshed(method.instead, body, coarseness, hinges, cache, progress)
+            tagged, checks = make_mesh(method.instead, body, coarseness, hinges, cache, progress)
             break
         except MeshError as error:
             if not left:
@@ -247,7 +251,7 @@ def meshed(
     return tagged, checks
 
 
-def _checked(method: Method, mesh: TaggedMesh, body: Domain, hinges: Sequence[Member]) -> list[HingeCheck]:
+def _check_mesh(method: Method, mesh: TaggedMesh, body: Domain, hinges: Sequence[Member]) -> list[HingeCheck]:
     """Return what the gate measures: on the hinges that the part names, or on those found on its solid."""
     if isinstance(method, LocalThickness):
         return method.check(mesh)
@@ -266,23 +270,25 @@ def method_of(study: Study, part: parts.Piece, body: Domain) -> Method:
         at_root, growth = asked.at_root or local_thickness.AT_ROOT, asked.growth or local_thickness.GROWTH
         return LocalThickness(body, at_root, growth, asked.largest, asked.envelope, asked.method != "wild")
     extruded = asked.method != "wild" and body.section is not None
-    at_root, growth = methods.EXTRUDED_GRADING if extruded else methods.WILD_GRADING
+    at_root, growth = methods.EXTRUDED_GRADING if extruded else methods.UNSTRUCTURED_GRADING
     grading = Grading(body, part.linkage().members, asked.at_root or at_root, asked.growth or growth, asked.largest)
-    return Extruded(grading) if extruded else Wild(grading, asked.envelope)
+    return Extruded(grading) if extruded else Unstructured(grading, asked.envelope)
 
 
-def gathered(study: Study, levels: Sequence[Level], scatter: MeshNoise) -> list[Quantity]:
+def gather_quantities(study: Study, levels: Sequence[Level], mesh_noise: MeshNoise) -> list[Quantity]:
     """Extrapolate every quantity over the meshes that know it; peaks of stress are judged by rules of their own."""
     found = [by_key(quantities.of_solution(study, level.solution)) for level in levels]
     gathered = []
-    for quantity in limits(found, [level.size for level in levels], scatter):
+    for quantity in extrapolate_quantities(found, [level.size for level in levels], mesh_noise):
         known = [level for level, there in zip(levels, found, strict=True) if quantity.key in there]
         finest = known[-1].solution.facts["unknowns"]
         gathered.append(replace(quantity, source=f"FEM, {len(known)} meshes to {finest} unknowns, extrapolated"))
     return gathered + quantities.peak_stresses(study, [lv.solution for lv in levels], [lv.size for lv in levels])
 
 
-def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scatter: MeshNoise) -> list[Quantity]:
+def extrapolate_quantities(
+    found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], mesh_noise: MeshNoise
+) -> list[Quantity]:
     """Extrapolate every quantity that the first mesh knows over all meshes that know it.
 
     Parameters
@@ -291,7 +297,7 @@ def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scat
         The quantities of each mesh, coarse to fine, by their keys.
     sizes
         Edge length of each mesh at the hinge roots [m].
-    scatter
+    mesh_noise
         Of the mesher.
     """
     errors = _remaining_errors(found, sizes)
@@ -300,7 +306,7 @@ def limits(found: Sequence[Mapping[str, Quantity]], sizes: Sequence[float], scat
         known = [i for i, there in enumerate(found) if key in there]
         values = [found[i][key].value for i in known]
         limit = convergence.extrapolate(
-            values, [sizes[i] for i in known], scatter=scatter, remaining_errors=[errors[i] for i in known]
+            values, [sizes[i] for i in known], mesh_noise=mesh_noise, remaining_errors=[errors[i] for i in known]
         )
         extrapolated.append(replace(quantity, value=limit.value, half_width=limit.error))
     return extrapolated

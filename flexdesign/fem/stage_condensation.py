@@ -20,7 +20,7 @@ from flexdesign.design.materials import Material
 from flexdesign.design.part import Piece
 from flexdesign.design.study import Study
 from flexdesign.fem import mesh_refinement
-from flexdesign.fem.convergence import SCATTER, MeshNoise
+from flexdesign.fem.convergence import MESH_NOISE, MeshNoise
 from flexdesign.fem.mesh_refinement import LIBRARIES, MOST_LEVELS, Progress
 from flexdesign.fem.meshing import domain
 from flexdesign.fem.meshing.domain import Domain
@@ -157,7 +157,7 @@ def condense(
     coarseness: float,
     cache: Cache,
     *,
-    inside: bool = False,
+    interior: bool = False,
     progress: Progress = lambda _: None,
 ) -> StageLevel:
     """Condense every kind of part of a stage.
@@ -174,7 +174,7 @@ def condense(
         1 for the finest mesh.
     cache
         Where meshes and condensed parts are looked up and kept.
-    inside
+    interior
         Whether to keep what goes on inside, for pictures and large displacements.
     progress
         Receives a text about the progress.
@@ -187,7 +187,7 @@ def condense(
     made, sizes = [], []
     by_element: dict[str, Superelement] = {}
     for kind in kinds:
-        one, size = _kind(study, kind, coarseness, cache, inside, progress)
+        one, size = _kind(study, kind, coarseness, cache, interior, progress)
         made.append(one)
         sizes.append(size)
         by_element |= dict.fromkeys(kind.elements, one.part)
@@ -197,38 +197,38 @@ def condense(
 
 
 def refine(
-    study: Study, assembly: Assembly, cache: Cache, progress: Progress = lambda _: None, *, inside: int = 0
+    study: Study, assembly: Assembly, cache: Cache, progress: Progress = lambda _: None, *, interior: int = 0
 ) -> list[StageLevel]:
     """Condense on meshes from coarse to fine: as many as were asked for, or as an accuracy takes.
 
-    The coarsest `inside` keep what goes on inside. What is raised is what `condense` raises.
+    The coarsest `interior` keep what goes on inside. What is raised is what `condense` raises.
     """
     asked, count = study.mesh.accuracy, study.mesh.levels
     kinds, levels = build_solids(study, assembly, progress), list[StageLevel]()
     for kind in kinds:
         method = mesh_refinement.method_of(study, kind.piece, kind.body)
-        mesh_refinement.require_room(study, method, 0, parts.file_of(type(kind.piece)))
+        mesh_refinement.require_memory(study, method, 0, parts.file_of(type(kind.piece)))
     for number in range(1, (MOST_LEVELS if asked else count) + 1):
         coarseness, words = study.mesh.refinement ** (count - number), f"mesh {number}" + f" of {count}" * (not asked)
         say = labelled(progress, words)
-        levels.append(condense(study, assembly, kinds, coarseness, cache, inside=number <= inside, progress=say))
-        if asked and number > 1 and mesh_refinement.is_converged(asked, gathered(levels), progress):
+        levels.append(condense(study, assembly, kinds, coarseness, cache, interior=number <= interior, progress=say))
+        if asked and number > 1 and mesh_refinement.is_converged(asked, gather_quantities(levels), progress):
             break
     return levels
 
 
-def gathered(levels: Sequence[StageLevel]) -> list[Quantity]:
+def gather_quantities(levels: Sequence[StageLevel]) -> list[Quantity]:
     """Extrapolate every quantity over the meshes."""
     source = f"FEM, {len(levels)} meshes, the finest of {levels[-1].unknowns} unknowns condensed, extrapolated"
-    limits = mesh_refinement.limits(
-        [level.found for level in levels], [level.size for level in levels], scatter(levels)
+    limits = mesh_refinement.extrapolate_quantities(
+        [level.found for level in levels], [level.size for level in levels], mesh_noise_of(levels)
     )
     return [replace(quantity, source=source) for quantity in limits]
 
 
-def scatter(levels: Sequence[StageLevel]) -> MeshNoise:
+def mesh_noise_of(levels: Sequence[StageLevel]) -> MeshNoise:
     """Return that of extruded meshes, unless a part was meshed the other way, whose scatter is larger."""
-    return SCATTER if any("wild" in kind.method for kind in levels[0].kinds) else Extruded.scatter
+    return MESH_NOISE if any("wild" in kind.method for kind in levels[0].kinds) else Extruded.scatter
 
 
 def labelled(progress: Progress, label: str) -> Progress:
@@ -237,7 +237,7 @@ def labelled(progress: Progress, label: str) -> Progress:
 
 
 def _kind(
-    study: Study, kind: PartSolid, coarseness: float, cache: Cache, inside: bool, progress: Progress
+    study: Study, kind: PartSolid, coarseness: float, cache: Cache, interior: bool, progress: Progress
 ) -> tuple[Kind, float]:
     """Return a kind of part, and the edge length at its hinge roots [m]."""
     piece, body = kind.piece, kind.body
@@ -251,9 +251,9 @@ def _kind(
     method = mesh_refinement.method_of(study, piece, body)
     modes = MODES if any(port.role == "input" for port in piece.ports()) else HINGE_MODES
     try:
-        mesh, hinges = mesh_refinement.meshed(method, body, coarseness, piece.linkage().of_kind("hinge"), cache, say)
+        mesh, hinges = mesh_refinement.make_mesh(method, body, coarseness, piece.linkage().of_kind("hinge"), cache, say)
         key = content_key(
-            mesh_refinement.engine(), content_key(*mesh.arrays().values()), unit.mechanics, DEGREE, modes, inside,
+            mesh_refinement.engine(), content_key(*mesh.arrays().values()), unit.mechanics, DEGREE, modes, interior,
             versions.installed(LIBRARIES), [vars(port) for port in piece.ports()], [vars(p) for p in body.planes],
         )  # fmt: skip
         stored = cache.load("superelement", key)
@@ -262,7 +262,7 @@ def _kind(
             seconds = float(stored[1]["seconds"])
         else:
             found = superelement.condense(
-                piece, unit, body, mesh, degree=DEGREE, mode_count=modes, inside=inside, progress=say
+                piece, unit, body, mesh, degree=DEGREE, mode_count=modes, interior=interior, progress=say
             )
             seconds = perf_counter() - began
             arrays, table = found.to_store()
@@ -271,7 +271,7 @@ def _kind(
         raise InputError(file, "mesh", None, str(error)) from error
     except NotEnoughMemory as error:
         raise InputError(file, "mesh", None, f"{error}; ask for a coarser mesh: mesh.levels, mesh.at_root") from error
-    part = found.made_of(material)
+    part = found.with_material(material)
     count, cached = len(kind.elements), stored is not None
     return Kind(name, method.name, count, part, body.copies, hinges, seconds, cached, key), method.size(
         mesh, coarseness

@@ -9,7 +9,7 @@ from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.dynamics.experiments import AS_MODELLED
 from flexdesign.dynamics.experiments.simulation import Case, Compared, Simulation
-from flexdesign.report.comparison_words import listed
+from flexdesign.report.comparison_text import listed
 from flexdesign.report.document import Section, Table
 
 #: Measures in words, in the order of tables.

@@ -358,7 +358,7 @@ def _elements(study: studies.Study, cache: Cache, progress: Progress) -> Solver:
 
     def solve(design: Design) -> Mapping[str, Quantity]:
         levels = stage_condensation.refine(replace(study, design=design), design.stage().assembly(), cache, progress)
-        return by_key(stage_condensation.gathered(levels))
+        return by_key(stage_condensation.gather_quantities(levels))
 
     return solve
 

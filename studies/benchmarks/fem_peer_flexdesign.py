@@ -45,8 +45,10 @@ def solve(case: Case, coarseness: list[float], symmetric: bool = True, wild: boo
     members = part.linkage().members
     told = polygon_domain.of_part(part) if symmetric and not wild else None
     body = told or domain.of_part(part, symmetric=symmetric, chord=domain.chord(part))
-    grading = methods.Grading(body, members, *(methods.WILD_GRADING if wild else methods.EXTRUDED_GRADING), None)
-    method: methods.Method = methods.Wild(grading, ENVELOPE) if wild else methods.Extruded(grading)
+    grading = methods.Grading(
+        body, members, *(methods.UNSTRUCTURED_GRADING if wild else methods.EXTRUDED_GRADING), None
+    )
+    method: methods.Method = methods.Unstructured(grading, ENVELOPE) if wild else methods.Extruded(grading)
     meshing, solving, values, sizes, unknowns = watch.lap(), 0.0, [], [], 0
     for level in coarseness:
         mesh = method.mesh(level)
@@ -58,7 +60,7 @@ def solve(case: Case, coarseness: list[float], symmetric: bool = True, wild: boo
         solving += watch.lap()
     found = values[0]
     if len(values) > 1:
-        found = convergence.extrapolate(values, sizes, scatter=method.scatter).value
+        found = convergence.extrapolate(values, sizes, mesh_noise=method.scatter).value
     return Answer(1e-3 * found, unknowns, meshing, solving)
 
 

@@ -73,8 +73,8 @@ def as_validate(given: Design) -> None:
     with tempfile.TemporaryDirectory() as empty:
         body = domain.of_part(part, material=given.material, chord=domain.chord(part))
         method = mesh_refinement.method_of(asked, part, body)
-        levels = mesh_refinement.refined(asked, part, body, method, Cache(Path(empty)), lambda _: None)
-        mesh_refinement.gathered(asked, levels, method.scatter)
+        levels = mesh_refinement.refine(asked, part, body, method, Cache(Path(empty)), lambda _: None)
+        mesh_refinement.gather_quantities(asked, levels, method.scatter)
 
 
 def lean(given: Design, coarsenesses: Sequence[float], accuracy: float = 0.0) -> list[Quantity]:
@@ -91,7 +91,7 @@ def lean(given: Design, coarsenesses: Sequence[float], accuracy: float = 0.0) ->
         found.append({q.key: q for q in of_compliance(compliance, given.actuator)})
         sizes.append(method.size(mesh, coarseness))
         if len(found) > 1:
-            limits = mesh_refinement.limits(found, sizes, method.scatter)
+            limits = mesh_refinement.extrapolate_quantities(found, sizes, method.scatter)
             if mesh_refinement.estimated_error(limits) <= accuracy:
                 break
     return limits

@@ -41,7 +41,7 @@ QUANTITIES = {
 #: Of designs with curved necks the nominal hinge stress as well.
 STRESS = "hinge_stress_1_N_of_actuator_force"
 ALL = {**QUANTITIES, STRESS: "hinge_stress"}
-SCATTER = {"extruded": methods.Extruded.scatter, "wild": methods.Wild.scatter}
+SCATTER = {"extruded": methods.Extruded.scatter, "wild": methods.Unstructured.scatter}
 #: Levels of the reference's two meshes, and the powers of their growth that its error may fall with: 4 is that of
 #: quadratic displacements' energy and of the roots, which are refined accordingly; 6 has been seen.
 LEVELS, ORDERS = (1.0, 1.6), (4.0, 6.0)
@@ -154,7 +154,11 @@ def judged_anew(answer: Answered, method: Method, accuracy: float) -> Answered |
             {key: Quantity(ALL[key], values[i], "1", "1") for key, values in answer.raw.items()} for i in range(count)
         ]
         limits = dict(
-            zip(answer.raw, mesh_refinement.limits(meshes, answer.sizes[:count], SCATTER[method]), strict=True)
+            zip(
+                answer.raw,
+                mesh_refinement.extrapolate_quantities(meshes, answer.sizes[:count], SCATTER[method]),
+                strict=True,
+            )
         )
         if mesh_refinement.estimated_error(list(limits.values())) <= accuracy or count == mesh_refinement.MOST_LEVELS:
             values = {key: limit.value for key, limit in limits.items()}
@@ -187,8 +191,8 @@ def _solved(study: Study, cache: Cache, keys: Sequence[str]) -> Answered:
     part = study.design.part()
     body = domain.of_part(part, material=study.design.material, chord=domain.chord(part))
     method = mesh_refinement.method_of(study, part, body)
-    levels = mesh_refinement.refined(study, part, body, method, cache, lambda _: None, all_classes=False)
-    gathered = by_key(mesh_refinement.gathered(study, levels, method.scatter))
+    levels = mesh_refinement.refine(study, part, body, method, cache, lambda _: None, all_classes=False)
+    gathered = by_key(mesh_refinement.gather_quantities(study, levels, method.scatter))
     found = {key: gathered[key] for key in keys}
     by_level = [by_key(quantities.of_solution(study, level.solution)) for level in levels]
     return Answered(

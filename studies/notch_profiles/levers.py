@@ -63,13 +63,13 @@ def solve(profile: str, folder: Path, *overrides: str) -> Solved:
     began = perf_counter()
     body = domain.of_part(part, chord=domain.chord(part))
     method = mesh_refinement.method_of(study, part, body)
-    levels = mesh_refinement.refined(
+    levels = mesh_refinement.refine(
         study, part, body, method, Cache(folder / "cache"), lambda _: None, all_classes=False
     )
     seconds = perf_counter() - began
     model = ComplianceModel.of_part(part, study.design.material).having(nominal_effects(part))
     return Solved(
-        by_key(mesh_refinement.gathered(study, levels, method.scatter)),
+        by_key(mesh_refinement.gather_quantities(study, levels, method.scatter)),
         model.quantities(),
         levels[-1].solution.facts["unknowns"],
         seconds,

@@ -16,8 +16,8 @@ from flexdesign.core import versions
 from flexdesign.diagnosis import Diagnosis, diagnose
 from flexdesign.dynamics import stage_model
 from flexdesign.measurements import recordings
-from flexdesign.report import comparison_words as words
-from flexdesign.report.diagnosis import diagnosis_words as said
+from flexdesign.report import comparison_text as words
+from flexdesign.report.diagnosis import diagnosis_text as said
 
 
 @dataclass(frozen=True)

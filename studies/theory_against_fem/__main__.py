@@ -20,7 +20,7 @@ from flexdesign.core.model import Quantity
 from flexdesign.core.result_cache import Cache, default_folder
 from flexdesign.core.toml_files import FORMAT
 from flexdesign.report import charts, render
-from flexdesign.report.diagnosis.table_words import effect_name
+from flexdesign.report.diagnosis.table_text import effect_name
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.validation.hierarchy_section import SYMBOLS
 from flexdesign.workflows.validation import model_hierarchy

@@ -191,7 +191,7 @@ def own_mesh(coarseness: tuple[float, ...] = (1.35**2, 1.35, 1.0)) -> list[Findi
         stiffness, unknowns = _stiffness(Elasticity(mesh, METAL), body, bar)
         found.append(stiffness)
     sizes = [method.finest_edge(factor) for factor in coarseness]
-    limit = convergence.extrapolate(found, sizes, scatter=method.scatter)
+    limit = convergence.extrapolate(found, sizes, mesh_noise=method.scatter)
     structured = 1 / turn(circular((36, 10, 9, 7), METAL), 2.0, flat=False)
     problem = "circular hinge, R 2 mm, t 0.5 mm, b 10 mm, the program's own meshes"
     return [

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
+from flexdesign.fem.convergence import MESH_NOISE, SMOOTH, MeshNoise, extrapolate, observed_order
 from flexdesign.fem.convergence import ORDERS as BRACKET
-from flexdesign.fem.convergence import SCATTER, SMOOTH, MeshNoise, extrapolate, observed_order
 
 ORDERS = st.floats(0.8, 4.0)
 LIMITS = st.floats(0.5, 2e6)
@@ -33,7 +33,7 @@ def test_a_power_law_of_known_order_is_extrapolated_exactly(
     assert found.finest == pytest.approx(limit * (1 + share * sizes[-1] ** order), rel=1e-15)
     ratio = (sizes[-2] / sizes[-1]) ** order
     fine, coarse = ratio / (ratio - 1), 1 / (ratio - 1)
-    scattered = SCATTER.relative / 2 * limit * math.hypot(fine, coarse)  # value = fine f_fine - coarse f_coarse
+    scattered = MESH_NOISE.relative / 2 * limit * math.hypot(fine, coarse)  # value = fine f_fine - coarse f_coarse
     assert found.error == pytest.approx(scattered, rel=1e-6)  # nothing else is left to doubt
 
 
@@ -64,7 +64,7 @@ def test_error_bar_holds_the_truth_where_three_meshes_show_a_smooth_error(
     values = power_law(limit, share if above else -share, order, sizes)
     found = extrapolate(values, sizes, BRACKET)
     assert abs(found.value - limit) <= found.error
-    scatter = SCATTER.relative / 2 * abs(found.value)  # half the way between the two extrapolations, and no more
+    scatter = MESH_NOISE.relative / 2 * abs(found.value)  # half the way between the two extrapolations, and no more
     low, high = (
         values[-1] + (values[-1] - values[-2]) / ((sizes[-2] / sizes[-1]) ** p - 1) for p in (BRACKET[0], order)
     )
@@ -93,7 +93,7 @@ def test_error_bar_holds_the_truth_for_a_mixture_of_orders(
 
 @pytest.mark.parametrize("shares", [(0.0, 0.005), (0.005, 0.05)], ids=["scatter rules", "mesh rules"])
 def test_error_bar_holds_the_truth_for_noisy_sequences(shares: tuple[float, float]) -> None:
-    """A mesher that scatters values over `SCATTER`, half of it either way, on the program's own sequence of meshes.
+    """A mesher that scatters values over `MESH_NOISE`, half of it either way, on the program's own sequence of meshes.
 
     Extrapolation magnifies that: by 2.9 for the finest mesh and 1.9 for the one before, 0.48 % in the worst case. A
     half-width within which the truth is expected holds it nine times in ten.
@@ -103,7 +103,7 @@ def test_error_bar_holds_the_truth_for_noisy_sequences(shares: tuple[float, floa
     held = 0
     for _ in range(1000):
         values = np.array(power_law(1.0, rng.uniform(*shares), rng.uniform(*BRACKET), sizes))
-        found = extrapolate((values * (1 + SCATTER.relative / 2 * rng.uniform(-1, 1, 3))).tolist(), sizes, BRACKET)
+        found = extrapolate((values * (1 + MESH_NOISE.relative / 2 * rng.uniform(-1, 1, 3))).tolist(), sizes, BRACKET)
         held += abs(found.value - 1.0) <= found.error
     assert held >= 900
 
@@ -154,7 +154,7 @@ def test_a_jumping_sequence_gets_a_wide_bar() -> None:
     sizes = (4.0, 2.0, 1.0)
     found = extrapolate([1.0, 1.2, 1.1], sizes, (1.0, 1.0))
     assert found.value == pytest.approx(1.0)
-    scattered = SCATTER.relative / 2 * math.hypot(2, 1)  # value = 2 f_fine - f_coarse
+    scattered = MESH_NOISE.relative / 2 * math.hypot(2, 1)  # value = 2 f_fine - f_coarse
     assert found.error == pytest.approx(math.hypot(0.4 / 4, scattered))  # 1.2 + 0.2 against 1.1 - 0.1
 
 

@@ -129,7 +129,7 @@ def levels_of(folder: Path, *overrides: str) -> tuple[Any, Any, list[Level]]:
     part = asked.design.part()
     body = domain.of_part(part, material=asked.design.material, chord=domain.chord(part))
     method = mesh_refinement.method_of(asked, part, body)
-    return asked, method, mesh_refinement.refined(
+    return asked, method, mesh_refinement.refine(
         asked, part, body, method, Cache(folder), lambda _: None, all_classes=False
     )  # fmt: skip
 
@@ -141,7 +141,7 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Any, list[Lev
 
 def gathered(found: tuple[Any, Any, list[Level]]) -> dict[str, Any]:
     asked, method, levels = found
-    return by_key(mesh_refinement.gathered(asked, levels, method.scatter))
+    return by_key(mesh_refinement.gather_quantities(asked, levels, method.scatter))
 
 
 def assert_contains(found: dict[str, Any], part: Any, material: Any) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg as la
 
-from flexdesign.fem.post_processing.effective_mass import moved_mass, of_mode
+from flexdesign.fem.post_processing.effective_mass import of_mode, translated_mass
 from flexdesign.fem.solving import modes
 from flexdesign.fem.solving.port_compliance import classes
 from studies.verification.solids import CORK, Array, beam
@@ -19,7 +19,7 @@ MASS = CORK.density * LENGTH * HEIGHT * WIDTH
 def found(solved: Solved, count: int) -> list[tuple[float, Array]]:
     """Return frequencies and effective masses of the lowest modes of every class, by frequency."""
     mass = solved.body.mass()
-    moved = moved_mass(mass)
+    moved = translated_mass(mass)
     return sorted(
         (mode.frequency, np.array(of_mode(mode.shape, moved, system.cls)))
         for system in solved.systems
@@ -70,7 +70,7 @@ def test_all_modes_of_a_mesh_hold_all_but_what_its_clamped_nodes_carry(cells: in
     solved = solve(beam(LENGTH, HEIGHT, WIDTH, (cells, 1, 1)))
     system, mass = solved.systems[0], full(solved.body.mass())
     _, vectors = la.eigh(full(system.stiffness).toarray(), mass[system.free][:, system.free].toarray())
-    moved = moved_mass(solved.body.mass())
+    moved = translated_mass(solved.body.mass())
     total = np.zeros(3)
     for vector in vectors.T:
         shape = np.zeros(solved.body.n_dofs)

@@ -31,7 +31,7 @@ def on_a_lattice(field: Sizing, step: float) -> float:
 
 def test_edges_of_one_length_make_the_volume_over_their_cube(quarter: Domain) -> None:
     assert quarter.volume == pytest.approx(216e-9, rel=1e-9)
-    found = element_count.estimated(quarter, Sizing(ROOT, np.array([1e-3]), growth=1e-9, largest=1e-3))
+    found = element_count.estimate(quarter, Sizing(ROOT, np.array([1e-3]), growth=1e-9, largest=1e-3))
     assert found == pytest.approx(element_count.PER_CUBE * 216, rel=1e-6)
 
 
@@ -39,7 +39,7 @@ def test_edges_of_one_length_make_the_volume_over_their_cube(quarter: Domain) ->
 def test_the_estimate_is_the_integral_of_the_field(quarter: Domain, at_root: float) -> None:
     """A midpoint rule with steps of at most half the shortest edge; random points are 10 % off at most."""
     field = Sizing(ROOT, np.array([at_root]), growth=0.5, largest=2e-3)
-    assert element_count.estimated(quarter, field) == pytest.approx(on_a_lattice(field, at_root / 2), rel=0.1)
+    assert element_count.estimate(quarter, field) == pytest.approx(on_a_lattice(field, at_root / 2), rel=0.1)
 
 
 @pytest.mark.parametrize("at_root", [0.4e-3, 0.15e-3])
@@ -50,12 +50,12 @@ def test_the_mesher_makes_about_as_many_as_are_estimated(
     monkeypatch.setattr(mesh, "snap", lambda made, *_: made)  # of which nothing is asked but its number
     field = Sizing(ROOT, np.array([at_root]), growth=0.5, largest=2e-3)
     made = len(mesh.tetrahedralize(quarter, field, 1e-4).tets)
-    assert 0.5 < made / element_count.estimated(quarter, field) < 2
+    assert 0.5 < made / element_count.estimate(quarter, field) < 2
 
 
 def test_a_mesh_without_bound_is_estimated_at_once(quarter: Domain) -> None:
     """Cubes stop at their largest number, by which there are far more elements than anybody solves."""
     began = time.perf_counter()
-    found = element_count.estimated(quarter, Sizing(ROOT, np.array([1e-8]), growth=1e-3, largest=1e-6))
+    found = element_count.estimate(quarter, Sizing(ROOT, np.array([1e-8]), growth=1e-3, largest=1e-6))
     assert found > 1e7
     assert time.perf_counter() - began < 60

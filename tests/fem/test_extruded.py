@@ -14,7 +14,7 @@ from flexdesign.design import design, study
 from flexdesign.design.part import examine
 from flexdesign.fem.meshing import domain, methods, resolution_gate, section
 from flexdesign.fem.meshing.domain import Domain
-from flexdesign.fem.meshing.extruded import Layers, drawn_out
+from flexdesign.fem.meshing.extruded import Layers, stack_prisms
 from flexdesign.fem.meshing.mesh import TaggedMesh, boundary, signed_volumes, tag
 from flexdesign.fem.meshing.methods import EXTRUDED_GRADING, Extruded, Grading
 from flexdesign.fem.meshing.planar import triangulate
@@ -118,7 +118,7 @@ def test_any_axis(axis: Any) -> None:
     read = section.of_solid(solid, axis)
     assert (read.low, read.high) == pytest.approx((0.0, 4e-3), abs=1e-12)
     plan = triangulate(read.outline, lambda points: np.full(len(points), 1e-3), 1e-6)
-    mesh = drawn_out(plan, read, np.array([0.0, 1e-3, 4e-3]))
+    mesh = stack_prisms(plan, read, np.array([0.0, 1e-3, 4e-3]))
     assert mesh.volume == pytest.approx(solid.Volume() * 1e-9, rel=1e-9)
     for index, face in enumerate(solid.Faces()):
         assert areas(mesh.points, mesh.on_face(index)).sum() == pytest.approx(face.Area() * 1e-6, rel=1e-9)
@@ -172,7 +172,7 @@ def test_an_axis_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_methods_ask_different_questions() -> None:
     _, _, method = amplifier("0 mm")
-    wild = methods.Wild(method.grading, 0.05)
+    wild = methods.Unstructured(method.grading, 0.05)
     assert wild.question(1.0)[0] != method.question(1.0)[0]
     assert method.question(1.0)[0] == method.question(2.0)[0]
     assert method.finest_edge(2.0) == pytest.approx(4 * method.finest_edge(1.0), rel=1e-12)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexdesign.fem.meshing.extruded import drawn_out
+from flexdesign.fem.meshing.extruded import stack_prisms
 from flexdesign.fem.meshing.mesh import MeshError
-from flexdesign.fem.meshing.morphing import LEAST_QUALITY, Pattern, alike, morph
+from flexdesign.fem.meshing.morphing import LEAST_QUALITY, Pattern, have_same_topology, morph
 from flexdesign.fem.meshing.planar import triangulate
 from flexdesign.fem.meshing.section import Curve, Section
 from studies.verification.solids import Array
@@ -76,7 +76,7 @@ def test_area_and_volume_are_those_of_the_neighbour(pattern: Pattern) -> None:
     thinner = section(corners, 5e-3)
     plan = pattern.morph(thinner, size)
     assert plan.area == pytest.approx((20 * 8 - 4 * (8 - 2.2)) * 1e-6, rel=1e-12)
-    mesh = drawn_out(pattern.plan, pattern.section, np.array([0.0, 1e-3, 4e-3]))
+    mesh = stack_prisms(pattern.plan, pattern.section, np.array([0.0, 1e-3, 4e-3]))
     found = morph(mesh, plan, thinner, np.array([0.0, 2e-3, 5e-3]))
     assert found.volume == pytest.approx(plan.area * 5e-3, rel=1e-12)
     assert found.tets is mesh.tets and found.quality().min() > LEAST_QUALITY * mesh.quality().min()
@@ -85,7 +85,7 @@ def test_area_and_volume_are_those_of_the_neighbour(pattern: Pattern) -> None:
 def test_other_corners_are_refused(pattern: Pattern) -> None:
     fewer = section(CORNERS[[0, 1, 2, 7]])
     turned = section(np.roll(CORNERS, 1, axis=0), faces=[*range(1, 8), 0])
-    assert not alike(pattern.section, fewer) and not alike(pattern.section, turned)
+    assert not have_same_topology(pattern.section, fewer) and not have_same_topology(pattern.section, turned)
     with pytest.raises(MeshError, match="other corners"):
         pattern.morph(fewer, size)
 
@@ -96,6 +96,6 @@ def test_an_outline_that_turns_over_is_refused(pattern: Pattern) -> None:
 
 
 def test_layers_in_the_wrong_order_are_refused(pattern: Pattern) -> None:
-    mesh = drawn_out(pattern.plan, pattern.section, np.array([0.0, 1e-3, 4e-3]))
+    mesh = stack_prisms(pattern.plan, pattern.section, np.array([0.0, 1e-3, 4e-3]))
     with pytest.raises(MeshError, match="turn over"):
         morph(mesh, pattern.plan, pattern.section, np.array([0.0, 5e-3, 4e-3]))

@@ -65,7 +65,7 @@ def test_an_actuator_off_its_axis_pushes_as_ports_do_that_are_defined_there() ->
     for given, place in ((on_axis.ports, offset), (moved, np.zeros(3))):
         solved = solve(Solid(on_axis.mesh, on_axis.domain, given, on_axis.material))
         compliance = PortCompliance(solved.matrix, solved.space.extension, solved.space.output)
-        loads = rigid_motion.moved_aside(compliance.extension, place)
+        loads = rigid_motion.off_axis_loads(compliance.extension, place)
         found.append((rigid_motion.of_output(compliance, loads), loads @ compliance.matrix @ loads))
     (first, gave), (second, expected) = found
     np.testing.assert_allclose(first.translation, second.translation, rtol=SOLVED, atol=1e-20)
@@ -80,7 +80,7 @@ def test_an_actuator_off_the_symmetry_plane_tilts_the_table_and_the_plane_tells_
     motions = []
     for each in (solved, whole):
         compliance = PortCompliance(each.matrix, each.space.extension, each.space.output)
-        loads = rigid_motion.moved_aside(compliance.extension, np.array([0.0, 0.0, 1e-4]))
+        loads = rigid_motion.off_axis_loads(compliance.extension, np.array([0.0, 0.0, 1e-4]))
         motions.append(rigid_motion.of_output(compliance, loads))
     by_class, at_once = motions
     assert by_class.translation[0] == 0 and by_class.rotation[1] == 0 and by_class.rotation[2] == 0

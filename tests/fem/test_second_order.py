@@ -42,7 +42,7 @@ class Block:
         faces = tuple(Face(points, np.zeros((0, 3), dtype=np.int64), None) for points in places.values())
         cut = dataclasses.replace(self.solid.domain, faces=faces)
         piece: Any = self
-        return superelement.condense(piece, self.solid.material, cut, mesh, degree=1, mode_count=0, inside=True)
+        return superelement.condense(piece, self.solid.material, cut, mesh, degree=1, mode_count=0, interior=True)
 
     def mirrored(self) -> Block:
         """Return the whole of which this is a part."""
@@ -80,7 +80,7 @@ def amplifier() -> Superelement:
     body = domain.of_part(drawn.part(), symmetric=False, chord=domain.chord(drawn.part()))
     grading = methods.Grading(body, drawn.part().linkage().members, *methods.EXTRUDED_GRADING, None)
     mesh = methods.Extruded(grading).mesh(4.0)
-    return superelement.condense(drawn.part(), drawn.material, body, mesh, degree=1, mode_count=1, inside=True)
+    return superelement.condense(drawn.part(), drawn.material, body, mesh, degree=1, mode_count=1, interior=True)
 
 
 def softness(law: SecondOrder) -> Array:
@@ -264,7 +264,7 @@ def test_a_leaf_between_walls_resists_with_the_square_of_what_it_lengthens(thin:
 
 def test_another_material_scales_the_whole_energy(hinge: Superelement) -> None:
     other = Material("other", 2 * ALLOY.youngs_modulus, ALLOY.poissons_ratio, 3540.0, None)
-    law, scaled_law = of(hinge), of(hinge.made_of(other))
+    law, scaled_law = of(hinge), of(hinge.with_material(other))
     assert scaled_law.stiffness == pytest.approx(2 * law.stiffness, rel=1e-12)
     assert scaled_law.tensor == pytest.approx(2 * law.tensor, rel=1e-9, abs=1e-9 * np.abs(law.tensor).max())
 

@@ -112,7 +112,7 @@ def test_where_netgen_makes_no_mesh_it_is_said_that_pytetwild_did(
     monkeypatch.setattr(local_thickness, "tetrahedralize", lambda *_: replace(made, mesher="pytetwild"))
     cache, said = Cache(tmp_path / "cache"), list[str]()
     for _ in range(2):
-        mesh, _ = mesh_refinement.meshed(method, body, 4.0, [], cache, said.append)
+        mesh, _ = mesh_refinement.make_mesh(method, body, 4.0, [], cache, said.append)
         assert mesh.mesher == "pytetwild"
     assert said.count("Netgen made no mesh of the solid: pytetwild makes one instead") == 1
 
@@ -124,7 +124,7 @@ def test_a_mesh_of_netgen_that_the_gate_refuses_is_made_once(
     monkeypatch.setattr(conforming, "tetrahedralize", lambda *_: replace(made, points=0.9 * made.points))
     said = list[str]()
     with pytest.raises(MeshError, match="thin_1"):
-        mesh_refinement.meshed(method, body, 4.0, [], Cache(tmp_path / "cache"), said.append)
+        mesh_refinement.make_mesh(method, body, 4.0, [], Cache(tmp_path / "cache"), said.append)
     assert len(said) == 1 and said[0].startswith("meshing with")
 
 
@@ -244,8 +244,8 @@ def test_a_leaf_from_step_is_as_stiff_as_its_class(folder: Path, tmp_path: Path)
     part = study.design.part()
     body = domain.of_part(part, chord=domain.chord(part))
     method = mesh_refinement.method_of(study, part, body)
-    levels = mesh_refinement.refined(study, part, body, method, Cache(tmp_path / "cache"), lambda _: None)
-    found = {q.key: q for q in mesh_refinement.gathered(study, levels, method.scatter)}
+    levels = mesh_refinement.refine(study, part, body, method, Cache(tmp_path / "cache"), lambda _: None)
+    found = {q.key: q for q in mesh_refinement.gather_quantities(study, levels, method.scatter)}
     piece, material = leaf(), study.design.material
     whole = domain.of_part(piece, symmetric=False, chord=domain.chord(piece))
     ends = _Ends(piece)
@@ -260,7 +260,7 @@ def test_a_leaf_from_step_is_as_stiff_as_its_class(folder: Path, tmp_path: Path)
         values.append({q.key: q.value for q in port_stiffness(solution.compliance)})
         sizes.append(layers.finest_edge(coarseness))
     for key in values[0]:
-        limit = convergence.extrapolate([each[key] for each in values], sizes, scatter=layers.scatter)
+        limit = convergence.extrapolate([each[key] for each in values], sizes, mesh_noise=layers.scatter)
         assert abs(found[key].value - limit.value) < (found[key].half_width or 0.0) + limit.error, key
 
 

@@ -137,11 +137,11 @@ def test_a_leaf_bends_and_stretches_as_a_beam_between_its_stubs(hinge: Superelem
 def test_another_material_with_the_same_poisson_ratio_scales(hinge: Superelement) -> None:
     other = Material("other", 90e9, 0.35, 3540.0, None)
     anew = coarse(leaf(), other, coarseness=1.5, degree=1, mode_count=0)[0]
-    scaled = hinge.made_of(other)
+    scaled = hinge.with_material(other)
     assert scaled.stiffness == pytest.approx(anew.stiffness, rel=1e-6, abs=1e-9 * np.abs(anew.stiffness).max())
     assert scaled.mass == pytest.approx(anew.mass, rel=1e-6, abs=1e-9 * np.abs(anew.mass).max())
     with pytest.raises(ValueError, match="condense it again"):
-        hinge.made_of(Material("third", 90e9, 0.3, 3540.0, None))
+        hinge.with_material(Material("third", 90e9, 0.3, 3540.0, None))
 
 
 # --- parts put together ---------------------------------------------------------------------------------------------
@@ -167,7 +167,9 @@ def test_one_amplifier_on_a_frame_is_what_it_is_alone(
     along = placement.matrix[:, 1]
     assert along @ moved[:3] == pytest.approx(solution.compliance.c12, rel=1e-3)
     assert np.linalg.norm(moved[:3] - along * (along @ moved[:3])) < 1e-6 * abs(solution.compliance.c12)
-    held_out = np.linalg.solve(stage.installed(1e15), extension)  # an actuator as good as rigid holds the inputs
+    held_out = np.linalg.solve(
+        stage.with_input_springs(1e15), extension
+    )  # an actuator as good as rigid holds the inputs
     assert abs(extension @ held_out) < 1e-6 * solution.compliance.c11
 
 

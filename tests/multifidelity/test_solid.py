@@ -17,7 +17,7 @@ from flexdesign.design.study import MeshSettings
 from flexdesign.fem import analysis, convergence, mesh_refinement
 from flexdesign.fem.meshing import resolution_gate
 from flexdesign.fem.multifidelity import FastSolid, Planar, extrusion, solid
-from flexdesign.fem.multifidelity.further import Further
+from flexdesign.fem.multifidelity.further import AdditionalQuantities
 from flexdesign.fem.quantities import of_compliance
 from flexdesign.fem.solving.elasticity import Elasticity
 
@@ -44,7 +44,7 @@ def full(given: Design) -> dict[str, Quantity]:
         solution = analysis.solve(part, given.material, body, mesh, all_classes=False)
         found.append({q.key: q for q in of_compliance(solution.compliance, given.actuator)})
     sizes = [method.finest_edge(coarseness) for coarseness in ANCHORING]
-    return {q.key: q for q in mesh_refinement.limits(found, sizes, method.scatter)}
+    return {q.key: q for q in mesh_refinement.extrapolate_quantities(found, sizes, method.scatter)}
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def test_moved_bodies_have_the_stiffness_of_new_ones(fast: FastSolid) -> None:
     method = extrusion.method(part, body, MeshSettings())
     coarse = fast.families[0].meshes[0]
     moved = coarse.numbers(NEIGHBOUR, part, body, method)
-    mesh = coarse.morphed(method)
+    mesh = coarse.morph(method)
     checked = resolution_gate.check(mesh, body, part.linkage().of_kind("hinge"))
     assert len(checked) == 4 and max(abs(each.deviation) for each in checked) < 1e-9
     new = analysis.solve(part, NEIGHBOUR.material, body, mesh, all_classes=False).compliance
@@ -210,17 +210,17 @@ def test_corrections_beside_stiffness_are_those_of_the_anchors() -> None:
         return Quantity(name, value, "Hz", "Hz", half_width=sigma)
 
     coarse = {"f": one("f", 100.0), "zero": one("zero", 0.0), "K_in": one("K_in", 1.0)}
-    asked, scatter = Further(1), convergence.MeshNoise(0.0)
+    asked, scatter = AdditionalQuantities(1), convergence.MeshNoise(0.0)
     known = [
-        asked.known(
+        asked.anchor_errors(
             coarse, [{"f": one("f", v), "zero": one("zero", 0.0), "K_in": one("K_in", 1.0)}] * 2, [2, 1], scatter
         )
         for v in (98.0, 96.0)
     ]
     rest = {key: coarse[key] for key in ("f", "zero")}
-    frequency, zero = asked.corrected(rest, known, [0.5, 0.5], 0.003)
+    frequency, zero = asked.correct(rest, known, [0.5, 0.5], 0.003)
     assert frequency.value == pytest.approx(np.sqrt(98.0 * 96.0)) and frequency.half_width is not None
     assert frequency.half_width / frequency.value == pytest.approx(np.hypot(0.003, np.log(100 / frequency.value) / 2))
     assert (zero.value, zero.half_width) == (0.0, None)
-    (at_anchor,) = asked.corrected({"f": coarse["f"]}, known, [1.0, 0.0], 0.0)
+    (at_anchor,) = asked.correct({"f": coarse["f"]}, known, [1.0, 0.0], 0.0)
     assert at_anchor.value == pytest.approx(98.0) and at_anchor.half_width == pytest.approx(0.0, abs=1e-12)

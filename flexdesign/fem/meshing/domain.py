@@ -180,7 +180,7 @@ def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = 
         If the part's solid is invalid, a port is not found on it, or it is not the extrusion the part says it is.
     """
     whole = _one_solid(part.solid(), "the solid")
-    planes = shared_planes(part, material) if symmetric else ()
+    planes = common_planes(part, material) if symmetric else ()
     solid = whole
     for plane in planes:
         solid = _one_solid(solid.intersect(_half_space(whole, plane)), f"the half {plane.axis} >= 0")
@@ -194,7 +194,7 @@ def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = 
     else:
         found = [_face(face, chord, thinnest) for face in solid.Faces()]
     groups = [port.faces for port in part.ports()]
-    faces, first = _joined(found, groups), list(range(len(found)))
+    faces, first = _join(found, groups), list(range(len(found)))
     for group in groups:
         for index in group:
             first[index] = group[0]
@@ -219,7 +219,7 @@ def of_part(part: Piece, *, material: Material | None = None, symmetric: bool = 
     )
 
 
-def _joined(faces: Sequence[Face], groups: Sequence[tuple[int, ...]]) -> tuple[Face, ...]:
+def _join(faces: Sequence[Face], groups: Sequence[tuple[int, ...]]) -> tuple[Face, ...]:
     """Return the faces, with each group of plane faces put together at the place of its first; the others are empty."""
     joined = list(faces)
     for group in groups:
@@ -246,7 +246,7 @@ def _thinnest(part: Piece) -> float:
     return min((hinge.thickness for hinge in part.linkage().of_kind("hinge")), default=np.inf)
 
 
-def shared_planes(part: Piece, material: Material | None) -> tuple[SymmetryPlane, ...]:
+def common_planes(part: Piece, material: Material | None) -> tuple[SymmetryPlane, ...]:
     """Return the planes in which both a part and what it is made of are their own mirror images."""
     return tuple(plane for plane in part.symmetry() if material is None or material.mirrors_in(plane.index))
 

@@ -28,7 +28,7 @@ EDGES, POINTS = 6.0, 4
 CUBES = 200_000
 
 
-def estimated(domain: Domain, sizing: Sizing) -> float:
+def estimate(domain: Domain, sizing: Sizing) -> float:
     """Return about how many tetrahedra fill a domain; if they are very many, fewer than there are."""
     points, triangles, _ = domain.surface()
     low, high = points.min(axis=0), points.max(axis=0)
@@ -36,7 +36,7 @@ def estimated(domain: Domain, sizing: Sizing) -> float:
     rng = np.random.default_rng(0)
     places = centres[:, None] + edges[:, None, None] * (rng.random((len(centres), POINTS, 3)) - 0.5)
     flat = places.reshape(-1, 3)
-    inside = _inside(flat, points, triangles)
+    inside = _contains(flat, points, triangles)
     volume = np.repeat(edges**3 / POINTS, POINTS)[inside]
     if not len(volume):
         return 0.0
@@ -67,7 +67,7 @@ def _cubes(low: FloatArray, high: FloatArray, sizing: Sizing) -> tuple[FloatArra
     return np.vstack(centres), np.concatenate(edges)
 
 
-def _inside(points: FloatArray, surface: FloatArray, triangles: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _contains(points: FloatArray, surface: FloatArray, triangles: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Tell which points lie within a closed surface."""
     import pyvista as pv
 

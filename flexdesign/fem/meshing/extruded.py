@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, boundary, signed_volumes
 from flexdesign.fem.meshing.planar import PlanarError, Size, Triangulation, triangulate
 from flexdesign.fem.meshing.section import Section
-from flexdesign.fem.meshing.sizing import Sizing, spaced
+from flexdesign.fem.meshing.sizing import Sizing, divide_line
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -50,7 +50,7 @@ class Layers:
         for is_free, away in zip(free, (s, s[::-1]), strict=True):
             if is_free:
                 np.minimum(wanted, self.at_ends + self.growth * away, out=wanted)
-        heights = low + spaced(s, wanted, count)
+        heights = low + divide_line(s, wanted, count)
         heights[-1] = high
         return heights
 
@@ -61,7 +61,7 @@ def planar_size(section: Section, sizing: Sizing) -> Size:
     return lambda points: sizing(section.lifted(points, middle))
 
 
-def triangulated(section: Section, sizing: Sizing, chord: float) -> Triangulation:
+def triangulate_section(section: Section, sizing: Sizing, chord: float) -> Triangulation:
     """Triangulate a section.
 
     Parameters
@@ -85,12 +85,12 @@ def triangulated(section: Section, sizing: Sizing, chord: float) -> Triangulatio
 
 
 def extrude(section: Section, sizing: Sizing, layers: Layers, chord: float, free: tuple[bool, bool]) -> TaggedMesh:
-    """Mesh a section as `triangulated` does, and draw it out in layers; `free` ends are none of symmetry."""
-    plan = triangulated(section, sizing, chord)
-    return drawn_out(plan, section, layers.heights(section.low, section.high, free))
+    """Mesh a section as `triangulate_section` does, and extrude it in layers; `free` ends are none of symmetry."""
+    plan = triangulate_section(section, sizing, chord)
+    return stack_prisms(plan, section, layers.heights(section.low, section.high, free))
 
 
-def drawn_out(plan: Triangulation, section: Section, heights: FloatArray) -> TaggedMesh:
+def stack_prisms(plan: Triangulation, section: Section, heights: FloatArray) -> TaggedMesh:
     """Stack prisms on the triangles and cut each into three tetrahedra.
 
     The side of two neighbouring prisms is cut from its lower corner of smaller number to its upper corner of larger

@@ -114,14 +114,14 @@ class ThicknessField:
             radius *= 2.0
         points = np.vstack(cloud)
         points = points[np.all((points >= low - margin) & (points <= high + margin), axis=1)]
-        points = self._thinned(points)
+        points = self._thin_out(points)
         points = points + 1e-3 * self.finest * rng.standard_normal(points.shape)  # cospherical points stall Delaunay
         corners = np.array(np.meshgrid(*zip(low - margin, high + margin, strict=True))).reshape(3, -1).T
         points = np.vstack([points, corners])
         tets = Delaunay(points).simplices.astype(np.int32)
         return points, tets, self(points)
 
-    def _thinned(self, points: FloatArray) -> FloatArray:
+    def _thin_out(self, points: FloatArray) -> FloatArray:
         """Keep one point in each cell of a lattice about as wide as the edge length there, in powers of two."""
         level = np.round(np.log2(self(points) / self.finest))
         cell = np.floor(points / (self.finest * 2.0**level)[:, None])
@@ -158,7 +158,7 @@ class LocalThickness:
     conforming: bool = True
 
     name: ClassVar[str] = "wild"
-    scatter: ClassVar[MeshNoise] = convergence.SCATTER
+    scatter: ClassVar[MeshNoise] = convergence.MESH_NOISE
 
     @property
     def tries(self) -> int:
@@ -224,7 +224,7 @@ class LocalThickness:
         fine = wanted < largest
         if not fine.any():
             fine[np.argmin(wanted)] = True
-        thinned = _thinned(places[fine], np.minimum(wanted[fine], largest))
+        thinned = _thin_out(places[fine], np.minimum(wanted[fine], largest))
         return ThicknessField(
             places[fine][thinned], np.minimum(wanted[fine], largest)[thinned], self.growth * coarseness, largest
         )
@@ -239,7 +239,7 @@ class LocalThickness:
         """
         thin = self.thin
         rays = Rays(mesh.points, mesh.facets)
-        checks = [self._measured(mesh, rays, *each) for each in zip(thin.hinges, thin.chosen, strict=True)]
+        checks = [self._measure(mesh, rays, *each) for each in zip(thin.hinges, thin.chosen, strict=True)]
         for found in checks:
             name, thickness = found.hinge.name, found.hinge.thickness * 1e3
             if np.isnan(found.deviation):
@@ -257,7 +257,7 @@ class LocalThickness:
                 )
         return checks
 
-    def _measured(self, mesh: TaggedMesh, rays: Rays, hinge: Member, chosen: NDArray[np.int64]) -> HingeCheck:
+    def _measure(self, mesh: TaggedMesh, rays: Rays, hinge: Member, chosen: NDArray[np.int64]) -> HingeCheck:
         thin = self.thin
         some = chosen[:: max(len(chosen) // MEASURED, 1)]
         thickness, inward = thin.thickness[some], thin.inward[some]
@@ -318,7 +318,7 @@ class LocalThickness:
         return self.envelope * self.thin.thinnest
 
 
-def _thinned(places: FloatArray, sizes: FloatArray) -> NDArray[np.int64]:
+def _thin_out(places: FloatArray, sizes: FloatArray) -> NDArray[np.int64]:
     """Return the indices of places such that cells as wide as a third of the edge length have one each: the finest."""
     order = np.argsort(sizes)
     level = np.round(np.log2(sizes[order] / sizes[order[0]]))

@@ -205,7 +205,7 @@ def snap(mesh: TaggedMesh, domain: Domain, envelope: float) -> TaggedMesh:
     most = MOST_LOOSE * len(np.unique(mesh.facets))
     while True:
         points = np.where(loose[:, None], mesh.points, goal)
-        turned = _turned(points, mesh.tets)
+        turned = _inverted(points, mesh.tets)
         new = np.unique(mesh.tets[turned])
         new = new[~loose[new] & (off[new] > 0)]
         if not len(new) or loose.sum() + len(new) > most:
@@ -222,13 +222,13 @@ def _on_faces(mesh: TaggedMesh, domain: Domain) -> FloatArray:
         before = points.copy()
         for index, face in enumerate(domain.faces):
             vertices = vertex_faces[vertex_faces[:, 1] == index, 0]
-            points[vertices] = _projected(points[vertices], face)
+            points[vertices] = _project(points[vertices], face)
         if np.abs(points - before).max() < 1e-13:
             break
     return points
 
 
-def _turned(points: FloatArray, tets: IntArray) -> NDArray[np.bool_]:
+def _inverted(points: FloatArray, tets: IntArray) -> NDArray[np.bool_]:
     """Tell which tetrahedra are inside out, and not merely laid flat."""
     return signed_volumes(points, tets) < -FLAT * _sizes(points, tets)
 
@@ -265,7 +265,7 @@ def _on_nearest(points: FloatArray, domain: Domain) -> FloatArray:
     faces = [face for face in domain.faces if len(face.triangles)]
     away = np.array([_distance_to_face(points, face) for face in faces])
     nearest = away.argmin(axis=0)
-    return np.array([_projected(p[None], faces[index])[0] for p, index in zip(points, nearest, strict=True)])
+    return np.array([_project(p[None], faces[index])[0] for p, index in zip(points, nearest, strict=True)])
 
 
 def _distance_to_face(points: FloatArray, face: Face) -> FloatArray:
@@ -276,7 +276,7 @@ def _distance_to_face(points: FloatArray, face: Face) -> FloatArray:
     return np.asarray(np.linalg.norm(points - nearest, axis=1))
 
 
-def _projected(points: FloatArray, face: Face) -> FloatArray:
+def _project(points: FloatArray, face: Face) -> FloatArray:
     if face.normal is not None:
         return points - np.outer(points @ face.normal - face.offset, face.normal)
     if face.axis is not None:

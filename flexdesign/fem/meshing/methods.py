@@ -24,7 +24,7 @@ from flexdesign.fem import convergence
 from flexdesign.fem.convergence import MeshNoise
 from flexdesign.fem.meshing import element_count, profile
 from flexdesign.fem.meshing.domain import Domain
-from flexdesign.fem.meshing.extruded import Layers, drawn_out, planar_size, triangulated
+from flexdesign.fem.meshing.extruded import Layers, planar_size, stack_prisms, triangulate_section
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, tetrahedralize
 from flexdesign.fem.meshing.planar import Size, Triangulation
 from flexdesign.fem.meshing.section import Section
@@ -33,7 +33,7 @@ from flexdesign.fem.meshing.sizing import Neck, Sizing, distance, edge_length_at
 FloatArray = NDArray[np.float64]
 
 #: Default edge length at the roots, in hinge thicknesses, and growth.
-WILD_GRADING = (0.3, 0.45)
+UNSTRUCTURED_GRADING = (0.3, 0.45)
 EXTRUDED_GRADING = (0.05, 0.6)
 #: How much longer edges may be at rounded roots than the singularity of sharp ones would allow, for extruded meshes.
 ROUNDED = 6.0
@@ -55,7 +55,7 @@ BESIDE_LEAVES, BESIDE_NECKS = 0.4, 0.25
 #: so that the error of the chords, of second order, falls with the square of the edge length by which results are
 #: extrapolated. The coarsest of three meshes then has chords of 0.2 % of the neck, and three elements across it.
 EXTRUDED_NECK = (0.1, 0.12, 1.8e-4)
-WILD_NECK = (0.18, 0.18, 3.5e-4)
+UNSTRUCTURED_NECK = (0.18, 0.18, 3.5e-4)
 #: Most tetrahedra of an unstructured mesh, as estimated. Half a million have 2.3 million unknowns (4.5 each), whose
 #: factor takes 22 GiB: 2.6 GiB were measured for 430 000 unknowns of the bridge amplifier, and memory grows with their
 #: number to the power 1.28. That is all that a machine of 24 GiB has.
@@ -151,7 +151,7 @@ class Grading:
         curved necks on the finest mesh of the default grading; `at_root` and `growth` scale them.
         """
         edges, owners = root_edges([m for m in self.members if m.kind in ("hinge", "rod")], self.domain)
-        lengths = [_resolved(owner) * (rounded if owner.root_radius > 0 else 1.0) for owner in owners]
+        lengths = [_resolved_length(owner) * (rounded if owner.root_radius > 0 else 1.0) for owner in owners]
         longest = [arc * owner.root_radius if owner.root_radius > 0 else math.inf for owner in owners]
         surface, inside, chord = neck
         necks = tuple(
@@ -168,7 +168,7 @@ class Grading:
 
 
 @dataclass(frozen=True)
-class Wild:
+class Unstructured:
     """Isotropic tetrahedra of any solid; `envelope` hinge thicknesses is how far the mesher may move the surface."""
 
     grading: Grading
@@ -176,7 +176,7 @@ class Wild:
 
     name: ClassVar[str] = "wild"
     #: Along a root there are many elements, of which no two are alike: what they leave open is their mean.
-    scatter: ClassVar[MeshNoise] = convergence.SCATTER
+    scatter: ClassVar[MeshNoise] = convergence.MESH_NOISE
     #: Of coarse meshes of a whole amplifier one in sixteen was refused.
     tries: ClassVar[int] = 3
 
@@ -191,7 +191,7 @@ class Wild:
     def require_room(self, coarseness: float) -> None:
         """Raise MeshError if the mesher is going to make more than `MOST` tetrahedra."""
         domain = self.grading.domain
-        count = element_count.estimated(domain, self._sizing(coarseness))
+        count = element_count.estimate(domain, self._sizing(coarseness))
         if count > MOST:
             extruded = 'mesh.method = "extruded", ' if domain.section is not None else ""
             raise MeshError(
@@ -215,7 +215,7 @@ class Wild:
 
     @property
     def _neck(self) -> tuple[float, float, float]:
-        return _scaled(WILD_NECK, self.grading.at_root / WILD_GRADING[0])
+        return _scale_neck(UNSTRUCTURED_NECK, self.grading.at_root / UNSTRUCTURED_GRADING[0])
 
     @property
     def _envelope(self) -> float:
@@ -242,7 +242,7 @@ class Extruded:
 
     def mesh(self, coarseness: float) -> TaggedMesh:
         """Return the mesh, 1 being the finest; raise MeshError if there is none to be had."""
-        return drawn_out(self.plan(coarseness), self.section, self.heights(coarseness))
+        return stack_prisms(self.plan(coarseness), self.section, self.heights(coarseness))
 
     def require_room(self, coarseness: float) -> None:
         """Let every mesh pass: it is made in seconds, and the solver knows before it solves what memory that takes."""
@@ -257,7 +257,7 @@ class Extruded:
 
     def plan(self, coarseness: float) -> Triangulation:
         """Return the triangles that are drawn out, 1 being the finest; raise MeshError if there are none to be had."""
-        return triangulated(self.section, self._sizing(coarseness), self._chord(coarseness))
+        return triangulate_section(self.section, self._sizing(coarseness), self._chord(coarseness))
 
     def planar_size(self, coarseness: float) -> Size:
         """Return the edge length wanted in the section."""
@@ -277,7 +277,7 @@ class Extruded:
         return self.finest_edge(coarseness)
 
     def _sizing(self, coarseness: float) -> Sizing:
-        neck = _scaled(EXTRUDED_NECK, self.grading.at_root / EXTRUDED_GRADING[0])
+        neck = _scale_neck(EXTRUDED_NECK, self.grading.at_root / EXTRUDED_GRADING[0])
         field = self.grading.sizing(coarseness**2, coarseness, neck, ROUNDED)
         section = self.grading.domain.section
         if section is None:
@@ -322,13 +322,13 @@ def _count(layers: Layers, depth: float) -> float:
     return float(np.log1p(layers.growth * graded / layers.at_ends) / layers.growth + (depth - graded) / layers.largest)
 
 
-def _scaled(neck: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
+def _scale_neck(neck: tuple[float, float, float], factor: float) -> tuple[float, float, float]:
     """Return edges at curved necks for another `mesh.at_root`: a chord goes with the square of its length."""
     surface, inside, chord = neck
     return surface * factor, inside * min(factor, 1.0), chord * factor**2
 
 
-def _resolved(member: Member) -> float:
+def _resolved_length(member: Member) -> float:
     """Return the length that `at_root` counts in: a hinge's thickness, or less where fillets must be resolved.
 
     Arms and rods, stout and few, are resolved twice as finely for little cost, so that the hinges' error is left.

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh, signed_volumes
 from flexdesign.fem.meshing.planar import Size, Triangulation
 from flexdesign.fem.meshing.section import Curve, Section
-from flexdesign.fem.meshing.sizing import counted
+from flexdesign.fem.meshing.sizing import count_pieces
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -66,7 +66,7 @@ class Pattern:
         MeshError
             If its corners are others, or triangles turn over or become much worse than they were.
         """
-        if not alike(self.section, section):
+        if not have_same_topology(self.section, section):
             raise MeshError("the section has other corners than its neighbour's")
         points = self.plan.points.copy()
         counts = _counts(section, size)
@@ -90,7 +90,7 @@ class Pattern:
         for curve, count in zip(self.section.outline, _counts(self.section, self.size), strict=True):
             there = np.unique(self.plan.sides[self.plan.owners == curve.face])
             arc = _arc(curve)
-            along = _projected(curve, arc, self.plan.points[there])
+            along = _project(curve, arc, self.plan.points[there])
             vertices.append(there)
             shares.append(np.interp(along, PLACES * arc[-1], count / count[-1]))
         return vertices, shares
@@ -113,7 +113,7 @@ class Pattern:
         return fixed, free, splu(inner[:, free].tocsc()).solve, inner[:, fixed]
 
 
-def alike(one: Section, other: Section) -> bool:
+def have_same_topology(one: Section, other: Section) -> bool:
     """Tell whether two sections have the same corners in the same order, joined by curves of the same kind."""
     if len(one.outline) != len(other.outline) or (one.axis, one.ends) != (other.axis, other.ends):
         return False
@@ -158,7 +158,7 @@ def _counts(section: Section, size: Size) -> list[FloatArray]:
     arcs = [_arc(curve) for curve in section.outline]
     places = [_on(curve, arc, PLACES * arc[-1]) for curve, arc in zip(section.outline, arcs, strict=True)]
     wanted = np.split(size(np.concatenate(places)), len(places))
-    return [counted(PLACES * arc[-1], there) for arc, there in zip(arcs, wanted, strict=True)]
+    return [count_pieces(PLACES * arc[-1], there) for arc, there in zip(arcs, wanted, strict=True)]
 
 
 def _on(curve: Curve, arc: FloatArray, s: FloatArray) -> FloatArray:
@@ -166,7 +166,7 @@ def _on(curve: Curve, arc: FloatArray, s: FloatArray) -> FloatArray:
     return np.column_stack([np.interp(s, arc, curve.points[:, i]) for i in (0, 1)])
 
 
-def _projected(curve: Curve, arc: FloatArray, places: FloatArray) -> FloatArray:
+def _project(curve: Curve, arc: FloatArray, places: FloatArray) -> FloatArray:
     """Return the arc lengths [m] of places on a curve."""
     starts, ways = curve.points[:-1], np.diff(curve.points, axis=0)
     share = np.einsum("nki,ki->nk", places[:, None] - starts, ways) / (ways**2).sum(axis=1)

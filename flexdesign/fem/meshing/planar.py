@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
 from flexdesign.fem.meshing.section import Curve, encloses
-from flexdesign.fem.meshing.sizing import spaced
+from flexdesign.fem.meshing.sizing import divide_line
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -89,18 +89,18 @@ def triangulate(outline: Sequence[Curve], size: Size, chord: float) -> Triangula
     boundary = _Boundary(outline, size, chord)
     inner = np.empty((0, 2))
     for _ in range(ROUNDS):
-        points, triangles = _inside(boundary, inner)
+        points, triangles = _interior(boundary, inner)
         missing = boundary.missing(triangles)
         if missing.any():
             boundary.halve(missing)
             continue
-        centres = _wanted(points, triangles, boundary, size)
+        centres = _circumcentres(points, triangles, boundary, size)
         if not len(centres):
             break
         inner = np.vstack([inner, centres])
     else:
         raise PlanarError("the triangulation of the section finds no end")
-    return _smoothed(boundary, inner, size)
+    return _smooth(boundary, inner, size)
 
 
 class _Boundary:
@@ -169,10 +169,10 @@ def _cuts(points: FloatArray, arc: FloatArray, size: Size, chord: float) -> Floa
         turning = np.abs(np.diff(np.unwrap(np.arctan2(*np.diff(points, axis=0).T[::-1])))).max()
         radius = arc[-1] / (len(points) - 1) / max(turning, 1e-12)  # smallest on the curve
         wanted = np.minimum(wanted, np.sqrt(8 * radius * chord))
-    return spaced(s, wanted)
+    return divide_line(s, wanted)
 
 
-def _inside(boundary: _Boundary, inner: FloatArray) -> tuple[FloatArray, IntArray]:
+def _interior(boundary: _Boundary, inner: FloatArray) -> tuple[FloatArray, IntArray]:
     """Return the vertices and the Delaunay triangles that lie inside."""
     points = np.vstack([boundary.points, inner])
     triangles = Delaunay(points).simplices.astype(np.int64)
@@ -185,7 +185,7 @@ def _inside(boundary: _Boundary, inner: FloatArray) -> tuple[FloatArray, IntArra
     return points, triangles[boundary.encloses(points[triangles].mean(axis=1))]
 
 
-def _wanted(points: FloatArray, triangles: IntArray, boundary: _Boundary, size: Size) -> FloatArray:
+def _circumcentres(points: FloatArray, triangles: IntArray, boundary: _Boundary, size: Size) -> FloatArray:
     """Return circumcentres of triangles that are too large or too thin, none too close to another or the outline."""
     centres, radius = _circles(points, triangles)
     shortest = np.linalg.norm(points[triangles] - np.roll(points[triangles], 1, axis=1), axis=2).min(axis=1)
@@ -203,10 +203,10 @@ def _wanted(points: FloatArray, triangles: IntArray, boundary: _Boundary, size: 
     return np.asarray(places[is_used])
 
 
-def _smoothed(boundary: _Boundary, inner: FloatArray, size: Size) -> Triangulation:
+def _smooth(boundary: _Boundary, inner: FloatArray, size: Size) -> Triangulation:
     """Move inner vertices to the middle of the triangles around them, each counted as often as it should be split."""
     first = len(boundary.points)
-    points, triangles = _inside(boundary, inner)
+    points, triangles = _interior(boundary, inner)
     if not boundary.fits(triangles):
         raise PlanarError("the triangulation of the section has gaps")
     best = Triangulation(points, triangles, boundary.sides, boundary.owners)
@@ -218,7 +218,7 @@ def _smoothed(boundary: _Boundary, inner: FloatArray, size: Size) -> Triangulati
             np.bincount(triangles.ravel(), np.repeat(weights * middles[:, i], 3), minlength=len(points)) / total
             for i in (0, 1)
         ]
-        points, triangles = _inside(boundary, np.column_stack(smoothed)[first:])
+        points, triangles = _interior(boundary, np.column_stack(smoothed)[first:])
         found = Triangulation(points, triangles, boundary.sides, boundary.owners)
         if not boundary.fits(triangles):
             break

@@ -23,7 +23,7 @@ from flexdesign.fem.meshing.section import Curve, Section, encloses
 FloatArray = NDArray[np.float64]
 
 #: Corners nearer to one another, or to a plane, are taken as one, or as in it [m].
-NEAR = 1e-9
+TOLERANCE = 1e-9
 
 
 def of_part(part: Piece, *, material: Material | None = None) -> Domain | None:
@@ -44,7 +44,7 @@ def of_part(part: Piece, *, material: Material | None = None) -> Domain | None:
     axis, outline = extrusion_axis(part), straight_outline(part)
     if axis is None or outline is None:
         return None
-    planes = domain.shared_planes(part, material)
+    planes = domain.common_planes(part, material)
     sides, (low, high) = _sides(outline), (outline.low, outline.high)
     if _crossing(sides):
         raise InputError("part", "outline", None, "the outline crosses itself: the part cannot be built")
@@ -55,10 +55,10 @@ def of_part(part: Piece, *, material: Material | None = None) -> Domain | None:
             low = 0.0
         else:
             sides = _cut(sides, along)
-    return _drawn_out(part, planes, sides, (low, high), axis)
+    return _extrude(part, planes, sides, (low, high), axis)
 
 
-def _drawn_out(
+def _extrude(
     part: Piece, planes: tuple[SymmetryPlane, ...], sides: FloatArray, ends: tuple[float, float], axis: Axis
 ) -> Domain:
     """Return the domain: a face to each side, in their order, then the low and the high end."""
@@ -107,13 +107,13 @@ def _outward(sides: FloatArray) -> FloatArray:
     """Return the unit normals of sides that point out of what they enclose, shape (k, 2)."""
     ways = sides[:, 1] - sides[:, 0]
     normals = np.column_stack([ways[:, 1], -ways[:, 0]]) / np.linalg.norm(ways, axis=1, keepdims=True)
-    inwards = encloses(sides, sides.mean(axis=1) + NEAR * normals)
+    inwards = encloses(sides, sides.mean(axis=1) + TOLERANCE * normals)
     return np.where(inwards[:, None], -normals, normals)
 
 
 def _cut(sides: FloatArray, along: int) -> FloatArray:
     """Keep what lies at positive coordinates, and close it along the line where the coordinate is zero."""
-    reach = np.where(np.abs(sides[:, :, along]) < NEAR, 0.0, sides[:, :, along])  # (k, 2 ends)
+    reach = np.where(np.abs(sides[:, :, along]) < TOLERANCE, 0.0, sides[:, :, along])  # (k, 2 ends)
     selected = sides[(reach >= 0).all(axis=1) & (reach > 0).any(axis=1)]
     across = sides[reach.prod(axis=1) < 0]
     inner = np.where(across[:, :1, along] > 0, 0, 1)[:, :, None]
@@ -122,9 +122,9 @@ def _cut(sides: FloatArray, along: int) -> FloatArray:
     crossings = across[:, 0] + share[:, None] * (across[:, 1] - across[:, 0])
     crossings[:, along] = 0.0
     cut = np.stack([inside, crossings], axis=1)
-    touching = selected[np.abs(selected[:, :, along]) < NEAR]
+    touching = selected[np.abs(selected[:, :, along]) < TOLERANCE]
     places = np.sort(np.concatenate([crossings, touching])[:, 1 - along])
-    if not len(places) or len(places) % 2 or (np.diff(places) < NEAR).any():
+    if not len(places) or len(places) % 2 or (np.diff(places) < TOLERANCE).any():
         raise InputError("part", "symmetry", "xyz"[along], "the plane cuts the outline in no even number of places")
     line = np.zeros((len(places) // 2, 2, 2))
     line[:, :, 1 - along] = places.reshape(-1, 2)
@@ -135,13 +135,13 @@ def _require_mirrored(sides: FloatArray, low: float, high: float, plane: Symmetr
     """Refuse an outline that is not its own mirror image."""
     along = _along(plane, axis)
     if along == 2:
-        mirrored = abs(low + high) < NEAR
+        mirrored = abs(low + high) < TOLERANCE
     else:
         corners = sides[:, 0]
         images = corners * np.where(np.arange(2) == along, -1.0, 1.0)
         # Earlier planes may have cut the outline; the corners are what must have images among themselves.
         gaps = np.linalg.norm(images[:, None] - sides.reshape(-1, 2)[None], axis=2).min(axis=1)
-        mirrored = bool((gaps < NEAR).all())
+        mirrored = bool((gaps < TOLERANCE).all())
     if not mirrored:
         raise InputError("part", "symmetry", plane.axis, "the outline is not its own mirror image in this plane")
 
@@ -155,5 +155,7 @@ def _crossing(sides: Sequence[FloatArray] | FloatArray) -> bool:
         return np.asarray(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
 
     one, two = turn(a[:, None], b[:, None], a[None]), turn(a[:, None], b[:, None], b[None])
-    apart = (one * two < 0) & (np.abs(one) > NEAR**2) & (np.abs(two) > NEAR**2)  # ends on either side of the other
+    apart = (
+        (one * two < 0) & (np.abs(one) > TOLERANCE**2) & (np.abs(two) > TOLERANCE**2)
+    )  # ends on either side of the other
     return bool((apart & apart.T).any())

@@ -124,7 +124,7 @@ def of_solid(solid: Any, axis: Axis, tolerance: float = 1e-6) -> Section:
         owners = [i for i, edges in sides if any(edge.isSame(other) for other in edges)]
         if len(owners) != 1:
             raise _no_extrusion(axis, "an edge of its end face belongs to no one side face")
-        outline.append(Curve(_sampled(edge, index), owners[0]))
+        outline.append(Curve(_sample(edge, index), owners[0]))
     if len({curve.face for curve in outline}) != len(sides):
         raise _no_extrusion(axis, "some side faces do not reach from end to end")
     return Section(index, low * MM, high * MM, (caps[0], caps[1]), tuple(outline))
@@ -142,7 +142,7 @@ def _cap(faces: Sequence[Any], index: int, side: int, axis: Axis) -> int:
     return found[0]
 
 
-def _sampled(edge: Any, index: int) -> FloatArray:
+def _sample(edge: Any, index: int) -> FloatArray:
     straight = edge.geomType() == "LINE"
     places = [edge.startPoint(), edge.endPoint()] if straight else edge.positions(np.linspace(0.0, 1.0, SAMPLES + 1))
     points = np.array([place.toTuple() for place in places]) * MM

@@ -84,7 +84,7 @@ class Neck:
         lines = []
         for side in (-1.0, 0.0, 1.0):
             line = centre + s[:, None] * axis + (side * half)[:, None] * normal
-            places = spaced(s, 2 * self(line, growth))
+            places = divide_line(s, 2 * self(line, growth))
             on_line = np.column_stack([np.interp(places, s, line[:, i]) for i in range(3)])
             for place, spacing in zip(on_line, 2 * self(on_line, growth), strict=True):
                 depth = np.array([0.0, 0.0, self.hinge.width / 2])
@@ -148,7 +148,7 @@ class Sizing:
             while radius < self.largest / self.growth:
                 cloud.append(_shell(root, radius))
                 radius *= 2.0
-        points = _thinned(np.vstack(cloud), self)
+        points = _thin_out(np.vstack(cloud), self)
         rng = np.random.default_rng(0)
         points = points + 1e-3 * self.finest * rng.standard_normal(points.shape)  # cospherical points stall Delaunay
         tets = Delaunay(points).simplices.astype(np.int32)
@@ -165,7 +165,7 @@ def distance(points: FloatArray, roots: FloatArray) -> FloatArray:
     return nearest
 
 
-def spaced(places: FloatArray, wanted: FloatArray, pieces: int | None = None) -> FloatArray:
+def divide_line(places: FloatArray, wanted: FloatArray, pieces: int | None = None) -> FloatArray:
     """Cut a line into the fewest pieces, all shorter than wanted where they lie, and all by the same factor.
 
     Parameters
@@ -182,14 +182,14 @@ def spaced(places: FloatArray, wanted: FloatArray, pieces: int | None = None) ->
     ndarray
         Where the pieces meet, both ends included [m].
     """
-    count = counted(places, wanted)
+    count = count_pieces(places, wanted)
     pieces = pieces or max(1, int(np.ceil(count[-1] - 1e-6)))
     cuts = np.interp(np.linspace(0.0, count[-1], pieces + 1), count, places)
     cuts[[0, -1]] = places[[0, -1]]
     return np.asarray(cuts)
 
 
-def counted(places: FloatArray, wanted: FloatArray) -> FloatArray:
+def count_pieces(places: FloatArray, wanted: FloatArray) -> FloatArray:
     """Return how many pieces as long as wanted fit before each place of a line: the integral of one over the length."""
     density = 1 / wanted
     return np.concatenate([[0.0], np.cumsum(np.diff(places) * (density[1:] + density[:-1]) / 2)])
@@ -254,7 +254,7 @@ def _shell(root: FloatArray, radius: float, around: int = 8) -> FloatArray:
     return (line[:, None, :] + ring[None, :, :]).reshape(-1, 3)
 
 
-def _thinned(points: FloatArray, sizing: Sizing) -> FloatArray:
+def _thin_out(points: FloatArray, sizing: Sizing) -> FloatArray:
     """Keep one point in each cell of a lattice half as wide as the edge length wanted there, in powers of two."""
     level = np.round(np.log2(sizing(points) / sizing.finest))
     cell = np.floor(points / (0.5 * sizing.finest * 2.0**level)[:, None])

@@ -190,7 +190,7 @@ def find(solid: Any) -> ThinRegions:
     coarse = surface_of(solid, 1e-3 * solid.BoundingBox().DiagonalLength * 1e-3)
     spacing = coarse.size / ALONG
     points, owners = _places(coarse, np.full(len(coarse.triangles), spacing))
-    seen = _measured(coarse, Rays(coarse.points, coarse.triangles), points, owners)
+    seen = _measure(coarse, Rays(coarse.points, coarse.triangles), points, owners)
     if not len(seen[2]):
         raise ValueError("no ray leaves the solid by a face across")
     fine = surface_of(solid, max(TRUE * float(seen[2].min()), 1e-6 * coarse.size))
@@ -199,7 +199,7 @@ def find(solid: Any) -> ThinRegions:
     wanted = np.clip(0.4 * (seen[2][nearest] + away), 1e-4 * fine.size, spacing)
     points, owners = _places(fine, wanted)
     rays = Rays(fine.points, fine.triangles)
-    places, inward, thickness, curved = _measured(fine, rays, points, owners)
+    places, inward, thickness, curved = _measure(fine, rays, points, owners)
     roots, at_roots = _reentrant(fine, places, thickness)
     found = ThinRegions(places, inward, thickness, curved, roots, at_roots)
     hinges, chosen = _hinges(found, float(np.quantile(seen[2], MOST_OF_IT)))
@@ -224,7 +224,7 @@ def _places(surface: Surface, wanted: FloatArray) -> tuple[FloatArray, IntArray]
     return a + u[:, None] * (b - a) + v[:, None] * (c - a), owners
 
 
-def _measured(
+def _measure(
     surface: Surface, rays: Rays, points: FloatArray, owners: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return places, inward normals, thickness and radius where rays leave by a face across."""

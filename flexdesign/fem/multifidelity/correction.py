@@ -85,7 +85,7 @@ class Correction:
             raise InputError("correction", "designs", None, "a dimension changes its sign or is zero among the samples")
         centre = np.sign(table[:1]).reshape(-1) * np.exp(np.log(np.abs(table)).mean(axis=0))
         logs = np.log(table / centre)
-        order = next((o for o in (2, 1) if len(designs) >= _needed(len(names), o)), 0)
+        order = next((o for o in (2, 1) if len(designs) >= _samples_needed(len(names), o)), 0)
         terms = _terms(logs, order)
         coefficients, errors = {}, {}
         pairs = [(by_key(planar.evaluate(design)), by_key(solid.evaluate(design))) for design in designs]
@@ -95,7 +95,7 @@ class Correction:
                 raise InputError("correction", key, None, "has another sign in the plane than in space")
             known = np.array([(truth[key].half_width or 0.0) / abs(truth[key].value) for _, truth in pairs])
             coefficients[key] = np.linalg.lstsq(terms, np.log(ratios), rcond=None)[0]
-            left = _left_out(terms, np.log(ratios), coefficients[key])
+            left = _leave_one_out_error(terms, np.log(ratios), coefficients[key])
             errors[key] = float(np.hypot(2 * left, np.sqrt(np.mean(known**2))))
         return cls(names, centre, logs.min(axis=0), logs.max(axis=0), order, coefficients, errors)
 
@@ -123,7 +123,7 @@ class Correction:
         return corrected
 
 
-def _needed(count: int, order: int) -> int:
+def _samples_needed(count: int, order: int) -> int:
     """Return how many samples a fit needs: one more than there are linear terms, twice as many as quadratic ones."""
     return count + 2 if order == 1 else (count + 1) * (count + 2)
 
@@ -138,7 +138,7 @@ def _terms(logs: FloatArray, order: int) -> FloatArray:
     return np.column_stack(columns)
 
 
-def _left_out(terms: FloatArray, wanted: FloatArray, coefficients: FloatArray) -> float:
+def _leave_one_out_error(terms: FloatArray, wanted: FloatArray, coefficients: FloatArray) -> float:
     """Return the root mean square of what fits without each sample miss it by."""
     if len(wanted) == 1:
         return abs(float(wanted[0]))  # nothing is known of how it changes: all of the correction is in doubt

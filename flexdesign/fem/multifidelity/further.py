@@ -50,7 +50,7 @@ class Known:
 
 
 @dataclass(frozen=True)
-class Further:
+class AdditionalQuantities:
     """What is asked besides.
 
     Parameters
@@ -72,7 +72,7 @@ class Further:
         solution = analysis.solve(part, design.material, domain, mesh, actuator=actuator, mode_count=self.modes)
         return by_key(of_solution(study, solution))
 
-    def known(
+    def anchor_errors(
         self,
         coarse: Mapping[str, Quantity],
         fine: Sequence[Mapping[str, Quantity]],
@@ -81,14 +81,14 @@ class Further:
     ) -> Known:
         """Return the error of an anchor's coarse mesh, from fine ones of edge lengths `sizes` [m] at the roots."""
         gaps, errors = {}, {}
-        for limit in mesh_refinement.limits(fine, sizes, scatter):
+        for limit in mesh_refinement.extrapolate_quantities(fine, sizes, scatter):
             here = coarse[limit.key].value if limit.key in coarse else 0.0
             if here * limit.value > 0 and abs(gap := math.log(limit.value / here)) < MOST:
                 gaps[limit.key] = gap
                 errors[limit.key] = (limit.half_width or 0.0) / abs(limit.value)
         return Known(gaps, errors)
 
-    def corrected(
+    def correct(
         self, found: Mapping[str, Quantity], known: Sequence[Known], weights: Sequence[float], changed: float
     ) -> list[Quantity]:
         """Correct what one mesh gave, by anchors of these weights; their errors may have `changed`, relative."""

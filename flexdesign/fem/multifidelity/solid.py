@@ -34,12 +34,12 @@ from flexdesign.design.study import MeshSettings, OutputSettings
 from flexdesign.fem import convergence
 from flexdesign.fem.meshing import morphing, resolution_gate
 from flexdesign.fem.meshing.domain import Domain
-from flexdesign.fem.meshing.extruded import drawn_out
+from flexdesign.fem.meshing.extruded import stack_prisms
 from flexdesign.fem.meshing.mesh import MeshError, TaggedMesh
 from flexdesign.fem.meshing.methods import Extruded
 from flexdesign.fem.meshing.morphing import Pattern
 from flexdesign.fem.multifidelity import extrusion
-from flexdesign.fem.multifidelity.further import MORPHED, Further, Known
+from flexdesign.fem.multifidelity.further import MORPHED, AdditionalQuantities, Known
 from flexdesign.fem.quantities import of_compliance
 from flexdesign.fem.solving import port_compliance, statics
 from flexdesign.fem.solving.elasticity import Elasticity
@@ -85,11 +85,11 @@ class Coarse:
     def of(cls, design: Design, method: Extruded, coarseness: float) -> Coarse:
         """Mesh anew; raise MeshError if that cannot be done."""
         plan = method.plan(coarseness)
-        mesh = drawn_out(plan, method.section, method.heights(coarseness))
+        mesh = stack_prisms(plan, method.section, method.heights(coarseness))
         pattern = Pattern(method.section, method.planar_size(coarseness), plan)
         return cls(coarseness, pattern, Elasticity(mesh, design.material))
 
-    def morphed(self, method: Extruded) -> TaggedMesh:
+    def morph(self, method: Extruded) -> TaggedMesh:
         """Return the mesh moved to another design; raise MeshError if it cannot be used there."""
         plan = self.pattern.morph(method.section, method.planar_size(self.coarseness))
         layers = len(self.body.mesh.points) // len(self.pattern.plan.points) - 1
@@ -97,7 +97,7 @@ class Coarse:
 
     def numbers(self, design: Design, part: Part, domain: Domain, method: Extruded) -> FloatArray:
         """Return the three numbers of a design, on the mesh moved to it; raise MeshError if it cannot be used."""
-        mesh = self.morphed(method)
+        mesh = self.morph(method)
         resolution_gate.check(mesh, domain, part.linkage().of_kind("hinge"))
         body = self.body.on_mesh(mesh, design.material)
         known, self.factor = self.factor, None  # lost if what follows fails
@@ -117,7 +117,7 @@ class Anchor:
         r and g of the module's formulas, for each of the three numbers.
     error
         Half-width of the limit, relative, for each.
-    further
+    additional
         The same of what is asked besides.
     """
 
@@ -125,7 +125,7 @@ class Anchor:
     step: FloatArray
     gap: FloatArray
     error: FloatArray
-    further: Known = field(default_factory=Known)
+    additional: Known = field(default_factory=Known)
 
 
 @dataclass
@@ -182,7 +182,7 @@ class FastSolid:
         anchors: Sequence[Design] = (),
     ) -> None:
         self.accuracy, self.mesh, self.output = accuracy, mesh or MeshSettings(), output or OutputSettings()
-        self.further = Further(modes, self.output) if modes else None
+        self.further = AdditionalQuantities(modes, self.output) if modes else None
         self.families: list[Family] = []
         for design in anchors:
             self.anchor(design)
@@ -217,22 +217,24 @@ class FastSolid:
             if sigma.max() <= max(self.accuracy, 1.2 * error.max()):
                 quantities = self._quantities(design, fine * np.exp(gap), sigma, MORPHED)
                 return quantities + self._besides(design, part, domain, method, family, quantities, changed)
-            return self._anchored(design, part, domain, method, family)
-        return self._anchored(design, part, domain, method, None)
+            return self._solve_anchor(design, part, domain, method, family)
+        return self._solve_anchor(design, part, domain, method, None)
 
     def anchor(self, design: Design) -> list[Quantity]:
         """Make a design an anchor, and return its quantities; raise InputError as `evaluate` does."""
         part, domain = extrusion.of_design(design)
         method = extrusion.method(part, domain, self.mesh)
         for family in self.families:
-            if family.crystal == _crystal(design) and morphing.alike(family.meshes[0].pattern.section, method.section):
+            if family.crystal == _crystal(design) and morphing.have_same_topology(
+                family.meshes[0].pattern.section, method.section
+            ):
                 try:
-                    return self._anchored(design, part, domain, method, family)
+                    return self._solve_anchor(design, part, domain, method, family)
                 except MeshError:
                     continue
-        return self._anchored(design, part, domain, method, None)
+        return self._solve_anchor(design, part, domain, method, None)
 
-    def _anchored(
+    def _solve_anchor(
         self, design: Design, part: Part, domain: Domain, method: Extruded, family: Family | None
     ) -> list[Quantity]:
         """Solve on fine meshes, remember the errors of the coarse ones, and return the limits."""
@@ -249,9 +251,9 @@ class FastSolid:
         if self.further is not None:
             found = [
                 self.further.on(mesh, design, part, domain)
-                for mesh in (known.meshes[0].morphed(method), *meshes[:WITH_MODES])
+                for mesh in (known.meshes[0].morph(method), *meshes[:WITH_MODES])
             ]
-            anchor.further = self.further.known(found[0], found[1:], sizes[:WITH_MODES], method.scatter)
+            anchor.additional = self.further.anchor_errors(found[0], found[1:], sizes[:WITH_MODES], method.scatter)
         known.anchors.append(anchor)
         if family is None:
             self.families.append(known)
@@ -271,10 +273,10 @@ class FastSolid:
         """Return the further quantities asked for, corrected; the errors may have `changed`, relative."""
         if self.further is None:
             return []
-        found = self.further.on(family.meshes[0].morphed(method), design, part, domain)
+        found = self.further.on(family.meshes[0].morph(method), design, part, domain)
         rest = {key: quantity for key, quantity in found.items() if key not in {q.key for q in quantities}}
         weights = family.weights(extrusion.coordinates(design)).tolist()
-        return self.further.corrected(rest, [anchor.further for anchor in family.anchors], weights, changed)
+        return self.further.correct(rest, [anchor.additional for anchor in family.anchors], weights, changed)
 
     def _limits(
         self, design: Design, part: Part, domain: Domain, method: Extruded
@@ -297,10 +299,10 @@ class FastSolid:
             meshes.append(mesh)
             sizes.append(method.size(mesh, coarseness))
         stiff = np.array(found)[:, 0]
-        limit = convergence.extrapolate(stiff.tolist(), sizes, scatter=method.scatter).value
+        limit = convergence.extrapolate(stiff.tolist(), sizes, mesh_noise=method.scatter).value
         errors = np.abs(stiff / limit - 1).tolist()
         all_limits = [
-            convergence.extrapolate(values.tolist(), sizes, scatter=method.scatter, remaining_errors=errors)
+            convergence.extrapolate(values.tolist(), sizes, mesh_noise=method.scatter, remaining_errors=errors)
             for values in np.array(found).T
         ]
         values = np.array([each.value for each in all_limits])

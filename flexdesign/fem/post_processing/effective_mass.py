@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 Three = tuple[float, float, float]
 
 
-def moved_mass(mass: sp.csr_matrix) -> FloatArray:
+def translated_mass(mass: sp.csr_matrix) -> FloatArray:
     """Return M r for unit translations along x, y, z, shape (n_dofs, 3) [kg], of a mass matrix's upper triangle."""
     translations = np.tile(np.eye(3), (mass.shape[0] // 3, 1))
     return times(mass, translations)
@@ -36,7 +36,7 @@ def of_mode(shape: FloatArray, moving_mass: FloatArray, cls: SymmetryClass) -> T
     shape
         Displacements of the domain's nodes for unit modal mass of the whole part, shape (n, 3) [1/sqrt(kg)].
     moving_mass
-        From `moved_mass`, of the domain.
+        From `translated_mass`, of the domain.
     cls
         The mode's symmetry class; a translation that does not fit it stirs no mode of it: the images cancel.
     """

@@ -56,13 +56,13 @@ def by_region(
         inside = left & np.any([_within(member, places) for member in members if member.kind == kind], axis=0)
         left &= ~inside
         if inside.any():
-            found[kind] = _summed(densities, inside)
-    rest, blocks = _summed(densities, left), found.get(BLOCKS, (0.0, 0.0, 0.0))
+            found[kind] = _sum(densities, inside)
+    rest, blocks = _sum(densities, left), found.get(BLOCKS, (0.0, 0.0, 0.0))
     found[BLOCKS] = (rest[0] + blocks[0], rest[1] + blocks[1], rest[2] + blocks[2])
     return found
 
 
-def _summed(densities: Sequence[FloatArray], inside: NDArray[np.bool_]) -> tuple[float, float, float]:
+def _sum(densities: Sequence[FloatArray], inside: NDArray[np.bool_]) -> tuple[float, float, float]:
     one, mixed, two = (float(density[inside].sum()) for density in densities)
     return one, mixed, two
 

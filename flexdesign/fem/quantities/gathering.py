@@ -64,11 +64,11 @@ def of_compliance(c: PortCompliance, actuator: Actuator | None, load: float | No
             Quantity("actuator_force", c.actuator_force(s, k), "N", "N", "full stroke, output free"),
         ]
         if actuator.preload > 0:
-            found += _preloaded(c, actuator.preload, k)
+            found += _preload_effects(c, actuator.preload, k)
     return found
 
 
-def _preloaded(c: PortCompliance, preload: float, k: float) -> list[Quantity]:
+def _preload_effects(c: PortCompliance, preload: float, k: float) -> list[Quantity]:
     """Return what the preload does: it shifts the output at rest, and an output force of one sign uses it up.
 
     An output force P extends the inputs by C12 P / (1 + k C11), and the stack's compression falls by k times that.

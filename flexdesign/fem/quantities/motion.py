@@ -32,7 +32,7 @@ def coupling(c: PortCompliance, offset: float) -> list[Quantity]:
     travel = c.c12
     normal = c.output.reshape(-1, 6)[np.any(c.output.reshape(-1, 6), axis=1)][0, :3]
     for label, place in actuator_places(offset):
-        motion = rigid_motion.of_output(c, rigid_motion.moved_aside(c.extension, place))
+        motion = rigid_motion.of_output(c, rigid_motion.off_axis_loads(c.extension, place))
         boundary = f"actuator {label}"
         for i in np.flatnonzero(normal == 0):
             pieces.append(Quantity(f"coupling_{'xyz'[i]}", motion.translation[i] / travel, "1", "%", boundary))
@@ -64,7 +64,7 @@ def six_degrees(study: Study, c: PortCompliance, *, off_axis: bool) -> list[Quan
         levers["sensor"] = np.array(study.output.sensor) - np.array(output.point)
     found = []
     for label, place in actuator_places(study.output.actuator_offset if off_axis else 0.0):
-        motion, drive = _driven(study, c, place)
+        motion, drive = _drive(study, c, place)
         for point, lever in levers.items():
             there = motion.at(lever)
             values = [*there.translation.tolist(), *there.rotation.tolist()]
@@ -73,12 +73,12 @@ def six_degrees(study: Study, c: PortCompliance, *, off_axis: bool) -> list[Quan
     return found
 
 
-def _driven(study: Study, c: PortCompliance, place: FloatArray) -> tuple[RigidMotion, str]:
+def _drive(study: Study, c: PortCompliance, place: FloatArray) -> tuple[RigidMotion, str]:
     """Return the table's motion under full voltage, or per newton without an actuator, and the drive in words.
 
     An actuator off its axis parts the inputs by e = f . q, with f its unit loads: its force is s / (f C f + 1/k).
     """
-    loads, actuator = rigid_motion.moved_aside(c.extension, place), study.design.actuator
+    loads, actuator = rigid_motion.off_axis_loads(c.extension, place), study.design.actuator
     unit = rigid_motion.of_output(c, loads)
     if actuator is None:
         return unit, "1 N of actuator force"

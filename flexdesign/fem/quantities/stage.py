@@ -58,7 +58,7 @@ class StageStatics:
         found = self._rows @ scipy.linalg.cho_solve(factor, self._rows.T)
         return np.asarray((found + found.T) / 2)
 
-    def installed(self, actuator: float) -> FloatArray:
+    def with_input_springs(self, actuator: float) -> FloatArray:
         """Return that compliance with a spring [N/m] between the inputs of every element, infinite to hold them."""
         count = len(self.stage.assembly.driven)
         across = self.free[:, :count]
@@ -75,15 +75,15 @@ class StageStatics:
         direction = self.stage.assembly.axes[axis].direction
         return np.concatenate([np.zeros(len(self.stage.assembly.driven)), direction, np.zeros(3)])
 
-    def driven(self, axis: str, free_stroke: float, actuator: float) -> FloatArray:
+    def drive(self, axis: str, free_stroke: float, actuator: float) -> FloatArray:
         """Return extensions and table's motions when an axis' actuators are energised, shape (e + 6,).
 
         Each by its free stroke [m], its way by the axis' sign; all have the stiffness [N/m].
         """
-        return self.installed(actuator) @ (actuator * free_stroke * self.signs(axis))
+        return self.with_input_springs(actuator) @ (actuator * free_stroke * self.signs(axis))
 
 
-def asked(axes: Iterable[str], *, installed: bool) -> list[Quantity]:
+def requested_quantities(axes: Iterable[str], *, installed: bool) -> list[Quantity]:
     """Return every quantity of a stage whose limit for vanishing element size is sought, the values not yet known.
 
     Parameters
@@ -121,12 +121,12 @@ def asked(axes: Iterable[str], *, installed: bool) -> list[Quantity]:
 
 
 def of_stage(study: Study, stage: AssembledStage) -> list[Quantity]:
-    """Return the quantities that are `asked` of a stage."""
+    """Return the `requested_quantities` of a stage."""
     statics, actuator = StageStatics(stage), study.design.actuator
     values: dict[str, float] = {}
     for axis in stage.assembly.axes:
         w, t, free = statics.signs(axis), statics.along(axis), statics.free
-        n, held = np.abs(w).sum(), statics.installed(math.inf)
+        n, held = np.abs(w).sum(), statics.with_input_springs(math.inf)
         push, travel = float(w @ free @ w), float(t @ free @ w)
         values |= {
             f"K_in_{axis}_table_free": n / push,
@@ -137,11 +137,14 @@ def of_stage(study: Study, stage: AssembledStage) -> list[Quantity]:
         if actuator is not None:
             k = actuator.installed_stiffness
             values |= {
-                f"K_out_{axis}_actuators_installed": 1 / float(t @ statics.installed(k) @ t),
-                f"stroke_{axis}_table_free": float(t @ statics.driven(axis, actuator.free_stroke, k)),
+                f"K_out_{axis}_actuators_installed": 1 / float(t @ statics.with_input_springs(k) @ t),
+                f"stroke_{axis}_table_free": float(t @ statics.drive(axis, actuator.free_stroke, k)),
             }
     values |= _frequencies(stage, actuator.installed_stiffness if actuator else 0.0)
-    return [replace(q, value=values[q.key]) for q in asked(stage.assembly.axes, installed=actuator is not None)]
+    return [
+        replace(q, value=values[q.key])
+        for q in requested_quantities(stage.assembly.axes, installed=actuator is not None)
+    ]
 
 
 def _frequencies(stage: AssembledStage, actuator: float) -> dict[str, float]:

@@ -49,7 +49,7 @@ class ModeShares:
 
 def mode_shares(stage: AssembledStage, actuator: float, count: int) -> list[ModeShares]:
     """Return the lowest modes with an actuator of a stiffness [N/m], 0 for none, between all inputs."""
-    stiffness, axes = stage.installed(actuator), stage.assembly.axes
+    stiffness, axes = stage.with_input_springs(actuator), stage.assembly.axes
     drives = {axis: stage.drive(axis) for axis in axes}
     along = {axis: np.array(axes[axis].direction) @ stage.table[:3] for axis in axes}
     static = {axis: float(along[axis] @ np.linalg.solve(stiffness, drives[axis])) for axis in axes}
@@ -74,10 +74,10 @@ def _sorted_out(modes: Sequence[StageMode], along: FloatArray) -> list[StageMode
             groups[-1].append(mode)
         else:
             groups.append([mode])
-    return [mode for group in groups for mode in _turned(group, along)]
+    return [mode for group in groups for mode in _rotate(group, along)]
 
 
-def _turned(group: Sequence[StageMode], along: FloatArray) -> list[StageMode]:
+def _rotate(group: Sequence[StageMode], along: FloatArray) -> list[StageMode]:
     shapes = np.stack([mode.amplitudes for mode in group], axis=1)
     travel = (along @ shapes).T
     sizes = np.linalg.norm(travel, axis=0)

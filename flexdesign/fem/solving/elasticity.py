@@ -110,9 +110,9 @@ class Elasticity:
         products = np.einsum("eki,elj,e->klije", gradients, gradients, volumes, optimize=True)
         pairs = (_stiffness_tensor() @ products.reshape(16, -1)).reshape(-1, 3, 3, len(volumes))
         local = self._isotropic(pairs) if self.material.crystal is None else self._anisotropic(pairs)
-        return self.assembled(local, zeros=zeros)
+        return self.assemble(local, zeros=zeros)
 
-    def assembled(self, local: FloatArray, *, zeros: bool = False) -> sp.csr_matrix:
+    def assemble(self, local: FloatArray, *, zeros: bool = False) -> sp.csr_matrix:
         """Return the upper triangle of a symmetric matrix, held dofs included.
 
         `local` holds what each element gives to each pair of `PAIRS`: component i of its first node in the row, j of
@@ -195,9 +195,9 @@ class Elasticity:
         self, displacement: FloatArray, barycentric: FloatArray, elements: IntArray | slice = slice(None)
     ) -> FloatArray:
         """Return the stress tensor [Pa] where `strain` returns the strain, shape (m, q, 3, 3)."""
-        return self._stressed(self.strain(displacement, barycentric, elements))
+        return self._stress(self.strain(displacement, barycentric, elements))
 
-    def _stressed(self, strain: FloatArray) -> FloatArray:
+    def _stress(self, strain: FloatArray) -> FloatArray:
         """Return the stress [Pa] that belongs to a strain, both (m, q, 3, 3)."""
         if self.material.crystal is not None:
             return np.asarray(np.einsum("ijkl,eqkl->eqij", self.material.tensor, strain, optimize=True))
@@ -210,7 +210,7 @@ class Elasticity:
         points, weights = stress_points()
         _, volumes = self.barycentric_gradients
         strain = self.strain(displacement, points)
-        density = np.einsum("eqij,eqij->eq", self._stressed(strain), strain)
+        density = np.einsum("eqij,eqij->eq", self._stress(strain), strain)
         return float(volumes @ density @ weights / 2)
 
     def surface_nodes(self, facets: IntArray) -> IntArray:

@@ -53,12 +53,12 @@ class LargeDisplacement:
 
     def forces(self, displacement: FloatArray) -> FloatArray:
         """Return the internal forces on all degrees of freedom under displacements (n_dofs,) [m]; (n_dofs,) [N]."""
-        return self._evaluated(displacement, with_tangent=False)[0]
+        return self._evaluate(displacement, with_tangent=False)[0]
 
     def forces_and_tangent(self, displacement: FloatArray) -> tuple[FloatArray, sp.csr_matrix]:
         """Return the internal forces and the upper triangle of the tangent between free degrees of freedom [N/m]."""
-        forces, local = self._evaluated(displacement, with_tangent=True)
-        tangent = self.body.assembled(local.transpose(1, 2, 3, 0))
+        forces, local = self._evaluate(displacement, with_tangent=True)
+        tangent = self.body.assemble(local.transpose(1, 2, 3, 0))
         return forces, tangent[self.free][:, self.free].tocsr()
 
     def energy(self, displacement: FloatArray) -> float:
@@ -75,7 +75,7 @@ class LargeDisplacement:
         density = 0.5 * lam * trace**2 + mu * np.einsum("eqij,eqij->eq", strain, strain)
         return float(volumes @ density @ self._weights)
 
-    def _evaluated(self, displacement: FloatArray, *, with_tangent: bool) -> tuple[FloatArray, FloatArray]:
+    def _evaluate(self, displacement: FloatArray, *, with_tangent: bool) -> tuple[FloatArray, FloatArray]:
         gradients, volumes = self.body.barycentric_gradients
         nodes = self.body.nodes
         forces = np.zeros((len(nodes), 30))

@@ -24,7 +24,7 @@ from flexdesign.fem.solving.solver import NotPositiveDefinite, factorize
 FloatArray = NDArray[np.float64]
 
 #: A level is solved when a correction is this small, relative to the largest displacement.
-SETTLED = 1e-7
+CONVERGED = 1e-7
 #: A step is given up after this number of iterations, or growth of the residual; then it is halved,
 #: down to this share of what was asked for.
 MOST_ITERATIONS, GROWN, SMALLEST_STEP = 15, 100.0, 1e-3
@@ -129,7 +129,7 @@ class _LoadPath:
                 return iteration, False
             correction = factor.solve(left)
             displacement[free] += correction
-            if np.abs(correction).max() < SETTLED * np.abs(displacement).max():  # Newton's next error is its square
+            if np.abs(correction).max() < CONVERGED * np.abs(displacement).max():  # Newton's next error is its square
                 self.factor.free()
                 self.level, self.displacement, self.factor = aim, displacement, factor
                 self.rates, self.residual = self._rates(), residual

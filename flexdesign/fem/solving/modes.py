@@ -66,8 +66,8 @@ def class_modes(system: ClassSystem, mass: sp.csr_matrix, space: PortSpace, coun
         Stiffness of the spring between the inputs [N/m], 0 for none.
     """
     copies = 2 ** len(space.planes)
-    extension, output = (system.gathered(_measure(space, system, motion)) for motion in (space.extension, space.output))
-    values, vectors = lowest(system.condensed(mass), _spring_inverse(system, extension, actuator / copies), count)
+    extension, output = (system.gather(_measure(space, system, motion)) for motion in (space.extension, space.output))
+    values, vectors = lowest(system.condense(mass), _spring_inverse(system, extension, actuator / copies), count)
     modes = []
     for value, vector in zip(values, vectors.T, strict=True):
         shape = vector / np.sqrt(copies)

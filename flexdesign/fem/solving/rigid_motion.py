@@ -50,7 +50,7 @@ class RigidMotion:
         return RigidMotion(factor * self.translation, factor * self.rotation)
 
 
-def moved_aside(extension: FloatArray, offset: FloatArray) -> FloatArray:
+def off_axis_loads(extension: FloatArray, offset: FloatArray) -> FloatArray:
     """Return the loads of a unit actuator force whose line of action lies off the ports' points.
 
     Parameters

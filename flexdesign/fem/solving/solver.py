@@ -68,9 +68,9 @@ class Pardiso:
         self._solver = PyPardisoSolver(mtype=2)
         for place, value in SETTINGS.items():
             self._solver.set_iparm(place, value)
-        self._factorized((ORDER, FACTORIZE))
+        self._factorize((ORDER, FACTORIZE))
 
-    def _factorized(self, phases: Sequence[int]) -> None:
+    def _factorize(self, phases: Sequence[int]) -> None:
         from pypardiso.pardiso_wrapper import PyPardisoError
 
         try:
@@ -100,7 +100,7 @@ class Pardiso:
         if not all(same):
             return False
         self._matrix = upper
-        self._factorized((FACTORIZE,))
+        self._factorize((FACTORIZE,))
         return True
 
     def _run(self, phase: int) -> None:

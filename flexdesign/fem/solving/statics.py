@@ -178,9 +178,9 @@ class ClassSystem:
 
     def solve(self, forces: FloatArray) -> FloatArray:
         """Return displacements of all dofs under nodal forces (n_dofs, k); held dofs stay at rest."""
-        return self.spread(self.factor.solve(self.gathered(forces)))
+        return self.spread(self.factor.solve(self.gather(forces)))
 
-    def gathered(self, forces: FloatArray) -> FloatArray:
+    def gather(self, forces: FloatArray) -> FloatArray:
         """Return what nodal forces (n_dofs, ...) do to the unknowns."""
         return forces[self.free] if self.tied is None else np.asarray(self.tied.T @ forces)
 
@@ -192,9 +192,9 @@ class ClassSystem:
         displacements[self.free] = unknowns
         return displacements
 
-    def condensed(self, matrix: sp.csr_matrix) -> sp.csr_matrix:
+    def condense(self, matrix: sp.csr_matrix) -> sp.csr_matrix:
         """Return a matrix of all dofs, upper triangle, as the unknowns see it."""
-        return _condensed(matrix, self.free, self.tied)
+        return _condense(matrix, self.free, self.tied)
 
 
 def class_system(
@@ -214,14 +214,14 @@ def class_system(
     free = free_dofs(body, domain, cls, ground)
     tied = None
     if rigid:
-        free, tied = _tied(body, domain, free, rigid)
-    reduced = _condensed(stiffness, free, tied)
+        free, tied = _tie(body, domain, free, rigid)
+    reduced = _condense(stiffness, free, tied)
     if factor is None or not factor.renew(reduced):
         factor = factorize(reduced)
     return ClassSystem(cls, free, factor, reduced, body.n_dofs, tied)
 
 
-def _tied(body: Elasticity, domain: Domain, free: IntArray, rigid: Sequence[Port]) -> tuple[IntArray, sp.csr_matrix]:
+def _tie(body: Elasticity, domain: Domain, free: IntArray, rigid: Sequence[Port]) -> tuple[IntArray, sp.csr_matrix]:
     """Return what stays free, and the displacements of all dofs by it and by six motions of each rigid port.
 
     Raises
@@ -242,7 +242,7 @@ def _tied(body: Elasticity, domain: Domain, free: IntArray, rigid: Sequence[Port
     return free, sp.hstack([ones, *motions]).tocsr()
 
 
-def _condensed(matrix: sp.csr_matrix, free: IntArray, tied: sp.csr_matrix | None) -> sp.csr_matrix:
+def _condense(matrix: sp.csr_matrix, free: IntArray, tied: sp.csr_matrix | None) -> sp.csr_matrix:
     if tied is None:
         return matrix[free][:, free].tocsr()
     whole = matrix + sp.triu(matrix, k=1).T
@@ -326,8 +326,8 @@ def _checks(
     balance = max(np.abs(total.sum(axis=0) / size).max(), np.abs(moments / (size * reach)).max())
     work = np.diag(gram)
     energy = [2 * body.strain_energy(u.reshape(-1, 3)) for u in displacements.T]
-    applied = np.linalg.norm(system.gathered(loads), axis=0)
-    residual = system.gathered(internal) - system.gathered(loads)
+    applied = np.linalg.norm(system.gather(loads), axis=0)
+    residual = system.gather(internal) - system.gather(loads)
     products = (stiffness.diagonal()[:, None] * displacements)[system.free]
     return Checks(
         reciprocity=float(np.abs((gram - gram.T) / scale).max()),

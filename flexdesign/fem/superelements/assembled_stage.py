@@ -106,7 +106,7 @@ class AssembledStage:
         drives = self.assembly.axes[axis].drives
         return np.asarray(sum((sign * self.extension(name) for name, sign in drives.items()), np.zeros(self.size)))
 
-    def installed(self, actuator: float) -> FloatArray:
+    def with_input_springs(self, actuator: float) -> FloatArray:
         """Return the stiffness with a spring [N/m] between the inputs of every element that has some."""
         rows = [self.extension(name) for name in self.assembly.driven]
         return np.asarray(
@@ -115,7 +115,9 @@ class AssembledStage:
 
     def modes(self, count: int, actuator: float = 0.0) -> list[StageMode]:
         """Return the lowest modes, with an actuator of this stiffness [N/m] between all inputs."""
-        squares, vectors = scipy.linalg.eigh(self.installed(actuator), self.mass, subset_by_index=[0, count - 1])
+        squares, vectors = scipy.linalg.eigh(
+            self.with_input_springs(actuator), self.mass, subset_by_index=[0, count - 1]
+        )
         return [
             StageMode(float(np.sqrt(max(square, 0.0)) / (2 * np.pi)), vector)
             for square, vector in zip(squares, vectors.T, strict=True)

@@ -116,7 +116,7 @@ class CorotatedStage:
         share, step = 0.0, 1.0
         while share < 1.0:
             aim = min(share + step, 1.0)
-            found = self._balanced(state, actuators, dead - (1.0 - aim) * first, tolerance)
+            found = self._balance(state, actuators, dead - (1.0 - aim) * first, tolerance)
             if found is not None:
                 state, share = found, aim
             elif (step := step / 2) < SMALLEST_SHARE:
@@ -124,7 +124,7 @@ class CorotatedStage:
                 raise NoEquilibrium(f"no stable equilibrium beyond {share:.3g} of the load was found: {remedy}")
         return state
 
-    def _balanced(
+    def _balance(
         self, state: State, actuators: Mapping[str, float], dead: FloatArray, tolerance: float
     ) -> State | None:
         """Return the equilibrium that Newton's method goes to, or None if it goes to none or to an unstable one."""
@@ -144,7 +144,7 @@ class CorotatedStage:
         """Return forces and moments that hold the bodies against parts and actuators, (size,), and their tangent."""
         total, tangent = np.zeros(self.size + 1), np.zeros((self.size + 1, self.size + 1))
         for kind in self._kinds:
-            seen = kind.seen(*self._moves(kind, state))
+            seen = kind.corotate(*self._body_motions(kind, state))
             push = np.array([actuators.get(name, 0.0) for name in kind.names])
             stress = kind.law.forces(seen.amplitudes) - np.multiply.outer(push, kind.law.extension)
             forces, stiffness = seen.pulled_back(stress, kind.law.tangent(seen.amplitudes))
@@ -155,13 +155,15 @@ class CorotatedStage:
     def extension(self, state: State, element: str) -> float:
         """Return how far an element's inputs have parted [m]."""
         kind = next(kind for kind in self._kinds if element in kind.names)
-        amplitudes = kind.seen(*self._moves(kind, state)).amplitudes[kind.names.index(element)]
+        amplitudes = kind.corotate(*self._body_motions(kind, state)).amplitudes[kind.names.index(element)]
         return float(kind.law.extension @ amplitudes)
 
     def energy(self, state: State) -> float:
         """Return the strain energy [J]."""
         kinds = self._kinds
-        return sum(float(kind.law.energy(kind.seen(*self._moves(kind, state)).amplitudes).sum()) for kind in kinds)
+        return sum(
+            float(kind.law.energy(kind.corotate(*self._body_motions(kind, state)).amplitudes).sum()) for kind in kinds
+        )
 
     def displace(self, state: State, step: FloatArray) -> State:
         """Return the state after small displacements and spins of the bodies, and extensions, shape (size,)."""
@@ -191,7 +193,7 @@ class CorotatedStage:
         softness = np.sqrt(np.diag(np.linalg.inv(tangent)))
         return softness, float(np.abs(softness * forces).max())
 
-    def _moves(self, kind: _Kind, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _body_motions(self, kind: _Kind, state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return a kind's displacements (m, n, 3) and rotations (m, n, 3, 3) of bodies, and `pushed` (m, 0 or 1).
 
         All that is fixed is one body more, the last.
@@ -242,8 +244,8 @@ class _Kind:
     rotations: FloatArray
     spread: FloatArray
 
-    def seen(self, displacements: FloatArray, rotations: FloatArray, pushed: FloatArray) -> _Seen:
-        """Return the parts in their corotated frames: bodies' displacements and rotations as `_moves` returns them."""
+    def corotate(self, displacements: FloatArray, rotations: FloatArray, pushed: FloatArray) -> _Corotated:
+        """Return corotated parts: bodies' displacements and rotations as `_body_motions` returns them."""
         (m, n), own = self.bodies.shape, self.rotations[:, None]
         arms = np.einsum("mnij,mnj->mni", rotations, self.arms)
         points = self.centres + displacements + arms  # from the bodies' centres before the motion
@@ -266,11 +268,11 @@ class _Kind:
         jacobian[:, : 6 * n, : 6 * n] = np.concatenate([way, turn], axis=2).reshape(m, 6 * n, 6 * n)
         jacobian[:, 6 * n :, 6 * n :] = np.eye(extra)
         bodies = np.concatenate([local - self.spread, angles], axis=2).reshape(m, 6 * n)
-        return _Seen(np.hstack([bodies, pushed]), jacobian, (translations, spins, way, whole), arms, frame)
+        return _Corotated(np.hstack([bodies, pushed]), jacobian, (translations, spins, way, whole), arms, frame)
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class _Corotated:
     """Parts in their corotated frames: amplitudes (m, k), their derivatives by the unknowns (m, k, k).
 
     `variations` are motions and spins of the ports, their motions less the frame's (m, n, 3, 6 n), and the frame's spin

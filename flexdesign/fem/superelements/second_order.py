@@ -66,11 +66,11 @@ class SecondOrder:
         """Return dU/dc, shape (..., k)."""
         stress = self.strained(amplitudes) @ self.stiffness
         spring = self.actuator * np.multiply.outer(amplitudes @ self.extension, self.extension)
-        return np.asarray(np.einsum("...i,...ij->...j", stress, self._slope(amplitudes)) + spring)
+        return np.asarray(np.einsum("...i,...ij->...j", stress, self._derivative(amplitudes)) + spring)
 
     def tangent(self, amplitudes: FloatArray) -> FloatArray:
         """Return d^2 U/dc^2, shape (..., k, k)."""
-        slope, stress = self._slope(amplitudes), self.strained(amplitudes) @ self.stiffness
+        slope, stress = self._derivative(amplitudes), self.strained(amplitudes) @ self.stiffness
         bent = np.tensordot(stress, self._shift, axes=1)
         spring = self.actuator * np.outer(self.extension, self.extension)
         return np.asarray(slope.swapaxes(-1, -2) @ self.stiffness @ slope + 2 * bent + spring)
@@ -79,7 +79,7 @@ class SecondOrder:
         """Return s, the amplitudes that would cost as much if displacements were small, shape (..., k)."""
         return np.asarray(amplitudes + np.einsum("ijk,...j,...k->...i", self._shift, amplitudes, amplitudes))
 
-    def _slope(self, amplitudes: FloatArray) -> FloatArray:
+    def _derivative(self, amplitudes: FloatArray) -> FloatArray:
         shift = np.tensordot(amplitudes, self._shift, axes=(-1, 2))
         return np.asarray(np.eye(len(self.stiffness)) + 2 * shift)
 

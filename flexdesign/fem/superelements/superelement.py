@@ -139,10 +139,10 @@ class Superelement:
     ) -> Superelement:
         """Rebuild a superelement of a piece from what `to_store` returned, and the body it was condensed from."""
         found = {port.name: port for port in piece.ports()}
-        inside = None
+        interior = None
         if "vectors" in arrays:
             reflections = tuple(arrays[f"reflection {i}"] for i in range(len(domain.planes)))
-            inside = Interior(body, domain.planes, arrays["vectors"], reflections)
+            interior = Interior(body, domain.planes, arrays["vectors"], reflections)
         averages = {key.partition(" ")[2]: rows for key, rows in arrays.items() if key.startswith("average ")}
         return cls(
             shapes=tuple(PortShapes(found[name], **sizes) for name, sizes in table["shapes"].items()),
@@ -152,10 +152,10 @@ class Superelement:
             extension=arrays["extension"],
             material=body.material,
             unknowns=table["unknowns"],
-            interior=inside,
+            interior=interior,
         )
 
-    def made_of(self, material: Material) -> Superelement:
+    def with_material(self, material: Material) -> Superelement:
         """Return the same shape of another isotropic material with the same Poisson's ratio.
 
         Stiffness goes with Young's modulus, mass with density; displacement shapes are the same.
@@ -203,7 +203,7 @@ def condense(
     *,
     degree: int = 2,
     mode_count: int = 3,
-    inside: bool = False,
+    interior: bool = False,
     progress: Progress = lambda _: None,
 ) -> Superelement:
     """Condense a part, meshed on its fundamental domain, to its ports.
@@ -216,7 +216,7 @@ def condense(
         Of the polynomials in which the faces of bonded ports may move, 1 at least.
     mode_count
         Internal modes to keep of each symmetry class; 0 for statics alone.
-    inside
+    interior
         Whether to keep what goes on inside, too.
     progress
         Receives a text about the progress.
@@ -230,14 +230,14 @@ def condense(
     for cls in port_compliance.classes(domain):
         basis = _fitting(reflections, cls, sum(each.count for each in shapes))
         progress(f"{body.n_dofs} unknowns, {cls.name}")
-        shares.append(_share(body, domain, cls, space, _followed(body, domain, shapes, basis), basis,
+        shares.append(_share(body, domain, cls, space, _bonded_motions(body, domain, shapes, basis), basis,
                              (stiffness, mass), mode_count))  # fmt: skip
     pairs = list(zip(shares, _ontos(shares), strict=True))
     k = np.sum([onto.T @ share.stiffness @ onto for share, onto in pairs], axis=0)
     m = np.sum([onto.T @ share.mass @ onto for share, onto in pairs], axis=0)
     averages = np.sum([share.averages @ onto for share, onto in pairs], axis=0)
     within = None
-    if inside:
+    if interior:
         vectors = np.sum([share.vectors @ onto for share, onto in pairs], axis=0)
         within = Interior(body, domain.planes, vectors, _on_all(reflections, shares))
     return Superelement(
@@ -293,7 +293,7 @@ def _fitting(reflections: Sequence[FloatArray], cls: SymmetryClass, size: int) -
     return np.asarray(scipy.linalg.orth(projector, rcond=1e-6))
 
 
-def _followed(
+def _bonded_motions(
     body: Elasticity, domain: Domain, shapes: Sequence[PortShapes], basis: FloatArray
 ) -> tuple[IntArray, FloatArray]:
     """Return the degrees of freedom of the bonded faces in the domain, and their motions Phi by a basis of q."""
@@ -321,20 +321,20 @@ def _share(
     """Condense one class."""
     (stiffness, mass), (faces, vectors), copies = matrices, followed, domain.copies
     planes = [dofs_on(body, nodes, cls.held_components(i)) for i, nodes in enumerate(domain.plane_faces)]
-    inside = np.setdiff1d(np.arange(body.n_dofs), np.concatenate([faces, *planes]))
-    factor = factorize(stiffness[inside][:, inside].tocsr())
-    vectors[inside] = -factor.solve(times(stiffness, vectors)[inside])
+    interior = np.setdiff1d(np.arange(body.n_dofs), np.concatenate([faces, *planes]))
+    factor = factorize(stiffness[interior][:, interior].tocsr())
+    vectors[interior] = -factor.solve(times(stiffness, vectors)[interior])
     loads, projection = np.hstack([space.loads[name] for name in space.retained]), space.projection(cls)
-    pushed = loads[:, np.any(projection != 0, axis=1) & space.of_role("input")][inside]
+    pushed = loads[:, np.any(projection != 0, axis=1) & space.of_role("input")][interior]
     internal = [factor.solve(pushed)] if pushed.shape[1] else []
     if mode_count:
-        internal.append(modes.lowest(mass[inside][:, inside], factor.solve, mode_count)[1])
+        internal.append(modes.lowest(mass[interior][:, interior], factor.solve, mode_count)[1])
     factor.free()
     width = sum(each.shape[1] for each in internal)
     vectors = np.hstack([vectors, np.zeros((body.n_dofs, width))])
     if width:  # of unit mass each, as amplitudes of forces and of modes differ by many orders
-        inertia = times(mass[inside][:, inside], each := np.hstack(internal))
-        vectors[inside, -width:] = each / np.sqrt(copies * np.einsum("ij,ij->j", each, inertia))
+        inertia = times(mass[interior][:, interior], each := np.hstack(internal))
+        vectors[interior, -width:] = each / np.sqrt(copies * np.einsum("ij,ij->j", each, inertia))
     cut = np.repeat([2.0 ** (len(space.planes) - space.swaps(name)) for name in space.retained], 6)
     return _Share(
         cls=cls,
@@ -350,13 +350,13 @@ def _ontos(shares: Sequence[_Share]) -> list[FloatArray]:
     """Return for each class its amplitudes, q's and internal ones, by those of the whole part: q, then all internal."""
     back = np.linalg.inv(np.hstack([share.basis for share in shares]))
     inner = [len(share.stiffness) - share.width for share in shares]
-    size, first, inside = len(back), 0, len(back)
+    size, first, interior = len(back), 0, len(back)
     ontos = []
     for share, count in zip(shares, inner, strict=True):
         onto = np.zeros((len(share.stiffness), size + sum(inner)))
         onto[: share.width, :size] = back[first : first + share.width]
-        onto[share.width :, inside : inside + count] = np.eye(count)
-        first, inside = first + share.width, inside + count
+        onto[share.width :, interior : interior + count] = np.eye(count)
+        first, interior = first + share.width, interior + count
         ontos.append(onto)
     return ontos
 

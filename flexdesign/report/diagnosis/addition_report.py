@@ -19,13 +19,13 @@ from flexdesign.dynamics.experiments import AS_MODELLED
 from flexdesign.dynamics.experiments.simulation import Case, Simulation
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.dynamics.trajectories import Step
-from flexdesign.report import comparison_words as words
+from flexdesign.report import comparison_text as words
 from flexdesign.report import published_rows
-from flexdesign.report.comparison_words import units_of
+from flexdesign.report.comparison_text import units_of
 from flexdesign.report.diagnosis import diagnosis_figures as figures
 from flexdesign.report.diagnosis import diagnosis_report as reports
 from flexdesign.report.diagnosis import diagnosis_result as results
-from flexdesign.report.diagnosis import diagnosis_words as prose
+from flexdesign.report.diagnosis import diagnosis_text as prose
 from flexdesign.report.diagnosis import response_pages
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.simulation import simulation_report

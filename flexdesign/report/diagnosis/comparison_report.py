@@ -13,8 +13,8 @@ from flexdesign.core import units, versions
 from flexdesign.core.toml_files import FORMAT
 from flexdesign.diagnosis.comparison import Breakdown, Comparison, RunComparison, reversal
 from flexdesign.dynamics.axis.axis_run import doubts
-from flexdesign.report import comparison_words as words
-from flexdesign.report.comparison_words import units_of
+from flexdesign.report import comparison_text as words
+from flexdesign.report.comparison_text import units_of
 from flexdesign.report.diagnosis import residual_charts as charts
 from flexdesign.report.diagnosis import response_pages
 from flexdesign.report.diagnosis.identification_report import SLOW

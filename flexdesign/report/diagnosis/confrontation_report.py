@@ -9,11 +9,11 @@ from typing import Any
 from flexdesign import effects
 from flexdesign.diagnosis.confronted import Confronted
 from flexdesign.diagnosis.result import Value
-from flexdesign.report import comparison_words as words
+from flexdesign.report import comparison_text as words
 from flexdesign.report.diagnosis import comparison_report, diagnosis_result
 from flexdesign.report.diagnosis import diagnosis_figures as figures
 from flexdesign.report.diagnosis import diagnosis_report as reports
-from flexdesign.report.diagnosis import diagnosis_words as said
+from flexdesign.report.diagnosis import diagnosis_text as said
 from flexdesign.report.document import Document, Section, Table
 
 

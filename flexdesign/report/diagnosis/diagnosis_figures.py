@@ -15,11 +15,11 @@ from flexdesign.diagnosis import ErrorStep
 from flexdesign.diagnosis.comparison import Comparison, RunComparison
 from flexdesign.diagnosis.experiment_design.signature import named as speaks_of
 from flexdesign.diagnosis.residual_comparison import ModelResiduals
-from flexdesign.report import comparison_words as words
-from flexdesign.report.comparison_words import units_of
+from flexdesign.report import comparison_text as words
+from flexdesign.report.comparison_text import units_of
 from flexdesign.report.diagnosis import comparison_report, response_pages
 from flexdesign.report.diagnosis import diagnosis_charts as drawings
-from flexdesign.report.diagnosis import diagnosis_words as prose
+from flexdesign.report.diagnosis import diagnosis_text as prose
 from flexdesign.report.diagnosis import residual_charts as charts
 from flexdesign.report.diagnosis.residual_charts import Bars, Trace
 from flexdesign.report.document import Figure, Section

@@ -18,8 +18,8 @@ from flexdesign.diagnosis.residual_comparison import ModelResiduals, compared
 from flexdesign.dynamics.stage_model import AxisModel
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
-from flexdesign.report import comparison_words as words
-from flexdesign.report.diagnosis import diagnosis_words as prose
+from flexdesign.report import comparison_text as words
+from flexdesign.report.diagnosis import diagnosis_text as prose
 from flexdesign.report.diagnosis import plan_pages, response_pages
 from flexdesign.report.diagnosis.diagnosis_figures import capital, ladder_figure, more_pictures, pictures, time_domain
 from flexdesign.report.document import Document, Section, Table

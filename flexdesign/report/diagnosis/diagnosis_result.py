@@ -17,7 +17,7 @@ from flexdesign.diagnosis.residual_comparison import ModelResiduals, Which, comp
 from flexdesign.measurements.noise_level import NoiseFloor
 from flexdesign.measurements.recordings import FrequencyResponse, Run
 from flexdesign.report.diagnosis import comparison_report, response_pages
-from flexdesign.report.diagnosis import diagnosis_words as prose
+from flexdesign.report.diagnosis import diagnosis_text as prose
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

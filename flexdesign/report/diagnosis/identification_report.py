@@ -13,7 +13,7 @@ from flexdesign.core.toml_files import FORMAT
 from flexdesign.diagnosis.comparison import RunComparison
 from flexdesign.diagnosis.identify import Identification
 from flexdesign.estimation import Estimate
-from flexdesign.report.comparison_words import units_of
+from flexdesign.report.comparison_text import units_of
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.traces import Curve, Traces
 

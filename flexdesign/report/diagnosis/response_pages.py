@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from flexdesign.core import units
 from flexdesign.diagnosis.comparison import Breakdown, ResponseComparison, by_band
 from flexdesign.diagnosis.residual_comparison import ModelResiduals, compared
-from flexdesign.report import comparison_words as words
-from flexdesign.report.comparison_words import units_of
+from flexdesign.report import comparison_text as words
+from flexdesign.report.comparison_text import units_of
 from flexdesign.report.diagnosis.frequency_charts import Line, measured_bode
 from flexdesign.report.document import Figure, Section, Table
 

@@ -14,7 +14,7 @@ from flexdesign.diagnosis.comparison.static_table import TableComparison, compar
 from flexdesign.diagnosis.static_tables.diagnose import TableDiagnosis
 from flexdesign.diagnosis.static_tables.fit import Trial, constant
 from flexdesign.effects import statics
-from flexdesign.report.diagnosis import table_words as words
+from flexdesign.report.diagnosis import table_text as words
 from flexdesign.report.document import Document, Figure, Section, Table
 
 LIBRARIES = ("numpy", "scipy")

@@ -10,7 +10,7 @@ from flexdesign.dynamics.experiments import AS_MODELLED, Experiment
 from flexdesign.dynamics.experiments.reading import stem
 from flexdesign.dynamics.experiments.simulation import Case
 from flexdesign.dynamics.trajectories import Sine, Square, Step, Triangle
-from flexdesign.report import comparison_words as words
+from flexdesign.report import comparison_text as words
 from flexdesign.report.document import Figure
 from flexdesign.report.traces import Curve, Traces
 

@@ -13,7 +13,7 @@ from flexdesign.core.model import Quantity
 from flexdesign.core.toml_files import FORMAT
 from flexdesign.design import design as designs
 from flexdesign.fem import mesh_refinement
-from flexdesign.report import accuracy_words
+from flexdesign.report import accuracy_text
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.validation import design_pictures
 from flexdesign.workflows.sweeps import evaluators
@@ -65,7 +65,7 @@ def _inaccurate(found: Optimum) -> list[str]:
     elements = found.last.elements
     if not elements:
         return []
-    sentences = accuracy_words.not_reached(found.plan.mesh.accuracy, list(elements.values()), "at the optimum")
+    sentences = accuracy_text.not_reached(found.plan.mesh.accuracy, list(elements.values()), "at the optimum")
     return [sentences] if sentences else []
 
 

@@ -15,7 +15,7 @@ from flexdesign.core import units, versions
 from flexdesign.core.toml_files import FORMAT
 from flexdesign.design.design import Design
 from flexdesign.fem import mesh_refinement
-from flexdesign.report import accuracy_words
+from flexdesign.report import accuracy_text
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.sweeps import sweep_figures
 from flexdesign.report.sweeps.sweep_figures import labelled
@@ -107,7 +107,7 @@ def summary(sweep: Sweep) -> list[str]:
 def _inaccurate(sweep: Sweep) -> list[str]:
     """Say that the accuracy that was asked for is not reached in some cases."""
     missed = {_words(sweep, place): error for place, error in sweep.inaccurate.items()}
-    sentences = accuracy_words.not_reached_by(sweep.plan.mesh.accuracy, missed, len(sweep.cases) - len(sweep.failed))
+    sentences = accuracy_text.not_reached_by(sweep.plan.mesh.accuracy, missed, len(sweep.cases) - len(sweep.failed))
     return [sentences] if sentences else []
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from flexdesign.core import units
 from flexdesign.core.model import Quantity
 from flexdesign.report.document import Fact
-from flexdesign.report.validation.stage_words import Axes
+from flexdesign.report.validation.stage_text import Axes
 from flexdesign.report.wording import formatted, name_of
 from flexdesign.workflows.validation import Validation
 from flexdesign.workflows.validation.validate_stage import StageValidation

@@ -8,7 +8,7 @@ from typing import Any
 
 from flexdesign.effects import statics
 from flexdesign.report import charts
-from flexdesign.report.diagnosis.table_words import effect_name
+from flexdesign.report.diagnosis.table_text import effect_name
 from flexdesign.report.document import Figure, Section, Table
 from flexdesign.report.wording import formatted, name_of
 from flexdesign.workflows.validation import Validation

@@ -12,7 +12,7 @@ from flexdesign.design.faces import in_mm
 from flexdesign.fem.quantities import port_stiffness
 from flexdesign.fem.quantities.port_stiffness import FREE, HELD
 from flexdesign.fem.solving.port_compliance import MOTIONS
-from flexdesign.report import strength_words
+from flexdesign.report import strength_text
 from flexdesign.report.document import Section, Table
 from flexdesign.report.wording import formatted, name_of
 from flexdesign.workflows.validation import Validation
@@ -60,7 +60,7 @@ def summary(validation: Validation) -> list[str]:
 def strength(validation: Validation) -> Section:
     """Return how far each motion of a joint may go until it yields."""
     solution, material = validation.finest.solution, validation.study.design.material
-    text = strength_words.strengths(material)[:1]
+    text = strength_text.strengths(material)[:1]
     note = "grows with refinement: a re-entrant edge is sharp" if validation.sharp else "on the finest mesh"
     rows = []
     for motion, peak in zip(MOTIONS, solution.peaks.tolist(), strict=True):

@@ -6,7 +6,7 @@ import math
 
 from flexdesign.core import units
 from flexdesign.report.document import Section, Table
-from flexdesign.report.validation.stage_words import Axes, computed, percent, written
+from flexdesign.report.validation.stage_text import Axes, computed, percent, written
 from flexdesign.report.wording import formatted
 from flexdesign.workflows.validation import Comparison
 from flexdesign.workflows.validation.validate_stage import StageValidation

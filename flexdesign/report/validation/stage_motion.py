@@ -9,9 +9,9 @@ from flexdesign.core.model import Quantity
 from flexdesign.fem import cross_axis_coupling
 from flexdesign.fem.cross_axis_coupling import CrossMotion
 from flexdesign.fem.quantities.stage_modes import ModeShares
-from flexdesign.report.comparison_words import listed
+from flexdesign.report.comparison_text import listed
 from flexdesign.report.document import Figure, Section, Table
-from flexdesign.report.validation.stage_words import Axes, measured, percent, share, written
+from flexdesign.report.validation.stage_text import Axes, measured, percent, share, written
 from flexdesign.report.wording import formatted
 from flexdesign.workflows.validation import Comparison
 from flexdesign.workflows.validation.validate_stage import StageValidation

@@ -22,7 +22,7 @@ from flexdesign.report.document import Figure
 from flexdesign.report.validation import stage_scene
 from flexdesign.report.validation.stage_motion import in_words
 from flexdesign.report.validation.stage_scene import SMALL, Scene, Skin
-from flexdesign.report.validation.stage_words import Axes
+from flexdesign.report.validation.stage_text import Axes
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
 FloatArray = NDArray[np.float64]

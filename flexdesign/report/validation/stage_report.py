@@ -13,11 +13,11 @@ from flexdesign.fem import convergence
 from flexdesign.fem.cross_axis_coupling import Cause, CrossMotion
 from flexdesign.fem.quantities.stage_modes import ModeShares
 from flexdesign.fem.stage_condensation import Kind
-from flexdesign.report import accuracy_words
+from flexdesign.report import accuracy_text
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.pictures import drawn_or_said
 from flexdesign.report.validation import card, hierarchy_section, stage_differences, stage_motion, stage_pictures
-from flexdesign.report.validation.stage_words import Axes, axis_of, computed, percent, written
+from flexdesign.report.validation.stage_text import Axes, axis_of, computed, percent, written
 from flexdesign.report.wording import flat, formatted
 from flexdesign.workflows.validation import Comparison, provenance
 from flexdesign.workflows.validation.validate_stage import StageValidation
@@ -116,7 +116,7 @@ def _summary(validation: StageValidation) -> list[str]:
         )
     paragraphs.append(f"FEM of the whole stage gives {'; '.join(texts)}.")
     found = [*(comparison.fem for comparison in validation.comparisons), *validation.further]
-    if missed := accuracy_words.not_reached(validation.study.mesh.accuracy, found):
+    if missed := accuracy_text.not_reached(validation.study.mesh.accuracy, found):
         paragraphs.append(missed)
     best = stage_differences.nearest(validation)
     if best is not None:
@@ -199,7 +199,7 @@ def _meshes(validation: StageValidation) -> Section:
                  f"{len(kind.part.stiffness)}", _gate(kind), f"{kind.seconds:.1f} s{origin}"]
             )  # fmt: skip
     whole, small = validation.finest.unknowns, validation.stages[-1].size
-    scatter = convergence.described(validation.scatter)
+    scatter = convergence.describe(validation.scatter)
     text = (
         "Each kind of part is meshed once, on its fundamental domain, and condensed to its ports. On the finest mesh "
         f"the whole stage would have {whole / 1e6:.3g} million unknowns, its bodies left out; put together from "

@@ -14,15 +14,15 @@ from flexdesign.design.part import states
 from flexdesign.dynamics.experiments.simulation import handed_over
 from flexdesign.fem import quantities
 from flexdesign.fem.solving.statics import PortCompliance
-from flexdesign.report import accuracy_words, charts, strength_words
+from flexdesign.report import accuracy_text, charts, strength_text
 from flexdesign.report.document import Document, Figure, Section, Table
 from flexdesign.report.pictures import drawn_or_said
 from flexdesign.report.validation import (
     card,
-    cross_check_words,
+    cross_check_text,
     explanation,
     hierarchy_section,
-    independent_words,
+    independent_text,
     port_section,
     table_1,
     table_motion,
@@ -61,7 +61,7 @@ def result(validation: Validation) -> dict[str, Any]:
             key: {"unit": "m/N", "FEM": dict(split), first: dict(validation.formula_shares.get(key, {}))}
             for key, split in validation.shares.items()
         },
-        "strain_energy_shares": strength_words.shares(validation),
+        "strain_energy_shares": strength_text.shares(validation),
         "theory_ladder": hierarchy_section.result(validation.hierarchy),
         "mass": {"value": validation.modal.solution.facts["mass"], "unit": "kg"},
         "modes": [vibrations.result(mode) for mode in validation.modal.solution.modes],
@@ -87,8 +87,8 @@ def result(validation: Validation) -> dict[str, Any]:
             for h in validation.finest.hinges
         ],
         "port_stiffness": port_section.result(validation),
-        "cross_check": cross_check_words.result(validation.cross_check),
-        "independent_mesh": independent_words.result(validation.independent),
+        "cross_check": cross_check_text.result(validation.cross_check),
+        "independent_mesh": independent_text.result(validation.independent),
         "made_by": provenance(validation.study, validation.methods, validation.solvers),
     }
 
@@ -124,8 +124,8 @@ def _sections(validation: Validation, progress: Progress) -> list[Section]:
         hierarchy_section.section(validation),
         table_motion.section(validation),
         _mesh(validation),
-        cross_check_words.section(validation.cross_check),
-        independent_words.section(validation.independent),
+        cross_check_text.section(validation.cross_check),
+        independent_text.section(validation.independent),
         _formulas(validation),
         _solid(validation),
         _inputs(validation),
@@ -154,9 +154,9 @@ def _summary(validation: Validation) -> list[str]:
     if ratio.value < 0:
         paragraphs.append("The amplification is negative: as the actuator extends, the output is drawn in.")
     if validation.cross_check is not None:
-        paragraphs.append(cross_check_words.verdict(validation.cross_check))
+        paragraphs.append(cross_check_text.verdict(validation.cross_check))
     if validation.independent is not None:
-        paragraphs.append(independent_words.verdict(validation.independent))
+        paragraphs.append(independent_text.verdict(validation.independent))
     if design.provenance:
         paragraphs.append(f"Note on this design: {design.provenance}.")
     paragraphs += handed_over(validation.stage_model)
@@ -165,7 +165,7 @@ def _summary(validation: Validation) -> list[str]:
 
 def _missed(validation: Validation) -> list[str]:
     """Say that the accuracy that was asked for is not reached."""
-    sentences = accuracy_words.not_reached(validation.study.mesh.accuracy, validation.found)
+    sentences = accuracy_text.not_reached(validation.study.mesh.accuracy, validation.found)
     return [sentences] if sentences else []
 
 
@@ -239,9 +239,9 @@ def _stress(validation: Validation) -> Section:
     names = ("hinge_stress", "peak_stress", "peak_tension", "safety_against_yield", "safety_against_fatigue")
     rows = [[name_of(q), q.boundary, _judged(q)] for q in validation.further if q.name in names]
     text = [
-        *strength_words.strengths(validation.study.design.material),
+        *strength_text.strengths(validation.study.design.material),
         "The nominal hinge stress is N/A + M t/2I from the section forces that FEM's stresses add up to.",
-        strength_words.peak(validation),
+        strength_text.peak(validation),
     ]
     if not validation.has_members:
         text[-2] = (
@@ -249,7 +249,7 @@ def _stress(validation: Validation) -> Section:
         )
     tables = [Table(["quantity", "at", "FEM"], rows)]
     if validation.has_members:
-        tables.append(strength_words.energies(validation))
+        tables.append(strength_text.energies(validation))
     return Section("Stress and strain energy", text, tables)
 
 
@@ -308,7 +308,7 @@ def _mesh(validation: Validation) -> Section:
         f"{validation.finest.solution.facts['solver']}{_memory(validation)}. Unknowns are those of "
         f"the domain; the whole part has {validation.domain.copies} times as many. {validation.extrapolation} "
         f"{_index(validation)}{_loose(validation)}"
-        f"{accuracy_words.reached(validation.study.mesh.accuracy, validation.found)}"
+        f"{accuracy_text.reached(validation.study.mesh.accuracy, validation.found)}"
     )
     of_input = ["K_in", "λ"] if validation.has_input else []
     head = ["unknowns", "tetrahedra", "edge at roots", "worst quality", *of_input, "K_out input free", "time"]

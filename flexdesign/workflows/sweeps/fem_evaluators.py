@@ -147,12 +147,12 @@ def _meshed(design: Design, mesh: MeshSettings) -> tuple[list[Quantity], list[Le
     part, study = design.part(), _study(design, mesh)
     body = domain.of_part(part, material=design.material, chord=domain.chord(part))
     method = mesh_refinement.method_of(study, part, body)
-    levels = mesh_refinement.refined(study, part, body, method, _Nowhere(Path()), lambda _: None)
-    return mesh_refinement.gathered(study, levels, method.scatter), levels
+    levels = mesh_refinement.refine(study, part, body, method, _Nowhere(Path()), lambda _: None)
+    return mesh_refinement.gather_quantities(study, levels, method.scatter), levels
 
 
 def _condensed(design: Design, mesh: MeshSettings) -> tuple[list[Quantity], stage_condensation.StageLevel]:
     """Return what finite elements say of a stage, on as many meshes as the accuracy takes, and the finest of these."""
     study = _study(design, mesh.model_copy(update={"accuracy": mesh.accuracy or ACCURACY}))
     levels = stage_condensation.refine(study, design.stage().assembly(), _InMemory(Path()))
-    return stage_condensation.gathered(levels), levels[-1]
+    return stage_condensation.gather_quantities(levels), levels[-1]

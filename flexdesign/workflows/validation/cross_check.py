@@ -149,13 +149,13 @@ def _tried(study: Study, part: Part, body: Domain, cache: Cache, progress: Progr
         progress(f"cross-check, {method.name}, {where}: {text}")
 
     try:
-        return _answered(study, method, body, mesh_refinement.refined(study, part, body, method, cache, say, omit=omit))
+        return _answered(study, method, body, mesh_refinement.refine(study, part, body, method, cache, say, omit=omit))
     except InputError as error:
         return Way(method.name, _axes(body), {}, failure=error.remedy)
 
 
 def _answered(study: Study, method: Method, body: Domain, levels: Sequence[Level]) -> Way:
-    gathered = by_key(mesh_refinement.gathered(study, levels, method.scatter))
+    gathered = by_key(mesh_refinement.gather_quantities(study, levels, method.scatter))
     return Way(
         method.name,
         _axes(body),

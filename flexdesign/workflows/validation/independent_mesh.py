@@ -109,7 +109,7 @@ def run(
         progress(f"independent mesh: {text}")
 
     try:
-        mesh, _ = mesh_refinement.meshed(method, body, COARSENESS, part.linkage().of_kind("hinge"), cache, say)
+        mesh, _ = mesh_refinement.make_mesh(method, body, COARSENESS, part.linkage().of_kind("hinge"), cache, say)
     except MeshError as error:
         return IndependentCheck({}, chosen, seconds=perf_counter() - began, failure=str(error))
     key = content_key(

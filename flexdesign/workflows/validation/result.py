@@ -126,7 +126,7 @@ class Validation:
         """Extrapolate a number that every mesh's solution gives."""
         sizes = [level.size for level in self.levels]
         values = [value(level.solution) for level in self.levels]
-        return convergence.extrapolate(values, sizes, scatter=self.method.scatter)
+        return convergence.extrapolate(values, sizes, mesh_noise=self.method.scatter)
 
     @property
     def modal(self) -> Level:
@@ -146,7 +146,7 @@ class Validation:
     @property
     def extrapolation(self) -> str:
         """How the limit for vanishing element size and its error were found, in words."""
-        return convergence.described(self.method.scatter)
+        return convergence.describe(self.method.scatter)
 
     def fem(self, key: str) -> Quantity:
         """Return a FEM quantity by its key, e.g. ``K_in_output_free``."""

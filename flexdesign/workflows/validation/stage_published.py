@@ -11,7 +11,7 @@ from flexdesign.core.model import Quantity, by_key
 from flexdesign.design.assembly import Assembly
 from flexdesign.design.study import Study
 from flexdesign.fem import cross_axis_coupling
-from flexdesign.fem.quantities.stage import asked
+from flexdesign.fem.quantities.stage import requested_quantities
 
 #: What keys of quantities at a stated input have after quantity and axis.
 AT_INPUT = "_input_of_"
@@ -36,11 +36,11 @@ def read_published(study: Study, assembly: Assembly) -> dict[str, dict[str, Quan
         If a number belongs to no quantity, or cannot be read.
     """
     actuator = study.design.actuator
-    known = by_key(asked(assembly.axes, installed=actuator is not None))
+    known = by_key(requested_quantities(assembly.axes, installed=actuator is not None))
     for axis in assembly.axes:
         others = [other for other in assembly.axes if other != axis]
         for extension in [stated(study, axis), *([actuator.free_stroke] if actuator else [])]:
-            known |= by_key(cross_axis_coupling.asked(axis, extension, others))
+            known |= by_key(cross_axis_coupling.requested_quantities(axis, extension, others))
     return {
         label: {
             key: _published(study, label, key, text, known)

@@ -39,10 +39,10 @@ def changed(
             continue
         base, values = [level[key].value for level in here], [level[key].value for level in there]
         if any(value == 0 for value in base):
-            own = extrapolate(values, sizes, scatter=SAME_MESHES)
+            own = extrapolate(values, sizes, mesh_noise=SAME_MESHES)
             found[key] = replace(quantity, value=own.value, half_width=own.error)
             continue
-        ratio = extrapolate([v / b for v, b in zip(values, base, strict=True)], sizes, scatter=SAME_MESHES)
+        ratio = extrapolate([v / b for v, b in zip(values, base, strict=True)], sizes, mesh_noise=SAME_MESHES)
         limit = limits[key]
         sigma = math.hypot(limit.value * ratio.error, (limit.half_width or 0.0) * ratio.value)
         found[key] = replace(quantity, value=limit.value * ratio.value, half_width=sigma)

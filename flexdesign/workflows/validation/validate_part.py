@@ -57,8 +57,8 @@ def validate(study: Study, cache: Cache, progress: Progress = lambda _: None) ->
     shares_of_formulas = _formula_shares(design, part)
     _examine_intermediates(design, part)
     method = mesh_refinement.method_of(study, part, body)
-    levels = mesh_refinement.refined(study, part, body, method, cache, progress)
-    gathered = mesh_refinement.gathered(study, levels, method.scatter)
+    levels = mesh_refinement.refine(study, part, body, method, cache, progress)
+    gathered = mesh_refinement.gather_quantities(study, levels, method.scatter)
     comparisons, further = _compare(formulas, gathered)
     large = _large(study, part, body, levels[0], cache, progress)
     if large is not None:

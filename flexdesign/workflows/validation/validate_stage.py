@@ -109,7 +109,7 @@ class StageValidation:
     @property
     def scatter(self) -> MeshNoise:
         """That of the meshes, by which results are extrapolated."""
-        return stage_condensation.scatter(self.levels)
+        return stage_condensation.mesh_noise_of(self.levels)
 
     def fem(self, key: str) -> Quantity:
         """Return a FEM quantity by its key, e.g. ``K_in_x_table_free``."""
@@ -146,10 +146,10 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     _refuse_unknown(study, assembly)
     _examine(design)
     published = read_published(study, assembly)
-    levels = stage_condensation.refine(study, assembly, cache, progress, inside=DRIVEN)
+    levels = stage_condensation.refine(study, assembly, cache, progress, interior=DRIVEN)
     finest = levels[-1].stage
     found, sizes = [level.found for level in levels], [level.size for level in levels]
-    limits = stage_condensation.gathered(levels)
+    limits = stage_condensation.gather_quantities(levels)
     driven = [
         stage_drives.Driven(
             study, level, cache, stage_condensation.labelled(progress, f"mesh {number} of {len(levels)}")
@@ -162,7 +162,9 @@ def validate_stage(study: Study, cache: Cache, progress: Progress = lambda _: No
     source = f"FEM, large displacements on the {DRIVEN} coarsest of {len(levels)} meshes, extrapolated"
     limits += [
         replace(q, source=source)
-        for q in mesh_refinement.limits(motions_found, sizes[:DRIVEN], stage_condensation.scatter(levels))
+        for q in mesh_refinement.extrapolate_quantities(
+            motions_found, sizes[:DRIVEN], stage_condensation.mesh_noise_of(levels)
+        )
         if q.key in motion_quantities
     ]
     comparisons, further = compare(study, limits, [*motions, *full], published)
@@ -267,7 +269,7 @@ def _variant(study: Study, label: str, cache: Cache, progress: Progress) -> list
     kinds = stage_condensation.build_solids(other, assembly, say)
     for power in range(study.mesh.levels - 1, study.mesh.levels - 1 - DRIVEN, -1):
         coarseness = study.mesh.refinement**power
-        level = stage_condensation.condense(other, assembly, kinds, coarseness, cache, inside=True, progress=say)
+        level = stage_condensation.condense(other, assembly, kinds, coarseness, cache, interior=True, progress=say)
         motions, _ = stage_drives.Driven(other, level, cache, say).motions(full=False)
         found.append({**level.found, **_moved(motions)})
     return found

@@ -17,7 +17,7 @@ from flexdesign.diagnosis.static_tables.fit import Trial
 from flexdesign.effects import statics
 from flexdesign.measurements.static_table import DISPLACEMENTS, LOADS, QUANTITIES
 from flexdesign.report import charts
-from flexdesign.report.comparison_words import listed
+from flexdesign.report.comparison_text import listed
 
 
 def effect_name(name: str) -> str:

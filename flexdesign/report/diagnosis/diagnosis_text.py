@@ -15,7 +15,7 @@ from flexdesign.diagnosis.residual_comparison import ModelResiduals, compared
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.estimation import Estimate
 from flexdesign.measurements.recordings import FrequencyResponse, Run
-from flexdesign.report import comparison_words as words
+from flexdesign.report import comparison_text as words
 from flexdesign.report.diagnosis import response_pages
 
 #: Half-width of a 95 % interval, in standard deviations.
