@@ -201,7 +201,7 @@ def refine(
 ) -> list[StageLevel]:
     """Condense on meshes from coarse to fine: as many as were asked for, or as an accuracy takes.
 
-    The coarsest `interior` keep what goes on inside. What is raised is what `condense` raises.
+    The `interior` coarsest levels keep their interior displacements. Raises as `condense`.
     """
     asked, count = study.mesh.accuracy, study.mesh.levels
     kinds, levels = build_solids(study, assembly, progress), list[StageLevel]()

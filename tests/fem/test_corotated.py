@@ -219,7 +219,7 @@ def test_a_limb_on_hinges_shortens_as_a_bar_on_pivots_but_for_the_length_of_its_
     the hinge, 10 % of the 2.2 % that it makes are allowed for.
     """
     span, piece = 0.05, leaf()
-    found = coarse(piece, CORK, coarseness=1.5, degree=1, mode_count=0, inside=True)[0]
+    found = coarse(piece, CORK, coarseness=1.5, degree=1, mode_count=0, interior=True)[0]
     linear, law = on_hinges(found, span), second_order.of(found)
     stage = CorotatedStage(linear.assembly, dict.fromkeys(linear.parts, law))
     turn = np.eye(12)[11] - np.eye(12)[5]
@@ -324,7 +324,7 @@ def test_an_amplifier_goes_the_way_of_its_whole_mesh() -> None:
     stay flat, which the mesh's need not: 0.02 %.
     """
     drawn = design.read(design.find("lin2019_amplifier_xy"))
-    found, body, mesh = coarse(drawn.part(), drawn.material, coarseness=4.0, mode_count=0, inside=True)
+    found, body, mesh = coarse(drawn.part(), drawn.material, coarseness=4.0, mode_count=0, interior=True)
     path = stroke_path(drawn.part(), drawn.material, body, mesh, [25.0, 50.0, 100.0])
     frame = Body("frame", (Box((0.0, -1.0, 0.0), (1.0, 0.1, 1.0)),), fixed=True)
     top = Body("top", (Box(found.of("output").port.point, (1e-3, 1e-3, 1e-3)),))
@@ -358,7 +358,7 @@ def stage() -> CorotatedStage:
     assembly = drawn.stage().assembly()
     laws: dict[str, SecondOrder] = {}
     for piece, elements in assembly.kinds():
-        found = coarse(piece, drawn.material, coarseness=3.0, degree=1, mode_count=0, inside=True)[0]
+        found = coarse(piece, drawn.material, coarseness=3.0, degree=1, mode_count=0, interior=True)[0]
         laws |= dict.fromkeys((element.name for element in elements), second_order.of(found))
     return CorotatedStage(assembly, laws)
 

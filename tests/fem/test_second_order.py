@@ -70,7 +70,7 @@ def dumbbell(*planes: str) -> Block:
 
 @pytest.fixture(scope="module")
 def hinge() -> Superelement:
-    return coarse(leaf(), ALLOY, coarseness=1.5, degree=1, mode_count=0, inside=True)[0]
+    return coarse(leaf(), ALLOY, coarseness=1.5, degree=1, mode_count=0, interior=True)[0]
 
 
 @pytest.fixture(scope="module")
@@ -238,7 +238,7 @@ def test_stubs_shorten_a_hinge_as_they_turn() -> None:
     The bending in the stubs is no arc, which makes (e - l) / 12 of H / 4 uncertain: 0.2 %.
     """
     piece = leaf()
-    law = of(coarse(piece, CORK, coarseness=1.5, degree=1, mode_count=0, inside=True)[0])
+    law = of(coarse(piece, CORK, coarseness=1.5, degree=1, mode_count=0, interior=True)[0])
     bend, angle = np.zeros(12), 0.02
     bend[[5, 11]] = -angle / 2, angle / 2
     stiffness = bend @ law.stiffness @ bend / angle**2
