@@ -87,7 +87,6 @@ def add(
     axis: str | None = None,
     noise: float | None = None,
     threads: int = 2,
-    seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> AddedEffect:
     """Fit a stage model with one more effect, needed or not, and say whether it is.
@@ -106,8 +105,6 @@ def add(
         Standard deviation of the noise of runs, where it is stated [response]; by default it is estimated.
     threads
         Simulations at a time.
-    seed
-        Of the sample of starts.
     progress
         Receives the progress as text.
 
@@ -131,7 +128,7 @@ def add(
             lines = periodic_disturbances.frequencies(data, fit)
             return (candidates.candidate_of(dynamics, effects.find(name), name, fields.ELSEWHERE.get(name), lines),)
 
-        task, gone = procedure.search(data, task, dynamics, alone, seed)
+        task, gone = procedure.search(data, task, dynamics, alone)
         (candidate,) = alone(gone.calibration)
         final, reason = _added(task, gone, candidate)
         error_ladder = [predict_tests(task, fit) for fit in (gone.nominal, gone.calibration, final)]

@@ -71,7 +71,6 @@ def diagnose(
     tolerance: float | None = None,
     noise: float | None = None,
     threads: int = 2,
-    seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
     """Find which physical effects a stage model lacks.
@@ -93,8 +92,6 @@ def diagnose(
         Standard deviation of the noise of runs, where it is stated [response]; by default it is estimated.
     threads
         Simulations at a time.
-    seed
-        Of the sample of starts.
     progress
         Receives the progress as text.
 
@@ -114,10 +111,8 @@ def diagnose(
         if (short := truncated(data)) is not None:
             progress("searching in the first part of each run")
             _, case_of_parts = case_of(model, short, each, progress)
-            _, preliminary = search(
-                short, case_of_parts, dynamics, partial(catalogue, short, dynamics, more=more), seed
-            )
-        task, history = search(data, task, dynamics, partial(catalogue, data, dynamics, more=more), seed, preliminary)
+            _, preliminary = search(short, case_of_parts, dynamics, partial(catalogue, short, dynamics, more=more))
+        task, history = search(data, task, dynamics, partial(catalogue, data, dynamics, more=more), preliminary)
         # Errors of simulation matter where they are not small compared with those of the fitted parameters.
         samples = history.final.solution.problem.dataset.samples
         if history.final.effects and EXACT**2 * samples > history.final.discrepancy:
@@ -204,7 +199,6 @@ def calibrate_task(
     data: DiagnosisData,
     task: EstimationTask,
     dynamics: AxisDynamics,
-    seed: int = 0,
     preliminary: SelectionHistory | None = None,
 ) -> CalibratedTask:
     """Fit the model's own numbers.
@@ -213,8 +207,6 @@ def calibrate_task(
     ----------
     data, task, dynamics
         What is diagnosed, the task that it sets, and the model of the axis.
-    seed
-        Of the sample of starts.
     preliminary
         A search in a part of the runs, whose calibration is where the fit starts.
 
@@ -229,7 +221,7 @@ def calibrate_task(
     nominal = evaluate_design(replace(task, prior_bound=BELIEVED), dynamics)
     task.progress("calibrating")
     if preliminary is None:
-        fit = calibrate(task, grid_frequency(task, grid_delay(task, dynamics)), seed, nominal)
+        fit = calibrate(task, grid_frequency(task, grid_delay(task, dynamics)), nominal)
     else:
         fit = fit_model(task, with_values(dynamics, preliminary.calibration.model))
     if fit is not None:  # how a mode rings as a record begins follows from its calibrated numbers
@@ -258,7 +250,6 @@ def search(
     task: EstimationTask,
     dynamics: AxisDynamics,
     effects: Callable[[FittedModel], Sequence[Candidate]],
-    seed: int,
     preliminary: SelectionHistory | None = None,
 ) -> tuple[EstimationTask, SelectionHistory]:
     """Calibrate and select effects; return the case as calibrated, and the course of the selection.
@@ -266,7 +257,7 @@ def search(
     Which effects are tried, and at what values, may follow from the residual of the calibration: `effects` decides.
     Effects that a search `preliminary` found in a part of the runs are fitted first.
     """
-    begun = calibrate_task(data, task, dynamics, seed, preliminary)
+    begun = calibrate_task(data, task, dynamics, preliminary)
     task, calibration = begun.task, begun.calibrated
     every = effects(calibration)
     steps, fits = _confirm(task, calibration, preliminary.steps if preliminary else ())
