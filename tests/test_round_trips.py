@@ -17,12 +17,17 @@ from studies.round_trips.__main__ import AXIS, SEEN, STAGE, outcome, rms, round_
     [
         ("thermal_expansion", 8),  # it does not show, and the stage was cycled before: beyond one way out and back
         ("base_motion", 9),  # in another phase than that where a fit of the validation run begins
+        pytest.param("driver_slew", 10, marks=pytest.mark.slow),  # it does not show
+        # From a stage that was never driven before: no voltage had turned.
+        pytest.param("coulomb_friction", 10, marks=pytest.mark.slow),
+        # One of its numbers does not show, and ends anywhere.
+        pytest.param("rate_dependent_hysteresis", 10, marks=pytest.mark.slow),
     ],
 )
 def test_round_trip(effect: str, seed: int) -> None:
     found = round_trip(effect, "hold", seed)
     assert found.is_right
-    assert found.verdict == ("nothing-missing" if effect == "thermal_expansion" else "effects-found")
+    assert found.verdict == ("nothing-missing" if effect in ("thermal_expansion", "driver_slew") else "effects-found")
 
 
 @pytest.mark.parametrize("effect", ["prandtl_ishlinskii", "coulomb_friction", "creep"])

@@ -109,7 +109,7 @@ def test_checking_costs_two_predictions_where_the_ends_are_right() -> None:
     polished = found.problem.evaluations - before
     assert polished <= 2  # a step of both records
     intervals(found, ["slope"])
-    assert found.problem.evaluations == before + 2 * polished + 2 * 2  # two ends, two records
+    assert found.problem.evaluations == before + polished + 2 * 2  # two ends, two records; it is polished already
 
 
 def test_a_crooked_likelihood_gets_the_interval_of_its_profile() -> None:

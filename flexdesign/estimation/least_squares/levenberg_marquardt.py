@@ -140,11 +140,11 @@ def solve(
     if not effort.jacobians:
         search.fresh = True  # where a step fails it is made shorter
         search.descend(effort.share)
-    for _ in range(effort.jacobians):
+    for left in reversed(range(effort.jacobians)):
         # A Jacobian that was carried along may promise too little: where it counts, one computed here decides.
         if search.descend(effort.share) and (search.fresh or not effort.is_exact):
             return search.solution(True)
-        if search.looked == TWICE:
+        if search.looked == TWICE or not (left or effort.is_exact):
             break
         search.update_jacobian()
     return search.solution(False)

@@ -24,7 +24,7 @@ FitState = Callable[[Model, Record], tuple[float, Model]]
 def grid_initial_states(dataset: Dataset, model: Model, each: Map = map, fit_state: FitState | None = None) -> Model:
     """Return a model whose runs begin where each fits best: where they do, or at a point of the grid of initial states.
 
-    Numbers of a run that have no grid are tried at their median over the runs.
+    Numbers of a run that have no grid are tried at their median over the runs; those that have one, also at zero.
 
     Parameters
     ----------
@@ -41,7 +41,9 @@ def grid_initial_states(dataset: Dataset, model: Model, each: Map = map, fit_sta
     if not grids or not records:
         return model
     medians = _medians([p for parameters in own.values() for p in parameters])
-    points = [{**medians, **dict(zip(grids, values, strict=True))} for values in itertools.product(*grids.values())]
+    # Zero is the state of a stage that was never driven before.
+    values = [*itertools.product(*grids.values()), (0.0,) * len(grids)]
+    points = [{**medians, **dict(zip(grids, point, strict=True))} for point in values]
     changed = dict[str, float]()
     trials = [(record, values) for record in records for values in ({}, *(_of_run(own, record, p) for p in points))]
     costs = list(each(lambda trial: _cost(dataset, model.replace(trial[1]), trial[0]), trials))

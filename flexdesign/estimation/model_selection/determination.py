@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from flexdesign.estimation.criterion import HALF_WIDTH, LEVEL, WORSE, is_undetermined
+from flexdesign.estimation.criterion import LEVEL, WORSE
 from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, fit_model, refit, with_effects
 from flexdesign.estimation.uncertainty.intervals import intervals
@@ -58,10 +58,9 @@ def hold_undetermined(task: EstimationTask, fit: FittedModel) -> tuple[FittedMod
 
 def _is_open(fit: FittedModel, name: str, default: float) -> bool:
     """Tell whether the interval of a number holds a default of zero, or nearly all that is plausible."""
-    where, solution = fit.solution.problem.where, fit.solution
+    where = fit.solution.problem.where
     j = where.names.index(name)
-    parameter, span = where.parameters[j], float(where.span[j])
-    half = HALF_WIDTH * math.sqrt(max(float(solution.covariance[j, j]) * fit.discrepancy, 0.0))
-    if is_undetermined(half, span):
+    if fit.is_undetermined(j):
         return True
-    return default == 0 and parameter.scale == "linear" and abs(float(solution.x[j])) < half
+    is_linear = where.parameters[j].scale == "linear"
+    return default == 0 and is_linear and abs(float(fit.solution.x[j])) < fit.half_width(j)

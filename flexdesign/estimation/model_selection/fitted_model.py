@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.model import Model
+from flexdesign.estimation.criterion import HALF_WIDTH, is_undetermined
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, ROUGH, Columns, Effort, Solution, solve
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
 from flexdesign.estimation.least_squares.residual_function import Dataset, Record
@@ -128,17 +129,29 @@ class FittedModel:
         return self.cost + self.validation_chi2 + price * discrepancy
 
     def at_bound(self) -> list[str]:
-        """Return the numbers of effects that the fit moved to the end of their plausible range."""
+        """Return the numbers of effects that the fit moved to an end of their plausible range.
+
+        One that the runs do not determine may end anywhere: it says nothing.
+        """
         where, free = self.solution.problem.where, {name for effect in self.effects for name in effect.free}
-        found = []
+        found, values = [], where.values(self.solution.x)
         for j, parameter in enumerate(where.parameters):
-            if parameter.name not in free:
+            if parameter.name not in free or parameter.null == values[parameter.name] or self.is_undetermined(j):
                 continue
-            value = where.values(self.solution.x)[parameter.name]
             ends = [end for end in (where.lower[j], where.upper[j]) if math.isfinite(end)]
-            if parameter.null != value and any(math.isclose(self.solution.x[j], e, rel_tol=1e-6) for e in ends):
+            if any(math.isclose(self.solution.x[j], e, rel_tol=1e-6) for e in ends):
                 found.append(parameter.name)
         return found
+
+    def half_width(self, j: int) -> float:
+        """Return half the 95 % interval of a coordinate by the covariance, discrepancy counted."""
+        if self.solution.normal[j, j] <= 0:
+            return math.inf
+        return HALF_WIDTH * math.sqrt(max(float(self.solution.covariance[j, j]) * self.discrepancy, 0.0))
+
+    def is_undetermined(self, j: int) -> bool:
+        """Tell whether that interval says next to nothing in the plausible range of the coordinate."""
+        return is_undetermined(self.half_width(j), float(self.solution.problem.where.span[j]))
 
 
 # --- fits -----------------------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
 
 from flexdesign.estimation.least_squares.levenberg_marquardt import MINIMUM, Solution, refine_minimum, solve
 from flexdesign.estimation.uncertainty.covariance import Uncertainty, uncertainty
@@ -38,16 +39,17 @@ def intervals(
     profiles
         Whether the ends are checked by the profile likelihood.
     """
-
-    def refine(near: Solution) -> tuple[Solution, Uncertainty]:
-        # The middle of an interval to 0.05 standard deviations.
-        accuracy = 0.05**2 * uncertainty(near, known_variance).variance
-        polished = refine_minimum(near, accuracy + near.problem.dataset.floor)
-        return polished, uncertainty(polished, known_variance)
-
     places = [solution.problem.where.names.index(name) for name in names]
-    solution, found, made, _ = checked(solution, places, refine, profiles)
+    solution, found, made, _ = checked(solution, places, partial(_refined, known_variance), profiles)
     return estimates(solution, found, made)
+
+
+@lru_cache(maxsize=4)
+def _refined(known_variance: float | None, near: Solution) -> tuple[Solution, Uncertainty]:
+    """Return a fit whose numbers are right to 0.05 standard deviations, and its uncertainty."""
+    accuracy = 0.05**2 * uncertainty(near, known_variance).variance
+    polished = refine_minimum(near, accuracy + near.problem.dataset.floor)
+    return polished, uncertainty(polished, known_variance)
 
 
 def checked(

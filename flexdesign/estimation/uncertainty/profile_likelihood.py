@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,8 @@ from flexdesign.estimation.uncertainty.covariance import Uncertainty
 
 Array = NDArray[np.float64]
 #: An end from the covariance is kept if it is right to this share of its distance; of an end that is searched for, and
-#: of the rise there, the relative accuracy. One sees no tenth of an interval, and the search must be better than that.
-TRUSTED, ACCURACY = 0.1, 0.03
+#: of the rise there, the relative accuracy. One sees no tenth of an interval, and the search must be twice as good.
+TRUSTED, ACCURACY = 0.1, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +56,7 @@ def quadratic(solution: Solution, uncertainty: Uncertainty, j: int) -> Profile:
     return Profile(max(ends[0], low), min(ends[1], high), ends[0] <= low, ends[1] >= high, False)
 
 
+@lru_cache(maxsize=16)  # the strength of an effect is asked for before all numbers are
 def profile(solution: Solution, uncertainty: Uncertainty, j: int) -> Profile:
     """Return the interval of coordinate `j`, each end checked by fitting the others again."""
     path = _Path(solution, uncertainty, j)
