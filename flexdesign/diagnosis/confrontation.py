@@ -31,7 +31,6 @@ from flexdesign.estimation.model_selection.estimation_task import EstimationTask
 from flexdesign.estimation.model_selection.fitted_model import FittedModel, evaluate_fit, predict_tests
 from flexdesign.estimation.model_selection.score_test import Candidate
 from flexdesign.estimation.model_selection.stepwise_selection import (
-    ROUGHLY,
     Entry,
     finish,
     fit_candidate,
@@ -216,7 +215,7 @@ class Confrontation:
             origins = () if chosen else self._begun.origins
             fit = self._kept[chosen].fit
             score, quick = screen(self.task, fit, self.catalogue, origins)
-            rough = fit_roughly(self.task, fit, quick[:ROUGHLY])
+            rough = fit_roughly(self.task, fit, quick)
             fitted = {entry.names for entry in rough}
             self._screened[chosen] = score, [*rough, *(entry for entry in quick if entry.names not in fitted)]
         return self._screened[chosen]

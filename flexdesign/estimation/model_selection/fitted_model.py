@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core.model import Model
-from flexdesign.estimation.criterion import HALF_WIDTH, is_undetermined
+from flexdesign.estimation.criterion import HALF_WIDTH, SHARE, is_undetermined
 from flexdesign.estimation.least_squares.levenberg_marquardt import FULL, ROUGH, Columns, Effort, Solution, solve
 from flexdesign.estimation.least_squares.local_minima import grid_initial_states
 from flexdesign.estimation.least_squares.residual_function import Dataset, Record
@@ -323,6 +323,8 @@ def _nearby(task: EstimationTask, fit: FittedModel, name: str) -> Solution | Non
     """Return the best of rough fits that start with another value of a number; None where none is better."""
     model, best = task.coarse(fit.model), None
     cost = fit.solution.problem.cost_of(model, fit.solution.x)
+    if not abs(cost - fit.cost) < SHARE * fit.cost:  # coarse steps change more than is sought
+        model, cost = fit.model, fit.cost
     for factor in FACTORS:
         while True:
             value = next(p.start for p in model.parameters() if p.name == name)

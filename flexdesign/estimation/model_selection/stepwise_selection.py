@@ -45,8 +45,6 @@ WORTH = 0.5
 STARTS, PAIRS = 2, 2
 #: Candidates that are fitted roughly, and those of them that are fitted to the end.
 ROUGHLY, FINALISTS = 6, 3
-#: A rough fit whose excess of chi^2 is so many times that of the best one is not finished.
-HOPELESS = 10.0
 #: Reduced chi^2 above which the Jacobian and the initial states of the present fit mislead.
 GROSS_MISFIT = 30.0
 #: Largest number of effects in a group of confounded effects.
@@ -122,7 +120,7 @@ def fit_roughly(task: EstimationTask, fit: FittedModel, entries: Sequence[Entry]
         found = solve_case(task, model, entry.start.effects, old=solution.columns(), effort=ROUGH)
         return None if found is None else replace(entry, solution=found)
 
-    return _best_by_names(task.each(roughly, entries))
+    return _best_by_names(task.each(roughly, entries[:ROUGHLY]))
 
 
 def finish(task: EstimationTask, fit: FittedModel, entry: Entry, score: float) -> Trial | None:
@@ -192,23 +190,19 @@ def _compete(
 
     Roughly fitted they must lower chi^2 by more than `least`; and a pair must explain much of what a single one leaves.
     """
-    roughly = fit_roughly(task, fit, entries[:ROUGHLY])
+    roughly = fit_roughly(task, fit, entries)
     candidates = [entry for entry in roughly if fit.cost - entry.solution.cost > least]
     refused = [entry.names for entry in roughly if entry not in candidates]
     singles = [entry for entry in candidates if len(entry.start.names) == 1]
     cost = singles[0].solution.cost if singles else fit.cost
-    samples = fit.solution.problem.dataset.samples
-    cost -= WORTH * large_share() * max(cost - samples, 0.0)
+    cost -= WORTH * large_share() * max(cost - fit.solution.problem.dataset.samples, 0.0)
     pairs = [entry for entry in candidates if len(entry.start.names) == 2 and entry.solution.cost < cost]
     finalists = singles[:FINALISTS]
     # Effects that the best one is known to be taken for compete to the end.
     like = singles[0].start.directions[0].candidate.like if singles else ()
-    named = [*refused, *(entry.names for entry in singles)]
-    others = [e for e in entries if len(e.names) == 1 and e.names not in named and e.names[0] in like]
-    finalists += [e for e in singles[FINALISTS:] if e.names[0] in like] + fit_roughly(task, fit, others)
-    # One that leaves so much more than the best rough fit does not overtake it.
-    most = HOPELESS * (finalists[0].solution.cost - samples) + samples if finalists else 0.0
-    return [e for e in finalists if e.solution.cost <= most or e is finalists[0]], pairs[:PAIRS]
+    named = [*refused, *(entry.start.names for entry in finalists)]
+    others = [e for e in entries if len(e.start.names) == 1 and e.start.names not in named and e.start.names[0] in like]
+    return [*finalists, *others], pairs[:PAIRS]
 
 
 def _best_by_names(entries: Sequence[Entry | None]) -> list[Entry]:
