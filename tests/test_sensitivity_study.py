@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -211,3 +212,14 @@ def test_the_report_counts_each_setting_and_names_what_changes(tmp_path: Path) -
     assert line.startswith(key)
     text = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert "2 cases" in text and "1 of 3 diagnoses" in text
+
+
+# --- the page -------------------------------------------------------------------------------------------------------
+
+
+def test_the_page_of_rules_states_every_constant_with_its_value() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "diagnosis_rules.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| [^|]+ \| `([^`]+)` \| ([\d.]+) \|$", page, re.M))
+    assert {key: float(value) for key, value in rows.items()} == {each.key: each.value() for each in CONSTANTS}
+    explained = page.partition("## Which effect is added")[2]
+    assert not [each.name for each in CONSTANTS if f"`{each.name}`" not in explained]

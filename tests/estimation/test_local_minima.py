@@ -72,6 +72,16 @@ def turns(fit: FittedModel) -> dict[str, float]:
     return turns_of(fit.model)
 
 
+def test_a_stage_that_was_never_driven_is_among_the_states() -> None:
+    """Zero is no point of the grid, and no fit leads there from the present state."""
+    own = parameter("one:turn", 0.9, -0.1, 1.0, run="one", screen=(0.3, 0.6, 0.9))
+    present = base("p", "q").plus(from_turn, own)
+    blank = Run("one", np.arange(N) / N, None)
+    truth = present.replace({"one:turn": 0.0})
+    measured = Dataset([dataclasses.replace(blank, data=truth.predict(blank))], White(SIGMA), offset)
+    assert turns_of(grid_initial_states(measured, present)) == {"one": 0.0}
+
+
 def test_a_part_of_a_suite_has_the_records_of_the_whole() -> None:
     whole = dataset(NAMES)
     part = whole.part(["three", "one"])
