@@ -21,8 +21,8 @@ from flexdesign.estimation.uncertainty.covariance import Uncertainty
 
 Array = NDArray[np.float64]
 #: An end from the covariance is kept if it is right to this share of its distance; of an end that is searched for, and
-#: of the rise there, the relative accuracy. One sees no tenth of an interval, and the search must be twice as good.
-TRUSTED, ACCURACY = 0.1, 0.05
+#: of the rise there, the relative accuracy. One sees no tenth of an interval, and the search must be better than that.
+TRUSTED, ACCURACY = 0.1, 0.03
 
 
 @dataclass(frozen=True, eq=False)
