@@ -38,7 +38,6 @@ from flexdesign.estimation.model_selection.model_comparison import (
     rank,
 )
 from flexdesign.estimation.model_selection.score_test import Candidate
-from flexdesign.estimation.model_selection.stepwise_selection import WORTH
 from flexdesign.measurements.recordings import Run
 
 Array = NDArray[np.float64]
@@ -79,7 +78,7 @@ def vary_by_run(task: EstimationTask, fit: FittedModel, names: Sequence[str] | N
     level = LEVEL / max(len(tested), 1)
     for effect in tested if runs else ():
         score = _score_of(fit, effect.strength, runs)
-        if score.predicted_gain > _least_promise(fit, len(runs) - 1, level):
+        if score.predicted_gain > max(float(chdtri(len(runs) - 1, level)), SHARE * fit.excess):
             made = _fit(task, fit, fit.model, fit.effects, effect.strength, score)
             if made is not None and _is_needed(task, fit, made, effect.strength, level):
                 fit = made
@@ -178,11 +177,6 @@ def _score(fit: FittedModel, columns: Sequence[Array | None], runs: Sequence[str
     return _Score(-float(gradient @ deviations), dict(zip(runs, (common + deviations).tolist(), strict=True)))
 
 
-def _least_promise(fit: FittedModel, numbers: int, level: float) -> float:
-    """Return which score is worth a fit: its share of what the fit must then gain, the discrepancy counted."""
-    return max(float(chdtri(numbers, level)) * max(WORTH * fit.discrepancy, 1.0), SHARE * fit.excess)
-
-
 def _score_of(fit: FittedModel, name: str, runs: Sequence[str]) -> _Score:
     return _score(fit, fit.solution.columns()[name], runs, _parameter(fit.model, name).start or 0.0)
 
@@ -200,7 +194,7 @@ def _with(
         return None
     changes = [dataset.whitened(record, np.where(record.present, change, 0.0)) for record, change in pairs]
     score = _score(fit, [-move / values[candidate.strength] for move in changes], runs, 0.0)
-    if score.predicted_gain < _least_promise(fit, len(runs), level):
+    if score.predicted_gain < max(float(chdtri(len(runs), level)), SHARE * fit.excess):
         return None
     made = _fit(task, fit, task.fine(model), (*fit.effects, candidate), candidate.strength, score)
     return made if made is not None and _is_needed(task, fit, made, candidate.strength, level) else None
