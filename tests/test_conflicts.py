@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -113,9 +114,13 @@ def test_a_number_beyond_its_prior_must_explain_much_beside_what_remains(rest: f
     assert (ratio > LARGE) is (rest < 0.65)
 
 
-def test_what_was_read_off_the_recordings_needs_no_fit() -> None:
+@pytest.mark.parametrize(("ratio", "is_much"), [(0.9, False), (1.1, True)])
+def test_what_was_read_off_the_recordings_needs_no_fit_and_must_matter(ratio: float, is_much: bool) -> None:
+    """Its mean square is compared with that of the residual above the noise, which is 3 by construction."""
+    residual: Any = SimpleNamespace(error=lambda _: math.hypot(SIGMA, math.sqrt(3.0)), known_noise_rms=SIGMA)
     nothing: Any = None
-    assert explains(nothing, nothing, nothing, conflict(""))
+    seen = dataclasses.replace(conflict(""), rms=math.sqrt(ratio * LARGE * 3.0))
+    assert explains(residual, nothing, nothing, seen) is is_much
 
 
 def test_where_the_model_cannot_be_simulated_at_the_prior_the_number_explains_all() -> None:

@@ -69,7 +69,7 @@ def unknown() -> Diagnosis:
         diagnosed(),
         verdict="unknown",
         effects=(),
-        possible_effects=("preload_loss",),
+        possible_effects={"preload_loss": 0.4},
         remainder=said,
         residuals_by_run=left,
     )
@@ -196,7 +196,9 @@ def test_unknown_says_what_it_looks_like_and_what_comes_near() -> None:
     said = " ".join(diagnosis_text.summary(unknown(), ()))
     assert said.startswith("Something is missing, and no effect known here explains a large and certain share of it.")
     assert "force: position^3" in said
-    assert "Possible, but not certain: preload loss." in said and "flexdesign add MODEL preload_loss RUNS" in said
+    assert (
+        "of what calibration leaves: preload loss (40 %)." in said and "flexdesign add MODEL preload_loss RUNS" in said
+    )
     assert re.search(r"What remains looks like this. .*where the main mode is", said)
     assert diagnosis_report.document(unknown(), ()).sections[0].title == "The error ladder"
 

@@ -30,8 +30,9 @@ from flexdesign.diagnosis.effect_selection.prior_conflicts import conflicts, exp
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.periodic_disturbances import frequencies
 from flexdesign.diagnosis.preparation.quantisation_noise import rounded
+from flexdesign.diagnosis.remainder import is_adequate, remainder
 from flexdesign.diagnosis.result import SelectionHistory
-from flexdesign.diagnosis.verdict import LARGE, decide, is_adequate, ladder_of, levels, reach_verdict, remainder
+from flexdesign.diagnosis.verdict import LARGE, decide, ladder_of, levels, reach_verdict
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.axis.axis_run import of_axis
 from flexdesign.dynamics.stage_model import AxisModel, StageModel
@@ -196,7 +197,7 @@ def verdict_of(
     calibrated = fit(about, first, first)
     last = fit(about, final, final, [creep(about)]) if named else calibrated
     found = judged(about, calibrated, last, left, is_better_smooth=is_better_smooth)
-    return found.verdict, tuple(e.name for e in found.effects), found.possible_effects, bool(found.remainder)
+    return found.verdict, tuple(e.name for e in found.effects), tuple(found.possible_effects), bool(found.remainder)
 
 
 #: Mean squares, in those of the noise; and smooth functions that explain what is there, or hardly move anything.
@@ -246,11 +247,29 @@ def test_of_two_effects_the_first_is_named_where_the_second_explains_little() ->
     for after, names in ((20.0, 2), (60.0, 1), (99.0, 1)):
         found = concluded(about, course_of(first, second, fit(about, after, after, [one, other])))
         assert (found.verdict, len(found.effects)) == ("effects-found", names)
-        assert found.possible_effects == ("creep", "quadratic_stiffness")[names:]
+        assert tuple(found.possible_effects) == ("creep", "quadratic_stiffness")[names:]
         assert [rung.label for rung in found.error_ladder][2:] == ["+ creep", "+ quadratic_stiffness"][:names]
     second = fit(about, 800.0, 800.0, [one])
     found = concluded(about, course_of(first, second, fit(about, 700.0, 700.0, [one, other])))
-    assert (found.verdict, found.possible_effects) == ("unknown", ("creep", "quadratic_stiffness"))
+    assert found.verdict == "unknown"
+    # Of mean squares: what each step takes, of what calibration leaves above the noise.
+    shares = {"creep": (MUCH - 800) / (MUCH - 1), "quadratic_stiffness": 100 / (MUCH - 1)}
+    assert found.possible_effects == pytest.approx(shares)
+
+
+@pytest.mark.parametrize(("tests", "is_said"), [(1.01, False), (1.5, True)])
+def test_a_calibration_that_makes_test_runs_worse_is_a_doubt(tests: float, is_said: bool) -> None:
+    """Mean squares of test runs, in those of the noise; one in a hundred is less than the factor 1.02 in rms."""
+    about = data()
+    unseen = replace(about.runs[-1], name="unseen", role="test")
+    noise = replace(about.noise, rms={**about.noise.rms, "unseen": NOISE})
+    about = replace(about, runs=(*about.runs, unseen), noise=noise)
+    nominal, calibrated = fit(about, 2.0, 2.0, tests=1.0), fit(about, 1.0, 1.0, tests=tests)
+    found = concluded(about, replace(course_of(calibrated), nominal=nominal))
+    assert ("makes the test runs worse" in found.confidence) is is_said
+    alone = data()
+    found = concluded(alone, replace(course_of(fit(alone, 1.0, 1.5)), nominal=fit(alone, 2.0, 1.0)))
+    assert "test runs" not in found.confidence
 
 
 def test_two_effects_of_one_step_are_named_together() -> None:
@@ -264,7 +283,7 @@ def test_two_effects_of_one_step_are_named_together() -> None:
         assert [level.names for level in levels(course)] == [(), ("creep", "quadratic_stiffness")]
         found = concluded(about, course)
         assert tuple(named.name for named in found.effects) == names
-        assert found.possible_effects == (() if names else ("creep", "quadratic_stiffness"))
+        assert tuple(found.possible_effects) == (() if names else ("creep", "quadratic_stiffness"))
 
 
 def test_an_effect_at_the_end_of_what_is_plausible_is_not_named() -> None:
@@ -707,7 +726,8 @@ def of_noise() -> Diagnosis:
 
 def test_nothing_is_named_in_coloured_noise() -> None:
     found = of_noise()
-    assert (found.verdict, found.effects, found.possible_effects, found.remainder) == ("nothing-missing", (), (), "")
+    assert (found.verdict, found.effects, found.remainder) == ("nothing-missing", (), "")
+    assert not found.possible_effects
     assert [rung.label for rung in found.error_ladder] == ["as designed, offsets alone", "as designed", "recalibrated"]
     assert found.error_ladder[2].error < 0.5 * found.error_ladder[1].error
 

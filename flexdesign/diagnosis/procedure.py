@@ -34,8 +34,9 @@ from flexdesign.diagnosis.preparation import periodic_disturbances
 from flexdesign.diagnosis.preparation.dataset import DiagnosisData, prepare
 from flexdesign.diagnosis.preparation.initial_conditions import grid_delay, grid_frequency, offset_residual
 from flexdesign.diagnosis.preparation.truncated_runs import truncated
+from flexdesign.diagnosis.remainder import is_adequate
 from flexdesign.diagnosis.result import Diagnosis, SelectionHistory
-from flexdesign.diagnosis.verdict import decide, is_adequate, ladder_of, reach_verdict
+from flexdesign.diagnosis.verdict import decide, ladder_of, reach_verdict
 from flexdesign.dynamics.axis.axis_model import AxisDynamics
 from flexdesign.dynamics.stage_model import StageModel
 from flexdesign.estimation.criterion import BETTER, INDISTINGUISHABLE, WORSE

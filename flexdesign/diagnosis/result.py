@@ -135,7 +135,8 @@ class Diagnosis(ModelResiduals):
     confusable
         Groups of effects that these runs do not distinguish; one of each is among `effects`.
     possible_effects
-        Effects that are possible, but do not explain enough compared with the residual.
+        Effects that were added and are possible, but not certain enough to be named, each with the share that it
+        explains of the mean square which calibration leaves unexplained.
     candidates
         Everything that was fitted.
     error_ladder
@@ -165,7 +166,7 @@ class Diagnosis(ModelResiduals):
     verdict: Verdict
     effects: tuple[IdentifiedEffect, ...]
     confusable: tuple[tuple[str, ...], ...]
-    possible_effects: tuple[str, ...]
+    possible_effects: Mapping[str, float]
     candidates: tuple[CandidateRecord, ...]
     error_ladder: tuple[ErrorStep, ...]
     calibration: tuple[Value, ...]

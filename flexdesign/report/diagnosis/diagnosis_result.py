@@ -36,6 +36,7 @@ def result(found: Diagnosis, proposals: Sequence[Proposal]) -> dict[str, Any]:
         "confusable": [list(group) for group in found.confusable],
         "tell_apart": [_proposal(proposal) for proposal in proposals],
         "near": list(found.possible_effects),
+        "near_shares": found.possible_effects,
         "ladder": ladder_json(found.error_ladder, si),
         "noise_floor": noise_json(found.noise, found.noise_floor, si),
         "validation_error": _number(found.validation_error, si),

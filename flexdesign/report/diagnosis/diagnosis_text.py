@@ -69,12 +69,13 @@ def _remains(found: Diagnosis) -> str:
 
 
 def possible(found: Diagnosis) -> str:
-    """Return the effects that may be there without being certain, and how each is fitted."""
-    names = words.listed([effect_name(name) for name in found.possible_effects])
+    """Return the effects that may be there without being certain, what each explains, and how it is fitted."""
+    names = words.listed([f"{effect_name(n)} ({words.percent(s)})" for n, s in found.possible_effects.items()])
     lines = "; ".join(f"flexdesign add MODEL {name} RUNS" for name in found.possible_effects)
     each = "each of them" if len(found.possible_effects) > 1 else "it"
     return (
-        f"Possible, but not certain: {names}. Compared with the residual, {each} explains too little to be named. "
+        f"Possible, but not certain, with the explained share of what calibration leaves: {names}. An effect is named "
+        "if it explains twice what then remains, and if smooth functions do not explain more in its place. "
         f"To fit {each} all the same: {lines}."
     )
 
