@@ -127,7 +127,7 @@ def beam_integral(
 
     Examples
     --------
-    >>> hinge = beam_integral(71e9, 10e-3, circular_height(2e-3, 0.5e-3), 4e-3, 2e-3)
+    >>> hinge = beam_integral(71e9, 10e-3, circular_thickness(2e-3, 0.5e-3), 4e-3, 2e-3)
     >>> round(hinge.rotational_stiffness, 4)
     6.4863
     """

@@ -330,7 +330,7 @@ def _field(schema: type[BaseModel], place: Sequence[str]) -> tuple[type[BaseMode
 def _plain_message(message: str) -> str:
     """Return what pydantic says of a value in the words of a file.
 
-    >>> _in_words("Input should be a valid dictionary"), _in_words("Value error, is empty")
+    >>> _plain_message("Input should be a valid dictionary"), _plain_message("Value error, is empty")
     ('expected a table', 'is empty')
     """
     message = message.removeprefix("Value error, ").replace("Input should be", "expected").replace("a valid ", "a ")

@@ -13,7 +13,7 @@ from tomlkit.toml_document import TOMLDocument
 def with_comment(line: str, comment: str, column: int = 40) -> str:
     """Return a line of TOML with a comment that begins at a column.
 
-    >>> commented('gain = "1 um/V"', "measured", 20)
+    >>> with_comment('gain = "1 um/V"', "measured", 20)
     'gain = "1 um/V"     # measured'
     """
     return f"{line:<{column}}# {comment}"

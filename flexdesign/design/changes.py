@@ -15,7 +15,7 @@ TITLE, NAME = 100, 60
 def describe(overrides: Sequence[str]) -> str:
     """Return what overrides change.
 
-    >>> in_words(['dimensions.hinge_thickness="0.4 mm"', "axis.x.mass*=1.1"])
+    >>> describe(['dimensions.hinge_thickness="0.4 mm"', "axis.x.mass*=1.1"])
     'hinge_thickness 0.4 mm, axis.x.mass x 1.1'
     """
     return shortened(", ".join(f"{key} {times}{value}" for key, times, value in map(_pieces, overrides)), TITLE)
@@ -24,7 +24,7 @@ def describe(overrides: Sequence[str]) -> str:
 def title_with_changes(title: str, overrides: Sequence[str]) -> str:
     """Return the title of something with its changes.
 
-    >>> titled("Bridge amplifier", ["dimensions.width=12 mm"]), titled("Bridge amplifier", ["title=Mine"])
+    >>> title_with_changes("Bridge amplifier", ["dimensions.width=12 mm"]), title_with_changes("Bridge amplifier", ["title=Mine"])
     ('Bridge amplifier (width 12 mm)', 'Bridge amplifier')
     """
     listed = [override for override in overrides if _pieces(override)[0] != "title"]

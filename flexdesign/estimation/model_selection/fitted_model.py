@@ -131,12 +131,15 @@ class FittedModel:
     def at_bound(self) -> list[str]:
         """Return the numbers of effects that the fit moved to an end of their plausible range.
 
-        One that the runs do not determine may end anywhere: it says nothing.
+        One that the runs do not determine may end anywhere: it says nothing. A strength may not.
         """
         where, free = self.solution.problem.where, {name for effect in self.effects for name in effect.free}
+        strengths = {effect.strength for effect in self.effects}
         found, values = [], where.values(self.solution.x)
         for j, parameter in enumerate(where.parameters):
-            if parameter.name not in free or parameter.null == values[parameter.name] or self.is_undetermined(j):
+            if parameter.name not in free or parameter.null == values[parameter.name]:
+                continue
+            if parameter.name not in strengths and self.is_undetermined(j):
                 continue
             ends = [end for end in (where.lower[j], where.upper[j]) if math.isfinite(end)]
             if any(math.isclose(self.solution.x[j], e, rel_tol=1e-6) for e in ends):

@@ -85,6 +85,9 @@ class Contents:
         InputError
             If there is none of that name.
         """
+        for path in self.paths:  # a structure named as its file may be written before its fields
+            if name not in self.variables:
+                name = name.removeprefix(f"{path.stem}.")
         if name not in self.variables:
             remedy = f"is no variable of {', '.join(path.name for path in self.paths)}"
             raise InputError(file, field, name, remedy + suggest(name, list(self.variables)))
