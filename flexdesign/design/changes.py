@@ -24,8 +24,10 @@ def describe(overrides: Sequence[str]) -> str:
 def title_with_changes(title: str, overrides: Sequence[str]) -> str:
     """Return the title of something with its changes.
 
-    >>> title_with_changes("Bridge amplifier", ["dimensions.width=12 mm"]), title_with_changes("Bridge amplifier", ["title=Mine"])
-    ('Bridge amplifier (width 12 mm)', 'Bridge amplifier')
+    >>> title_with_changes("Bridge amplifier", ["dimensions.width=12 mm"])
+    'Bridge amplifier (width 12 mm)'
+    >>> title_with_changes("Bridge amplifier", ["title=Mine"])
+    'Bridge amplifier'
     """
     listed = [override for override in overrides if _pieces(override)[0] != "title"]
     return f"{title} ({describe(listed)})" if listed else title

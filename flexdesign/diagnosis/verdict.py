@@ -109,7 +109,7 @@ def reach_verdict(
     by_run
         Numbers of the effects that are named which differ from run to run, by their names.
     """
-    final, (_, calibration, *_) = error_ladder[-1], error_ladder
+    final, (nominal, calibration, *_) = error_ladder[-1], error_ladder
     is_noise = is_adequate(data, history.final, left)
     doubt = "" if is_noise else in_words(data, remainder(data, history.final), left)
     values = values_of(final, is_fitted=not history.is_refused or bool(final.effects))
@@ -141,7 +141,7 @@ def reach_verdict(
         undetermined=history.undetermined,
         residuals_by_run={"calibrated": calibration.residuals_by_run, "found": final.residuals_by_run},
         runs=data.runs,
-        confidence=_confidence(data, history),
+        confidence=_confidence(data, history, nominal, calibration),
         evaluations=0,
         seconds=0.0,
         responses=data.responses,
@@ -156,8 +156,8 @@ def _possible(data: DiagnosisData, history: SelectionHistory, final: FittedModel
     return {name: _share(data, every, name, data.scored, noise_floor) for name in names}
 
 
-def _confidence(data: DiagnosisData, history: SelectionHistory) -> str:
-    """Return what weakens the verdict, in words."""
+def _confidence(data: DiagnosisData, history: SelectionHistory, nominal: FittedModel, calibration: FittedModel) -> str:
+    """Return what weakens the verdict, in words; both fits with the residuals of test runs."""
     remarks = reversal.doubts(data.runs, history.nominal.residuals_by_run)
     if not data.noise.known:
         remarks.append(
@@ -169,7 +169,7 @@ def _confidence(data: DiagnosisData, history: SelectionHistory) -> str:
             "calibration makes the validation runs worse, so that the structure of the model is wrong for these runs; "
             "the design values were kept"
         )
-    elif data.observed("test") and data.test_error(history.calibration) > WORSE * data.test_error(history.nominal):
+    elif data.observed("test") and data.test_error(calibration) > WORSE * data.test_error(nominal):
         remarks.append(
             "calibration makes the test runs worse, which had no part in the fit: the structure of the model may be "
             "wrong for them"
