@@ -18,17 +18,23 @@ EXTRAS: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
 }  # fmt: skip
 
 
+def requirement(module: str) -> str:
+    """Return what to install for a module of an extra; empty if no extra has it.
+
+    >>> requirement("skfem")
+    "needs scikit-fem: pip install 'flexdesign[design]'"
+    """
+    for extra, (_, packages) in EXTRAS.items():
+        for distribution, name in packages:
+            if name == module:
+                return f"needs {distribution}: pip install 'flexdesign[{extra}]'"
+    return ""
+
+
 def remedy(error: BaseException) -> str:
     """Return what to install where a package of an extra is missing, else nothing.
 
-    >>> remedy(ModuleNotFoundError("No module named 'skfem'", name="skfem"))
-    "needs scikit-fem: pip install 'flexdesign[design]'"
     >>> remedy(ModuleNotFoundError("No module named 'mine'", name="mine"))
     ''
     """
-    missing = (error.name or "").partition(".")[0] if isinstance(error, ImportError) else ""
-    for extra, (_, packages) in EXTRAS.items():
-        for distribution, module in packages:
-            if module == missing:
-                return f"needs {distribution}: pip install 'flexdesign[{extra}]'"
-    return ""
+    return requirement((error.name or "").partition(".")[0]) if isinstance(error, ImportError) else ""

@@ -9,6 +9,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.core import extras
 from flexdesign.core.errors import InputError
 
 Array = NDArray[np.float64]
@@ -63,5 +64,5 @@ def _pyarrow(path: Path) -> ModuleType:
         import pyarrow
         import pyarrow.parquet
     except ImportError as error:
-        raise InputError(path, "", None, "needs pyarrow: pip install 'flexdesign[import]', or use CSV") from error
+        raise InputError(path, "", None, f"{extras.requirement('pyarrow')}, or use CSV") from error
     return pyarrow

@@ -151,9 +151,9 @@ def reach_verdict(
 
 def _possible(data: DiagnosisData, history: SelectionHistory, final: FittedModel) -> dict[str, float]:
     """Return the added effects that are not named, with the shares that they explain of what the model is chosen by."""
-    every, noise_floor = levels(history), data.noise_rms if data.noise.known else 0.0
+    every = levels(history)
     names = [name for name in history.final.names if name not in final.names]
-    return {name: _share(data, every, name, data.selecting, noise_floor) for name in names}
+    return {name: _share(data, every, name, data.selecting, data.known_noise_rms) for name in names}
 
 
 def _confidence(data: DiagnosisData, history: SelectionHistory, nominal: FittedModel, calibration: FittedModel) -> str:

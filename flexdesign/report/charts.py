@@ -10,11 +10,11 @@ from typing import Any
 
 #: A grey that stands out on white and on black alike, for lines. Letters in it are darker on white, lighter on black.
 NEUTRAL = "#8a949e"
-_LETTERS = b"""</style>
+_LETTERS = f"""</style>
   <style type="text/css">
-   g[style^="fill: #8a949e"] { fill: #5c6670 !important }
-   @media (prefers-color-scheme: dark) { g[style^="fill: #8a949e"] { fill: #a5afb9 !important } }
-  </style>"""
+   g[style^="fill: {NEUTRAL}"] {{ fill: #5c6670 !important }}
+   @media (prefers-color-scheme: dark) {{ g[style^="fill: {NEUTRAL}"] {{ fill: #a5afb9 !important }} }}
+  </style>""".encode()
 #: Width of a drawing on the page, and the smallest letters there [px]; report.html has the same width.
 PAGE, SMALLEST = 704.0, 11.0
 #: Width of a drawing that a telephone shows whole, with letters of 9 pixels [inch].

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.core import extras
 from flexdesign.core.errors import InputError, suggest
 
 Array = NDArray[np.float64]
@@ -115,4 +116,4 @@ def library(name: str, path: Path) -> Any:
     try:
         return import_module(name)
     except ImportError as error:
-        raise InputError(path, "", None, f"needs {name}: pip install 'flexdesign[import]'") from error
+        raise InputError(path, "", None, extras.requirement(name)) from error

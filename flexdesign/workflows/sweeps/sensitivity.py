@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexdesign.core import extras
 from flexdesign.core.errors import InputError
 
 Array = NDArray[np.float64]
@@ -80,5 +81,5 @@ def refuse_absence(file: object) -> None:
     try:
         import SALib  # noqa: F401
     except ImportError:
-        remedy = "needs SALib: pip install 'flexdesign[sensitivity]'"
+        remedy = extras.requirement("SALib")
         raise InputError(str(file), "sample.method", "sensitivity", remedy) from None
