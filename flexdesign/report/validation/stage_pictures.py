@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +20,11 @@ from flexdesign.fem.quantities.stage_modes import ModeShares, mode_shares
 from flexdesign.fem.superelements.assembled_stage import AssembledStage
 from flexdesign.fem.superelements.superelement import Interior
 from flexdesign.report.document import Figure
-from flexdesign.report.validation import stage_scene
+from flexdesign.report.validation import stage_scene, stage_view
 from flexdesign.report.validation.stage_motion import in_words
 from flexdesign.report.validation.stage_scene import SMALL, Scene, Skin
 from flexdesign.report.validation.stage_text import Axes
+from flexdesign.report.views import View
 from flexdesign.workflows.validation.validate_stage import StageValidation
 
 FloatArray = NDArray[np.float64]
@@ -65,6 +67,8 @@ def draw(validation: StageValidation) -> tuple[list[Figure], list[Figure]]:
     ]
     images = stage_scene.draw(skins, [scene for scene, _ in [*jobs, *swings]])
     still = [Figure(scene.file, images[scene.file], caption) for scene, caption in jobs]
+    if driven:  # the page turns the first of them, and shows the others and the modes in its place
+        still[1] = replace(still[1], live=_view(validation, skins, displaced, list(driven), modes))
     vibrating = [
         Figure(scene.file, images[scene.file], _mode_caption(mode, rank, installed=actuator is not None))
         for rank, (scene, mode) in enumerate(swings, 1)
@@ -166,9 +170,8 @@ def _deformed(
     validation: StageValidation, axis: str, skins: Sequence[Skin], motions: Sequence[FloatArray]
 ) -> tuple[Scene, str]:
     sizes = [np.linalg.norm(each, axis=1) for each in motions]
-    largest = max(float(size.max(initial=0.0)) for size in sizes)
-    scale = _round_down(DRAWN * _extent(skins) / largest)
-    parted = units.to_text(validation.inputs[axis], "um", si="m")
+    largest, scale = _largest(motions), _enlarged(skins, motions)
+    parted = _parted(validation, axis)
     scene = Scene(
         f"deformation_{axis}.png",
         [scale * each for each in motions],
@@ -184,10 +187,37 @@ def _deformed(
 
 
 def _swing(file: str, skins: Sequence[Skin], motions: Sequence[FloatArray]) -> Scene:
-    sizes = [np.linalg.norm(each, axis=1) for each in motions]
-    largest = max(float(size.max(initial=0.0)) for size in sizes)
+    sizes, largest = [np.linalg.norm(each, axis=1) for each in motions], _largest(motions)
     scale = DRAWN * _extent(skins) / largest
     return Scene(file, [scale * each for each in motions], [size / largest for size in sizes], size=SMALL)
+
+
+def _view(
+    validation: StageValidation,
+    skins: Sequence[Skin],
+    displaced: Sequence[FloatArray],
+    driven: Sequence[str],
+    modes: Sequence[ModeShares],
+) -> View:
+    shown = [
+        (axis, f"inputs parted by {_parted(validation, axis)}", _enlarged(skins, [each[..., k] for each in displaced]))
+        for k, axis in enumerate(driven)
+    ]
+    names = [f"Mode {rank}, {units.significant(mode.mode.frequency, 4)} Hz" for rank, mode in enumerate(modes, 1)]
+    return stage_view.view(skins, displaced, shown, names, DRAWN * _extent(skins))
+
+
+def _parted(validation: StageValidation, axis: str) -> str:
+    return units.to_text(validation.inputs[axis], "um", si="m")
+
+
+def _largest(motions: Sequence[FloatArray]) -> float:
+    return max(float(np.linalg.norm(each, axis=1).max(initial=0.0)) for each in motions)
+
+
+def _enlarged(skins: Sequence[Skin], motions: Sequence[FloatArray]) -> float:
+    """Return how many times as large displacements are drawn."""
+    return _round_down(DRAWN * _extent(skins) / _largest(motions))
 
 
 def _drawn_caption(validation: StageValidation) -> str:
