@@ -133,6 +133,13 @@ def test_command_writes_report_model_pictures_and_solid(run: Run) -> None:
     assert "ADVANCED_FACE" in (run.folder.parent / "stage.step").read_text(encoding="utf-8")
 
 
+def test_the_page_turns_the_stage_and_stays_small(run: Run) -> None:
+    """A page is below 5 MB; this stage's, on coarse meshes, leaves room for one of five times as many triangles."""
+    page = (run.folder / "report.html").read_text(encoding="utf-8")
+    assert page.count('data-kind="view"') == 1
+    assert len(page.encode()) < 2.6e6
+
+
 def test_pictures_show_the_stage(run: Run) -> None:
     """A stage fills part of the picture, and a driven one has the colours of rest and of the largest motion."""
     for name in ("stage.png", "deformation_x.png", "mode_1.png"):

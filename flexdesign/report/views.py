@@ -141,9 +141,9 @@ def _surface(surface: Surface) -> dict[str, Any]:
     )
     return {
         "points": packed.exact(1e3 * surface.points),
-        "triangles": packed.indices(surface.triangles),
-        "glass": None if surface.glass is None else packed.indices(surface.glass),
-        "edges": packed.indices(edges),
+        "triangles": packed.corners(surface.triangles),
+        "glass": None if surface.glass is None else packed.corners(surface.glass),
+        "edges": packed.corners(edges),
     }
 
 

@@ -199,6 +199,38 @@ def test_a_click_on_the_part_reads_the_value_there(browser: Any, file: Path) -> 
         assert page.locator(".ruler").inner_text().endswith(" mm")
 
 
+def test_a_page_unpacks_what_was_packed(browser: Any, tmp_path: Path) -> None:
+    """Every point of a bent sheet is as the formula has it there, within half a step of 1/65534 of the range.
+
+    Places are in single precision, and the displacement varies with their third power.
+    """
+    near, single = 0.5 / 65534, 3 * 2**-23
+    count = 40
+    across, along = (each.ravel() for each in np.meshgrid(np.linspace(0, 1, count), np.linspace(0, 1, count)))
+    points = np.stack([0.05 * across, 0.03 * along, 0.0 * along], axis=1)
+    moved = np.stack([0.0 * across, 0.0 * across, 1e-5 * across**2 * along], axis=1)
+    first = (np.arange(count - 1)[:, None] * count + np.arange(count - 1)).reshape(-1, 1)
+    triangles = np.concatenate([first + np.array([0, 1, count + 1]), first + np.array([0, count + 1, count])])
+    sheet = View([Surface(points, triangles)], [State("Bent", 0, moved, 100.0, values=50.0 * across, full="1 N")])
+    still = Figure("still.svg", b"<svg/>", "A sheet", sheet, "A sheet")
+    path = tmp_path / "sheet.html"
+    path.write_text(render.to_html(Document("A sheet", ["Bent."], [Section("The part", [], [], [still])])))
+    with opened(browser, path) as page:
+        page.wait_for_selector(".view canvas")
+        page.evaluate("window.box = document.querySelector('figure:has(.view)').live")
+        rest, displaced, values, corners = (
+            np.array(page.evaluate(f"Array.from({what})"))
+            for what in ("box.points", "box.states[0].displacement", "box.states[0].values", "box.triangles")
+        )
+    x, y, z = rest.reshape(-1, 3).T
+    assert len(x) == count**2 and (z == 0).all()
+    assert displaced.reshape(-1, 3)[:, 2] == pytest.approx(10.0 * (x / 50) ** 2 * (y / 30), abs=10 * (near + single))
+    assert values == pytest.approx(x, abs=50 * (near + single))
+    sides = rest.reshape(-1, 3)[corners.reshape(-1, 3)]
+    upward = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])[:, 2] / 2
+    assert upward == pytest.approx(np.full(2 * (count - 1) ** 2, 50 * 30 / 2 / (count - 1) ** 2), rel=1e-5)
+
+
 def test_tables_sort_by_number_whatever_the_prefix(browser: Any, file: Path) -> None:
     with opened(browser, file) as page:
         names = "[...document.querySelectorAll('tbody tr td:first-child')].map(cell => cell.textContent)"

@@ -5,16 +5,37 @@
   const kinds = { traces: typeof showTraces === "function" && showTraces, view: typeof showView === "function" && showView };
   document.documentElement.classList.add("scripted");
 
+  // Arrays of flexdesign.report.packed: inflated, row by row again.
+  async function inflated({ deflated, columns }) {
+    const packed = Uint8Array.from(atob(deflated), (c) => c.charCodeAt(0));
+    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return { bytes: await new Response(stream).arrayBuffer(), columns };
+  }
+  async function unpacked(data) {
+    if (data === null || typeof data !== "object") return data;
+    if ("deflated" in data) return inflated(data);
+    const entries = await Promise.all(Object.entries(data).map(async ([key, value]) => [key, await unpacked(value)]));
+    return Array.isArray(data) ? entries.map(([, value]) => value) : Object.fromEntries(entries);
+  }
+
   // Live pictures, made when they come near; where one fails its drawing stays.
-  function enliven(figure) {
+  async function enliven(figure) {
     const source = figure.querySelector("script.data");
     if (!source || figure.live) return;
+    let data;
+    try {
+      data = await unpacked(JSON.parse(source.textContent));
+    } catch (error) {
+      figure.live = { error };
+      console.warn(`The drawing stays: ${error.message}`);
+      return;
+    }
     const place = document.createElement("div");
     place.className = `live ${source.dataset.kind}`;
     figure.prepend(place);
     figure.classList.add("on");
     try {
-      figure.live = kinds[source.dataset.kind](place, JSON.parse(source.textContent), figure.querySelector("img").alt);
+      figure.live = kinds[source.dataset.kind](place, data, figure.querySelector("img").alt);
     } catch (error) {
       figure.classList.remove("on");
       place.remove();

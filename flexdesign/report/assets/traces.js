@@ -3,8 +3,7 @@
 "use strict";
 
 function showTraces(place, data, text) {
-  const bytes = (base64) => Uint8Array.from(atob(base64), (c) => c.charCodeAt(0)).buffer;
-  const GAP = 65535, values = (y) => Array.from(new Uint16Array(bytes(y.data)), (n) => (n === GAP ? null : y.low + n * y.step));
+  const GAP = 65535, values = (y) => Array.from(new Uint16Array(y.data.bytes), (n) => (n === GAP ? null : y.low + n * y.step));
   const colour = (name) => getComputedStyle(place).getPropertyValue(name);
   const unit = (label) => (label.match(/\[([^\]]*)\]\s*$/) || ["", ""])[1];
   const written = (value, of) => (value == null ? "–" : `${Number(value.toPrecision(5))} ${of}`.trim());
@@ -14,7 +13,7 @@ function showTraces(place, data, text) {
     // Dashed curves are those that others are compared with: they come last, above them.
     for (const group of panel.groups) group.curves.sort((a, b) => a.dashed - b.dashed);
     const groups = panel.groups.map((group) => [
-      Array.from(new Float32Array(bytes(group.x))),
+      Array.from(new Float32Array(group.x.bytes)),
       ...group.curves.map((curve) => values(curve.y)),
     ]);
     return groups.length > 1 ? uPlot.join(groups) : groups[0];

@@ -3,8 +3,20 @@
 "use strict";
 
 function showView(place, data, text) {
-  const bytes = (base64) => Uint8Array.from(atob(base64), (c) => c.charCodeAt(0)).buffer;
-  const rounded = (packed) => Float32Array.from(new Uint16Array(bytes(packed.data)), (n) => packed.low + n * packed.step);
+  // Arrays come column by column; three.js wants them row by row.
+  const rows = (Kind, { bytes, columns }) => {
+    const given = new Kind(bytes), count = given.length / columns;
+    return given.map((_, at) => given[(at % columns) * count + Math.floor(at / columns)]);
+  };
+  const rounded = (packed) => Float32Array.from(rows(Uint16Array, packed.data), (n) => packed.low + n * packed.step);
+  const corners = (packed) => {
+    const found = rows(Uint32Array, packed), { columns } = packed;
+    for (let at = 0; at < found.length; at++) {
+      if (at % columns) found[at] += found[at - (at % columns)];
+      else if (at) found[at] += found[at - columns];
+    }
+    return found;
+  };
   const VIRIDIS = [[68, 1, 84], [72, 40, 120], [62, 74, 137], [49, 104, 142], [38, 130, 142], [31, 158, 137], [53, 183, 121], [109, 205, 89], [180, 222, 44], [253, 231, 37]];
   const tint = (share) => {
     const at = Math.min(Math.max(share, 0), 1) * (VIRIDIS.length - 1), low = Math.min(Math.floor(at), VIRIDIS.length - 2);
@@ -15,8 +27,8 @@ function showView(place, data, text) {
   const make = (tag, parent, options = {}) => Object.assign(parent.appendChild(document.createElement(tag)), options);
 
   const surfaces = data.surfaces.map((surface) => ({
-    points: new Float32Array(bytes(surface.points)), triangles: new Uint32Array(bytes(surface.triangles)),
-    glass: surface.glass && new Uint32Array(bytes(surface.glass)), edges: new Uint32Array(bytes(surface.edges)),
+    points: rows(Float32Array, surface.points), triangles: corners(surface.triangles),
+    glass: surface.glass && corners(surface.glass), edges: corners(surface.edges),
   }));
   const states = data.states.map((state) => {
     const displacement = rounded(state.displacement);
@@ -263,5 +275,5 @@ function showView(place, data, text) {
   ink();
   choose();
   aim(toward);
-  return { positions: () => body.moved.array, camera, pick, states };
+  return { positions: () => body.moved.array, points: surfaces[0].points, triangles: surfaces[0].triangles, camera, pick, states };
 }

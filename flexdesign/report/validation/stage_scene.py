@@ -26,6 +26,8 @@ INK, OUTLINE, GLASS = "#2b3138", "#7b8792", "#aab6c1"
 MOTION = ("#e8ecef", "#b4dccf", "#5fb8bd", "#3a7fb8", "#5c4aa3")
 #: Light from all around, so that faces turned away keep their colour.
 LIGHT = {"ambient": 0.38, "diffuse": 0.66, "specular": 0.0, "smooth_shading": False}
+#: Room above the stage for what is written there, as a share of its height.
+STRIP = 0.15
 #: Edges are drawn where neighbouring triangles differ by more than this [degrees].
 CORNER = 35.0
 
@@ -171,8 +173,8 @@ def _aim(plotter: Any, points: FloatArray, scene: Scene) -> None:
     right /= np.linalg.norm(right)
     up = np.cross(away, right)
     across, upward = points @ right, points @ up
-    middle = (across.max() + across.min()) / 2 * right + (upward.max() + upward.min()) / 2 * up
-    wide, high = np.ptp(across), np.ptp(upward)
+    wide, high = np.ptp(across), np.ptp(upward) * (1 + STRIP * bool(scene.notes))
+    middle = (across.max() + across.min()) / 2 * right + (upward.min() + high / 2) * up
     plotter.camera.focal_point = middle
     plotter.camera.position = middle + 2000.0 * away
     plotter.camera.up = (0.0, 0.0, 1.0)
