@@ -160,10 +160,16 @@ def test_rates_are_those_of_the_kept_trial() -> None:
     assert f"95 % intervals that contain the truth: {held['rate']} | {held['cases']} |" in text
 
 
-def test_coverage_of_error_bars_is_that_of_the_example() -> None:
-    judged = json.loads((EXAMPLES / "error_bars" / "result.json").read_text())["judgements"]
-    for mesh, name in (("extruded", "extruded"), ("wild", "unstructured")):
-        found = judged[mesh]
-        numbers = [units.significant(100 * found[f"median_{what}"], 2) for what in ("estimate", "error")]
-        row = f"| {name} | {found['contained']} of {found['count']} | {numbers[0]} % | {numbers[1]} % |"
-        assert row in page("evidence")
+@pytest.mark.parametrize(
+    ("kept", "mesh", "name"),
+    [
+        ("error_bars", "extruded", "extruded"),
+        ("error_bars", "wild", "unstructured"),
+        ("error_bars_curved", "curved", "extruded, curved necks"),
+    ],
+)
+def test_coverage_of_error_bars_is_that_of_the_example(kept: str, mesh: str, name: str) -> None:
+    found = json.loads((EXAMPLES / kept / "result.json").read_text())["judgements"][mesh]
+    numbers = [units.significant(100 * found[f"median_{what}"], 2) for what in ("estimate", "error")]
+    row = f"| {name} | {found['contained']} of {found['count']} | {numbers[0]} % | {numbers[1]} % |"
+    assert row in page("evidence")
