@@ -321,6 +321,20 @@ def test_a_map_with_open_questions_is_refused(tmp_path: Path, command_line: Call
     assert ended.code == 2 and "constants.volts_per_length = ? V/um: does not begin with a number" in ended.stderr
 
 
+def test_a_folder_stands_for_its_files(tmp_path: Path, command_line: Callable[..., Any]) -> None:
+    for name in ("b", "a"):
+        (tmp_path / "scope").mkdir(exist_ok=True)
+        (tmp_path / "scope" / f"{name}.csv").write_text("t [s],command [V],position [um]\n" + rows(T, U, X))
+    (tmp_path / "scope" / "notes.toml").write_text("bench = 3\n")
+    assert command_line("import", "scope", "-o", "out").code == 0
+    assert [run.name for run in fd.read_recordings(tmp_path / "out")] == ["a", "b"]
+    again = command_line("import", "out", "-o", "other")
+    assert again.code == 2 and "out: has a measurements.toml: it is imported already" in again.stderr
+    (tmp_path / "empty").mkdir()
+    ended = command_line("import", "empty")
+    assert ended.code == 2 and "empty: is a folder without files" in ended.stderr
+
+
 def test_from_python_the_map_to_complete_is_a_note_of_the_error(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("t [s],command [V],position\n" + rows(T, U, X))
     with pytest.raises(fd.InputError, match="Complete this map, save it, and pass it as map_file") as caught:

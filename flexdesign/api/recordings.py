@@ -60,7 +60,7 @@ def import_recordings(
     Parameters
     ----------
     files
-        What `flexdesign import` reads: text tables, .mat, HDF5, .tdms, universal files, .npy, .npz.
+        What `flexdesign import` reads: text tables, .mat, HDF5, .tdms, universal files, .npy, .npz; or folders of them.
     folder
         Where the runs and their ``measurements.toml`` are written; without such a file yet.
     map_file
@@ -78,7 +78,8 @@ def import_recordings(
     """
     from flexdesign.measurements import importing
 
-    paths = [Path(files)] if isinstance(files, (str, Path)) else [Path(file) for file in files]
+    given = [files] if isinstance(files, (str, Path)) else files
+    paths = importing.list_files([Path(file) for file in given])
     plan: Path | importing.Map
     if map_file is not None:
         plan = Path(map_file)

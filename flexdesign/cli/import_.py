@@ -48,7 +48,9 @@ pi, abs, sqrt, exp, sin, cos, real, imag, conj, angle. Units are checked, and co
 
 @app.command(name="import", help=HELP, rich_help_panel=MEASUREMENTS)
 def import_(
-    recordings: Annotated[list[Path], typer.Argument(metavar="FILES...", help="Recordings, read together.")],
+    recordings: Annotated[
+        list[Path], typer.Argument(metavar="FILES...", help="Recordings, read together, or a folder of them.")
+    ],
     map_file: Annotated[
         Path | None, typer.Option("--map", metavar="FILE", help="Map of variables to columns.", show_default=False)
     ] = None,
@@ -61,6 +63,7 @@ def import_(
     from flexdesign.measurements import importing
 
     folder = out or Path("recordings") / recordings[0].stem
+    recordings = importing.list_files(recordings)
     if map_file is not None:
         found = importing.bring_in(recordings, map_file, folder)
     else:

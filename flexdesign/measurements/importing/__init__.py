@@ -8,7 +8,7 @@ makes runs of the variables; `folder` writes them with a ``measurements.toml``.
 from flexdesign.measurements.importing.contents import Contents, Variable
 from flexdesign.measurements.importing.folder import Imported, bring_in
 from flexdesign.measurements.importing.mapping import Map, parse_map
-from flexdesign.measurements.importing.readers import read_contents
+from flexdesign.measurements.importing.readers import list_files, read_contents
 from flexdesign.measurements.importing.template import Proposal, asking, proposal, propose, template
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "Variable",
     "asking",
     "bring_in",
+    "list_files",
     "parse_map",
     "proposal",
     "propose",

@@ -11,6 +11,7 @@ from flexdesign.measurements.importing import binary, delimited
 from flexdesign.measurements.importing.apart import apart, intact
 from flexdesign.measurements.importing.contents import Contents, Variable, library
 from flexdesign.measurements.importing.delimited import Dialect
+from flexdesign.measurements.recordings import DESCRIPTION
 
 #: By the ending of the file; what has another one is read as a table in text.
 READERS: dict[str, Callable[[Path], dict[str, Variable]]] = {
@@ -57,6 +58,29 @@ def read_contents(paths: Sequence[Path], dialect: Dialect = Dialect()) -> Conten
     times = Counter(name for _, name, _ in found)
     named = {name if times[name] == 1 else f"{path.stem}:{name}": variable for path, name, variable in found}
     return Contents(tuple(paths), named, tuple(notes))
+
+
+def list_files(paths: Sequence[Path]) -> list[Path]:
+    """Return the files of paths; of a folder those that stand in it, in the order of their names.
+
+    Raises
+    ------
+    InputError
+        If a folder is empty, or a folder of runs that is imported already.
+    """
+    found = list[Path]()
+    for path in paths:
+        if path.is_dir() and (path / DESCRIPTION).exists():
+            raise InputError(path, "", None, f"has a {DESCRIPTION}: it is imported already; use it as RUNS")
+        inside = sorted(each for each in path.iterdir() if _is_recording(each)) if path.is_dir() else [path]
+        if not inside:
+            raise InputError(path, "", None, "is a folder without files; name the recordings, or their folder")
+        found += inside
+    return found
+
+
+def _is_recording(path: Path) -> bool:
+    return path.is_file() and not path.name.startswith(".") and path.suffix.lower() != ".toml"
 
 
 def _opened(path: Path, dialect: Dialect) -> tuple[dict[str, Variable], tuple[str, ...]]:
