@@ -93,6 +93,20 @@ def test_a_line_hidden_in_quiet_records_is_seen_in_what_is_left_of_others(step: 
     assert frequencies(replace(about, noise=replace(about.noise, known=True)), fit) == ()
 
 
+def test_slow_samples_are_simulated_in_few_steps_where_few_do() -> None:
+    """At 10 Hz, 200 steps in a sample could be needed; the mode, which is exact, and creep need none of them."""
+    about = data()
+    slow = tuple(replace(run, time=100 * run.time) for run in about.runs)
+    axis = replace(about.axis, natural_frequency=1e4)
+    model, task = case_of(StageModel({"x": axis}), replace(about, axis=axis, runs=slow), map, lambda _: None)
+    for name in ("creep", "electrostriction"):
+        coarse, fine = (
+            way(next(c for c in candidates(model) if c.name == name).add(model)) for way in (task.coarse, task.fine)
+        )
+        assert coarse.steps_for(slow[0]) <= 8
+        assert coarse.predict(slow[0]) == pytest.approx(fine.predict(slow[0]), abs=1e-3 * NOISE)
+
+
 def fit(
     about: DiagnosisData,
     seen: float = 1.0,

@@ -125,7 +125,7 @@ def case_of(
     )
     # What the model does not need for itself need not be spent on additional effects.
     needed = max((dynamics.steps_for(run) for run in data.runs), default=1)
-    screening = max(min(screening, needed), least)
+    screening, is_fast = max(min(screening, needed), least), least <= STEPS_SCREENING
     # Small sines do not show how a loop bends.
     free = LINEAR + (HYSTERESIS[:-1] if "bouc_wen" in data.axis.effects and data.runs else ())
     noise, shapes = data.whitening, InitialConditions(data.axis, stroke)
@@ -142,7 +142,8 @@ def case_of(
         known=known,
         bare=lambda of: replace(dynamics, by_run=cast(AxisDynamics, of).by_run),
         tolerance=data.tolerance,
-        coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=True),
+        # Of slow samples few steps do in most cases: how many is found, up to the shortest that could be needed.
+        coarse=lambda of: cast(AxisDynamics, of).with_steps(screening, fixed=is_fast),
         fine=lambda of: cast(AxisDynamics, of).with_steps(fine),
         finest=lambda of: cast(AxisDynamics, of).refined(at_last).with_steps(STEPS_AT_LAST),
         jacobian_model=lambda of: cast(AxisDynamics, of).no_finer(jacobian_model),
