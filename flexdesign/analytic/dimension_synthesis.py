@@ -31,6 +31,7 @@ from flexdesign.analytic.reconstruction import (
 from flexdesign.core import data_files, toml_files, toml_writing, units
 from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Quantity
+from flexdesign.core.serialise import header
 from flexdesign.core.toml_files import Table, in_si, whole
 from flexdesign.design import materials
 
@@ -169,8 +170,7 @@ class Sizing:
     def result(self) -> dict[str, Any]:
         """Return everything as result.json has it."""
         return {
-            "format": toml_files.FORMAT,
-            "kind": "sizing",
+            **header("sizing"),
             "title": self.title,
             "provenance": PROVENANCE,
             "material": self.material,

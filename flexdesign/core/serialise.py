@@ -11,6 +11,18 @@ from typing import Any
 
 import numpy as np
 
+from flexdesign.core.toml_files import FORMAT
+
+
+def header(kind: str) -> dict[str, Any]:
+    """Return what every result.json begins with: the version of the format, and the kind of the result."""
+    return {"format": FORMAT, "kind": kind}
+
+
+def with_unit(value: Any, unit: str) -> dict[str, Any]:
+    """Return a number, or several, with their unit, as result.json holds them."""
+    return {"value": value, "unit": unit}
+
 
 def to_json(value: Any) -> Any:
     """Return a value as JSON can hold it.

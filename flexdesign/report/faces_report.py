@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from flexdesign.core.serialise import header, with_unit
 from flexdesign.core.toml_files import FORMAT, quoted
 from flexdesign.design.faces import SolidFace, how_to_name, in_mm
 from flexdesign.design.step_file import StepBody
@@ -102,16 +103,15 @@ def _sections(
 def result(body: StepBody, faces: Sequence[SolidFace], thin: ThinRegions) -> dict[str, Any]:
     """Return result.json's content."""
     return {
-        "format": FORMAT,
-        "kind": "faces",
-        "volume": {"value": body.solid.Volume() * 1e-9, "unit": "m^3"},
+        **header("faces"),
+        "volume": with_unit(body.solid.Volume() * 1e-9, "m^3"),
         "unit": body.unit,
         "notes": list(body.notes),
         "faces": [
             {
                 "face": face.index + 1,
                 "kind": face.kind,
-                "area": {"value": face.area, "unit": "m^2"},
+                "area": with_unit(face.area, "m^2"),
                 "centroid": list(face.centroid),
                 "normal": list(face.normal),
                 "radius": face.radius or None,

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from flexdesign.core import toml_files, units
+from flexdesign.core import units
+from flexdesign.core.serialise import header
 from flexdesign.effects import statics
 from flexdesign.report import charts
 from flexdesign.report.document import Document, Figure, Section, Table
@@ -71,7 +72,7 @@ def rows(found: PublishedMechanisms) -> list[dict[str, Any]]:
 
 def result(found: PublishedMechanisms) -> dict[str, Any]:
     """Return result.json's content."""
-    head = {"format": toml_files.FORMAT, "kind": "published", "title": "Published mechanisms"}
+    head = {**header("published"), "title": "Published mechanisms"}
     return {**head, "verdicts": found.counted(), "rows": rows(found), "seconds": found.seconds}
 
 

@@ -29,6 +29,7 @@ from flexdesign.core.errors import InputError, suggest
 from flexdesign.core.model import Quantity, by_key
 from flexdesign.core.printed_numbers import Printed
 from flexdesign.core.result_cache import Cache
+from flexdesign.core.serialise import header, with_unit
 from flexdesign.design import study as studies
 from flexdesign.design.design import Design
 from flexdesign.fem import stage_condensation
@@ -166,11 +167,10 @@ class StageSizing:
         """Return everything as result.json has it."""
         dims = self.design.dimensions
         return {
-            "format": toml_files.FORMAT,
-            "kind": "stage sizing",
+            **header("stage sizing"),
             "title": self.title,
             "provenance": self.provenance,
-            "dimensions": {name: {"value": dims[name], "unit": "m"} for name in self.free},
+            "dimensions": {name: with_unit(dims[name], "m") for name in self.free},
             "targets": [
                 {**row.target.quantity.to_json(), "by": row.target.kind, "tolerance": row.target.tolerance,
                  "found": row.found.to_json(), "met": row.met, "source": row.target.source}

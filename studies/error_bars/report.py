@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexdesign import __version__
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header
 from flexdesign.fem import convergence
 from flexdesign.report import charts
 from flexdesign.report.document import Document, Figure, Section, Table
@@ -77,8 +77,7 @@ def summary(cases: Sequence[Case]) -> list[str]:
 def of(cases: Sequence[Case]) -> dict[str, Any]:
     """Return result.json's content: every number in SI units."""
     return {
-        "format": FORMAT,
-        "kind": "study",
+        **header("study"),
         "accuracy": ACCURACY,
         "judgements": {
             group: vars(judge(_all(solved)))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from flexdesign import __version__
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header
 from flexdesign.dynamics.control import PID
 from studies.lin2019_gains.findings import Candidate, Findings
 from studies.lin2019_gains.printed import PRINTED, Axis, damping_bound, frequency_bound
@@ -16,8 +16,7 @@ from studies.lin2019_gains.printed import PRINTED, Axis, damping_bound, frequenc
 def of(findings: Sequence[Findings]) -> dict[str, Any]:
     """Return result.json's content: every number with its unit."""
     return {
-        "format": FORMAT,
-        "kind": "study",
+        **header("study"),
         "printed": {key: sourced._asdict() for key, sourced in PRINTED.items()},
         "axes": {found.axis.name: _axis_result(found) for found in findings},
         "made_by": {"study": "studies.lin2019_gains", "flexdesign": __version__},

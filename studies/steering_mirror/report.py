@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flexdesign import __version__
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header
 from flexdesign.diagnosis import Diagnosis
 from flexdesign.report.document import Document, Section, Table
 from studies.steering_mirror.findings import LINEAR, MODAL, Findings
@@ -41,8 +41,7 @@ def of(findings: Findings) -> dict[str, Any]:
     """Return result.json's content: every number with its unit."""
     modes = findings.decoupled.modes
     return {
-        "format": FORMAT,
-        "kind": "study",
+        **header("study"),
         "left": {
             "unit": "1",
             **{

@@ -18,7 +18,7 @@ from flexdesign.core import units
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Quantity
 from flexdesign.core.result_cache import Cache, default_folder
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header
 from flexdesign.report import charts, render
 from flexdesign.report.diagnosis.table_text import effect_name
 from flexdesign.report.document import Document, Figure, Section, Table
@@ -112,8 +112,7 @@ def holds(found: Sequence[Compared]) -> bool:
 def result(found: Sequence[Compared]) -> dict[str, Any]:
     """Return the numbers as result.json has them."""
     return {
-        "format": FORMAT,
-        "kind": "theory against FEM",
+        **header("theory against FEM"),
         "designs": [
             {
                 "design": each.drawn.number,

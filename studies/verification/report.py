@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from flexdesign import __version__
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header
 from flexdesign.report.document import Document, Section, Table
 from studies.verification.finding import Finding
 
@@ -45,8 +45,7 @@ def document(groups: dict[str, list[Finding]]) -> Document:
 def of(groups: dict[str, list[Finding]]) -> dict[str, Any]:
     """Return result.json's content: every number with its unit."""
     return {
-        "format": FORMAT,
-        "kind": "study",
+        **header("study"),
         "findings": [_entry(group, finding) for group, findings in groups.items() for finding in findings],
         "made_by": {"study": "studies.verification", "flexdesign": __version__},
     }

@@ -14,7 +14,7 @@ from flexdesign import effects
 from flexdesign.core import units, versions
 from flexdesign.core.errors import InputError
 from flexdesign.core.model import Effect, Parameter
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header, with_unit
 from flexdesign.effects import statics
 from flexdesign.report.document import Document, Figure, Section, Table
 
@@ -59,13 +59,13 @@ def catalogue_result() -> dict[str, Any]:
     """Return the catalogue as result.json has it."""
     found = {name: described(effects.find(name)) for name in effects.names()}
     static = {name: described(statics.find(name)) for name in statics.names()}
-    return {"format": FORMAT, "kind": "effects", "effects": found, "static_effects": static}
+    return {**header("effects"), "effects": found, "static_effects": static}
 
 
 def result(name: str, signature: Signature | None) -> dict[str, Any]:
     """Return one effect as result.json has it: what it states, and what it changes in each experiment."""
     effect = find(name)
-    answer: dict[str, Any] = {"format": FORMAT, "kind": "effect", **described(effect)}
+    answer: dict[str, Any] = {**header("effect"), **described(effect)}
     if signature is None:
         return answer
     from flexdesign.report.catalogue import effect_charts
@@ -76,14 +76,14 @@ def result(name: str, signature: Signature | None) -> dict[str, Any]:
     stated = {p.name: p for p in effect.parameters}
     answer["signature"] = {
         "axis": axis.name,
-        "stroke": {"value": factor * signature.stroke, "unit": unit},
+        "stroke": with_unit(factor * signature.stroke, unit),
         "values": {key: _number(value, stated[key]) for key, value in values.items() if key in stated},
         "experiments": [
             {
                 "name": seen.command.name,
                 "kind": seen.command.kind,
-                "change_rms": {"value": factor * seen.change, "unit": unit},
-                "beyond_gain_rms": {"value": factor * seen.left, "unit": unit},
+                "change_rms": with_unit(factor * seen.change, unit),
+                "beyond_gain_rms": with_unit(factor * seen.left, unit),
             }
             for seen in signature.seen
         ],
@@ -119,11 +119,11 @@ def described(effect: Effect) -> dict[str, Any]:
 def _number(value: float | None, parameter: Parameter) -> dict[str, Any]:
     """Return a value in the parameter's own unit; infinite ones as text, as JSON has no number for them."""
     if value is None:
-        return {"value": None, "unit": parameter.unit}
+        return with_unit(None, parameter.unit)
     if not math.isfinite(value):
-        return {"value": str(value), "unit": parameter.unit}
+        return with_unit(str(value), parameter.unit)
     number = value / units.factor(parameter.unit or "1", parameter.si)
-    return {"value": float(f"{number:.12g}"), "unit": parameter.unit}
+    return with_unit(float(f"{number:.12g}"), parameter.unit)
 
 
 def document(

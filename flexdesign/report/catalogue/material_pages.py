@@ -7,7 +7,7 @@ from typing import Any
 
 from flexdesign.core import units
 from flexdesign.core.errors import InputError, suggest
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header
 from flexdesign.design import materials
 from flexdesign.design.materials import Crystal, Material
 from flexdesign.report.document import Table
@@ -80,7 +80,7 @@ def numbers(material: Material) -> Table:
 def result(name: str | None) -> dict[str, Any]:
     """Return the library, or one material, as result.json has it."""
     listed = materials.library().values() if name is None else [find(name)]
-    return {"format": FORMAT, "kind": "materials", "materials": {m.name: m.as_text() for m in listed}}
+    return {**header("materials"), "materials": {m.name: m.as_text() for m in listed}}
 
 
 def _of_crystal(material: Material, crystal: Crystal) -> list[list[str]]:

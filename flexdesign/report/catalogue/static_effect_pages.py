@@ -10,7 +10,7 @@ import numpy as np
 from flexdesign.analytic.static_model import StaticModel, of_design
 from flexdesign.core import units
 from flexdesign.core.model import Effect
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header
 from flexdesign.design.design import Design
 from flexdesign.effects import statics
 from flexdesign.report import charts
@@ -56,8 +56,7 @@ def document(name: str, design: Design) -> Document:
 def result(name: str, design: Design) -> dict[str, Any]:
     """Return the page as result.json has it."""
     return {
-        "format": FORMAT,
-        "kind": "effect",
+        **header("effect"),
         **effect_pages.described(statics.find(name)),
         "signature": {"design": design.name, "relative_changes": changes(name, design)},
         "made_by": effect_pages.provenance(),

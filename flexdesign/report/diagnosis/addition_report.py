@@ -10,7 +10,7 @@ import numpy as np
 
 from flexdesign import effects
 from flexdesign.core import units
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header
 from flexdesign.diagnosis.add_effect import AddedEffect, InTheLoop
 from flexdesign.diagnosis.comparison import Comparison
 from flexdesign.diagnosis.residual_comparison import compared
@@ -103,8 +103,7 @@ def result(found: AddedEffect, loop: InTheLoop) -> dict[str, Any]:
     """Return result.json's content: every number with its unit, and what made it."""
     si = prose.response(found)
     return {
-        "format": FORMAT,
-        "kind": "addition",
+        **header("addition"),
         "axis": found.axis,
         "effect": {
             "name": effects.find(found.name).name,

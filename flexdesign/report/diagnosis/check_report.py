@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from flexdesign.core import units, versions
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header
 from flexdesign.diagnosis.check import Channel, Check, Recorded, Shown
 from flexdesign.diagnosis.check.coverage import SAID
 from flexdesign.report.document import Document, Section, Table
@@ -109,7 +109,7 @@ def _coverage(found: Check) -> list[str]:
 def result(found: Check) -> dict[str, Any]:
     """Return what result.json holds."""
     return {
-        "format": FORMAT,
+        **header("check"),
         "recordings": list(found.recordings),
         "suspicions": list(found.suspicions),
         "effects": list(found.shown),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexdesign.core import units, versions
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis.comparison import Breakdown, Comparison, RunComparison, reversal
 from flexdesign.dynamics.axis.axis_run import doubts
 from flexdesign.report import comparison_text as words
@@ -94,11 +94,10 @@ def result(found: Comparison) -> dict[str, Any]:
     si = found.response
 
     def number(value: float) -> dict[str, Any]:
-        return {"value": value, "unit": si}
+        return with_unit(value, si)
 
     return {
-        "format": FORMAT,
-        "kind": "comparison",
+        **header("comparison"),
         "axis": found.axis,
         "rms_error": number(found.rms),
         "noise_floor": {
@@ -107,7 +106,7 @@ def result(found: Comparison) -> dict[str, Any]:
             "source": found.noise.source,
             "relative_error": found.noise.relative_error,
             "lines": [
-                {"frequency": {"value": line.frequency, "unit": "Hz"}, "amplitude": number(line.amplitude)}
+                {"frequency": with_unit(line.frequency, "Hz"), "amplitude": number(line.amplitude)}
                 for line in found.noise.lines
             ],
             "remarks": list(found.noise.remarks),
@@ -326,7 +325,7 @@ def breakdown_json(breakdown: Breakdown, response: str) -> dict[str, Any]:
             "upper": part.upper,
             "share": part.share,
             "weight": part.weight,
-            "rms_error": {"value": part.rms, "unit": response},
+            "rms_error": with_unit(part.rms, response),
         }
         for part in breakdown.parts
     ]

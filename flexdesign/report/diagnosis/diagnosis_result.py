@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from flexdesign import effects
 from flexdesign.core import versions
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis import CandidateRecord, Diagnosis, ErrorStep, IdentifiedEffect, Value
 from flexdesign.diagnosis.discriminating_experiments import Proposal
 from flexdesign.diagnosis.residual_comparison import ModelResiduals, Which, compared
@@ -27,8 +27,7 @@ def result(found: Diagnosis, proposals: Sequence[Proposal]) -> dict[str, Any]:
     """Return result.json's content: the verdict and everything behind it, every number with its unit."""
     si = prose.response(found)
     return {
-        "format": FORMAT,
-        "kind": "diagnosis",
+        **header("diagnosis"),
         "axis": found.axis,
         "verdict": found.verdict,
         "effects": [_named(found, named) for named in found.effects],
@@ -131,7 +130,7 @@ def _every(found: ModelResiduals) -> list[Run | FrequencyResponse]:
 
 
 def _number(value: float, si: str) -> dict[str, Any]:
-    return {"value": value, "unit": si}
+    return with_unit(value, si)
 
 
 def by_run_json(by_run: Mapping[str, Value]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexdesign.core import units, versions
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis.comparison import RunComparison
 from flexdesign.diagnosis.identify import Identification
 from flexdesign.estimation import Estimate
@@ -59,8 +59,7 @@ def matches(found: Identification) -> Table:
 def result(found: Identification) -> dict[str, Any]:
     """Return result.json's content: every number with its unit, and what made it."""
     return {
-        "format": FORMAT,
-        "kind": "identification",
+        **header("identification"),
         "axis": found.axis,
         "estimates": [_json(found, estimate) for estimate in found.estimates],
         "correlation": {"names": _fitted(found), "values": found.fit.correlation.tolist() if found.fit else []},
@@ -74,16 +73,16 @@ def result(found: Identification) -> dict[str, Any]:
             {
                 "name": run.name,
                 "role": run.role,
-                "rms_error": {"value": run.rms, "unit": found.response},
-                "rms_error_before": {"value": found.before_errors[run.name], "unit": found.response},
-                "span": {"value": run.stroke, "unit": found.response},
+                "rms_error": with_unit(run.rms, found.response),
+                "rms_error_before": with_unit(found.before_errors[run.name], found.response),
+                "span": with_unit(run.stroke, found.response),
                 "error_of_span": run.of_stroke,
                 "remarks": list(run.remarks),
             }
             for run in found.runs
         ],
         "noise": {
-            "rms": {name: {"value": rms, "unit": found.response} for name, rms in found.noise.rms.items()},
+            "rms": {name: with_unit(rms, found.response) for name, rms in found.noise.rms.items()},
             "source": found.noise.source,
             "known": found.noise.known,
         },

@@ -9,7 +9,7 @@ from typing import Any
 
 from flexdesign import effects
 from flexdesign.core import units, versions
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header, with_unit
 from flexdesign.diagnosis.experiment_design import Command, EffectAtStrength, Limits, Resolved
 from flexdesign.diagnosis.experiment_design.discrimination import PLAIN
 from flexdesign.diagnosis.experiment_design.signature import EffectResponse
@@ -152,14 +152,13 @@ def _by_hand(files: Mapping[str, Command]) -> Section:
 def result(files: Mapping[str, Command], limits: Limits, seed: int, resolved: Resolved | None) -> dict[str, Any]:
     """Return result.json's content: every command with its numbers, and what distinguishes two effects."""
     answer: dict[str, Any] = {
-        "format": FORMAT,
-        "kind": "plan",
+        **header("plan"),
         "seed": seed,
         "limits": {
-            "voltage": {"value": [limits.low, limits.high], "unit": "V"},
-            "slew": {"value": limits.slew if math.isfinite(limits.slew) else None, "unit": "V/s"},
-            "bandwidth": {"value": limits.bandwidth, "unit": "Hz"},
-            "rate": {"value": limits.rate, "unit": "Hz"},
+            "voltage": with_unit([limits.low, limits.high], "V"),
+            "slew": with_unit(limits.slew if math.isfinite(limits.slew) else None, "V/s"),
+            "bandwidth": with_unit(limits.bandwidth, "Hz"),
+            "rate": with_unit(limits.rate, "Hz"),
             "from": dict(limits.origin),
         },
         "commands": [
@@ -168,10 +167,10 @@ def result(files: Mapping[str, Command], limits: Limits, seed: int, resolved: Re
                 "kind": command.kind,
                 "role": command.role,
                 "purpose": command.purpose,
-                "duration": {"value": command.duration, "unit": "s"},
-                "peak": {"value": command.peak, "unit": "V"},
-                "slew": {"value": command.slew, "unit": "V/s"},
-                "current": {"value": limits.current(command.slew), "unit": "A"},
+                "duration": with_unit(command.duration, "s"),
+                "peak": with_unit(command.peak, "V"),
+                "slew": with_unit(command.slew, "V/s"),
+                "current": with_unit(limits.current(command.slew), "A"),
                 "reduced": command.scaled or None,
                 "by_hand": command.note or None,
             }
@@ -186,13 +185,13 @@ def result(files: Mapping[str, Command], limits: Limits, seed: int, resolved: Re
                 {"parameter": e.key, "value": s, "unit": e.strength.si}
                 for e, s in zip(resolved.effects, resolved.strengths, strict=True)
             ],
-            "noise": {"value": factor * resolved.noise, "unit": unit},
-            "alike": {"value": factor * resolved.alike, "unit": unit},
+            "noise": with_unit(factor * resolved.noise, unit),
+            "alike": with_unit(factor * resolved.alike, unit),
             "proposed": [each.command.name for each in resolved.proposed],
             "experiments": [
                 {
                     "name": each.command.name,
-                    "difference_rms": {"value": factor * each.difference, "unit": unit},
+                    "difference_rms": with_unit(factor * each.difference, unit),
                     "over_noise": each.over_noise,
                 }
                 for each in resolved.separations

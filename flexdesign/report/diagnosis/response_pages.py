@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexdesign.core import units
+from flexdesign.core.serialise import with_unit
 from flexdesign.diagnosis.comparison import Breakdown, ResponseComparison, by_band
 from flexdesign.diagnosis.residual_comparison import ModelResiduals, compared
 from flexdesign.report import comparison_text as words
@@ -110,7 +111,7 @@ def result(responses: Sequence[ResponseComparison], response: str) -> list[dict[
             "lines": len(each.frequencies),
             "rms_error_of_line": each.rms,
             "largest_error_of_line": float(each.left.max()),
-            "largest_error_at": {"value": _worst(each), "unit": "Hz"},
+            "largest_error_at": with_unit(_worst(each), "Hz"),
             "noise_of_line": each.noise_floor,
             "noise_is_known": each.known,
             "error_over_noise": each.ratio,

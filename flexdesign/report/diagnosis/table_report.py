@@ -9,7 +9,7 @@ from typing import Any
 from flexdesign.analytic.static_model import StaticModel
 from flexdesign.analytic.static_model.uncertainty import LEVEL
 from flexdesign.core import units, versions
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header
 from flexdesign.diagnosis.comparison.static_table import TableComparison, compare
 from flexdesign.diagnosis.static_tables.diagnose import TableDiagnosis
 from flexdesign.diagnosis.static_tables.fit import Trial, constant
@@ -159,8 +159,7 @@ def _physics(model: StaticModel) -> Section:
 def comparison_result(comparison: TableComparison) -> dict[str, Any]:
     """Return a comparison as result.json has it."""
     return {
-        "format": FORMAT,
-        "kind": "table comparison",
+        **header("table comparison"),
         "agrees": comparison.agrees,
         **_compared(comparison),
         **_made_by(comparison.model),
@@ -171,8 +170,7 @@ def diagnosis_result(found: TableDiagnosis) -> dict[str, Any]:
     """Return a diagnosis as result.json has it."""
     is_known = found.verdict == "effects-found"
     return {
-        "format": FORMAT,
-        "kind": "table diagnosis",
+        **header("table diagnosis"),
         "verdict": found.verdict,
         "effects": _effects(found.found) if is_known else {},
         "confusable": [_own_names(group) for group in found.groups] if is_known else [],

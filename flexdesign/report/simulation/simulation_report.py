@@ -10,7 +10,7 @@ from typing import Any
 
 from flexdesign.core import units, versions
 from flexdesign.core.model import Quantity
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header, with_unit
 from flexdesign.dynamics.experiments import KNOWN, Experiment
 from flexdesign.dynamics.experiments.reading import stem
 from flexdesign.dynamics.experiments.simulation import Case, Simulation, grouped, validity
@@ -30,8 +30,7 @@ UNFOLDED = 4
 def result(simulation: Simulation) -> dict[str, Any]:
     """Return result.json's content: every measure with its unit, and what made it."""
     return {
-        "format": FORMAT,
-        "kind": "simulation",
+        **header("simulation"),
         "cases": [
             {
                 "experiment": case.experiment.name,
@@ -40,9 +39,9 @@ def result(simulation: Simulation) -> dict[str, Any]:
                 "measures": {axis: list(found) for axis, found in case.measures.items()},
                 "gains": {
                     axis: {
-                        "kp": {"value": pid.kp * 1e-6, "unit": "V/um"},
-                        "ti": {"value": pid.ti, "unit": "s"},
-                        "td": {"value": pid.td, "unit": "s"},
+                        "kp": with_unit(pid.kp * 1e-6, "V/um"),
+                        "ti": with_unit(pid.ti, "s"),
+                        "td": with_unit(pid.td, "s"),
                         "weights": [pid.proportional_weight, pid.derivative_weight],
                     }
                     for axis, pid in case.pid.items()
@@ -51,15 +50,15 @@ def result(simulation: Simulation) -> dict[str, Any]:
                     axis: {
                         "stable": m.stable,
                         "gain_margin": m.gain_margin,
-                        "phase_margin": {"value": m.phase_margin, "unit": "deg"},
-                        "delay_margin": {"value": m.delay_margin, "unit": "s"},
+                        "phase_margin": with_unit(m.phase_margin, "deg"),
+                        "delay_margin": with_unit(m.delay_margin, "s"),
                         "largest_sensitivity": m.ms,
                     }
                     for axis, m in case.margins.items()
                 },
                 "cautions": list(case.cautions),
                 "integration": {"error": case.response.error, "steps_per_sample": case.response.substeps},
-                "diverged": {"value": case.response.diverged, "unit": "s"} if case.response.diverged else None,
+                "diverged": with_unit(case.response.diverged, "s") if case.response.diverged else None,
             }
             for case in simulation.cases
         ],

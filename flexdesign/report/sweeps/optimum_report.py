@@ -10,7 +10,7 @@ from typing import Any
 
 from flexdesign.core import toml_files, versions
 from flexdesign.core.model import Quantity
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header
 from flexdesign.design import design as designs
 from flexdesign.fem import mesh_refinement
 from flexdesign.report import accuracy_text
@@ -168,8 +168,7 @@ def result(found: Optimum) -> dict[str, Any]:
     """Return the numbers as result.json has them."""
     plan, last = found.plan, found.last
     return {
-        "format": FORMAT,
-        "kind": "optimum",
+        **header("optimum"),
         "title": title(found),
         "aim": str(plan.aims[0]),
         "limits": [str(limit) for limit in plan.limits],

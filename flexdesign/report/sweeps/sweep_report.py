@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from flexdesign.core import units, versions
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header
 from flexdesign.design.design import Design
 from flexdesign.fem import mesh_refinement
 from flexdesign.report import accuracy_text
@@ -296,8 +296,7 @@ def result(sweep: Sweep) -> dict[str, Any]:
     feasible, front = chosen(sweep)
     plan, missed = sweep.plan, sweep.inaccurate
     return {
-        "format": FORMAT,
-        "kind": "sweep",
+        **header("sweep"),
         "title": title(sweep),
         "cases": len(sweep.cases),
         "computed": sweep.computed,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from flexdesign.core import toml_files, units
+from flexdesign.core import units
+from flexdesign.core.serialise import header
 from flexdesign.report.document import Document, Section, Table
 from flexdesign.report.simulation import simulation_figures
 from flexdesign.workflows.reproduction import VERDICTS, Item, Reproduction
@@ -87,8 +88,7 @@ def _how(found: Reproduction) -> Section:
 def result(found: Reproduction) -> dict[str, Any]:
     """Return result.json's content."""
     return {
-        "format": toml_files.FORMAT,
-        "kind": "reproduction",
+        **header("reproduction"),
         "title": found.paper.title,
         "verdicts": dict(found.counted()),
         "rows": [

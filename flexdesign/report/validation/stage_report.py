@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from flexdesign.core import units
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header, with_unit
 from flexdesign.dynamics.experiments.simulation import handed_over
 from flexdesign.fem import convergence
 from flexdesign.fem.cross_axis_coupling import Cause, CrossMotion
@@ -255,8 +255,7 @@ def _methods(validation: StageValidation) -> set[str]:
 def result(validation: StageValidation) -> dict[str, Any]:
     """Return result.json's content: every number with its unit, and what made it."""
     return {
-        "format": FORMAT,
-        "kind": "stage validation",
+        **header("stage validation"),
         "headline": card.quantities_of_stage(validation),
         "quantities": [
             c.fem.to_json() | {"analytic": {m: q.to_json() | {"error": c.error(m)} for m, q in c.analytic.items()}}
@@ -290,7 +289,7 @@ def result(validation: StageValidation) -> dict[str, Any]:
         },
         "meshes": [
             {
-                "edge_at_roots": {"value": level.size, "unit": "m"},
+                "edge_at_roots": with_unit(level.size, "m"),
                 "unknowns": level.unknowns,
                 "kinds": [_kind(kind, name) for kind, (name, _) in zip(level.kinds, _kinds(validation), strict=True)],
             }
@@ -309,18 +308,18 @@ def _cause(cause: Cause) -> dict[str, Any]:
 def _moved(motion: CrossMotion) -> dict[str, Any]:
     return {
         "axis": motion.axis,
-        "input": {"value": motion.extension, "unit": "m"},
-        "force": {"value": motion.force, "unit": "N"},
-        "travel": {"value": motion.travel, "unit": "m"},
+        "input": with_unit(motion.extension, "m"),
+        "force": with_unit(motion.force, "N"),
+        "travel": with_unit(motion.travel, "m"),
         "even": dict(motion.even) | {"unit": "m"},
         "odd": dict(motion.odd) | {"unit": "m"},
-        "turned": {"value": [float(angle) for angle in motion.turned], "unit": "rad"},
+        "turned": with_unit([float(angle) for angle in motion.turned], "rad"),
     }
 
 
 def _mode(mode: ModeShares) -> dict[str, Any]:
     return {
-        "frequency": {"value": mode.mode.frequency, "unit": "Hz"},
+        "frequency": with_unit(mode.mode.frequency, "Hz"),
         "answers": dict(mode.participation) | {"unit": "1"},
         "table": dict(mode.table) | {"unit": "1"},
     }

@@ -9,7 +9,7 @@ from typing import Any
 
 from flexdesign.core import units
 from flexdesign.core.model import Quantity
-from flexdesign.core.toml_files import FORMAT
+from flexdesign.core.serialise import header, with_unit
 from flexdesign.design.part import states
 from flexdesign.dynamics.experiments.simulation import handed_over
 from flexdesign.fem import quantities
@@ -48,8 +48,7 @@ def result(validation: Validation) -> dict[str, Any]:
     """Return result.json's content: every number with its unit, and what made it."""
     first = next((model for c in validation.comparisons for model in c.analytic), "PRB")
     return {
-        "format": FORMAT,
-        "kind": "validation",
+        **header("validation"),
         "headline": card.quantities(validation),
         "warnings": [*card.warnings(validation), *_missed(validation)],
         "quantities": [
@@ -63,14 +62,14 @@ def result(validation: Validation) -> dict[str, Any]:
         },
         "strain_energy_shares": strength_text.shares(validation),
         "theory_ladder": hierarchy_section.result(validation.hierarchy),
-        "mass": {"value": validation.modal.solution.facts["mass"], "unit": "kg"},
+        "mass": with_unit(validation.modal.solution.facts["mass"], "kg"),
         "modes": [vibrations.result(mode) for mode in validation.modal.solution.modes],
         "meshes": [
             {
                 **level.solution.facts,
-                "edge_at_roots": {"value": level.size, "unit": "m"},
+                "edge_at_roots": with_unit(level.size, "m"),
                 **_of_input(level.solution.compliance),
-                "K_out_input_free": {"value": level.solution.compliance.output_stiffness(0.0), "unit": "N/m"},
+                "K_out_input_free": with_unit(level.solution.compliance.output_stiffness(0.0), "N/m"),
                 "checks": vars(level.solution.checks),
                 "cached": level.cached,
             }
@@ -97,7 +96,7 @@ def _of_input(c: PortCompliance) -> dict[str, Any]:
     """Return what one mesh says of the inputs, where there are any."""
     if not c.has_input:
         return {}
-    return {"K_in": {"value": c.input_stiffness, "unit": "N/m"}, "amplification": c.amplification}
+    return {"K_in": with_unit(c.input_stiffness, "N/m"), "amplification": c.amplification}
 
 
 def document(validation: Validation, progress: Progress = lambda _: None) -> Document:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from flexdesign.core import units
+from flexdesign.core.serialise import with_unit
 from flexdesign.fem import quantities
 from flexdesign.fem.analysis import ModeRecord
 from flexdesign.report.document import Figure, Section, Table
@@ -89,8 +90,8 @@ def symmetry(name: str) -> str:
 def result(mode: ModeRecord) -> dict[str, Any]:
     """Return a mode as result.json holds it."""
     return {
-        "frequency": {"value": mode.frequency, "unit": "Hz"},
-        "output_mass": {"value": mode.output_mass if math.isfinite(mode.output_mass) else None, "unit": "kg"},
+        "frequency": with_unit(mode.frequency, "Hz"),
+        "output_mass": with_unit(mode.output_mass if math.isfinite(mode.output_mass) else None, "kg"),
         "effective_mass": {**dict(zip("xyz", mode.effective_mass, strict=True)), "unit": "kg"},
         "symmetry": mode.symmetry,
         "actuator_installed": mode.installed,
