@@ -240,6 +240,7 @@ def test_the_dimensions_are_those_of_a_design() -> None:
         ('targets.coupling.y_from_x="120 %"', "command line: targets.coupling.y_from_x = 120 %", "allowed"),
         ('targets.xy.output_stiffness="18 N"', "targets.xy.output_stiffness = 18 N", "stiffness"),
         ("targets.xy.foo=3", "command line: targets.xy.foo = 3", "is not a known key"),
+        ("topology.z.amplifier_share=1e-320", "topology.z.amplifier_share = 1e-320", "allowed: 0.001 to 1"),
         ("material=Foo", "command line: material = Foo", "is not in the library"),
         ('sources.foo="x"', "command line: sources.foo = x", "is the source of no number"),
         ("sources.foo=3", "command line: sources.foo = 3", "expected text"),

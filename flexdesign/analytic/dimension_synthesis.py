@@ -79,10 +79,10 @@ class _Targets(Table):
 class _Counts(Table):
     moving_amplifiers: whole(1, 1000)  # type: ignore[valid-type]
     bending_amplifiers: whole(1, 1000)  # type: ignore[valid-type]
-    amplifier_share: in_si("1", 0.0, 1.0, exclusive=True) = 1.0  # type: ignore[valid-type]
+    amplifier_share: in_si("1", 1e-3, 1.0) = 1.0  # type: ignore[valid-type]
     guide_hinges: whole(0, 1000) = 0  # type: ignore[valid-type]
     guides: whole(0, 1000) = 0  # type: ignore[valid-type]
-    guide_share: in_si("1", 0.0, 1.0, exclusive=True) = 1.0  # type: ignore[valid-type]
+    guide_share: in_si("1", 1e-3, 1.0) = 1.0  # type: ignore[valid-type]
 
 
 class _Topologies(Table):
